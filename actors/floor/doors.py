@@ -51,7 +51,8 @@ def regions(
         cells = narrow == number
         touched = touching(labels, cells)
         if len(touched) > 1:
-            doors.append(_door(len(doors), grid, cells, clearance, touched))
+            row, column = divmod(int(np.argmax(np.where(cells, clearance, 0.0))), grid.columns)
+            doors.append(Door(len(doors), grid.centre(Cell(row, column)), touched))
             named[cells] = -len(doors)
             continue
         if not touched:
@@ -70,18 +71,6 @@ def touching(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, 
     beside[:, 1:] |= cells[:, :-1]
     beside[:, :-1] |= cells[:, 1:]
     return tuple(int(label) for label in np.unique(labels[beside]) if label > 0)
-
-
-def _door(
-    index: int,
-    grid: OccupancyGrid,
-    cells: NDArray[np.bool_],
-    clearance: NDArray[np.float64],
-    touched: tuple[int, ...],
-) -> Door:
-    within = np.where(cells, clearance, 0.0)
-    row, column = divmod(int(np.argmax(within)), grid.columns)
-    return Door(index, grid.centre(Cell(row, column)), touched)
 
 
 _WITHIN: Final = 0.5
@@ -188,7 +177,5 @@ class Doorways:
         around = np.s_[south : int(rows.max()) + 2, west : int(columns.max()) + 2]
         pieces = raster.regions(left[around])
         labels = self.regions.labels[around]
-        for number in range(1, int(pieces.max()) + 1):
-            if set(door.regions).issubset(touching(labels, pieces == number)):
-                return False
-        return True
+        touched = (touching(labels, pieces == number) for number in range(1, int(pieces.max()) + 1))
+        return not any(set(door.regions).issubset(labels) for labels in touched)

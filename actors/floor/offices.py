@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Final
 
@@ -83,27 +83,29 @@ class OfficesError(AcrcError):
 
 @dataclass(frozen=True)
 class _Range:
-    """What may be asked for, and what is drawn where nothing is: whole numbers, or cells."""
+    """Bounds of a parameter, and those of its draw if the name does not fix it; in cells or whole numbers."""
 
     low: int
     high: int
     drawn: tuple[int, int]
-    cells: bool = True
+    is_length: bool = True
+
+    @property
+    def unit(self) -> float:
+        return RESOLUTION if self.is_length else 1.0
 
     @property
     def words(self) -> str:
-        if not self.cells:
-            return f"a whole number from {self.low} to {self.high}"
-        return (
-            f"a multiple of {RESOLUTION:g} m from {self.low * RESOLUTION:g} to {self.high * RESOLUTION:g} m"
-        )
+        kind = f"multiple of {RESOLUTION:g} m" if self.is_length else "whole number"
+        end = " m" if self.is_length else ""
+        return f"a {kind} from {self.low * self.unit:g} to {self.high * self.unit:g}{end}"
 
 
 PARAMETERS: Final = {
-    "count": _Range(1, 20, (4, 10), cells=False),
+    "count": _Range(1, 20, (4, 10), is_length=False),
     "door_width": _Range(18, 26, (18, 26)),
     "corridor_width": _Range(36, 60, (36, 52)),
-    "furniture": _Range(0, 2, (0, 2), cells=False),
+    "furniture": _Range(0, 2, (0, 2), is_length=False),
 }
 """count: how many offices. door_width: of every door; absent: each has its own. corridor_width. furniture: so
 many pieces in every office; absent: each has its own number. Doors below 0.9 m are no way for the original's
@@ -135,8 +137,12 @@ class Offices:
 
     @property
     def name(self) -> str:
-        """The one text that means this floor."""
-        return ",".join([f"{PREFIX}{self.seed}", *(f"{key}={_shown(key, is_)}" for key, is_ in self.fixed)])
+        """Return the one name of this floor."""
+        words = [f"{PREFIX}{self.seed}"]
+        for key, value in self.fixed:
+            is_length = PARAMETERS[key].is_length
+            words.append(f"{key}={value * RESOLUTION:.2f}" if is_length else f"{key}={value}")
+        return ",".join(words)
 
     def drawn(self, key: str, rng: Generator) -> int:
         """What the name fixes, or a draw; one number is drawn in any case."""
@@ -199,18 +205,14 @@ def parse(name: str) -> Offices:
 
 
 def _value(name: str, key: str, text: str) -> int:
-    allowed, unit = PARAMETERS[key], RESOLUTION if PARAMETERS[key].cells else 1.0
+    allowed = PARAMETERS[key]
     try:
-        number = float(text) / unit
+        number = float(text) / allowed.unit
     except ValueError:
         number = float("nan")
     if not (allowed.low - 0.5 < number < allowed.high + 0.5 and abs(number - round(number)) < 1e-6):
         raise OfficesError(f"{name!r}: {key} is {text!r}, but must be {allowed.words}")
     return round(number)
-
-
-def _shown(key: str, value: int) -> str:
-    return f"{value * RESOLUTION:.2f}" if PARAMETERS[key].cells else str(value)
 
 
 @lru_cache(maxsize=16)
@@ -220,9 +222,9 @@ def office_floor(name: str) -> OfficeFloor:
     shape = told.stream("shape")
     count, corridor = told.drawn("count", shape), told.drawn("corridor_width", shape)
     south = _south(count, shape)
-    depths = [int(depth) for depth in shape.integers(*_DEPTH, size=2, endpoint=True)]
+    depths = shape.integers(*_DEPTH, size=2, endpoint=True).tolist()
     # a side's offices are as wide as they are drawn, or stretched: both sides are as long as the longer one
-    sides = [_widths(number, shape) for number in (south, count - south)]
+    sides = [shape.integers(*_WIDTH, size=n, endpoint=True).tolist() for n in (south, count - south)]
     length = max(_length(widths) for widths in sides)
     sides = [_stretched(widths, length, shape) for widths in sides]
     y0 = _BORDER + depths[0] + _WALL
@@ -236,17 +238,13 @@ def office_floor(name: str) -> OfficeFloor:
     hall = (_BORDER, y0, _BORDER + length, y1)
     free = [hall, *((room.x0, room.y0, room.x1, room.y1) for side in rooms for room in side)]
     width, height = length + 2 * _BORDER, top + _BORDER
+    wall = _box((0, 0, width, height))
+    openings = tuple(_box(box) for box in (*free, *doors))
+    furniture = tuple(_box(box) for box in _furniture(told, rooms))
+    names = ["corridor", *(f"office {number}" for number in range(1, len(free)))]
     return OfficeFloor(
-        DrawnFloor(
-            width=_m(width),
-            height=_m(height),
-            walls=((0.0, 0.0, _m(width), _m(height)),),
-            doors=tuple(_box(box) for box in (*free, *doors)),
-            furniture=tuple(_box(box) for box in _furniture(told, rooms)),
-        ),
-        tuple(
-            Area(f"office {number}" if number else "corridor", *_box(box)) for number, box in enumerate(free)
-        ),
+        DrawnFloor(*wall[2:], (wall,), openings, furniture),
+        tuple(Area(name, *_box(box)) for name, box in zip(names, free, strict=True)),
         tuple(Point((x0 + x1) * RESOLUTION / 2, (y0 + y1) * RESOLUTION / 2) for x0, y0, x1, y1 in doors),
     )
 
@@ -258,7 +256,7 @@ def cells_of(name: str) -> NDArray[np.bool_]:
 
 def write(name: str, stem: Path) -> None:
     """Write the floor as a map, `stem`.yaml and `stem`.pbm (netpbm, P4), with the same bytes everywhere."""
-    occupied = draw(office_floor(name).floor) == BLACK
+    occupied = np.flipud(cells_of(name))
     rows, columns = occupied.shape
     image = stem.with_name(f"{stem.name}.pbm")
     image.write_bytes(f"P4\n{columns} {rows}\n".encode() + np.packbits(occupied, axis=1).tobytes())
@@ -273,12 +271,8 @@ def _south(count: int, rng: Generator) -> int:
     return min(max((count + 1) // 2 + more, 1), count - 1)
 
 
-def _widths(count: int, rng: Generator) -> list[int]:
-    return [int(width) for width in rng.integers(*_WIDTH, size=count, endpoint=True)]
-
-
 def _length(widths: list[int]) -> int:
-    """Of a side, from its first office to its last, cells."""
+    """Return the length of a side, from its first office to its last, cells."""
     return sum(int(width) for width in widths) + (len(widths) - 1) * _WALL
 
 
@@ -287,15 +281,15 @@ def _stretched(widths: list[int], length: int, rng: Generator) -> list[int]:
     if not widths:
         return []
     left = length - _length(widths)
-    cuts = sorted(int(cut) for cut in rng.integers(0, left, size=len(widths) - 1, endpoint=True))
+    cuts = sorted(rng.integers(0, left, size=len(widths) - 1, endpoint=True).tolist())
     shares = [after - before for before, after in pairwise([0, *cuts, left])]
     return [width + share for width, share in zip(widths, shares, strict=True)]
 
 
 def _spans(widths: list[int]) -> list[tuple[int, int]]:
     """West and east edge of each office of a side."""
-    begins = _BORDER + np.concatenate([[0], np.cumsum(np.array(widths, np.int64) + _WALL)])
-    return [(int(x), int(x) + width) for x, width in zip(begins, widths, strict=False)]
+    begins = accumulate((width + _WALL for width in widths), initial=_BORDER)
+    return [(x, x + width) for x, width in zip(begins, widths, strict=False)]
 
 
 _Cells = tuple[int, int, int, int]
@@ -339,10 +333,6 @@ def _furniture(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
     return found
 
 
-def _m(cells: int) -> float:
-    return round(cells * RESOLUTION, 2)
-
-
 def _box(cells: _Cells) -> Box:
-    x0, y0, x1, y1 = cells
-    return _m(x0), _m(y0), _m(x1), _m(y1)
+    x0, y0, x1, y1 = (round(cell * RESOLUTION, 2) for cell in cells)
+    return x0, y0, x1, y1

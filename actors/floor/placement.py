@@ -46,11 +46,10 @@ class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def areas_named(areas: Sequence[Area], names: Sequence[str]) -> tuple[Area, ...]:
     """The areas of these names, in the order of `names`. Raises PlacementError for a name that none has."""
     known = {area.name: area for area in areas}
-    for name in names:
-        if name not in known:
-            raise PlacementError(
-                f"area {name!r} is not known; the known ones are {', '.join(map(repr, known)) or 'none'}."
-            )
+    if unknown := [name for name in names if name not in known]:
+        raise PlacementError(
+            f"area {unknown[0]!r} is not known; the known ones are {', '.join(map(repr, known)) or 'none'}."
+        )
     return tuple(known[name] for name in names)
 
 
@@ -85,13 +84,13 @@ def draw_points(
     half_diagonal = grid.resolution * math.sqrt(0.5)
     walkable = _walkable(grid, start, passage)
     admitted = walkable & (grid.clearance >= clearance + half_diagonal)
-    windows = [_Window(grid, admitted, area) for area in areas or (_everything(grid),)]
-    for window in windows:
-        if not window.has_room:
-            raise PlacementError(
-                f"{window.title} has no reachable point at least {clearance:g} m from walls;"
-                " a place must be free floor."
-            )
+    everything = Area("", *grid.origin, *grid.corner)
+    windows = [_Window(grid, admitted, area) for area in areas or (everything,)]
+    if full := next((window for window in windows if not window.has_room), None):
+        raise PlacementError(
+            f"{full.title} has no reachable point at least {clearance:g} m from walls;"
+            " a place must be free floor."
+        )
     spacing = apart + half_diagonal if apart > 0 else 0.0
     for point in keep_off:
         _withdraw(grid, admitted, point, spacing)
@@ -163,13 +162,9 @@ class _Window:
 def _cuts(
     origin: float, resolution: float, count: int, low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where each cell along one axis begins and ends, m, cut to the interval from low to high."""
+    """Return the edges of the cells along one axis, m, cut to the interval from low to high."""
     edges = np.clip(origin + np.arange(count + 1) * resolution, low, high)
     return edges[:-1], edges[1:]
-
-
-def _everything(grid: OccupancyGrid) -> Area:
-    return Area("", grid.origin.x, grid.origin.y, grid.corner.x, grid.corner.y)
 
 
 def _walkable(grid: OccupancyGrid, start: Point | None, passage: float) -> NDArray[np.bool_]:
