@@ -12,6 +12,7 @@ from deeco import DefinitionError, Knowledge, component, role
 from deeco.ensemble import type_of
 from deeco.knowledge import immutability_fault, is_plain
 from tests.deeco.test_schema import unpacked
+from tests.refusals import refused
 
 PRELUDE = """
 from dataclasses import dataclass
@@ -148,9 +149,10 @@ def test_a_mistaken_definition_is_refused(sentence: str) -> None:
 
 
 def test_no_ensemble_at_all() -> None:
-    with pytest.raises(DefinitionError) as caught:
+    with refused(
+        "3 is no ensemble; it should be an instance of a class with @ensemble(...)", DefinitionError
+    ):
         type_of(3)
-    assert str(caught.value) == "3 is no ensemble; it should be an instance of a class with @ensemble(...)"
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from deeco.instant import START, Instant, milliseconds, seconds
 from deeco.link import LinkParameters
 from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed
 from tests.deeco.sweepers import BOOK, Sweeper, published, robot
+from tests.refusals import refused
 
 
 def pieces(frame: bytes) -> list[tuple[int, int, int, int, int]]:
@@ -69,11 +70,11 @@ def test_packets_share_frames(sizes: list[int], least: int | None, frames: list[
 @pytest.mark.parametrize("size", [0, 1025])
 def test_a_packet_beyond_the_limit_is_refused_and_uses_no_number(size: int) -> None:
     fragmenter = Fragmenter(1)
-    with pytest.raises(ExecutionError) as error:
+    with refused(
+        f"a packet for the link has {size} bytes; it should have 1 to 1024 (LinkParameters.most_packet)",
+        ExecutionError,
+    ):
         fragmenter.frames([b"x", bytes(size)])
-    assert str(error.value) == (
-        f"a packet for the link has {size} bytes; it should have 1 to 1024 (LinkParameters.most_packet)"
-    )
     (frame,) = fragmenter.frames([b"x"])
     assert pieces(frame) == [(5, 5, 0, 0, 1)]
 
@@ -363,9 +364,8 @@ def test_packets_beyond_the_limits_are_refused(
 ) -> None:
     longest = KnowledgePacket(LONG_ID[1:], Version(0, 1), 0, ())
     assert unpack(pack(longest)) == longest
-    with pytest.raises(ExecutionError) as error:
+    with refused(sentence, ExecutionError):
         pack(packet, limits)
-    assert str(error.value) == sentence
 
 
 def _body(*items: Any) -> bytes:

@@ -18,6 +18,7 @@ from deeco.knowledge import Knowledge
 from deeco.link import LinkParameters
 from deeco.schema import Resolution, RoleBook, Unpacked, fingerprint
 from tests.deeco.sweepers import BOOK, Mode, Point, Sweeper, robot
+from tests.refusals import refused
 
 Metres = NewType("Metres", float)
 
@@ -167,9 +168,8 @@ def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
     ],
 )
 def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str) -> None:
-    with pytest.raises(ExecutionError) as error:
+    with refused(f"Sample.value of 'c' cannot be published: {sentence}", ExecutionError):
         packed(annotation, value)
-    assert str(error.value) == f"Sample.value of 'c' cannot be published: {sentence}"
 
 
 @pytest.mark.parametrize(
@@ -318,9 +318,8 @@ def pack_both() -> object:
 def test_roles_that_cannot_be_published_are_refused(
     fields: dict[str, Any], limits: dict[str, Any], sentence: str
 ) -> None:
-    with pytest.raises(DeploymentError) as error:
+    with refused(f"role Sample cannot be published: {sentence}", DeploymentError):
         RoleBook([role_of("Sample", **fields)], LinkParameters(**limits))
-    assert str(error.value) == f"role Sample cannot be published: {sentence}"
 
 
 SAME = f"the same fingerprint on the air, {fingerprint(Sample):08x}; one of them should have another name"
@@ -335,19 +334,18 @@ MISTAKES: dict[str, Callable[[], object]] = {
 
 @pytest.mark.parametrize("sentence", MISTAKES)
 def test_mistaken_role_books_and_limits_are_refused(sentence: str) -> None:
-    with pytest.raises(DeploymentError) as error:
+    with refused(sentence, DeploymentError):
         MISTAKES[sentence]()
-    assert str(error.value) == sentence
 
 
 @pytest.mark.parametrize("per_unit", [0, -1, True, 0.001])
 def test_a_resolution_is_a_whole_number(per_unit: Any) -> None:
-    with pytest.raises(DefinitionError) as error:
-        Resolution(per_unit)
-    assert str(error.value) == (
+    with refused(
         f"Resolution({per_unit!r}): per_unit should be a whole number of at least 1, "
-        "such as 1000 for millimetres"
-    )
+        "such as 1000 for millimetres",
+        DefinitionError,
+    ):
+        Resolution(per_unit)
 
 
 Typed = tuple[Any, st.SearchStrategy[Any]]
