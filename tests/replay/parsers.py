@@ -16,7 +16,6 @@ from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START
 from actors.messages import TOPICS, TRANSMIT, ProcessOrder, Transmit
 from actors.processes.launch import Program
-from actors.radio import frame as frame_codec
 from actors.radio import program as radio
 from actors.robot.program import load_setup
 from actors.robot_model import load_model
@@ -90,8 +89,6 @@ def _messages(out: Path) -> Iterator[Parser]:
     yield Parser("frames of fragments", frames, lambda data: Reassembly().take(START, 1, data))
     packets = tuple(packet for frame in frames for packet in Reassembly().take(START, 1, frame))
     yield Parser("packets of knowledge", packets or frames, Unpacker().unpack)
-    psdus = tuple(frame_codec.encode(frame_codec.DataFrame(1, 2, frame)) for frame in frames[:50])
-    yield Parser("octets of a frame", psdus, frame_codec.decode)
 
 
 def _recordings(out: Path) -> Iterator[Parser]:
