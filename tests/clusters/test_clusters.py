@@ -22,6 +22,7 @@ from tests.experiments.test_cluster import ROOT, make_key
 from tests.helpers import free_port
 from tests.hosts.test_hosted_runs import eventually
 from tests.in_process import acrc
+from tests.swarm.command import ACRC
 
 FILES = ROOT / "deploy" / "clusters"
 PAGE = (ROOT / "docs" / "clusters.md").read_text()
@@ -74,17 +75,14 @@ def members(session: int) -> list[int]:
 
 def connect(keys: Path, address: str) -> Client:
     """A client with these keys, as soon as a scheduler answers."""
+    pem, key = str(keys / "cluster.pem"), str(keys / "cluster.key")
+    security = Security(tls_ca_file=pem, tls_client_cert=pem, tls_client_key=key, require_encryption=True)
     for _ in range(600):
         try:
-            return Client(address, timeout=1.0, security=security_of(keys))
+            return Client(address, timeout=1.0, security=security)
         except OSError:
             time.sleep(0.1)
     raise AssertionError(f"no scheduler at {address}")
-
-
-def security_of(keys: Path) -> Security:
-    pem, key = str(keys / "cluster.pem"), str(keys / "cluster.key")
-    return Security(tls_ca_file=pem, tls_client_cert=pem, tls_client_key=key, require_encryption=True)
 
 
 @pytest.mark.nightly
@@ -272,13 +270,11 @@ def test_a_worker_is_waited_for_while_it_is_there_and_whoever_waits_is_told_once
     assert lost.startswith("--on inproc: the scheduler does not answer any more (")
 
 
-ROOT = Path(__file__).parents[2]
-
-
 def command(folder: Path, name: str, *words: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-P", "-m", "acrc_testbed.command_line", "cluster", *words]
     with (folder / f"{name}.log").open("wb") as log:
-        return subprocess.Popen(command, cwd=ROOT, stdout=log, stderr=log, start_new_session=True)
+        return subprocess.Popen(
+            [*ACRC, "cluster", *words], cwd=ROOT, stdout=log, stderr=log, start_new_session=True
+        )
 
 
 def ended(process: subprocess.Popen[bytes]) -> None:
@@ -308,17 +304,12 @@ def test_two_commands_make_a_cluster_that_ends_with_them(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (
-            ("start", "here"),
-            "acrc: ADDRESS: here; must be the address of a scheduler, such as tls://192.168.1.5:8786",
-        ),
-        (
-            ("join", "tcp://192.168.1.5:8786"),
-            "acrc: ADDRESS: tcp://192.168.1.5:8786; must be tls:// anywhere but on this computer, for "
-            "without TLS a cluster runs whatever comes from whoever reaches it (docs/clusters.md)",
-        ),
+        (("start", "here"), "here; must be the address of a scheduler, such as tls://192.168.1.5:8786"),
+        (("join", "tcp://192.168.1.5:8786"),
+         "tcp://192.168.1.5:8786; must be tls:// anywhere but on this computer, for without TLS a cluster "
+         "runs whatever comes from whoever reaches it (docs/clusters.md)"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_address_of_use_is_a_sentence(words: tuple[str, ...], said: str) -> None:
     done = acrc("cluster", *words)
-    assert (done.returncode, done.stderr.strip()) == (2, said)
+    assert (done.returncode, done.stderr.strip()) == (2, f"acrc: ADDRESS: {said}")

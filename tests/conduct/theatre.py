@@ -147,15 +147,7 @@ class Theatre:
         places: tuple[tuple[float, float], ...] = (),
     ) -> WorldSetup:
         setups = tuple(
-            BodySetup(
-                id=robot,
-                model="turtlebot2",
-                sensor=None,
-                odometry="exact",
-                start=STARTS[robot],
-                places=places,
-            )
-            for robot in robots
+            BodySetup(robot, "turtlebot2", None, STARTS[robot], places, odometry="exact") for robot in robots
         )
         timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
         return WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)

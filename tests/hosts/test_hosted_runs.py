@@ -49,16 +49,11 @@ def eventually(holds: Callable[[], object]) -> bool:
 class HostedRun:
     def __init__(self, hosts: Hosts, cluster: TlsCluster, out: Path, *words: str) -> None:
         self.out, self.hosts = out, hosts
-        command = [*ACRC, "run", "--on", ADDRESS, "--out", str(out)]
+        command = [*ACRC, "run", "--on", ADDRESS, "--out", str(out), *words]
         self.process = subprocess.Popen(
-            hosts.here.command([*command, *words]),
-            cwd=ROOT,
-            env=cluster.environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+            hosts.here.command(command), cwd=ROOT, env=cluster.environment, text=True,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
 
     def under_way(self) -> None:
         recording, deadline = self.out / "r1/r1.mcap", time.monotonic() + 300
