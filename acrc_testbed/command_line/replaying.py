@@ -164,9 +164,9 @@ def explain(
     console = screen()
     asked, choice = explanation.wish(who), choose(None)
     warn(choice.warning)
-    explainer = explanation.Explainer(out, permit=permit, isolate=choice.isolate)
+    explainer = explanation.Explainer(out, asked.robot, permit=permit, isolate=choice.isolate)
     if asked.at_s is None:
-        rows = explainer.listed(asked.robot)
+        rows = explainer.listed()
         if json:
             print(explanation.as_json(rows))
             return
@@ -175,7 +175,7 @@ def explain(
         if not rows:
             console.print(f"{asked.robot} never decides anything.")
         return
-    found = explainer.explain(asked)
+    found = explainer.explain(asked.at_s)
     if json:
         print(explanation.as_json(found))
         return

@@ -3,7 +3,6 @@
 A replay makes it, in a process that runs the strategy's code; so its bytes are checked against these types.
 """
 
-from collections.abc import Iterator
 from typing import Annotated
 
 import msgspec
@@ -142,19 +141,13 @@ class CausalTrace(msgspec.Struct, frozen=True):
     fault: str | None = None
     """Why it could not be followed to its end."""
 
-    def decisions(self) -> Iterator[tuple[KnowledgeChange, DecisionRecord]]:
-        """Yield the changes of knowledge that decided something."""
-        for change in self.changes:
-            if change.decision is not None:
-                yield change, change.decision
 
-
-def decode(data: bytes) -> CausalTrace:
-    """Return the trace in an answer. Raises TraceError for what is none."""
+def decode(data: bytes, actor: str) -> CausalTrace:
+    """Return the trace in the answer for an actor. Raises TraceError for what is none."""
     try:
         return typed_json.decode(data, CausalTrace, form=msgspec.msgpack)
     except (ValueError, TypeError) as error:
-        raise TraceError(f"its trace makes no sense: {printable(str(error))}") from None
+        raise TraceError(f"{actor}: its trace makes no sense: {printable(str(error))}") from None
 
 
 def seconds(instant: Instant) -> str:

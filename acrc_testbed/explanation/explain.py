@@ -2,15 +2,14 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError
+from acrc_testbed.explanation.causal_trace import TraceError
 from acrc_testbed.explanation.chain import Air, Chain, Link, Made, Second, decisions
-from acrc_testbed.explanation.tracing import BOUNDS, traces
+from acrc_testbed.explanation.tracing import BOUNDS, trace
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.recordings.sandboxed import Bounds
 from actors.instant import in_seconds
@@ -69,45 +68,40 @@ def wish(text: str) -> Wish:
 
 
 class Explainer:
-    """Explains decisions of robots of a run that is over from their traces, made where none is kept."""
+    """Explains decisions of one robot of a run that is over, which it replays."""
 
-    def __init__(self, out: Path, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> None:
-        """`isolate`: see `actors.runtime.isolation.sandbox`."""
-        self._out = out
-        self._trace = partial(traces, out, permit=permit, isolate=isolate, bounds=bounds)
-        self._made: dict[str, list[tuple[str, CausalTrace]]] = {}
-
-    def listed(self, robot: str) -> tuple[DecisionRow, ...]:
-        """All decisions of a robot, those of its later processes behind. Raises ExplanationError."""
-        return tuple(_row(made) for _, trace in self._traces(robot) for made in decisions(trace))
-
-    def explain(self, asked: Wish) -> tuple[Explanation, ...]:
-        """Every decision that the robot made at an instant, or the one before it.
-
-        Raises ExplanationError if it had decided nothing by then.
-        """
-        assert asked.at_s is not None
-        earliest: float | None = None
-        for actor, trace in reversed(self._traces(asked.robot)):
-            made = decisions(trace)
-            if found := _chosen(made, asked.at_s):
-                chain = Chain(trace, Air(self._out, actor))
-                return tuple(_explanation(asked.robot, asked.at_s, one, chain) for one in found)
-            earliest = in_seconds(made[0].instant) if made else earliest
-        then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
-        raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
-
-    def _traces(self, robot: str) -> list[tuple[str, CausalTrace]]:
-        """Of the robot's processes, in the order in which they were started; made once."""
-        if robot in self._made:
-            return self._made[robot]
-        actors = processes(self._out, robot)
-        found = {one.actor: one for one in self._trace(actors)}
+    def __init__(
+        self, out: Path, robot: str, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
+    ) -> None:
+        """`isolate`: see `actors.runtime.isolation.sandbox`. Raises ExplanationError."""
+        self._out, self._robot = out, robot
         try:
-            self._made[robot] = [(actor, found[actor].whole()) for actor in actors]
+            self._traces = [
+                (actor, trace(out, actor, permit=permit, isolate=isolate, bounds=bounds))
+                for actor in processes(out, robot)
+            ]
         except TraceError as error:
             raise ExplanationError(printable(str(error))) from None
-        return self._made[robot]
+
+    def listed(self) -> tuple[DecisionRow, ...]:
+        """Return all decisions, those of later processes behind."""
+        made = (one for _, found in self._traces for one in decisions(found))
+        return tuple(DecisionRow(in_seconds(one.instant), one.words, one.by) for one in made)
+
+    def explain(self, at_s: float) -> tuple[Explanation, ...]:
+        """Return every decision that was made at an instant, or the one before it.
+
+        Raises ExplanationError if nothing was decided by then.
+        """
+        earliest: float | None = None
+        for actor, found_trace in reversed(self._traces):
+            made = decisions(found_trace)
+            if found := _chosen(made, at_s):
+                chain = Chain(found_trace, Air(self._out, actor))
+                return tuple(_explanation(self._robot, at_s, one, chain) for one in found)
+            earliest = in_seconds(made[0].instant) if made else earliest
+        then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
+        raise ExplanationError(f"{self._robot} had decided nothing by {at_s:g} s; {then}")
 
 
 def _chosen(made: Sequence[Made], at_s: float) -> list[Made]:
@@ -138,10 +132,6 @@ def processes(out: Path, robot: str) -> list[str]:
     if not found or robot in ("world", "radio"):
         raise ExplanationError(f"{robot}: is no robot of this run; there are {', '.join(robots)}")
     return found
-
-
-def _row(made: Made) -> DecisionRow:
-    return DecisionRow(in_seconds(made.instant), made.words, made.by)
 
 
 def as_json(value: Any) -> str:

@@ -10,8 +10,7 @@ if __name__ == "__main__":  # an importing process has an environment of its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, cast
 
@@ -22,7 +21,7 @@ from acrc_testbed.explanation.tracer import Tracer
 from acrc_testbed.recordings import sandboxed
 from acrc_testbed.recordings.record_replay import Onlook, replay_actor
 from acrc_testbed.recordings.run_recordings import all_recordings
-from acrc_testbed.recordings.sandboxed import Bounds, Call, CallOutcome, ask
+from acrc_testbed.recordings.sandboxed import Bounds, ask
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core
@@ -36,45 +35,20 @@ BOUNDS: Final = Bounds(1 << 30)
 """Ten minutes of a robot have some 20 MB."""
 
 
-@dataclass(frozen=True)
-class Traced:
-    """Trace of one process, or why there is none."""
+def trace(out: Path, actor: str, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> CausalTrace:
+    """Replay a robot's process and return its trace; `isolate`: see `actors.runtime.isolation.sandbox`.
 
-    actor: str
-    trace: CausalTrace | None = None
-    fault: str | None = None
-
-    def whole(self) -> CausalTrace:
-        """Return the trace. Raises TraceError for a fault."""
-        if self.trace is None or self.trace.fault is not None:
-            raise TraceError(self.fault or (self.trace and self.trace.fault) or f"{self.actor}: has no trace")
-        return self.trace
-
-
-def traces(
-    out: Path, actors: Sequence[str], *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
-) -> Iterator[Traced]:
-    """Yield the trace of each process as it is made.
-
-    `isolate`: see `actors.runtime.isolation.sandbox`. Code that the permit does not cover is not run, which
-    is the trace's fault.
+    Raises TraceError for a fault, AcrcError for code that the permit does not cover.
     """
-    files = all_recordings(out)
-    for actor in actors:
-        if actor in files:
-            report_damage(files[actor])
+    report_damage(all_recordings(out)[actor])
     words = ("--file-mb", str(max(1, bounds.most_bytes // 1_000_000)))
-    calls = [Call(actor, (actor,), words) for actor in actors]
-    yield from map(_read, ask(out, _PROGRAM, calls, bounds, permit=permit, isolate=isolate))
-
-
-def _read(answer: CallOutcome) -> Traced:
+    answer = ask(out, _PROGRAM, actor, words, bounds, permit=permit, isolate=isolate)
     if answer.data is None:
-        return Traced(answer.name, fault=answer.fault)
-    try:
-        return Traced(answer.name, decode(answer.data))
-    except TraceError as error:
-        return Traced(answer.name, fault=f"{answer.name}: {error}")
+        raise TraceError(answer.fault)
+    found = decode(answer.data, actor)
+    if found.fault is not None:
+        raise TraceError(found.fault)
+    return found
 
 
 def traced(out: Path, actor: str) -> CausalTrace:

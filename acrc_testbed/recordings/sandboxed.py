@@ -1,7 +1,7 @@
 """Replays of recorded code, each in a process of its own, in a sandbox where the machine has one.
 
-`ask` runs a program once per call and returns its answer, which is untrusted: bytes, bounded, nothing more.
-Such programs share `parser` and `answering`. The one here replays one actor:
+`ask` runs a program and returns its answer, which is untrusted: bytes, bounded, nothing more. Such programs
+share `parser` and `answering`. The one here replays one actor:
 `python -m acrc_testbed.recordings.sandboxed --out DIR --actor NAME --answer FILE --own DIR`; its answer is a
 JSON object.
 """
@@ -16,20 +16,19 @@ import signal
 import sys
 import time
 from argparse import ArgumentParser, Namespace
-from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from io import FileIO
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
 from acrc_testbed.recordings.record_replay import Onlook, ReplayReport, replay_actor
 from acrc_testbed.recordings.run_recordings import all_recordings, code_folders, run_of, told
-from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
+from actors.processes.launch import Program, launcher, scratch_folder
 from actors.processes.robot_logs import said, show
 from actors.robot import assembly
 from actors.robot.assembly import RobotSetup
@@ -92,114 +91,61 @@ class Bounds:
     slower than real time can be replayed, too."""
 
 
-@dataclass(frozen=True)
-class Call:
-    """One call of a program."""
+class Answer(NamedTuple):
+    """Result of a program: data or a fault."""
 
-    name: str
-    """Unique among the calls."""
-    actors: Sequence[str]
-    """Robots whose recorded code it runs."""
-    words: Sequence[str] = ()
-    """Further arguments."""
-
-
-@dataclass(frozen=True)
-class CallOutcome:
-    """Result of a call: data or a fault."""
-
-    name: str
-    data: bytes | None = None
-    fault: str | None = None
-    """A sentence that begins with the name."""
-    said: str = ""
+    data: bytes | None
+    fault: str | None
+    """A sentence that begins with the actor."""
+    said: str
     """The end of what its code printed."""
 
 
 def ask(
-    out: Path, module: str, calls: Sequence[Call], bounds: Bounds, *, permit: Permit, isolate: bool
-) -> Iterator[CallOutcome]:
-    """Run a program for each call, as many at a time as there are processors; yield outcomes as they come.
+    out: Path, module: str, actor: str, words: Sequence[str], bounds: Bounds, *, permit: Permit, isolate: bool
+) -> Answer:
+    """Run a program with a robot's recorded code; `words`: further arguments.
 
-    Code that the permit does not cover is not run, which is the call's fault. `isolate`: see
-    `actors.runtime.isolation.sandbox`.
+    `isolate`: see `actors.runtime.isolation.sandbox`. Raises AcrcError for code that the permit does not
+    cover.
     """
-    spawn, files = "forkserver" if len(calls) > 1 else "exec", all_recordings(out)
-    with scratch_folder() as home, launcher(spawn) as launched:
-        waiting, running = deque(calls), list[_Running]()
-        while waiting or running:
-            while waiting and len(running) < (os.cpu_count() or 1):
-                call = waiting.popleft()
-                try:
-                    child = _start(launched, out, module, home, call, permit, isolate)
-                    size = sum(files[actor].stat().st_size for actor in call.actors)
-                    patience_s = bounds.least_s + size / bounds.bytes_per_s
-                    running.append(
-                        _Running(child, home / call.name, patience_s, time.monotonic() + patience_s)
-                    )
-                except AcrcError as error:
-                    yield CallOutcome(call.name, fault=str(error))
-            ended = [one for one in running if one.over()]
-            for one in ended:
-                running.remove(one)
-                yield one.answer(launched, bounds)
-            if running and not ended:
-                launched.wait(0.5)
-
-
-def _start(
-    launched: Launcher, out: Path, module: str, home: Path, call: Call, permit: Permit, isolate: bool
-) -> Child:
-    """Start the program in a folder of the call's name. Raises AcrcError for code that must not run."""
-    code: dict[Path, None] = {}
-    for actor in call.actors:
-        folders = check_trust(out, actor, permit)
-        if folders is None:
-            raise AcrcError(f"{actor}: is no robot")
-        code |= dict.fromkeys(folders)
-    stage = home / call.name
-    (stage / "own").mkdir(parents=True)
-    argv = (
-        *("--out", str(out.resolve()), "--actor", call.name, *call.words),
-        *(word for folder in code for word in ("--path", str(folder))),
-        *(("--any-content",) if permit.trust else ()),
-        *(("--isolate",) if isolate else ()),
-        *("--answer", str(stage / "answer"), "--own", str(stage / "own")),
-    )
-    return launched.start(Program(call.name, module, argv, stage / f"{call.name}.log", None))
-
-
-@dataclass(frozen=True)
-class _Running:
-    child: Child
-    stage: Path
-    patience_s: float
-    deadline: float
-
-    def over(self) -> bool:
-        """True once it has ended, or should have."""
-        return self.child.exit_code is not None or time.monotonic() > self.deadline
-
-    def answer(self, launched: Launcher, bounds: Bounds) -> CallOutcome:
-        """Return its answer; a program past its deadline is killed."""
-        program, data, fault = self.child.program, b"", None
-        if self.child.exit_code is None:
-            why = f"what it runs has not ended after {self.patience_s:.0f} s, and was ended"
-            fault = f"{program.actor}: could not be replayed: {why}"
-        while self.child.exit_code is None:
-            self.child.send(signal.SIGKILL)
+    folders = check_trust(out, actor, permit)
+    if folders is None:
+        raise AcrcError(f"{actor}: is no robot")
+    patience_s = bounds.least_s + all_recordings(out)[actor].stat().st_size / bounds.bytes_per_s
+    with scratch_folder() as home, launcher("exec") as launched:
+        stage = home / actor
+        (stage / "own").mkdir(parents=True)
+        argv = (
+            *("--out", str(out.resolve()), "--actor", actor, *words),
+            *(word for folder in folders for word in ("--path", str(folder))),
+            *(("--any-content",) if permit.trust else ()),
+            *(("--isolate",) if isolate else ()),
+            *("--answer", str(stage / "answer"), "--own", str(stage / "own")),
+        )
+        program = Program(actor, module, argv, stage / f"{actor}.log", None)
+        child, deadline = launched.start(program), time.monotonic() + patience_s
+        while child.exit_code is None and time.monotonic() < deadline:
             launched.wait(0.5)
-        with suppress(OSError):
-            with (self.stage / "answer").open("rb") as file:
-                data = file.read(bounds.most_bytes + 1)
-            (self.stage / "answer").unlink()
-        if fault is None and len(data) > bounds.most_bytes:
-            fault = f"{program.actor}: answers with more than {bounds.most_bytes} bytes"
-        if fault is None and (not data or self.child.exit_code != 0):
-            last = " ".join(said(program).split())[-_SHOWN:]
-            why = f"exit code {self.child.exit_code}" + (f"; the last that it said: {last}" if last else "")
-            fault = f"{program.actor}: could not be replayed ({why})"
-        return CallOutcome(program.actor, data if fault is None else None, fault, said(program))
+        is_late = child.exit_code is None
+        while child.exit_code is None:
+            child.send(signal.SIGKILL)
+            launched.wait(0.5)
+        data = b""
+        with suppress(OSError), (stage / "answer").open("rb") as file:
+            data = file.read(bounds.most_bytes + 1)
+        printed, fault = said(program), None
+        if is_late:
+            fault = (
+                f"could not be replayed: what it runs has not ended after {patience_s:.0f} s, and was ended"
+            )
+        elif len(data) > bounds.most_bytes:
+            fault = f"answers with more than {bounds.most_bytes} bytes"
+        elif not data or child.exit_code != 0:
+            last = " ".join(printed.split())[-_SHOWN:]
+            why = f"exit code {child.exit_code}" + (f"; the last that it said: {last}" if last else "")
+            fault = f"could not be replayed ({why})"
+        return Answer(None, f"{actor}: {fault}", printed) if fault else Answer(data, None, printed)
 
 
 BOUNDS: Final = Bounds(1 << 16)
@@ -230,10 +176,7 @@ def replay(
         look_in(folders, any_content=permit.trust)
         return replay_actor(out, actor)  # in this process, where a debugger may be
     report_damage(all_recordings(out)[actor])
-    calls = [Call(actor, (actor,))]
-    (outcome,) = ask(
-        out, "acrc_testbed.recordings.sandboxed", calls, bounds, permit=permit, isolate=choice.isolate
-    )
+    outcome = ask(out, _PROGRAM, actor, (), bounds, permit=permit, isolate=choice.isolate)
     show(outcome.said)
     fault = outcome.fault
     if outcome.data is not None:

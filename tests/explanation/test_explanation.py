@@ -133,12 +133,14 @@ DOORWAY = (
 
 
 @cache
-def explainer(out: Path) -> Explainer:
-    return Explainer(out, permit=Permit((REPOSITORY,)), isolate=False)
+def explainer(out: Path, robot: str) -> Explainer:
+    return Explainer(out, robot, permit=Permit((REPOSITORY,)), isolate=False)
 
 
 def answered(out: Path, one: Known) -> Explanation:
-    found = explainer(out).explain(wish(one.who))
+    asked = wish(one.who)
+    assert asked.at_s is not None
+    found = explainer(out, asked.robot).explain(asked.at_s)
     return next(answer for answer in found if answer.decision == one.words)
 
 
@@ -169,7 +171,7 @@ def test_causes_of_the_chapters_decisions_are_named(doorway: Path) -> None:
 
 
 def test_causes_stand_below_their_effects(doorway: Path) -> None:
-    (answer,) = explainer(doorway).explain(wish("r2@15"))
+    (answer,) = explainer(doorway, "r2").explain(15.0)
     assert answer.chain[0].depth == 0
     for link, below in zip(answer.chain, answer.chain[1:], strict=False):
         assert 1 <= below.depth <= link.depth + 1 and below.at_s <= answer.at_s
@@ -179,14 +181,14 @@ def test_causes_stand_below_their_effects(doorway: Path) -> None:
 
 
 def test_between_decisions_it_is_the_one_before(doorway: Path) -> None:
-    (answer,) = explainer(doorway).explain(wish("r2@50"))
+    (answer,) = explainer(doorway, "r2").explain(50.0)
     assert (answer.at_s, answer.exact) == (32.0, False)
     assert next(sentences(answer)) == "r2 decided nothing at 50 s; before that it last did at 32 s:"
 
 
 def test_who_has_not_decided_yet_is_told_when_it_does(planted: Path) -> None:
     with pytest.raises(ExplanationError) as caught:
-        explainer(planted).explain(wish("r2@1"))
+        explainer(planted, "r2").explain(1.0)
     assert str(caught.value) == "r2 had decided nothing by 1 s; its first decision is at 3.5 s"
 
 
@@ -210,4 +212,4 @@ def test_the_command_says_it_as_text_and_as_json(doorway: Path) -> None:
     assert answer["decision"] == "takes over r1/0" and len(answer["chain"]) == len(lines)
     rows = acrc("explain", doorway, "r2").stdout.splitlines()
     assert "   15.000 s  takes over r1/0  (DestinationAdoption.at_member)" in rows
-    assert len(rows) == len(explainer(doorway).listed("r2"))
+    assert len(rows) == len(explainer(doorway, "r2").listed())

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from acrc_testbed.explanation.causal_trace import TraceError, decode
-from acrc_testbed.explanation.explain import Explainer, ExplanationError, wish
+from acrc_testbed.explanation.explain import Explainer, ExplanationError
 from acrc_testbed.explanation.tracing import traced
 from acrc_testbed.recordings.sandboxed import Bounds, replay
 from actors.installation.repository import REPOSITORY
@@ -52,7 +52,7 @@ def test_a_strategy_stays_in_its_process_within_its_limits(hostile: Path, mood: 
     (hostile / "mood").write_text(mood)
     bounds = Bounds(64_000_000, 2.0 if mood == "hang" else 120.0, bytes_per_s=1e9)
     with pytest.raises(ExplanationError) as caught:
-        Explainer(hostile, permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=bounds).explain(wish("r1@1"))
+        Explainer(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=bounds)
     assert str(caught.value) == sentence
     assert processes_of(hostile) == []
 
@@ -75,9 +75,8 @@ def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
 @pytest.mark.nightly
 def test_more_than_an_answer_may_have_is_not_read(hostile: Path) -> None:
     (hostile / "mood").write_text("much")
-    explainer = Explainer(hostile, permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=Bounds(1000))
     with pytest.raises(ExplanationError) as caught:
-        explainer.explain(wish("r1@1"))
+        Explainer(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=Bounds(1000))
     assert str(caught.value) == "r1: answers with more than 1000 bytes"
 
 
@@ -85,7 +84,7 @@ def test_a_trace_that_lies_is_told(hostile: Path) -> None:
     (hostile / "mood").write_text("")
     sound = msgspec.msgpack.decode(msgspec.msgpack.encode(traced(hostile, "r1")))
     news = {"peer": "r2", "heard": 3}
-    assert decode(msgspec.msgpack.encode(sound | {"news": [news]})).news[0].heard == 3
+    assert decode(msgspec.msgpack.encode(sound | {"news": [news]}), "r1").news[0].heard == 3
     lies = {
         b"": "Input data was truncated",
         b"\xc1 no such thing": "MessagePack data is malformed",
@@ -96,11 +95,11 @@ def test_a_trace_that_lies_is_told(hostile: Path) -> None:
     }
     for lie, words in lies.items():
         with pytest.raises(TraceError) as caught:
-            decode(lie)
-        assert str(caught.value).startswith("its trace makes no sense: ")
+            decode(lie, "r1")
+        assert str(caught.value).startswith("r1: its trace makes no sense: ")
         assert words in str(caught.value)
 
 
 def test_a_robot_that_is_none_is_refused_before_anything_runs(hostile: Path) -> None:
     with pytest.raises(ExplanationError, match="r7: is no robot of this run; there are r1"):
-        Explainer(hostile, permit=Permit((REPOSITORY,)), isolate=ABLE).listed("r7")
+        Explainer(hostile, "r7", permit=Permit((REPOSITORY,)), isolate=ABLE)
