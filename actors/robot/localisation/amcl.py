@@ -29,12 +29,11 @@ from actors.robot_model import RangeSensor
 
 
 class Recovery:
-    """The averages w_slow and w_fast of "Probabilistic Robotics", 2005, table 8.3.
+    """The averages w_slow and w_fast of "Probabilistic Robotics", 2005, table 8.3, of the fit.
 
-    They are kept of the fit, which lies in 0 to 1, and not of the likelihood of a whole scan, which changes
-    with the number of its beams. They begin at 1, so that a filter that begins at the wrong place finds out.
-    As in the book, and unlike ros-planning/navigation, pf.c, they are kept after new poses were tried: if
-    both restart at a bad fit, the search for the robot never resumes.
+    The likelihood of a scan would depend on its number of beams. They begin at 1, so that a wrong start is
+    detected, and are kept after new poses were tried, unlike in pf.c of ros-planning/navigation, where a
+    restart at a bad fit ends the search.
     """
 
     def __init__(self, parameters: AmclParameters) -> None:
@@ -43,7 +42,7 @@ class Recovery:
         self._fast = 1.0
 
     def injection(self, fit: float) -> float:
-        """How likely a particle is to be a new pose, after a scan of that fit; 0 where recovery is off."""
+        """Return the probability of a new pose among the particles after a scan of that fit."""
         parameters = self._parameters
         if not parameters.recovers:
             return 0.0
@@ -88,21 +87,21 @@ class FilterCounts:
 
 
 _TOGETHER: Final = 0.9
-"""The particles are together while the estimate's cluster has so much of their weight,"""
+"""The particles are together while the estimate's cluster has this share of their weight, ..."""
 _APART: Final = 0.5
-"""and they are, on the root of the mean square, no farther from it than this, m."""
+"""... and their root mean square distance from it is at most this, m."""
 _SEARCHED: Final = 0.5
-"""Where the robot is lost with a higher probability, it is searched,"""
+"""Above this probability of being lost the robot is searched, ..."""
 _FOUND: Final = 0.01
-"""until it is lost with no higher one than this."""
+"""... until it is below this."""
 _DRIFT: Final = 0.02
-"""An odometry is taken to be off by so much per m, and rad per m, of the straight way since the start."""
+"""Assumed error of the odometry per m of the straight way since the start, m and rad."""
 _GATHERED: Final = (0.1, 0.1, 0.05)
-"""Around where it was found, the particles are gathered with these standard deviations: m, m, rad."""
+"""Standard deviations of the particles around the place where the robot was found: m, m, rad."""
 
 
 class Amcl:
-    """One robot's filter. Its pose moves with the odometry; a scan that counts puts the odometry right."""
+    """One robot's filter. The pose moves with the odometry; a scan that counts corrects it."""
 
     def __init__(
         self,
@@ -114,12 +113,10 @@ class Amcl:
         doubt: float | None = None,
         origin: Pose = ORIGIN,
     ) -> None:
-        """`start`: the pose where the odometry is `origin`, as far as known; None: anywhere on free floor.
+        """`start`: the pose where the odometry is `origin`; None: anywhere on free floor.
 
-        `doubt`: standard deviation of the start, m and rad: the robot has to be located first, by scans made
-        while it stands. None: as the parameters say, and it is located.
-
-        `field`: with the parameters' max_distance.
+        `doubt`: standard deviation of the start, m and rad, of a robot that has to be located first, by scans
+        made while it stands. None: as the parameters say, and it is located.
         """
         assert field.max_distance == parameters.max_distance
         self._field = field
@@ -158,7 +155,7 @@ class Amcl:
         self._peers = np.array(peers, np.float64).reshape(-1, 2)
 
     def relocalise(self) -> None:
-        """Particles everywhere on free floor, as many as may be; the next scan that counts begins to tell."""
+        """Scatter the largest number of particles over the free floor."""
         self._count = self._parameters.max_particles
         self._restart(self._scatter(None))
         self._lost, self._search = LostProbability(1.0), None
@@ -235,7 +232,7 @@ class Amcl:
             self._resample(found, injection)
 
     def _look(self, points: Floats, judged: Judgement, here: Pose) -> None:
-        """Where is the robot, if it has been in doubt from the start, or seems to be lost now?"""
+        """Locate a robot with a doubtful start, and search for one that is lost."""
         lost = self._lost.probability
         self._tally.lost += lost > _SEARCHED
         if self._locating is not None:
@@ -269,8 +266,7 @@ class Amcl:
         self._correction = pose.frame(here)
 
     def _begin(self, here: Pose) -> None:
-        """The first scan. What the odometry has gone until then is no motion of the particles: they are drawn
-        where it leads from the start."""
+        """Draw the particles where the odometry leads from the start to the first scan."""
         self._begun = True
         believed, gone = self._correction.compose(here), here.point.distance_to(self._odometry.point)
         if self._locating is not None:  # the doubt is of where it is now
@@ -280,11 +276,7 @@ class Amcl:
         self._odometry = here
 
     def _move(self, pose: Pose) -> None:
-        """Each particle by its own idea of what the odometry's step was.
-
-        A long way without a scan that counts, that of a robot that was blind, is gone in parts: as one step
-        it would have the spread of a single turn and dash.
-        """
+        """Move each particle by its own sample of the odometry step; a long way without scans in parts."""
         since = before = self._odometry
         parts = parts_of(before, pose, self._parameters)
         for part in range(1, parts + 1):

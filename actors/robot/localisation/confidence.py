@@ -1,8 +1,8 @@
-"""How far an estimate is to be trusted: an honest covariance of the particles' mean.
+"""Covariance of the estimate, and how well a pose explains a scan.
 
-The particles lie wider than their mean is wrong: they are moved with more noise than the odometry has, and
-weighed with less than the scan knows, as both keep the filter from being sure of what is wrong. So the scan
-is taken in once more, beam by beam, as a Kalman filter would, with the noise that scans have.
+The particles spread wider than the error of their mean, as motion and measurement model exaggerate noise
+against overconfidence. So the scan updates their covariance once more, beam by beam, as in a Kalman filter,
+with the noise that scans have.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Looks for a lost robot all over the map, beside the particles, and disturbs them only once it has found it.
+"""Global search for a lost robot, beside the particles.
 
 Hypotheses as by Jensfelt and Kristensen, "Active global localization for a mobile robot using multiple
 hypothesis tracking", IEEE Transactions on Robotics and Automation 17(5), 2001: the places that explain a scan
@@ -139,10 +139,10 @@ class Search:
         self._estimate: float | None = None
 
     def take(self, points: Floats, here: Pose, estimate: Pose) -> PoseHypothesis | None:
-        """One more scan; gives where the robot is once that is clear.
+        """Take one more scan; return where the robot is once that is clear.
 
-        `points`: (b, 2), m, body's frame, the ends of its beams, at least one. `here`: the odometry's pose
-        then, `estimate`: that in the map frame which is in doubt.
+        `points`: (b, 2), b ≥ 1, m, body's frame, the ends of its beams. `here`: the odometry's pose;
+        `estimate`: the doubtful one in the map frame.
         """
         self._points = points
         self._follow(here, estimate)

@@ -1,9 +1,7 @@
-"""Kernel of our own dynamic window approach: which of the velocities within reach leads a disc to the best
-place.
+"""Kernel of our own dynamic window approach, for a disc.
 
-The critics are those of `dwa`; but trajectories are arcs, their end counts where the plan ends, and how near
-they come to anything is an exact distance, with a body that grows with its speed. All lengths are in cells of
-the window here; positions count from its south-west corner.
+The critics are those of `dwa`, but trajectories are arcs, distances to marks are exact, and the body grows
+with its speed. Lengths are in cells of the window; positions count from its south-west corner.
 """
 
 import math
@@ -33,17 +31,15 @@ _PARAMETERS: Final = (
     "least_turn", "goal_distance", "escape",
 )  # fmt: skip
 WEIGHTS: Final = np.dtype([(name, np.float64) for name in _PARAMETERS], align=True)
-"""The critics' weights per step, and what a trajectory is measured with.
+"""The critics' weights per step, and parameters of a trajectory; lengths in cells.
 
-`nose`: so far ahead of the centre the nose is, cells. `horizon`: a trajectory takes so long, s, or as long as
-stopping takes, if that is longer: `stop_buffer`, s, and braking with `deceleration`, cells/s². It ends where
-it has gone `goal_distance`, cells, though, or could stop, if that is farther. It is looked at every `stride`,
-cells, or `turn_stride`, rad. All along it the centre has to be farther from what is marked than `radius` and
-`padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`, cells/s. Its
-speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s. From where the centre is
-nearer than it may be, but by `escape`, cells, at most, trajectories along which the distance does not fall
-are valid. Where the centre cannot be, the nose counts as farther than the centre by the most steps that it
-can be away from it.
+`nose`: its distance from the centre. `horizon`: duration, s; longer if stopping takes longer: `stop_buffer`,
+s, and braking with `deceleration`. It ends after `goal_distance`, or after the stopping distance if that is
+longer. It is checked every `stride`, or `turn_stride`, rad: the centre keeps `radius` and `padding` from
+marks; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`. `least_speed`,
+`least_turn`: one of both is exceeded. A centre that is too near by at most `escape` may move as long as the
+distance does not fall. A nose where the centre cannot be counts as farther by the most steps that it can be
+away.
 """
 
 

@@ -95,16 +95,13 @@ def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
 def local_plan(
     way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
 ) -> tuple[Int32s, Int32s, Int32s, bool]:
-    """The part of `way` from its first point within half a window of the robot to the first one beyond.
+    """Return the part of `way` from its first point within half a window of the robot to the first beyond.
 
-    Given are, as rows and columns: (k, 2) cells that it leads through, k = 0 where it is not in the window;
-    (1, 2) the last of them; (1, 2) the last one of a plan that ends farther away from the robot, where its
-    nose is drawn to; and whether its end is farther away than the nose is ahead. For k = 0 the rest is
-    meaningless.
-
-    `way`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: x, y, m, and heading, rad, of the robot in the map
-    frame and in the odometry frame; `corner`: x and y, m, of the window's in the latter. `cell`: m. `side`:
-    of the window, cells. `nose`: so far ahead of the centre the nose is, m.
+    As rows and columns: (k, 2) cells that it leads through; (1, 2) the last of them, and that of a plan which
+    is longer by the nose; and whether its end is farther than the nose. For k = 0 the rest is meaningless.
+    `way`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: pose in the map frame and in the odometry frame;
+    `corner`: of the window in the latter, m. `side`: of the window, cells. `nose`: distance from the centre,
+    m.
     """
     first, last = _part(way, estimate, side * cell / 2)
     points = _moved(way[first:last], estimate, here)
@@ -139,13 +136,12 @@ def chosen(
     critics: NDArray[np.void],
     alignment: float,
 ) -> tuple[float, float, float]:
-    """The fields of `CheapestVelocity`; there is no valid trajectory if nothing of `way` is in the window.
+    """Return the fields of `CheapestVelocity`; no trajectory is valid if nothing of `way` is in the window.
 
-    `state`, (12,): x, y, m, and heading, rad, of the robot in the map frame, then in the odometry frame; x
-    and y, m, of the window's corner in the latter; the least and the greatest speed, m/s, and turn rate,
-    rad/s, within reach. `nose`: so far ahead of the centre the nose is, m. `counts`: how many speeds and turn
-    rates are tried. `alignment`: weight of the critic of that name while the plan's end is farther away than
-    the nose; it is written to `critics`. All else as for `local_plan`, `wavefront` and `cheapest`.
+    `state`, (12,): pose in the map frame and in the odometry frame; corner of the window in the latter, m;
+    least and greatest speed, m/s, and turn rate, rad/s, within reach. `counts`: of speeds and turn rates.
+    `alignment`: weight of that critic while the plan's end is farther than the nose. Else as for
+    `local_plan`, `wavefront` and `cheapest`.
     """
     cells, goal, front, far = local_plan(
         way, state[0:3], state[3:6], state[6:8], critics[0].cell, squared.shape[0], nose

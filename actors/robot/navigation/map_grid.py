@@ -114,15 +114,12 @@ def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
 def cut(
     way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
 ) -> tuple[int, bool, Int32s]:
-    """Where `way` is nearest to the body, whether it ends in the window, and the cells it leads through.
+    """Return the index of the point of `way` nearest to the body, whether the way is whole, and its cells.
 
-    `way`: (n, 2), n ≥ 1, m. `first`: index of the nearest point the last time; only points within half of
-    `reach` along the way from it on are looked at. `motion`: cosine and sine of the angle from the way's
-    frame to the window's, shift of x and y, m, and cells per m. `body`: x and y in the window, cells. `side`:
-    of the window, cells. `reach`: so far from the body the way is cut, cells.
-
-    Given are the index, whether the way was not cut, and (k, 2) rows and columns from the nearest point on,
-    without gaps (MapGrid::adjustPlanResolution); k = 0 where the way is not near.
+    The cells are (k, 2) rows and columns from that point on, without gaps (MapGrid::adjustPlanResolution).
+    `way`: (n, 2), n ≥ 1, m. `first`: the last index; points within half of `reach` along the way from it are
+    tried. `motion`: cosine and sine of the angle from the way's frame to the window's, shift of x and y, m,
+    and cells per m. `body`: x and y, cells. `side`: of the window. `reach`: where the way is cut, cells.
     """
     c, s, scale = motion[0], motion[1], motion[4]
     # where the body is in the way's frame

@@ -100,13 +100,12 @@ def take_in(
     body: Floats,
     limits: Floats,
 ) -> None:
-    """Clear the marked cells that a ray passes through, mark those that a ray ends in, clear the body's.
+    """Clear cells that a ray passes through or that are below the body, mark those that a ray ends in.
 
-    `marks`: (rows, columns), 0 or 1, changed. `ranges_mm`: (n,), NO_ECHO_MM where a ray met nothing. `rays`:
-    (n, 2), unit vectors in the sensor's frame. `fan`: angle of the first ray in that frame, and from one to
-    the next, rad. `eye`: x, y, cells, and heading of the sensor, rad. `body`: x, y and radius, cells; only
-    cells that lie wholly below it are its own. `limits`: cells per mm; up to what distance rays mark, and up
-    to what they clear, cells; from what distance on those without echo clear, cells, inf if they do not.
+    `marks`: (rows, columns), 0 or 1, changed. `ranges_mm`: (n,). `rays`: (n, 2), unit vectors in the sensor's
+    frame. `fan`: angle of the first ray in that frame and the increment, rad. `eye`: x, y, cells, and heading
+    of the sensor, rad. `body`: x, y and radius, cells. `limits`: cells per mm; ranges of marking and of
+    clearing, cells; range from which rays without echo clear, inf if they do not.
     """
     c, s = cos_sin(eye[2])
     for k in range(ranges_mm.size):
@@ -340,12 +339,11 @@ def half_gaps(
     room: float,
     farthest: float,
 ) -> Floats:
-    """Return half of the gap to each moving mark where that is below `farthest`.
+    """Return half of the gap to each moving mark, if below `farthest`, so that two robots stop in time.
 
-    (k, 3): the unit vector to the mark, and that half. The other half is left to what moves: two robots by
-    this rule stop before they meet, wherever they go. `squared`: 0 in marked cells, of which those with
-    `arrivals` from `since` on move. `body`: x and y. `room`: distance that the centre has to keep from marks.
-    All lengths in cells.
+    (k, 3): the unit vector to the mark, and that half. `squared`: 0 in marked cells, of which those with
+    `arrivals` from `since` on move. `body`: x and y. `room`: distance that the centre keeps from marks.
+    Cells.
     """
     reach = room + 2.0 * farthest
     bottom, top = max(int(body[1] - reach), 0), min(int(body[1] + reach) + 1, squared.shape[0])
