@@ -4,7 +4,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -189,34 +189,23 @@ def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
     The interval is Student's, of the jackknife's pseudo-values (Andersen, Hansen and Klein, "Regression
     analysis of restricted mean survival time based on pseudo-observations", Lifetime Data Analysis 10, 2004).
     """
-    places = np.arange(len(runs))
-    value = float(restricted_means(runs, horizon, places))
-    if len(runs) < 2:
+    at, done = np.array([run.at for run in runs]), np.array([run.done for run in runs])
+    value = _area(at, done, horizon)
+    count = len(runs)
+    if count < 2:
         return mean_interval([value])
-    others = np.array([np.delete(places, place) for place in places])
-    pseudo = len(runs) * value - (len(runs) - 1) * restricted_means(runs, horizon, others)
-    found = mean_interval(pseudo)
+    others = [_area(np.delete(at, place), np.delete(done, place), horizon) for place in range(count)]
+    found = mean_interval(count * value - (count - 1) * np.array(others))
     return Interval(value, value - found.value + found.low, value - found.value + found.high)
 
 
-def restricted_means(runs: Sequence[Completion], horizon: float, drawn: NDArray[np.integer[Any]]) -> Floats:
-    """The same of many samples of the runs at once, given by the runs' places (…, n); gives (…).
-
-    Equal to the area under `kaplan_meier` of each sample.
-    """
-    times, which = np.unique([run.at for run in runs], return_inverse=True)
-    done = np.array([run.done for run in runs])
-    flat = drawn.reshape(-1, drawn.shape[-1])
-    ended, left = np.zeros((2, len(flat), times.size))
-    rows = np.arange(len(flat))[:, None]
-    np.add.at(left, (rows, which[flat]), 1.0)
-    np.add.at(ended, (rows, which[flat]), done[flat].astype(np.float64))
-    at_risk = left[:, ::-1].cumsum(axis=1)[:, ::-1]
-    shares = np.cumprod(1.0 - ended / np.maximum(at_risk, 1.0), axis=1)
-    heights = np.concatenate([np.ones((len(flat), 1)), shares], axis=1)
+def _area(at: Floats, done: NDArray[np.bool_], horizon: float) -> float:
+    """Return the area under the curve of Kaplan and Meier up to the horizon."""
+    times, which = np.unique(at, return_inverse=True)
+    ended, left = np.bincount(which, done), np.bincount(which)
+    shares = np.cumprod(1.0 - ended / left[::-1].cumsum()[::-1])
     widths = np.diff(np.minimum(np.concatenate([[0.0], times, [horizon]]), horizon))
-    means: Floats = (heights * np.maximum(widths, 0.0)).sum(axis=1).reshape(drawn.shape[:-1])
-    return means
+    return float((np.concatenate([[1.0], shares]) * np.maximum(widths, 0.0)).sum())
 
 
 def _censored(runs: Sequence[Completion]) -> "stats.CensoredData":

@@ -1,7 +1,5 @@
 """Statistics against published values, other libraries and simulation; estimates of a real campaign."""
 
-from itertools import pairwise
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -35,7 +33,6 @@ from acrc_testbed.experiments.statistical_models import (
     Completion,
     kaplan_meier,
     restricted_mean,
-    restricted_means,
 )
 from acrc_testbed.experiments.verdicts import verdicts
 from tests.experiments import campaign_rows
@@ -128,17 +125,6 @@ def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
     never = [Completion(600.0, False)] * 3
     assert restricted_mean(never, 600.0) == (600.0, 600.0, 600.0)
     assert kaplan_meier(never).share_at(600.0) == 1.0
-
-
-def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
-    rng = np.random.default_rng(6)
-    drawn = rng.integers(len(TREATED), size=(10, len(TREATED)))
-    for horizon in (5.0, 20.0, 40.0):
-        for mean, places in zip(restricted_means(TREATED, horizon, drawn), drawn, strict=True):
-            curve = kaplan_meier([TREATED[place] for place in places])
-            edges = [0.0, *(at for at in curve.times.tolist() if at < horizon), horizon]
-            area = sum((b - a) * curve.share_at(a) for a, b in pairwise(edges))
-            assert mean == pytest.approx(area)
 
 
 def test_sequential_bounds_against_published_values() -> None:

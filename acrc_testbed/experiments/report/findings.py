@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from acrc_testbed.experiments.comparison import Comparison, PairedSample
-from acrc_testbed.experiments.judgement import CampaignJudgement
+from acrc_testbed.experiments.comparison import Comparison
+from acrc_testbed.experiments.judgement import AcrossCells, CampaignJudgement
 from acrc_testbed.experiments.paired_tests import LEAST_PAIRS
 from acrc_testbed.experiments.report.runs import (
     REAL,
@@ -13,6 +13,7 @@ from acrc_testbed.experiments.report.runs import (
     Cell,
     Group,
     ReportView,
+    Row,
     RunSource,
     completed,
     label,
@@ -34,21 +35,14 @@ def labelled(found: CampaignJudgement) -> CampaignJudgement:
     """Mark upper bounds among the names of strategies."""
     return replace(
         found,
-        verdicts=[
-            replace(one, sample=_named(one.sample), steps=tuple(map(_labelled, one.steps)))
-            for one in found.verdicts
-        ],
+        verdicts=[replace(one, steps=tuple(map(_labelled, one.steps))) for one in found.verdicts],
         across=[one._replace(one=label(one.one), other=label(one.other)) for one in found.across],
         estimates=list(map(_labelled, found.estimates)),
     )
 
 
 def _labelled(one: Comparison) -> Comparison:
-    return replace(one, sample=_named(one.sample))
-
-
-def _named(sample: PairedSample) -> PairedSample:
-    return sample._replace(one=label(sample.one), other=label(sample.other))
+    return replace(one, sample=one.sample._replace(one=label(one.one), other=label(one.other)))
 
 
 def sentences(found: CampaignJudgement) -> list[str]:
@@ -61,107 +55,115 @@ def sentences(found: CampaignJudgement) -> list[str]:
 
 def _counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
     """Count for each pair the conditions by the first strategy's result."""
-    for pair in dict.fromkeys((one.sample.one, one.sample.other) for one in verdicts):
-        words = [one.word for one in verdicts if (one.sample.one, one.sample.other) == pair]
+    by_pair: dict[tuple[str, str], list[str]] = {}
+    for one in verdicts:
+        by_pair.setdefault((one.steps[0].one, one.steps[0].other), []).append(one.word)
+    for pair, words in by_pair.items():
         parts = [f"{word} in {words.count(word)}" for word in _TOLD if word in words]
         yield f"{pair[0]} beside {pair[1]}, of {len(words)} conditions: {', '.join(parts)}."
 
 
 def tables(view: ReportView, name: str, found: CampaignJudgement) -> Iterator[PageTable]:
     """Yield all tests with their p-values, and all estimates with their intervals."""
-    where = ("condition",) if any(one.variant for one in found.estimates) else ()
+    varies = any(one.variant for one in found.estimates)
     decided = [one for one in found.verdicts if one.steps]
     if len(decided) > _MOST_TOLD:
-        yield view.plain_table(
+        yield view.table(
             f"verdicts_{name}",
             "What each declared comparison came to, by the test of the metric that decided it, or that left "
             "it undecided. As good: within the margin, by every test. Intervals are of 95 %.",
-            (
-                *("first", "second", "condition", "the first is", "by", "first has", "second has"),
-                *("difference", "better on", "worse on", "A12", "p after Holm"),
-            ),
-            map(_verdict_row, decided),
+            map(_verdict, decided),
         )
-    yield view.plain_table(
+    yield view.table(
         f"tests_{name}",
         "The tests of the declared comparisons. p is of the runs swapped within their pairs in all "
         "ways. Holm's correction holds for the rows that have it; the others have too few pairs that "
         "differ. "
         "Equivalence is that the means differ by less than the margin.",
-        (
-            *("first", "second", *where, "metric", "pairs", "that differ", "p", "Holm"),
-            *("margin", "p of equivalence"),
-        ),
-        [_test_row(step, where) for one in decided for step in one.steps],
+        [_named(step, varies) | _test(step) for one in decided for step in one.steps],
     )
-    across = [(one, one.fitted) for one in found.across if one.fitted is not None]
-    yield view.plain_table(
+    yield view.table(
         f"cells_{name}",
         "The declared comparisons over all cells: the mean difference in places within pairs, "
         "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are "
         "random effects, fitted by restricted maximum likelihood; none of it is a test.",
-        (
-            *("first", "second", "cells", "pairs", "difference", "in a new cell"),
-            *("between cells", "between seeds", "of what is left"),
-        ),
-        [
-            (
-                *(one.one, one.other, fit.cells, fit.values, fit.mean, fit.new_cell),
-                *(fit.between_cells, fit.between_seeds, fit.rest),
-            )
-            for one, fit in across
-        ],
+        [_over_cells(one) for one in found.across if one.fitted is not None],
     )
-    yield view.plain_table(
+    yield view.table(
         f"without_map_{name}",
         "The same difference without each map in turn.",
-        ("first", "second", "without", "difference"),
-        [(one.one, one.other, *each) for one, _ in across for each in one.without.items()],
+        [
+            {"first": one.one, "second": one.other, "without": name, "difference": difference}
+            for one in found.across
+            for name, difference in one.without.items()
+        ],
     )
-    yield view.plain_table(
+    yield view.table(
         f"comparisons_{name}",
         "Estimates; none of them is a test. Values are means, of times restricted means. A12 is the "
         "probability that a run of the first is better than one of the second, ties counted half. "
         "Intervals are of 95 %.",
-        (
-            *("first", "second", *where, "metric", "first has", "second has", "difference"),
-            *("better", "worse", "A12"),
-        ),
-        [_estimate_row(one, where) for one in found.estimates],
+        [_estimate(one, varies) for one in found.estimates],
         folded=len(found.estimates) > _MOST_OPEN,
     )
+
+
+def _named(one: Comparison, varies: bool) -> dict[str, Cell]:
+    where = {"condition": _condition(one.variant)} if varies else {}
+    return {"first": one.one, "second": one.other, **where, "metric": one.says}
 
 
 def _condition(variant: Variant) -> str:
     return ", ".join(f"{key} = {value}" for key, value in variant)
 
 
-def _verdict_row(one: PairVerdict) -> tuple[Cell, ...]:
+def _verdict(one: PairVerdict) -> Row:
     """Return a verdict with the estimates of the metric that was tested last."""
     step = one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
-    return (
-        *(step.one, step.other, _condition(step.variant), one.word, step.says),
-        *(_estimates(step) if step.is_estimated else (None,) * 6),
-        step.adjusted if step.tested else None,
-    )
+    names = {"first": step.one, "second": step.other, "condition": _condition(step.variant)}
+    decided = {"the first is": one.word, "by": step.says}
+    p = {"p after Holm": step.adjusted if step.tested else None}
+    return names | decided | _numbers(step, "better on", "worse on") | p
 
 
-def _estimates(one: Comparison) -> tuple[Cell, ...]:
-    return one.ones, one.others, one.difference, one.better, one.worse, one.effect
+def _numbers(one: Comparison, better: str = "better", worse: str = "worse") -> dict[str, Cell]:
+    """Return the estimates of a comparison; of too few pairs they are unknown."""
+    columns = ("first has", "second has", "difference", better, worse, "A12")
+    if not one.is_estimated:
+        return dict.fromkeys(columns)
+    cells = (one.ones, one.others, one.difference, one.better, one.worse, one.effect)
+    return dict(zip(columns, cells, strict=True))
 
 
-def _test_row(step: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
-    return (
-        *(step.one, step.other, *([_condition(step.variant)] if where else ()), step.says),
-        *(len(step.sample.pairs), step.test.differing, step.test.p, step.adjusted if step.tested else None),
-        *(step.margin, step.equivalence_p),
-    )
+def _test(step: Comparison) -> dict[str, Cell]:
+    return {
+        "pairs": len(step.sample.pairs),
+        "that differ": step.test.differing,
+        "p": step.test.p,
+        "Holm": step.adjusted if step.tested else None,
+        "margin": step.margin,
+        "p of equivalence": step.equivalence_p,
+    }
 
 
-def _estimate_row(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
+def _over_cells(one: AcrossCells) -> Row:
+    assert one.fitted is not None
+    return {
+        "first": one.one,
+        "second": one.other,
+        "cells": one.fitted.cells,
+        "pairs": one.fitted.values,
+        "difference": one.fitted.mean,
+        "in a new cell": one.fitted.new_cell,
+        "between cells": one.fitted.between_cells,
+        "between seeds": one.fitted.between_seeds,
+        "of what is left": one.fitted.rest,
+    }
+
+
+def _estimate(one: Comparison, varies: bool) -> Row:
     unit = f", {one.unit}" if one.unit not in {"", one.says} else ""
-    names = (one.one, one.other, *([_condition(one.variant)] if where else ()), one.says + unit)
-    return (*names, *_estimates(one))
+    return _named(one, varies) | {"metric": one.says + unit} | _numbers(one)
 
 
 def asked(sources: Sequence[RunSource]) -> list[str]:
@@ -213,14 +215,17 @@ def failures(view: ReportView, sources: Sequence[RunSource]) -> PageTable:
             if record.failure is not None:
                 key = (condition, label(record.strategy), record.failure)
                 found.setdefault(key, []).append(str(record.seed))
-    rows = [(*key, len(seeds), _some(seeds)) for key, seeds in found.items()]
-    return view.plain_table(
-        "failures", "Runs that failed", ("condition", "strategy", "cause", "runs", "seeds"), rows
-    )
-
-
-def _some(seeds: Sequence[str]) -> str:
-    return ", ".join(seeds[:12]) + (", …" if len(seeds) > 12 else "")
+    rows: list[Row] = [
+        {
+            "condition": condition,
+            "strategy": strategy,
+            "cause": cause,
+            "runs": len(seeds),
+            "seeds": ", ".join(seeds[:12]) + (", …" if len(seeds) > 12 else ""),
+        }
+        for (condition, strategy, cause), seeds in found.items()
+    ]
+    return view.table("failures", "Runs that failed", rows)
 
 
 _CEILING: Final = 0.5

@@ -1,13 +1,14 @@
 """A report in a folder: the page, its pictures as PNG and SVG, and its tables as comma-separated values."""
 
 import shlex
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from acrc_testbed.experiments.report import charts, findings, sections, time_sections
-from acrc_testbed.experiments.report.runs import REAL, Cell, ReportView, RunSource, label, places, read
+from acrc_testbed.experiments.report.runs import REAL, Cell, ReportView, Row, RunSource, label, places, read
 from acrc_testbed.experiments.store import differing, protection
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
@@ -27,6 +28,12 @@ _SECTIONS: Final[tuple[Callable[[ReportView], PageSection | None], ...]] = (
     sections.radio,
     sections.costs,
 )
+
+
+_RUN_COLUMNS: Final = (
+    "strategy", "navigation", "seed", "places", "of", "complete at, s", "ended at, s", "length, s",
+    "octets/s", "CPU ms/s", "failure", "digest",
+)  # fmt: skip
 
 
 class ReportPage(NamedTuple):
@@ -79,22 +86,25 @@ def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
     digests = sum(
         record.result is not None and record.result.is_simulated for one in sources for record in one.records
     )
-    folders = view.plain_table(
-        "folders", "The folders", ("folder", "commit", "command"),
-        [(one.name, one.commit or "unknown", _command(one)) for one in sources],
-    )  # fmt: skip
-    versions = view.plain_table("versions", "Beside that", ("package", "version", "runs"), _versions(sources))
-    runs = view.plain_table(
-        "runs", "Every run",
-        ("folder", "condition", "strategy", "navigation", "seed", "places", "of", "complete at, s",
-         "ended at, s", "length, s", "octets/s", "CPU ms/s", "failure", "digest"),
+    folders = view.table(
+        "folders",
+        "The folders",
         [
-            (one.name, condition, *_run(condition, record))
+            {"folder": one.name, "commit": one.commit or "unknown", "command": _command(one)}
+            for one in sources
+        ],
+    )
+    versions = view.table("versions", "Beside that", _versions(sources))
+    runs = view.table(
+        "runs",
+        "Every run",
+        [
+            {"folder": one.name, "condition": condition, **_run(condition, record)}
             for one in sources
             for condition, record in zip(one.conditions, one.records, strict=True)
         ],
         folded=True,
-    )  # fmt: skip
+    )
     text = (
         "Scenario, seed and commit give the same digest on every processor: a repeated run must "
         f"find the digests below ({digests} of them).",
@@ -122,23 +132,35 @@ def _words(study: Study) -> Iterator[str]:
         yield "--isolate"
 
 
-def _versions(sources: Sequence[RunSource]) -> list[tuple[Cell, ...]]:
-    found: dict[tuple[str, str], int] = {}
-    for record in (record for one in sources for record in one.records):
-        if record.result is not None and record.result.is_simulated:
-            for pair in record.result.origin.versions.items():
-                found[pair] = found.get(pair, 0) + 1
-    return [(*pair, runs) for pair, runs in found.items()]
+def _versions(sources: Sequence[RunSource]) -> list[Row]:
+    found = Counter(
+        pair
+        for one in sources
+        for record in one.records
+        if record.result is not None and record.result.is_simulated
+        for pair in record.result.origin.versions.items()
+    )
+    return [
+        {"package": package, "version": version, "runs": runs} for (package, version), runs in found.items()
+    ]
 
 
-def _run(condition: str, record: TrialRecord) -> tuple[Cell, ...]:
+def _run(condition: str, record: TrialRecord) -> Row:
     run = record.result
-    seed = None if condition == REAL else str(record.seed)
+    simulated = run is not None and run.is_simulated
+    row: dict[str, Cell] = dict.fromkeys(_RUN_COLUMNS)
+    row |= {"strategy": label(record.strategy), "failure": record.failure}
+    row["seed"] = None if condition == REAL else str(record.seed)
     if run is None:
-        return (label(record.strategy), None, seed, *[None] * 7, record.failure, None)
-    navigation = run.origin.navigation or None if run.is_simulated else None
-    return (
-        label(record.strategy), navigation, seed, places(run), run.places_total, run.completion_s,
-        run.settled_s, run.length_s, run.radio_bytes_per_robot_s, sections.cpu_ms(run), record.failure,
-        run.digest if run.is_simulated else None,
-    )  # fmt: skip
+        return row
+    return row | {
+        "navigation": run.origin.navigation or None if simulated else None,
+        "places": places(run),
+        "of": run.places_total,
+        "complete at, s": run.completion_s,
+        "ended at, s": run.settled_s,
+        "length, s": run.length_s,
+        "octets/s": run.radio_bytes_per_robot_s,
+        "CPU ms/s": sections.cpu_ms(run),
+        "digest": run.digest if simulated else None,
+    }

@@ -4,10 +4,10 @@ import csv
 import io
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
 from matplotlib.figure import Figure
 
@@ -29,6 +29,8 @@ from actors.runtime.errors import AcrcError
 T = TypeVar("T")
 Cell = str | int | float | Interval | None
 """Of a table; None: unknown, or does not exist."""
+Row = Mapping[str, Cell]
+"""Of a table, by column."""
 REAL: Final = "real robots"
 """Condition of field trials."""
 UPPER_BOUNDS: Final = frozenset({"oracle"})
@@ -122,7 +124,8 @@ def completed(run: RunResult) -> Completion:
     return until(run.completion_s, run)
 
 
-class Group(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Group:
     """The runs of one strategy under one condition that have a result; at least one."""
 
     condition: str
@@ -192,41 +195,27 @@ class ReportView:
         """Write a picture as PNG and SVG, and return it for the page."""
         return PagePicture(charts.save(figure, self.out, name), alt, caption)
 
-    def table(
-        self,
-        name: str,
-        caption: str,
-        columns: Sequence[str],
-        rows: Callable[[Group], Iterable[Sequence[Cell]]],
-        *,
-        folded: bool = False,
+    def group_table(
+        self, name: str, caption: str, rows: Callable[[Group], Iterable[Row]], *, folded: bool = False
     ) -> PageTable:
         """Write a table with rows of every group, each headed by the group's name."""
-        head = ("condition", "strategy") if self.has_conditions else ("strategy",)
-        told = [
-            (*((group.condition, group.label) if self.has_conditions else (group.label,)), *row)
-            for group in self.groups
-            for row in rows(group)
-        ]
-        return self.plain_table(name, caption, (*head, *columns), told, folded=folded)
+        head = {group: {"strategy": group.label} for group in self.groups}
+        if self.has_conditions:
+            head = {group: {"condition": group.condition, **names} for group, names in head.items()}
+        told = [{**head[group], **row} for group in self.groups for row in rows(group)]
+        return self.table(name, caption, told, folded=folded)
 
-    def plain_table(
-        self,
-        name: str,
-        caption: str,
-        columns: Sequence[str],
-        rows: Iterable[Sequence[Cell]],
-        *,
-        folded: bool = False,
-    ) -> PageTable:
-        """Write a table as comma-separated values unless it is empty, and return it for the page."""
+    def table(self, name: str, caption: str, rows: Iterable[Row], *, folded: bool = False) -> PageTable:
+        """Write rows as comma-separated values unless there is none, and return them for the page."""
         told = list(rows)
-        if told:
-            regular_file.write(self.out / f"{name}.csv", _csv(columns, told).encode())
+        if not told:
+            return PageTable(caption, (), (), ())
+        columns, cells = list(told[0]), [list(row.values()) for row in told]
+        regular_file.write(self.out / f"{name}.csv", _csv(columns, cells).encode())
         numeric = [
-            any(not isinstance(cell, str | None) for cell in column) for column in zip(*told, strict=True)
+            any(not isinstance(cell, str | None) for cell in column) for column in zip(*cells, strict=True)
         ]
-        return PageTable(caption, columns, [list(map(_written, row)) for row in told], numeric, folded)
+        return PageTable(caption, columns, [list(map(_written, row)) for row in cells], numeric, folded)
 
 
 def _written(cell: Cell) -> str:

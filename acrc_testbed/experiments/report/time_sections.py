@@ -1,13 +1,14 @@
-"""Where the robots' time went, what stood in whose way, and what the adaptation decided about it."""
+"""Sections on where the robots' time went, who blocked whom, and decisions of the adaptation."""
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Bar
-from acrc_testbed.experiments.report.runs import Cell, Group, ReportView
+from acrc_testbed.experiments.report.runs import Cell, Group, ReportView, Row
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, DecisionEvent
 from acrc_testbed.picture.html_page import PageSection
 from actors.observer.glyphs import SEEN_STATES, hexadecimal
@@ -18,18 +19,29 @@ _MOST_LISTED: Final = 500
 
 
 def causes(view: ReportView) -> PageSection | None:
-    """Where robot-seconds went; None if no run says so."""
-    bars = view.panels(lambda group: Bar(group.label, _shares(group)) if group.times else None)
-    if not bars:
+    """Return where robot-seconds went; None if no run says so."""
+    shares = {group: _shares(group) for group in view.groups if group.times}
+    if not shares:
         return None
-    seen = {name for rows in bars.values() for row in rows for name, part in row.parts.items() if part}
-    looks = {name: how for name, how in LOOKS.items() if name in seen}
+    bars = view.panels(lambda group: Bar(group.label, shares[group]) if group in shares else None)
+    seen = {name for parts in shares.values() for name, part in parts.items() if part}
     told = "; ".join(
         f"{view.row_name(group)}: "
-        + ", ".join(f"{name} {part:.0%}" for name, part in _shares(group).items() if part >= 0.01)
-        for group in view.groups
-        if group.times
+        + ", ".join(f"{name} {part:.0%}" for name, part in parts.items() if part >= 0.01)
+        for group, parts in shares.items()
     )
+
+    def percents(group: Group) -> Iterator[Row]:
+        if group in shares:
+            yield {"runs": len(group.times)} | {name: 100.0 * part for name, part in shares[group].items()}
+
+    def robots(group: Group) -> Iterator[Row]:
+        names = {name for run in group.times for name in run.robots}
+        for robot in sorted(names, key=lambda name: (len(name), name)):
+            runs = [run.robots[robot] for run in group.times if robot in run.robots]
+            means = {cause: float(np.mean([run.get(cause, 0.0) for run in runs])) for cause in LOOKS}
+            yield {"robot": robot, **means}
+
     return PageSection(
         "Where the time went",
         (
@@ -39,21 +51,17 @@ def causes(view: ReportView) -> PageSection | None:
         ),
         view.picture(
             "time",
-            charts.bars(bars, looks, "share of robot time"),
+            charts.bars(
+                bars, {name: how for name, how in LOOKS.items() if name in seen}, "share of robot time"
+            ),
             f"Stacked bars of the share of robot time by cause. {told}. All numbers are in the tables below.",
             "Share of robot time by cause, over all robots and runs; numbers in the bars are percent.",
         ),
         (
-            view.table(
-                "time", "Share of robot time, %", ("runs", *LOOKS),
-                lambda group: [_percents(group)] if group.times else [],
-            ),
-            view.table(
-                "time_robots", "Mean time in a run, robot by robot, s", ("robot", *LOOKS), _robots,
-                folded=True,
-            ),
+            view.group_table("time", "Share of robot time, %", percents),
+            view.group_table("time_robots", "Mean time in a run, robot by robot, s", robots, folded=True),
         ),
-    )  # fmt: skip
+    )
 
 
 def _shares(group: Group) -> dict[str, float]:
@@ -65,27 +73,9 @@ def _shares(group: Group) -> dict[str, float]:
     return {name: total[name] / whole for name in LOOKS}
 
 
-def _percents(group: Group) -> tuple[Cell, ...]:
-    return len(group.times), *(100.0 * part for part in _shares(group).values())
-
-
-def _robots(group: Group) -> list[tuple[Cell, ...]]:
-    runs = group.times
-    names = sorted({name for run in runs for name in run.robots}, key=lambda name: (len(name), name))
-    return [
-        (
-            name,
-            *(float(np.mean([run.robots[name].get(cause, 0.0) for run in runs if name in run.robots]))
-              for cause in LOOKS),
-        )
-        for name in names
-    ]  # fmt: skip
-
-
 def blockings(view: ReportView) -> PageSection | None:
-    """How often robots stood in each other's way, and whether they noticed; None if no run says so."""
-    known = [group for group in view.groups if group.times]
-    if not known:
+    """Return how often robots blocked one another, and whether they noticed; None if no run says so."""
+    if not any(group.times for group in view.groups):
         return None
     return PageSection(
         "Robots in each other's way",
@@ -97,129 +87,121 @@ def blockings(view: ReportView) -> PageSection | None:
         ),
         None,
         (
-            view.table(
-                "blockings", "Blockings, all runs together",
-                ("runs", "place", "cause", "blockings", "median length, s", "lasted to the end"), _blockings,
-            ),
-            view.table(
-                "deadlocks", "Pairs of robots in a deadlock",
-                ("runs", "pairs", "came free", "pairs in a run"),
-                lambda group: [_deadlocks(group)] if deadlocks(group) else [],
-            ),
-            view.table(
-                "diagnosis", "The strategy's own diagnosis",
-                ("runs", "precision", "recall", "delay, s", "spells", "noticed", "false alarms"), _diagnosis,
-            ),
-            view.table(
-                "findings", "What else was found of whole runs", ("finding", "runs"),
-                lambda group: list(Counter(one.name for run in group.times for one in run.findings).items()),
-            ),
+            view.group_table("blockings", "Blockings, all runs together", _blockings),
+            view.group_table("deadlocks", "Pairs of robots in a deadlock", _deadlocks),
+            view.group_table("diagnosis", "The strategy's own diagnosis", _diagnosis),
+            view.group_table("findings", "What else was found of whole runs", _findings),
         ),
-    )  # fmt: skip
+    )
 
 
-def _blockings(group: Group) -> list[tuple[Cell, ...]]:
+def _blockings(group: Group) -> Iterator[Row]:
     events = [event for run in group.times for event in run.blockings]
-    kinds = sorted({(event.place, event.cause) for event in events})
-    rows: list[tuple[Cell, ...]] = []
-    for place, cause in kinds:
+    for place, cause in sorted({(event.place, event.cause) for event in events}):
         of_kind = [event for event in events if (event.place, event.cause) == (place, cause)]
-        median = float(np.median([event.end_s - event.begin_s for event in of_kind]))
-        to_end = sum(event.at_end for event in of_kind)
-        rows.append((len(group.times), place, cause, len(of_kind), median, to_end))
-    return rows
+        yield {
+            "runs": len(group.times),
+            "place": place,
+            "cause": cause,
+            "blockings": len(of_kind),
+            "median length, s": float(np.median([event.end_s - event.begin_s for event in of_kind])),
+            "lasted to the end": sum(event.at_end for event in of_kind),
+        }
 
 
 def deadlocks(group: Group) -> tuple[DeadlockCount, ...]:
-    """Of the group's runs in which they were counted."""
+    """Return those of the group's runs in which they were counted."""
     return tuple(run.deadlocks for run in group.times if run.deadlocks is not None)
 
 
-def _deadlocks(group: Group) -> tuple[Cell, ...]:
-    runs = deadlocks(group)
-    pairs = sum(run.pairs for run in runs)
-    return len(runs), pairs, sum(run.came_free for run in runs), pairs / len(runs)
+def _deadlocks(group: Group) -> Iterator[Row]:
+    if runs := deadlocks(group):
+        pairs, free = sum(run.pairs for run in runs), sum(run.came_free for run in runs)
+        yield {"runs": len(runs), "pairs": pairs, "came free": free, "pairs in a run": pairs / len(runs)}
 
 
-def _diagnosis(group: Group) -> list[tuple[Cell, ...]]:
+def _diagnosis(group: Group) -> Iterator[Row]:
     scores = [run.diagnosis for run in group.times if run.diagnosis is not None]
-    if not scores:
-        return []
-    return [
-        (
-            len(scores), _known([score.precision for score in scores]),
-            _known([score.recall for score in scores]), _known([score.delay_s for score in scores]),
-            sum(score.spells for score in scores), sum(score.noticed for score in scores),
-            sum(score.false_alarms for score in scores),
-        )
-    ]  # fmt: skip
+    if scores:
+        yield {
+            "runs": len(scores),
+            "precision": _known([score.precision for score in scores]),
+            "recall": _known([score.recall for score in scores]),
+            "delay, s": _known([score.delay_s for score in scores]),
+            "spells": sum(score.spells for score in scores),
+            "noticed": sum(score.noticed for score in scores),
+            "false alarms": sum(score.false_alarms for score in scores),
+        }
+
+
+def _findings(group: Group) -> Iterator[Row]:
+    for name, runs in Counter(one.name for run in group.times for one in run.findings).items():
+        yield {"finding": name, "runs": runs}
 
 
 def _known(said: list[float | None]) -> Cell:
-    """The mean over runs that have it."""
+    """Return the mean over runs that have it."""
     values = [value for value in said if value is not None]
     return float(np.mean(values)) if values else None
 
 
 def decisions(view: ReportView) -> PageSection | None:
-    """What the adaptation decided, and what came of it; None if nothing was decided."""
+    """Return decisions of the adaptation and their outcomes; None if nothing was decided."""
     if not any(run.decisions for group in view.groups for run in group.times):
         return None
     left_out = sum(run.decisions_left_out for group in view.groups for run in group.times)
     more = (f"{left_out} further decisions were made and are not listed.",) if left_out else ()
+    all_runs = "Decisions, all runs together; times are medians over robots that got on"
+    themselves = f"The decisions themselves, {_MOST_LISTED} of each strategy at most"
     return PageSection(
         "What the adaptation decided",
         ("Each decision by what set it off and what came of it.", *more),
         None,
         (
-            view.table(
-                "decisions", "Decisions, all runs together; times are medians over robots that got on",
-                ("decided by", "outcome", "decisions", "got on", "from blocked to free, s",
-                 "from decision to free, s"),
-                _by_outcome,
-            ),
-            view.table(
-                "decision_events", f"The decisions themselves, {_MOST_LISTED} of each strategy at most",
-                ("seed", "s", "robot", "decided by", "decision", "knowledge of", "old goal", "new goal",
-                 "outcome", "stood for, s", "free after, s"),
-                _events, folded=True,
+            view.group_table("decisions", all_runs, _by_outcome),
+            view.group_table(
+                "decision_events", themselves, lambda group: list(_events(group))[:_MOST_LISTED], folded=True
             ),
         ),
-    )  # fmt: skip
+    )
 
 
-def _by_outcome(group: Group) -> list[tuple[Cell, ...]]:
+def _by_outcome(group: Group) -> Iterator[Row]:
     events = [event for run in group.times for event in run.decisions]
-    rows: list[tuple[Cell, ...]] = []
-    for kind in sorted(set(map(_kind, events))):
-        of_kind = [event for event in events if _kind(event) == kind]
+    for trigger, outcome in sorted({(event.trigger, event.outcome) for event in events}):
+        of_kind = [event for event in events if (event.trigger, event.outcome) == (trigger, outcome)]
         freed = [
             (event.blocked_s + event.free_after_s, event.free_after_s)
             for event in of_kind
             if event.free_after_s is not None
         ]
         whole, after = np.median(freed, axis=0).tolist() if freed else (None, None)
-        rows.append((*kind, len(of_kind), len(freed), whole, after))
-    return rows
+        yield {
+            "decided by": trigger,
+            "outcome": outcome,
+            "decisions": len(of_kind),
+            "got on": len(freed),
+            "from blocked to free, s": whole,
+            "from decision to free, s": after,
+        }
 
 
-def _kind(event: DecisionEvent) -> tuple[str, str]:
-    """Without its words, which name the place that it is about."""
-    return event.trigger, event.outcome
-
-
-def _events(group: Group) -> list[tuple[Cell, ...]]:
-    events: list[tuple[Cell, ...]] = [
-        (
-            str(case.seed), event.instant_s, event.robot, event.trigger, event.words, _knowledge(event),
-            _goal(event.old_goal), _goal(event.new_goal), event.outcome, event.blocked_s,
-            event.free_after_s,
-        )
-        for case in group.records
-        if case.time is not None
-        for event in case.time.decisions
-    ]  # fmt: skip
-    return events[:_MOST_LISTED]
+def _events(group: Group) -> Iterator[Row]:
+    for record in group.records:
+        for event in () if record.time is None else record.time.decisions:
+            yield {
+                "seed": str(record.seed),
+                "s": event.instant_s,
+                "robot": event.robot,
+                "decided by": event.trigger,
+                "decision": event.words,
+                "knowledge of": _knowledge(event),
+                "old goal": _goal(event.old_goal),
+                "new goal": _goal(event.new_goal),
+                "outcome": event.outcome,
+                "stood for, s": event.blocked_s,
+                "free after, s": event.free_after_s,
+            }
 
 
 def _knowledge(event: DecisionEvent) -> str:
