@@ -38,13 +38,17 @@ def tokens(source: str) -> int:
     )
 
 
+def committed(*patterns: str) -> list[Path]:
+    """Return the files of the clone that git does not ignore, as paths relative to it."""
+    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", *patterns]
+    listed = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    return [Path(name) for name in listed if (ROOT / name).exists()]
+
+
 def measure() -> dict[str, dict[str, int]]:
     """Return `tokens` and `modules` by package, of all Python files but the tests."""
-    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
-    listed = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    files = [Path(name) for name in listed if not name.startswith("tests/") and (ROOT / name).is_file()]
     size, modules = Counter[str](), Counter[str]()
-    for file in files:
+    for file in (one for one in committed("*.py") if one.parts[0] != "tests"):
         size[file.parts[0]] += tokens((ROOT / file).read_text("utf-8"))
         modules[file.parts[0]] += 1
     return {"tokens": dict(sorted(size.items())), "modules": dict(sorted(modules.items()))}

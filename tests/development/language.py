@@ -44,7 +44,9 @@ def findings() -> Iterator[Finding]:
 
 def counts() -> dict[str, int]:
     """Return the number of findings by package; pages are `docs`."""
-    return dict(sorted(Counter("docs" if one.file.endswith(".md") else one.place for one in findings()).items()))
+    return dict(
+        sorted(Counter("docs" if one.file.endswith(".md") else one.place for one in findings()).items())
+    )
 
 
 def _in_source(name: str, path: Path) -> Iterator[Finding]:

@@ -2,12 +2,11 @@
 
 import ast
 import re
-import subprocess
 from functools import cache
-from pathlib import Path
 
 from actors.installation import repository
 from actors.installation.repository import REPOSITORY
+from tests.development.budget import committed
 
 PACKAGES = tuple(sorted(repository.PACKAGES))
 PAGES = [
@@ -27,18 +26,11 @@ ELSEWHERE = {
 
 
 @cache
-def sources() -> list[Path]:
-    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
-    listed = subprocess.run(asked, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
-    return [Path(line) for line in listed.splitlines() if (REPOSITORY / line).is_file()]
-
-
-@cache
 def classes() -> dict[str, set[str]]:
     """The members of each class of ours, those of its bases among them."""
     own: dict[str, set[str]] = {}
     bases: dict[str, list[str]] = {}
-    trees = [ast.walk(ast.parse((REPOSITORY / path).read_text())) for path in sources()]
+    trees = [ast.walk(ast.parse((REPOSITORY / path).read_text())) for path in committed("*.py")]
     for node in (node for tree in trees for node in tree if isinstance(node, ast.ClassDef)):
         own.setdefault(node.name, set()).update(member for part in node.body for member in declared(part))
         bases.setdefault(node.name, []).extend(base.id for base in node.bases if isinstance(base, ast.Name))
@@ -94,3 +86,10 @@ def test_classes_on_pages_exist() -> None:
             elif member and member not in ours.get(name, {member}):
                 wrong.append(f"{page}: {name}.{member}")
     assert wrong == []
+
+
+def test_the_architecture_names_every_folder_of_the_packages_and_fits_on_two_pages() -> None:
+    page = (REPOSITORY / "docs" / "architecture.md").read_text()
+    folders = {file.parent.as_posix() for file in committed("*.py") if file.parts[0] in PACKAGES}
+    assert {folder.rstrip("/") for folder in re.findall(r"`([\w/]+/)`", page)} == {*folders, "tests"}
+    assert len(page.splitlines()) <= 120

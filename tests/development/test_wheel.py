@@ -15,6 +15,7 @@ from packaging.requirements import Requirement
 
 from actors.installation import usage
 from actors.installation.repository import PACKAGES, REPOSITORY
+from tests.development.budget import committed
 
 BUILD = """
 import os, sys
@@ -26,18 +27,12 @@ SHIPPED = "actors/installation/shipped"
 DATA = ("maps", "scenarios", "studies", "fleets")
 
 
-def committed() -> list[str]:
-    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
-    listed = subprocess.run(asked, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
-    return [line for line in listed.splitlines() if (REPOSITORY / line).exists()]
-
-
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built without a network from what a clone has, in a copy: setuptools writes beside the sources."""
     sources, out = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("wheel")
     for name in committed():
-        if name.partition("/")[0] in {*PACKAGES, *DATA} or "/" not in name:
+        if name.parts[0] in {*PACKAGES, *DATA} or len(name.parts) == 1:
             (sources / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(REPOSITORY / name, sources / name, follow_symlinks=False)
     subprocess.run([sys.executable, "-P", "-c", BUILD, sources, out], check=True, capture_output=True)
@@ -70,12 +65,9 @@ def test_the_wheel_has_every_file_of_the_packages_and_the_data(wheel: Path) -> N
     with zipfile.ZipFile(wheel) as archive:
         held = {name: archive.read(name) for name in archive.namelist() if ".dist-info/" not in name}
     wanted = {
-        f"actors/installation/shipped/{name}"
-        if name.partition("/")[0] in {*DATA, "constraints.txt"}
-        else name
+        f"{SHIPPED}/{name}" if name.parts[0] in {*DATA, "constraints.txt"} else name.as_posix()
         for name in committed()
-        if name.partition("/")[0] in {*PACKAGES, *DATA, "constraints.txt"}
-        and not name.startswith(f"{SHIPPED}/")
+        if name.parts[0] in {*PACKAGES, *DATA, "constraints.txt"} and not name.is_relative_to(SHIPPED)
     }
     assert set(held) == wanted
     for name, content in held.items():
