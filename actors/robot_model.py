@@ -43,9 +43,9 @@ class Footprint(Settings, frozen=True):
     """The body's outline on the floor: either a disc or a convex polygon round the body's origin."""
 
     radius: Annotated[float, Meta(gt=0, le=5)] | None = None
-    """Of a disc, m."""
+    """Radius of a disc, m."""
     vertices: _Vertices | None = None
-    """Of a polygon, m in the body's frame; counter-clockwise once read."""
+    """Corners of a polygon, m in the body's frame; counter-clockwise once read."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,14 +60,14 @@ class Footprint(Settings, frozen=True):
 
     @property
     def circumradius(self) -> float:
-        """Of the smallest disc round the body's origin that holds the body, m."""
+        """Radius of the smallest disc round the body's origin that holds the body, m."""
         if self.radius is not None:
             return self.radius
         return max(hypot(x, y) for x, y in self.vertices or ())
 
     @property
     def inradius(self) -> float:
-        """Of the largest disc round the body's origin within the body, m."""
+        """Radius of the largest disc round the body's origin within the body, m."""
         if self.radius is not None:
             return self.radius
         assert self.vertices is not None
@@ -243,7 +243,7 @@ def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
 
 
 def _read(name_or_path: str) -> tuple[str, str]:
-    """What to call the model file in a sentence, and its text."""
+    """Return the model file's name in sentences, and its text."""
     shipped = resources.files("actors.models")
     known = sorted(file.name[:-5] for file in shipped.iterdir() if file.name.endswith(".toml"))
     if name_or_path in known:

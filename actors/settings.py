@@ -44,9 +44,9 @@ LONGEST_S: Final = 1_000_000
 LARGEST_FILE: Final = 1_000_000
 """Bytes; a scenario of 1000 robots with 10 places each needs half of that."""
 MOST_PARTS: Final = 32
-"""Of a dotted key; time grows with their square, and no file of this project has more than three."""
+"""Parts of a dotted key; time grows with their square, and no file of this project has more than three."""
 MOST_BITS: Final = 1023
-"""Of a whole number; a longer one is none as a float, and from 14 000 bits on Python cannot even show it."""
+"""Bits of a whole number; a longer one does not fit a float, and from 14 000 on Python cannot print it."""
 _TEXT: Final = re.compile(
     r"""\"{3}(?:[^"\\]|\\.|"(?!""))*"{0,3}|'{3}(?:[^']|'(?!''))*'{0,3}"""
     r"""|"(?:[^"\\\n]|\\.)*"?|'[^'\n]*'?|#[^\n]*""",

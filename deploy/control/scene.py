@@ -104,7 +104,7 @@ class Scene:
         self._model = RunModel(description, scheduled)
         self._places = {PlaceKey(one, n): at for one, own in self._own.items() for n, at in enumerate(own)}
         self._reported: dict[PlaceKey, str] = {}
-        """What became of places: done, or given up."""
+        """Reports about places: done, or given up."""
         self._routes = {robot: [key for key in self._places if key.owner == robot] for robot in self._own}
         self._poses: dict[str, tuple[float, ...]] = {one.id: one.start for one in setup.robots}
         self._states = dict.fromkeys(self._own, "driving")

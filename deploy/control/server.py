@@ -33,11 +33,11 @@ PAGES: Final = 8
 """Open at a time; the next one gets an error, and is closed."""
 TOO_MANY: Final = f"{PAGES} pages of this run are open already. Close one, then reload this one."
 JUNK: Final = 20
-"""After so many messages that are no orders a page is closed."""
+"""After so many messages that are not orders a page is closed."""
 SEND_TIMEOUT_S: Final = 10.0
 """A page that takes nothing for so long is closed; own choice."""
 LINES: Final = 100
-"""Of the list of orders; older ones are forgotten."""
+"""Length of the list of orders; older ones are dropped."""
 TOPICS: Final = (DRIVE, RECEIVED, FLOOR_NEWS, TRUTH, CONTROL, ANSWERED, PROGRESS)
 """In this order they are polled: an order comes before its answer."""
 LISTENS: Final = tuple(at(topic, "*" if "{id}" in topic.pattern else "") for topic in TOPICS)
@@ -126,7 +126,7 @@ class ControlServer:
         self._scene, self._link = scene, link
         self._token, self._nonce, self._host = secrets.token_urlsafe(24), secrets.token_urlsafe(12), ""
         self._pages: set[asyncio.Event] = set()
-        """Of each open page, what wakes its sender."""
+        """Events that wake the senders of the open pages."""
         self._version, self._state = 0, dict[str, Any]()
         """The last state for the pages, and its number."""
         self.junk = 0

@@ -70,7 +70,7 @@ class HostTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Random id of the run, by which files left here are requested later."""
     robots: tuple[Id, ...]
     endpoint: str
-    """Of the world's router."""
+    """Endpoint of the world's router."""
     spawn: str
     limits: ProcessLimits
     silence_s: float
@@ -143,7 +143,7 @@ class ProcessList(msgspec.Struct, frozen=True):
 
 
 class HostEvents(msgspec.Struct, frozen=True):
-    """What happened on a host since the last report."""
+    """Events of a host since the last report."""
 
     files: tuple[FilePart, ...] = ()
     ending: tuple[Number, ...] = ()
@@ -258,7 +258,7 @@ class _Session:
             )
 
     def abandon(self) -> None:
-        """End the robots: nobody refers to the actor any more."""
+        """End the robots: the actor is no longer referenced."""
         self._abandoned = True
 
     def close(self) -> None:

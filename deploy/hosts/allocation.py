@@ -27,7 +27,7 @@ Text = Annotated[str, msgspec.Meta(max_length=2000)]
 
 
 class HostOffer(msgspec.Struct, frozen=True):
-    """What a computer offers to a run."""
+    """Offer of a computer to a run."""
 
     name: Text
     """Its host name."""
@@ -35,7 +35,7 @@ class HostOffer(msgspec.Struct, frozen=True):
     """Cores that the worker may use."""
     commit: Text
     versions: dict[str, str]
-    """Of Python and the packages whose versions matter."""
+    """Versions of Python and the packages that matter."""
     kernels: dict[str, str]
     """Fingerprints of what they compute."""
     isolation_fault: Text | None
@@ -50,7 +50,7 @@ class HostPool:
 
     client: Client
     address: str
-    """Of the scheduler."""
+    """Address of the scheduler."""
     offers: dict[str, HostOffer]
     workers: dict[str, str]
     """Dask's address of a worker on each."""

@@ -157,7 +157,7 @@ class PemKeys:
 
 
 _DAYS: Final = 30
-"""Longer than any run; nobody accepts the keys of an ended run."""
+"""Longer than any run; keys of an ended run are not accepted."""
 
 
 def draw(hosts: Sequence[str], address: str) -> tuple[PemKeys, dict[str, PemKeys]]:

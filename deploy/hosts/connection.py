@@ -19,11 +19,11 @@ class ClusterError(AcrcError):
 
 
 _KEYS: Final = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
-"""What has to be configured, by Dask's name for it below distributed.comm.tls."""
+"""Required settings, by Dask's name for them below distributed.comm.tls."""
 
 
 def security(address: str, patience_s: float, named: str = "--on") -> Security:
-    """What a client presents at a tls:// address, tried once, so that a refusal has its reason.
+    """Return the credentials for a tls:// address, tried once, so that a refusal has its reason.
 
     `named`: the option or argument that gave the address. Raises ClusterError where something is not
     configured, or one of the two does not take the other's certificate.
@@ -74,11 +74,11 @@ def _context(given: Security, files: Mapping[str, str | None], address: str, nam
 
 PATIENCE_S: Final = 10.0
 _LOOK_S: Final = 5.0
-"""So often whoever waits for a worker looks what keeps it."""
+"""Interval of checks why a worker does not answer."""
 
 
 def connect(address: str) -> Client:
-    """A client of the cluster, which has workers, and lets in nobody without a key.
+    """Return a client of the cluster, which has workers and admits only clients with a key.
 
     `address`: tls://HOST:PORT of the scheduler, or tcp:// of one on this computer. Raises ClusterError.
     """
@@ -104,7 +104,7 @@ def connect(address: str) -> Client:
 
 
 def refuse_open(client: Client, address: str) -> None:
-    """Raise ClusterError where somebody from outside could give the cluster work."""
+    """Raise ClusterError where the cluster accepts work from outside without a key."""
     about = client.scheduler_info(n_workers=-1)
     for who in (str(about["address"]), *map(str, about["workers"])):
         if not is_safe(who):
@@ -128,7 +128,7 @@ def machines(client: Client) -> list[str]:
 
 
 def answer(client: Client, address: str, worker: str, future: Future[Any]) -> Any:
-    """What the worker has to say to the task, as long as that takes; after a while whoever waits is told why.
+    """Return the worker's answer to the task, however long it takes; a delay is reported with its reason.
 
     Raises ClusterError where the worker has left or the scheduler is lost, and what the task raises.
     """
@@ -148,7 +148,7 @@ def answer(client: Client, address: str, worker: str, future: Future[Any]) -> An
 
 
 def _why(client: Client, address: str, worker: str, future: Future[Any]) -> str:
-    """What keeps the worker, in words; empty if nothing is known. Raises ClusterError if it has left."""
+    """Return the reason for a delay; empty if unknown. Raises ClusterError if the worker has left."""
     if worker not in client.nthreads():
         raise ClusterError(f"--on {address}: the worker {worker} has left the cluster ({PAGE})")
     others = {*client.processing([worker]).get(worker, ())} - {future.key}

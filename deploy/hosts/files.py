@@ -46,7 +46,7 @@ class FilePart(msgspec.Struct, frozen=True):
 
 
 class _RunId(msgspec.Struct, frozen=True):
-    """What is needed of TASK here."""
+    """The part of TASK that is needed here."""
 
     run: str
 
@@ -75,7 +75,7 @@ def listed(folder: str, run: str) -> bytes:
 
 
 def piece(folder: str, run: str, name: str, begin: int) -> bytes:
-    """What stands in one of them from byte `begin` on, PIECE bytes at most. Raises AcrcError."""
+    """Return the bytes of one of them from `begin` on, PIECE bytes at most. Raises AcrcError."""
     place = _place(folder, run)
     if place is None or not is_name(name):
         raise AcrcError(f"{name[:200]!r} is no recording")
@@ -111,7 +111,7 @@ def _place(folder: str, run: str) -> Path | None:
 
 @dataclass(frozen=True)
 class Fetched:
-    """What has come."""
+    """Fetched files."""
 
     files: int
     bytes: int
@@ -161,7 +161,7 @@ class _Host:
         self._worker = ways[part.address]
 
     def listed(self) -> Iterable[Listed]:
-        """What it has of its own robots. Raises ClusterError."""
+        """Return the files of its own robots. Raises ClusterError."""
         answer = self._ask(listed)
         try:
             files = msgspec.json.decode(answer, type=list[Listed])
@@ -213,7 +213,7 @@ class _Host:
         self._ask(remove)
 
     def _ask(self, function: Callable[..., Any], *words: str | int) -> Any:
-        """What the function says there. Raises ClusterError."""
+        """Return the function's result there. Raises ClusterError."""
         future = self._client.submit(
             function, self._part.folder, self._told.run, *words,
             workers=[self._worker], allow_other_workers=False, pure=False,

@@ -211,7 +211,7 @@ class RunHosts:
 
     @property
     def sentence(self) -> str:
-        """Who is where, where they connect to, and whose clock differs."""
+        """Robots and cores by host, the address they connect to, and clocks that differ."""
         parts = []
         for link in self._links:
             cores = self._pool.offers[link.name].cores

@@ -45,7 +45,7 @@ from deploy.scenario.tables import Scenario
 
 @dataclass(frozen=True)
 class BranchedControl:
-    """The control of a branch with other settings: the same strategy made anew there, with its own values."""
+    """The control of a branch with other settings: the same strategy, restarted there with its own values."""
 
     digest: str
     divergence: Divergence | None
@@ -152,7 +152,7 @@ def _outcome(origin: Path) -> _RunOutcome | None:
 
 
 def _undone(change: Change, step_us: int, result: RunResult, done: _RunOutcome | None) -> tuple[str, ...]:
-    """What the world says at the events' boundaries, and has not said in the run; and what came too late."""
+    """Return what the world refused at the events' boundaries, unlike in the run, and what came too late."""
     instants = [in_seconds(boundary(event.at_s, step_us) * step_us) for event in change.events]
     refused = [one for one in result.refused_orders if done is None or one not in done.refused_orders]
     said = [one for one in refused if any(one.startswith(f"at {instant:g} s: ") for instant in instants)]
@@ -203,7 +203,7 @@ def continue_run(
 
 
 def _print_control(console: Console, branched: Branched, at_s: float) -> None:
-    """Print whether the new values make a difference to the same strategy made anew."""
+    """Print whether the new values make a difference to the same strategy restarted."""
     control = branched.control
     if control is None:
         return

@@ -1,7 +1,7 @@
 """Change at which a branch leaves its run: strategy, settings and events from the command line.
 
-Another value of a setting means a behaviour that is made anew, without the state of the one before. So a
-branch with a changed value is also compared with its control: the same strategy made anew at the same
+Another value of a setting means a behaviour that is restarted, without the state of the one before. So a
+branch with a changed value is also compared with its control: the same strategy restarted at the same
 instant, with the values that it had.
 """
 
@@ -52,13 +52,13 @@ class Change:
     strategy: str | None = None
     """Decides from there on; None: whichever did."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
-    """Of the strategy from there on: where they differ from what they were, or another one has."""
+    """Settings of the strategy from there on that differ from the run's, or of another strategy."""
     events: tuple[BranchEvent, ...] = ()
     """In the order in which they were given."""
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What is changed, for people."""
+        """Return the changes in words."""
         from_then = f"from {self.at_s:g} s on"
         changed = () if self.strategy is None else (f"strategy {self.strategy} {from_then}",)
         settings = tuple(f"strategy.{name}={value} {from_then}" for name, value in self.settings.items())
@@ -169,7 +169,7 @@ def changed(scenario: Scenario, change: Change) -> Scenario:
 
 
 def control_of(scenario: Scenario, change: Change) -> Scenario | None:
-    """The scenario with the strategy made anew there, with its own values; None if another one takes over."""
+    """Return the scenario with its strategy restarted there, as it was; None for another strategy."""
     present = _present(scenario, change)
     if change.strategy is not None and entry(change.strategy) != entry(present.name):
         return None
@@ -177,7 +177,7 @@ def control_of(scenario: Scenario, change: Change) -> Scenario | None:
 
 
 def _present(scenario: Scenario, change: Change) -> Turn:
-    """Whose turn it is where the branch leaves the run."""
+    """Return the active strategy where the branch leaves the run."""
     first, turns = handover.split(scenario.run.strategy)
     return [Turn(0.0, first, scenario.strategy), *(one for one in turns if one.at_s < change.at_s)][-1]
 

@@ -139,7 +139,7 @@ class MemorySwarm:
         self._core: WorldCore | None = None
         self._turn: Shell | None = None
         self._shared: list[object] = []
-        """What the robots have in common, held for those to come."""
+        """Data shared by the robots, kept for those that start later."""
         self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
         self._show: Show | None = None
         """Shows others whose turn it is."""
@@ -151,12 +151,12 @@ class MemorySwarm:
 
     @property
     def held_up(self) -> dict[str, HoldUp]:
-        """Who has held up steps so far."""
+        """Delays of steps so far, by actor."""
         return self._stalls.held_up
 
     @property
     def programs(self) -> tuple[Program, ...]:
-        """What each actor would have been as a process."""
+        """Programs that the actors would have been as processes."""
         return tuple(program for program, _, _, _ in self._actors)
 
     def run(self) -> None:
@@ -228,7 +228,7 @@ class MemorySwarm:
             self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
 
     def _add_robot(self, program: Program, first_step: int) -> None:
-        """What its code prints goes where a process of its own would write it; if it is debugged, its way."""
+        """Start a robot; its prints go where a process of its own would write them, unless it is debugged."""
         assert program.setup is not None
         folder = self._plan.folder(program.actor)
         if self._plan.debug is not None and program.actor == self._plan.debug.robot:

@@ -38,7 +38,7 @@ class RunOptions:
     bus: str = "zenoh"
     """zenoh: a process per actor; memory: all actors in this process."""
     spawn: str = "forkserver"
-    """How processes are started: forked with everything imported, or anew."""
+    """How processes are started: forked with everything imported, or executed."""
     isolate: bool | None = None
     """Shut every robot's process off from everything but its own two branches of the mesh; None: do so where
     the machine can, with processes to shut off."""
@@ -58,7 +58,7 @@ class RunOptions:
     """With `hardware`: the robots with an emulated board, the others have a simulated transceiver; none
     named: all have one."""
     limits: ProcessLimits = field(default=ProcessLimits())
-    """What each robot's process may have."""
+    """Resource limits of each robot's process."""
     timeout_s: float = Timeout.step_s
     """How long an actor may keep all others from the next step, s; see `actors.processes.monitor`."""
     on: str = ""
@@ -78,7 +78,7 @@ class RunOptions:
     modules: tuple[Path, ...] = ()
     """Folders in which a strategy of one's own is looked for, as `foreign.admitted` has found them."""
     recorded: RecordedModules | None = None
-    """What must be in them, for a run in memory; None: whatever is."""
+    """Required modules in these folders, for a run in memory; None: any."""
 
 
 def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
@@ -156,7 +156,7 @@ def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]
 
 
 def folder_name(scenario: Path) -> str:
-    """What a run's folder is called: after the scenario, and the time in UTC."""
+    """Return the name of a run's folder: after the scenario, and the time in UTC."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 

@@ -18,9 +18,9 @@ _OF_THE_MACHINE: Final = frozenset({
     errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ELOOP, errno.EMFILE, errno.ENAMETOOLONG,
     errno.ENFILE, errno.ENOSPC, errno.ENOTDIR, errno.EPERM, errno.EROFS, errno.ESTALE,
 })  # fmt: skip
-"""What is wrong with a disk or a path, and not with this program."""
+"""Errors of a disk or a path rather than of this program."""
 _ENDPOINT_MARKS: Final = "?#"
-"""What ends the path of a socket in the address that Zenoh takes."""
+"""Characters that end the path of a socket in a Zenoh endpoint."""
 
 
 def claim(parent: Path, name: str) -> Path:

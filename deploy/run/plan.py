@@ -39,14 +39,14 @@ _MODELS: Final = "models"
 
 
 class ScenarioCopy(NamedTuple):
-    """What is written beside a result."""
+    """The scenario as it is written beside a result."""
 
     text: str
-    """Of `scenario.toml`."""
+    """Content of `scenario.toml`."""
     models: tuple[tuple[Path, str], ...]
     """Robot models, and where the text has them: a path in the run's folder."""
     origin: Origin = UNKNOWN
-    """What the result says about where it comes from."""
+    """Origin of the run, for the result."""
 
 
 def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
@@ -90,7 +90,7 @@ _MAP: Final = f"../{MAP}/map.yaml"
 
 
 class Debugged(NamedTuple):
-    """A robot that somebody debugs while the run goes on."""
+    """A robot that is debugged during the run."""
 
     robot: str
     terminal: str
@@ -109,7 +109,7 @@ class RunPlan(Swarm):
     """Version of the software."""
     isolate: bool
     warning: str = ""
-    """What is missing of the robots' isolation, for the user; empty if nothing is."""
+    """Missing parts of the robots' isolation, for the user; empty if complete."""
     warnings: tuple[str, ...] = ()
     """Expected failures of the scenario, a sentence each."""
     debug: Debugged | None = None
@@ -142,7 +142,7 @@ class RunPlan(Swarm):
             shutil.copy(source, self.out / place)
 
     def names(self, robot: str, record: str) -> Names:
-        """What a robot that is shut off sees under other names; `record`: the name of its recording."""
+        """Return the paths that an isolated robot sees under other names; `record`: its recording's name."""
         folder = self.folder(robot).resolve()
         hidden = tuple(str(path.absolute()) for path in self.options.hidden)
         return Names(str(folder), str(folder / record), self.code, hidden)
@@ -232,7 +232,7 @@ def radio_program(plan: RunPlan) -> Program:
 
 
 def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
-    """Of a client that is no robot; router's socket and `user`'s credentials lie in `place`."""
+    """Return the set-up of a client other than a robot; router's socket and credentials lie in `place`."""
     return ProcessSetup(
         record=record,
         router=f"{place}/router.sock",
@@ -278,7 +278,7 @@ def robot_program(
 
 
 def _beside(plan: RunPlan, robot: BodySetup) -> RobotSetup:
-    """What the robot is told, with a model of the user's own as it lies beside its set-up."""
+    """Return the robot's set-up, with a model of the user's own as it lies beside it."""
     told = msgspec.structs.replace(robot_setup(plan, robot), detail=plan.options.record)
     return msgspec.structs.replace(told, model=MODEL) if told.model.endswith(".toml") else told
 

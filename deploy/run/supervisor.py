@@ -157,18 +157,18 @@ class RunSupervisor(Supervisor):
         """Bytes of the world's recording, which grows with every step."""
         self._paused = self._finished = False
         self._waiting: Progress | None = None
-        """What the world waits for in this step, if it has said so."""
+        """The last report of what the world waits for in this step."""
         self.rosters = 0
         """Roster messages received."""
 
     @property
     def held_up(self) -> dict[str, HoldUp]:
-        """Who has held up steps so far."""
+        """Delays of steps so far, by actor."""
         return self._stalls.held_up
 
     @property
     def notes(self) -> dict[Path, Mapping[str, str]]:
-        """What each process that records has noted of itself, by its recording, once all have ended."""
+        """Notes of each recording process, by its recording, once all have exited."""
         return {child.program.record: child.notes() for child in self._children if child.program.record}
 
     @property
@@ -192,7 +192,7 @@ class RunSupervisor(Supervisor):
             self._launcher.wait(self.POLL_S)
 
     def await_file(self, path: Path, needed: str) -> bool:
-        """Stay until a process has made the file, so that nobody has to try again and again.
+        """Stay until a process has made the file.
 
         False if the process `needed`, which was to make it, has ended.
         """

@@ -137,12 +137,12 @@ def _code(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
 
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
-"""What faulthandler writes of the place where the main thread was."""
+"""The position of the main thread in faulthandler's output."""
 
 
 @dataclass(frozen=True)
 class PreflightLimits:
-    """What a preflight may take."""
+    """Time limits of a preflight."""
 
     patience_s: float = 120.0
     """Until the robot has been made, kernels included, which are compiled at the first start ever."""

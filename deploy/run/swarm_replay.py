@@ -87,7 +87,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
 
 
 def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedModules | None:
-    """What the code must be: what the robots have recorded, where they have, and nobody trusts any other."""
+    """Return the code that the robots have recorded; None without a record, or where any code is trusted."""
     if permit.trust or not modules:
         return None
     recorded = recorded_code(out)
@@ -149,7 +149,7 @@ def divergence(
 ) -> Divergence | None:
     """Return the first difference of the recordings of `other` from those of `one`; `until`: the last step.
 
-    That a jammer is switched on, or a loss ordered, is a change that somebody made, not what follows from it.
+    Jammers that are switched on and ordered losses are changes themselves, not their consequences.
     Of a branch only the topics in CAUSAL_ORDER count: the others also show what was ordered.
     """
     first, second = _Trails(one), _Trails(other)

@@ -49,7 +49,7 @@ class RobotSpec:
 
     @property
     def id(self) -> str:
-        """Of its table."""
+        """Id in its table."""
         return self.own.id
 
 
@@ -64,9 +64,9 @@ class Swarm:
     behaviour: str
     """Entry string `module:function` of the robots' behaviour."""
     adaptation: Adaptation
-    """What every robot is told about its strategy and exchange."""
+    """Strategy settings and exchange of every robot."""
     stack: Stack
-    """What every robot is told about how it localises and navigates."""
+    """Localisation and navigation of every robot."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ class ResolvedScenario(Swarm):
 
 
 def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
-    """What one of its robots is told at its first start."""
+    """Return the set-up of one of its robots at the first start."""
     return RobotSetup(
         id=robot.id,
         epoch=0,

@@ -32,7 +32,7 @@ DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 @dataclass(frozen=True)
 class Overrides:
-    """What the command line sets in place of the file: a number or its text; None = as in the file."""
+    """Values from the command line in place of the file's: a number or its text; None = as in the file."""
 
     robots: int | str | None = None
     """Replaces robots.count."""
@@ -217,7 +217,7 @@ def map_of(told: str, folder: Path) -> str:
 
 
 def bound(scenario: Scenario, own: str, given: Collection[tuple[str, ...]]) -> str | None:
-    """What of a file, made for its `own` map, has no meaning on the scenario's; None if nothing.
+    """Return the parts of a file, made for its `own` map, that do not fit the scenario's; None if all fit.
 
     `given`: the keys that were not taken from the file.
     """
@@ -248,12 +248,12 @@ def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
 
 
 def title(told: str) -> str:
-    """What people call the map."""
+    """Return the map's short name."""
     return Path(told).name.removesuffix(".yaml")
 
 
 def is_scenario(path: Path) -> bool:
-    """True if a file is a scenario; of one that cannot be read nobody knows."""
+    """True if a file is a scenario; False if it cannot be read."""
     try:
         content = toml_tables(read_text(path, "scenario"), path)
     except AcrcError:
@@ -279,7 +279,7 @@ def check_there(path: Path, folder: Path) -> None:
 
 
 def map_files(described: Path) -> Iterator[Path]:
-    """The map's YAML file and its image. Raises MapError for what is no map: it does not travel as one."""
+    """Yield the map's YAML file and its image. Raises MapError for an invalid map."""
     load_map(described)
     yield described
     yield read_header(described).image

@@ -1,4 +1,4 @@
-"""What a scenario, a map and a robot model mean before anything runs, and what will fail in a run."""
+"""Properties of scenarios, maps and robot models before a run, and expected failures of a run."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -337,7 +337,7 @@ class MapSurvey:
     name: str
     grid: OccupancyGrid
     radius: float
-    """Of the robot for which it was surveyed, m; of a scenario the largest."""
+    """Radius of the robot for which it was surveyed, m; in a scenario of the largest."""
     reached: NDArray[np.bool_]
     """(rows, columns): where the centre of such a robot gets from the starts, or in the largest part."""
     parts: Regions
@@ -503,7 +503,7 @@ def _map_as_json(found: MapSurvey) -> dict[str, Any]:
 
 
 def is_model(path: Path) -> bool:
-    """True if a file is a robot model's; of one that cannot be read nobody knows."""
+    """True if a file is a robot model's; False if it cannot be read."""
     try:
         content = read_text(path, "robot model")
         return "footprint" in toml_tables(content, path)

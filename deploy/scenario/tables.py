@@ -20,7 +20,7 @@ from actors.world.uncertainty import Uncertainty
 MOST_WIFI: Final = 20
 MOST_ROBOTS: Final = 500
 MOST_ITEMS: Final = 1000
-"""Of a list in [strategy]."""
+"""Items of a list in [strategy]."""
 ROBOT_ID: Final = re.compile(r"r[1-9][0-9]{0,3}")
 RobotId = Annotated[
     str, Meta(pattern=rf"\A{ROBOT_ID.pattern}\Z", description='the id of a robot, such as "r2"')
@@ -147,7 +147,7 @@ class EventTable(Settings, frozen=True):
     thaw: RobotId | None = None
     """Let a frozen robot go on."""
     restart: RobotId | None = None
-    """Start the robot's process anew."""
+    """Restart the robot's process."""
     move: RobotId | None = None
     """Put the robot somewhere else: `to`."""
     to: StartPose | None = None
@@ -172,7 +172,7 @@ class EventTable(Settings, frozen=True):
         | None
     ) = None
     close: Place | None = None
-    """Close the door that this point lies in, once nobody stands in it."""
+    """Close the door that this point lies in, once it is empty."""
     open: Place | None = None
     """Open it again."""
     radius: Annotated[float, Meta(gt=0, le=1000, extra={"unit": "metres"})] | None = None
@@ -200,7 +200,7 @@ class AreaTable(Settings, frozen=True):
 
 
 class SwarmFile(Settings, frozen=True, kw_only=True):
-    """What a scenario and a fleet file have in common."""
+    """Tables that scenario and fleet files share."""
 
     map: Annotated[Text, Meta(description="the path of a map's YAML file, relative to this file")]
     """A map file; in a scenario also the name of a floor that `actors.floor.offices` draws: "offices:7"."""
@@ -218,12 +218,12 @@ class SwarmFile(Settings, frozen=True, kw_only=True):
 
     @property
     def adaptation(self) -> Adaptation:
-        """What every robot is told about its strategy and exchange."""
+        """Strategy settings and exchange of every robot."""
         return Adaptation(dict(self.strategy), self.deeco, tuple(table.area for table in self.area))
 
     @property
     def stack(self) -> Stack:
-        """What every robot is told about how it localises and navigates. Raises AcrcError."""
+        """Localisation and navigation of every robot. Raises AcrcError."""
         return stack({name: getattr(self, name) for name in TABLES})
 
     @property
