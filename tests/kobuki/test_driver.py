@@ -50,9 +50,11 @@ class Story:
         self.rate = 0
         self.bumper = self.cliff = self.drop = self.overcurrent = 0
         self.silent = False
+        self.late_ms = 0
+        """Age of the commands when they arrive."""
         self.allowed = AllowedMotion(0.0, 0.0, ())
 
-    def go(self, ms: int, v: float | None, omega: float = 0.0, late_ms: int = 0) -> AllowedMotion:
+    def go(self, ms: int, v: float | None, omega: float = 0.0) -> AllowedMotion:
         """`v` None: no command."""
         for _ in range(ms // 20):
             self.now = Instant(self.now + 20_000)
@@ -61,7 +63,7 @@ class Story:
                 basic = Basic(0, *bits, *5 * (0,), 160, self.overcurrent)
                 self.safety.sense(BaseFeedback(self.now, basic, Inertial(0, self.rate)))
             if v is not None:
-                self.safety.command(self.now, Instant(self.now - 1000 * late_ms), v, omega)
+                self.safety.command(self.now, Instant(self.now - 1000 * self.late_ms), v, omega)
             self.allowed = self.safety.allowed(self.now)
         return self.allowed
 
@@ -77,136 +79,104 @@ def rolling() -> Story:
     return story
 
 
-@pytest.mark.parametrize(("sensor", "cause"), [("bumper", HoldCause.BUMPER), ("cliff", HoldCause.CLIFF)])
-def test_at_bumper_or_cliff_it_only_backs_off_until_released(sensor: str, cause: HoldCause) -> None:
+FAST, BACK = (0.4, 0.0), (-0.4, 0.0)
+Step = tuple[dict[str, int], int, tuple[float, float] | None, str, float]
+"""What changes, ms, the command, the causes that then hold, and the speed, m/s."""
+RULES: dict[str, list[Step]] = {
+    **{
+        f"at a {sensor} no wheel turns forward until it is released": [
+            ({sensor: 2}, 20, FAST, cause, 0.0),  # at once, without a ramp
+            ({}, 2000, (0.4, 1.0), cause, 0.0),
+            ({}, 2000, (0.0, 1.0), cause, 0.0),  # not even on the spot: a wheel would turn forward
+            ({}, 2000, BACK, cause, -0.4),
+            ({sensor: 0}, 3500, FAST, "", 0.4),
+        ]
+        for sensor, cause in (("bumper", "BUMPER"), ("cliff", "CLIFF"))
+    },
+    "over-current stops it until it is over and a second has passed": [
+        ({"overcurrent": 2}, 20, FAST, "OVERCURRENT", 0.0),
+        ({"overcurrent": 0}, 1000, FAST, "OVERCURRENT", 0.0),
+        ({}, 3000, FAST, "", 0.4),
+    ],
+    "what others know stops it at once for as long": [
+        ({"BLIND": 1, "UNWATCHED": 1}, 20, FAST, "BLIND UNWATCHED", 0.0),
+        ({"BLIND": 0}, 20, BACK, "UNWATCHED", 0.0),
+        ({"UNWATCHED": 0}, 3000, FAST, "", 0.4),
+    ],
+    "a lifted base stands until it was put down and stands still": [
+        ({"drop": 2}, 20, FAST, "WHEEL_DROP", 0.0),
+        ({}, 5000, BACK, "WHEEL_DROP", 0.0),
+        *(({"drop": 0, "ticks": 10 * n}, 20, FAST, "PUT_DOWN", 0.0) for n in range(100)),  # pushed about
+        ({"rate": 1000}, 2000, FAST, "PUT_DOWN", 0.0),  # turned by hand
+        ({"rate": 0}, 980, FAST, "PUT_DOWN", 0.0),
+        ({}, 40, FAST, "", 0.012),  # from standing
+    ],
+    "without feedback for 100 ms it stands until feedback has come for a while": [
+        ({"silent": 1}, 100, FAST, "", 0.4),
+        ({}, 20, FAST, "NO_FEEDBACK", 0.0),
+        ({"silent": 0}, 100, FAST, "LINK_RECOVERING", 0.0),
+        ({}, 20, FAST, "", 0.006),
+    ],
+    "a command is driven for 200 ms": [
+        ({}, 200, None, "", 0.4),
+        ({}, 20, None, "NO_COMMAND", 0.0),
+        ({"late_ms": 201}, 3000, FAST, "STALE_COMMAND", 0.0),
+        ({"late_ms": 180}, 3000, FAST, "", 0.4),
+        ({"late_ms": 0}, 20, FAST, "", 0.4),
+    ],
+    "a command from the future lasts no longer, nor keeps out those that follow": [
+        ({"late_ms": -10_000}, 200, FAST, "", 0.4),
+        ({"late_ms": 0}, 220, None, "NO_COMMAND", 0.0),
+        ({}, 100, BACK, "", -0.03),
+    ],
+    **{
+        f"{v} m/s and {omega} rad/s are no command": [({}, 20, (v, omega), "BAD_COMMAND", 0.0)]
+        for v, omega in ((math.nan, 0.0), (0.1, math.inf), (-math.inf, 0.0))
+    },
+}
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_the_safety_rules(rule: str) -> None:
     story = rolling()
-    setattr(story, sensor, 2)
-    allowed = story.go(20, 0.4)
-    assert (allowed.v, allowed.omega) == (0.0, 0.0)  # at once, without a ramp
-    assert [(stop.cause, stop.since, stop.bits) for stop in allowed.stops] == [(cause, story.now, 2)]
-    story.go(2000, 0.4, 1.0)
-    assert (story.allowed.v, story.allowed.omega) == (0.0, 0.0)
-    story.go(2000, 0.0, 1.0)  # not even on the spot: a wheel would turn forward
-    assert (story.allowed.v, story.allowed.omega) == (0.0, 0.0)
-    story.go(2000, -0.2, 3.0)
-    assert story.allowed.v == pytest.approx(-0.2)
-    assert fastest_wheel(story.allowed.v, story.allowed.omega) <= 0
-    assert story.allowed.omega > 1.5
-    setattr(story, sensor, 0)
-    story.go(3000, 0.4)
-    assert story.allowed == AllowedMotion(0.4, 0.0, ())
+    for number, (changes, ms, command, causes, speed) in enumerate(RULES[rule]):
+        for name, value in changes.items():
+            if name in HoldCause.__members__:
+                story.safety.hold(HoldCause[name], bool(value))
+            else:
+                assert hasattr(story, name)
+                setattr(story, name, value)
+        v, omega = command or (None, 0.0)
+        allowed = story.go(ms, v, omega)
+        assert [cause.name for cause in story.causes] == causes.split(), number
+        assert allowed.v == pytest.approx(speed, abs=1e-9), number
+        assert speed or allowed.omega == 0.0
 
 
-def test_over_current_stops_it_until_it_is_over_and_a_second_has_passed() -> None:
-    story = rolling()
-    story.overcurrent = 2
-    story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.OVERCURRENT])
-    assert story.allowed.stops[0].bits == 2
-    story.overcurrent = 0
-    story.go(1000, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.OVERCURRENT])
-    story.go(3000, 0.4)
-    assert story.allowed == AllowedMotion(0.4, 0.0, ())
-
-
-def test_what_others_know_stops_it_at_once_for_as_long() -> None:
-    story = rolling()
-    story.safety.hold(HoldCause.BLIND, True)
-    story.safety.hold(HoldCause.UNWATCHED, True)
-    story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.BLIND, HoldCause.UNWATCHED])
-    story.safety.hold(HoldCause.BLIND, False)
-    story.go(20, -0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.UNWATCHED])
-    story.safety.hold(HoldCause.UNWATCHED, False)
-    story.go(3000, 0.4)
-    assert story.allowed == AllowedMotion(0.4, 0.0, ())
-
-
-def test_a_lifted_base_stands_until_it_was_put_down_and_stands_still() -> None:
-    story = rolling()
-    story.drop = 2
-    story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.WHEEL_DROP])
-    story.go(5000, -0.4)  # not backward either
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.WHEEL_DROP])
-    story.drop = 0
-    for _ in range(100):  # pushed about on the floor
-        story.ticks += 10
-        story.go(20, 0.4)
-        assert (story.allowed.v, story.causes) == (0.0, [HoldCause.PUT_DOWN])
-    story.rate = 1000  # turned by hand
-    story.go(2000, 0.4)
-    assert story.causes == [HoldCause.PUT_DOWN]
-    story.rate = 0
-    story.go(980, 0.4)
-    assert story.causes == [HoldCause.PUT_DOWN]
-    story.go(40, 0.4)
-    assert story.causes == []
-    assert 0 < story.allowed.v < 0.02  # from standing
-
-
-def test_without_feedback_for_100_ms_it_stands_until_feedback_has_come_for_a_while() -> None:
-    story = rolling()
-    story.silent = True
-    story.go(100, 0.4)
-    assert story.allowed.v == 0.4
-    story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.NO_FEEDBACK])
-    story.silent = False
-    story.go(100, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.LINK_RECOVERING])
-    story.go(20, 0.4)
-    assert story.causes == []
-    assert 0 < story.allowed.v < 0.02
-
-
-def test_only_commands_of_the_last_200_ms_are_driven() -> None:
+def test_before_anything_comes_it_stands_and_an_overtaken_command_is_left_out() -> None:
     story = Story()
     story.silent = True
     story.go(20, None)
     assert story.causes == [HoldCause.NO_FEEDBACK, HoldCause.NO_COMMAND]
     story.silent = False
-    story.go(200, None)
-    story.go(3000, 0.4, late_ms=201)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.STALE_COMMAND])
-    story.go(3000, 0.4, late_ms=180)
-    assert story.allowed == AllowedMotion(0.4, 0.0, ())
-    story.go(20, 0.4)
-    story.go(200, None)
-    assert story.allowed.v == 0.4
-    story.go(20, None)
-    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.NO_COMMAND])
-
-
-def test_a_command_from_the_future_does_not_last_longer() -> None:
-    story = Story()
-    story.go(200, None)
-    story.go(200, 0.4, late_ms=-10_000)
-    assert story.causes == []
-    story.go(220, None)
-    assert story.causes == [HoldCause.NO_COMMAND]
-    story.go(100, -0.4)  # nor keeps out those that follow
-    assert story.causes == []
-    assert story.allowed.v < 0
-
-
-def test_a_command_that_was_overtaken_is_left_out() -> None:
-    story = Story()
     story.go(1000, 0.0)
-    story.go(1000, 0.4, late_ms=30)
+    story.late_ms = 30
+    story.go(1000, 0.4)
     assert story.safety.late_commands == 1  # the first of them; the others are newer than the last
     story.safety.command(story.now, Instant(story.now - 40_000), -0.4, 0.0)
     assert story.safety.late_commands == 2
     assert story.go(20, None).v > 0
 
 
-@pytest.mark.parametrize(("v", "omega"), [(math.nan, 0.0), (0.1, math.inf), (-math.inf, 0.0)])
-def test_what_is_no_number_stands_and_does_not_crash(v: float, omega: float) -> None:
+def test_backing_off_is_allowed_in_arcs_in_which_no_wheel_turns_forward() -> None:
     story = rolling()
-    story.go(20, v, omega)
-    assert (story.allowed.v, story.allowed.omega, story.causes) == (0.0, 0.0, [HoldCause.BAD_COMMAND])
+    story.bumper = 2
+    allowed = story.go(20, 0.4)
+    assert allowed.stops == ((HoldCause.BUMPER, story.now, 2),)
+    story.go(2000, -0.2, 3.0)
+    assert story.allowed.v == pytest.approx(-0.2)
+    assert fastest_wheel(story.allowed.v, story.allowed.omega) <= 0
+    assert story.allowed.omega > 1.5
 
 
 def test_speeds_are_limited_on_the_same_arc() -> None:
