@@ -190,36 +190,25 @@ def parse(text: str, path: Path) -> Fleet:
 
 
 def _fault(file: _FleetFile) -> str | None:
-    """What is wrong between the tables, in words without an end; None if nothing is."""
-    ids: set[str] = set()
-    addresses: dict[int, str] = {}
+    """Return what is wrong between the tables, in words without an end; None if nothing is."""
     for index, robot in enumerate(file.robot):
-        if robot.id in ids:
-            return f'robot[{index}].id is "{robot.id}" once more, but each robot must have an id of its own'
-        if robot.address in addresses:
-            return (
-                f"robot[{index}].address is {robot.address} as that of {addresses[robot.address]}, "
-                "but each robot must have an address of its own"
-            )
-        ids.add(robot.id)
-        addresses[robot.address] = robot.id
-        if fault := _ports_fault(robot, f"robot[{index}]"):
-            return fault
+        key, earlier = f"robot[{index}]", file.robot[:index]
+        if robot.id in {one.id for one in earlier}:
+            return f'{key}.id is "{robot.id}" once more, but each robot must have an id of its own'
+        for one in earlier:
+            if one.address == robot.address:
+                return (
+                    f"{key}.address is {robot.address} as that of {one.id}, "
+                    "but each robot must have an address of its own"
+                )
+        taken: dict[str, str] = {}
+        for name, port in (("base", robot.base), ("radio", robot.radio), ("range", robot.range)):
+            if port is not None and (other := taken.setdefault(port, name)) != name:
+                return f'{key}.{name} is "{port}" as {key}.{other}, but each device must have its own port'
     names = [area.name for area in file.area]
     for index, name in enumerate(names):
         if name in names[:index]:
             return f'area[{index}].name is "{name}" once more, but each area must have a name of its own'
-    return None
-
-
-def _ports_fault(robot: FleetRobot, key: str) -> str | None:
-    taken: dict[str, str] = {}
-    for name, port in (("base", robot.base), ("radio", robot.radio), ("range", robot.range)):
-        if port is None:
-            continue
-        if port in taken:
-            return f'{key}.{name} is "{port}" as {key}.{taken[port]}, but each device must have its own port'
-        taken[port] = name
     return None
 
 

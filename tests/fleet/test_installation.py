@@ -14,6 +14,7 @@ import tarfile
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -224,31 +225,17 @@ def test_a_chip_without_a_serial_number_of_its_own_is_known_by_its_place(serial:
     assert effect(made, seen(SECOND)) == MINE | FAST
 
 
-@pytest.mark.parametrize(
-    ("owner", "sudo", "user"),
-    [
-        ("robot", "ada", "robot"),
-        ("root", "ada", "ada"),
-        ("", "ada", "ada"),
-        ("root", "root", None),
-        ("", "", None),
-    ],
-)
-def test_a_robot_never_runs_as_root_by_default(
-    owner: str, sudo: str, user: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def of(_: Path) -> str:
-        if owner:
-            return owner
-        raise KeyError("uid not found")
+def test_a_robot_never_runs_as_root_by_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def user(owner: str | Exception, sudo: str) -> str:
+        monkeypatch.setattr(Path, "owner", Mock(side_effect=[owner]))
+        monkeypatch.setenv("SUDO_USER", sudo)
+        return everyday_user(tmp_path)
 
-    monkeypatch.setattr(Path, "owner", of)
-    monkeypatch.setenv("SUDO_USER", sudo)
-    if user is not None:
-        assert everyday_user(tmp_path) == user
-        return
-    with pytest.raises(OptionError, match="--user: is missing; must say who the robot runs as"):
-        everyday_user(tmp_path)
+    unknown = KeyError("uid not found")
+    assert (user("robot", "ada"), user("root", "ada"), user(unknown, "ada")) == ("robot", "ada", "ada")
+    for owner, sudo in (("root", "root"), (unknown, "")):
+        with pytest.raises(OptionError, match="--user: is missing; must say who the robot runs as"):
+            user(owner, sudo)
 
 
 @pytest.mark.parametrize("name", ["r1", "r2"])
