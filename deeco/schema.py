@@ -12,7 +12,7 @@ from deeco.knowledge import Knowledge, is_role, made, published, roles_of
 from deeco.link import DEFAULTS, LinkParameters
 from deeco.on_air import Compiler, Junk, Resolution, Unfit, Unsound, getter, maker, strict
 
-__all__ = ["Junk", "Resolution", "RoleBook", "Unpacked", "fingerprint"]
+__all__ = ["Junk", "Resolution", "RoleBook", "Unpacked"]
 
 _ID = "id"
 
@@ -26,7 +26,12 @@ class Unpacked(NamedTuple):
 
 
 class _Role:
-    """One role, compiled."""
+    """One role, compiled.
+
+    `fingerprint`: 32 bits that name the role and the form of its fields, the same in every process. They
+    change with the role's qualified name (without its module), with its fields' names and order, and with all
+    of their types that other nodes must agree on.
+    """
 
     def __init__(self, cls: type[Knowledge], limits: LinkParameters) -> None:
         if not is_role(cls):
@@ -147,13 +152,3 @@ class RoleBook:
 
 def _place(cls: type) -> str:
     return f"{cls.__module__}.{cls.__qualname__}"
-
-
-def fingerprint(role: type[Knowledge]) -> int:
-    """32 bits that name a role and the form of its fields, the same in every process.
-
-    They change with the role's qualified name (without its module), with its fields' names and order, and
-    with everything about their types that other nodes must agree on. Raises DeploymentError for a role that
-    has no form on the air.
-    """
-    return _Role(role, DEFAULTS).fingerprint

@@ -43,7 +43,7 @@ from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
-from actors.world.sensing import PoseError, PoseErrorSum
+from actors.world.sensing import PoseErrorSum, WorldReport
 from actors.world.world_setup import BarrierStanding, Member, Participants, WorldSetup
 
 _SHOWN: Final = 32
@@ -114,26 +114,16 @@ class WorldCore:
         """What the task has come to so far, by subject."""
         return self._task.outcome(self._participants.present)
 
-    @property
-    def pose_errors(self) -> dict[str, PoseError]:
-        """How far each robot's own idea of where it is has lain from the truth, by robot."""
-        return {member.id: self._pose_errors[member.index].error() for member in self._participants.members}
-
-    @property
-    def driven(self) -> dict[str, float]:
-        """How far each robot truly has driven, or was pushed, m, by robot."""
-        driven = self._bodies.driven
-        return {member.id: round(driven[member.index], 3) for member in self._participants.members}
-
-    @property
-    def refused_orders(self) -> Sequence[str]:
-        """Orders from outside that made no sense, a sentence each."""
-        return self._orders.refused
-
-    @property
-    def contacts(self) -> int:
-        """Contacts between two robots, or a robot and something else, that have begun so far."""
-        return self._bodies.contacts
+    def report(self) -> WorldReport:
+        """Return the ground truth so far."""
+        members, driven = self._participants.members, self._bodies.driven
+        return WorldReport(
+            contacts=self._bodies.contacts,
+            pose_errors={member.id: self._pose_errors[member.index].error() for member in members},
+            driven={member.id: round(driven[member.index], 3) for member in members},
+            steps=self._step,
+            refused_orders=self._orders.refused,
+        )
 
     def listens(self) -> Sequence[Address]:
         """Every address that a message may come in on."""

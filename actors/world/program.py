@@ -20,7 +20,6 @@ from actors.task.referee import Referee
 from actors.world import drive, odometry, physics, rays
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
-from actors.world.sensing import WorldReport
 from actors.world.world_setup import WorldProgram, WorldSetup
 
 KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, visits, raster)
@@ -54,14 +53,7 @@ def part(
         run=run,
         open_to=core.open_to,
         drive=hold,
-        outcome=lambda: {
-            **core.task_outcome,
-            **msgspec.structs.asdict(
-                WorldReport(
-                    core.contacts, core.pose_errors, core.driven, core.step, tuple(core.refused_orders)
-                )
-            ),
-        },
+        outcome=lambda: {**core.task_outcome, **msgspec.structs.asdict(core.report())},
     )
 
 

@@ -65,32 +65,18 @@ class RangeSensors:
         whole = report.astype("<u2", copy=False).tobytes()
         return [whole[2 * begin : 2 * end] for begin, end in pairwise(bounds)]
 
-    def ranges(
-        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
-    ) -> list[NDArray[np.float64]]:
-        """The same without noise, rounding or a nearest range: (rays,) m, inf = nothing within reach."""
-        ranges, starts = self._sweep(np.array(due, np.int64), poses, obstacles)
-        return np.split(ranges, starts[1:])
-
-    def _sweep(
-        self, due: NDArray[np.int64], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """The true ranges of all scans, one after the other, and where each begins."""
-        rays = self._sensors["rays"][due]
-        ends = rays.cumsum()
-        starts = ends - rays
-        ranges = np.empty(int(ends[-1]) if ends.size else 0)
-        floor = self._squares, self._grid.resolution, *self._grid.origin
-        carriers = due, poses, self._sensors, self._table, self._bodies, self._vertices
-        sweep(*floor, *carriers, obstacles, starts, ranges)
-        return ranges, starts
-
     def _report(
         self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
     ) -> tuple[NDArray[np.uint16], list[int]]:
         """All scans, one after the other, and where each begins, and the last one ends."""
         robots = np.array(due, np.int64)
-        ranges, starts = self._sweep(robots, poses, obstacles)
+        rays = self._sensors["rays"][robots]
+        ends = rays.cumsum()
+        starts = ends - rays
+        ranges = np.empty(int(ends[-1]) if ends.size else 0)
+        floor = self._squares, self._grid.resolution, *self._grid.origin
+        carriers = robots, poses, self._sensors, self._table, self._bodies, self._vertices
+        sweep(*floor, *carriers, obstacles, starts, ranges)
         draws = normals_of_each([self._generators[i] for i in due], [self._draws[i] for i in due])
         report = np.empty(ranges.size, np.uint16)
         in_millimetres(ranges, draws, robots, self._sensors, starts, report)

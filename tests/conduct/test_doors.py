@@ -33,11 +33,11 @@ def test_a_closed_door_stops_a_robot_and_its_sensor_sees_it() -> None:
     free, shut = eastward(10.0), eastward(10.0, (0.0, CloseDoor(EAST, 11.1)))
     assert end(free) > EAST + 0.5
     assert EAST - 0.25 < end(shut) < EAST - 0.177 + 0.012
-    assert shut.acts["r3"].senses[-1].bumper == 2 and shut.core.contacts == 1
+    assert shut.acts["r3"].senses[-1].bumper == 2 and shut.core.report().contacts == 1
     shown = [play.acts["r3"].senses[30].scan for play in (free, shut)]
     assert shown[0] is not None and shown[1] is not None
     assert shown[0].ranges_mm != shown[1].ranges_mm
-    assert shut.core.driven == {"r3": pytest.approx(end(shut) - 20.0, abs=0.01)}
+    assert shut.core.report().driven == {"r3": pytest.approx(end(shut) - 20.0, abs=0.01)}
     play = eastward(13.0, (0.0, CloseDoor(EAST, 11.1)), (9.0, OpenDoor(EAST, 11.1)))
     assert end(play) > EAST + 0.5
     assert play.digest == eastward(13.0, (0.0, CloseDoor(EAST, 11.1)), (9.0, OpenDoor(EAST, 11.1))).digest
@@ -172,7 +172,7 @@ def test_whatever_a_robot_says_the_world_goes_on_with_finite_numbers_or_names_it
     else:
         assert play.core.step == 5 or all(place.settled_at is not None for place in play.places)
     assert all(finite(msgspec.to_builtins(truth)) for truth in play.truths)
-    for judged in (*play.places, *play.core.pose_errors.values()):
+    for judged in (*play.places, *play.core.report().pose_errors.values()):
         assert finite(msgspec.to_builtins(judged))
         assert not isinstance(judged, PoseError) or 0 <= judged.greatest <= 2e5
     assert len(msgspec.json.encode(play.places)) < 2000

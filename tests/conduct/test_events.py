@@ -166,7 +166,7 @@ def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
     slipped = Theatre(1.0)
     ordered(slipped, Kill("r9"))
     assert slipped.run().digest == Theatre(1.0).run().digest
-    assert list(slipped.core.refused_orders) == ["at 0 s: there is no robot 'r9' to kill"]
+    assert list(slipped.core.report().refused_orders) == ["at 0 s: there is no robot 'r9' to kill"]
     stepped = Theatre(1.0)
     ordered(stepped, Step(5), Resume())
     assert stepped.run().core.step == 10, "the pause after the steps is forgotten"
@@ -222,7 +222,7 @@ def test_an_order_that_cannot_be_is_refused_and_the_run_goes_on(order: Order, se
     play = Theatre(1.0)
     answers = ordered(play, order, ticket="t1")
     assert play.run().digest == Theatre(1.0).run().digest
-    assert list(play.core.refused_orders) == [f"at 0 s: {sentence}"]
+    assert list(play.core.report().refused_orders) == [f"at 0 s: {sentence}"]
     assert answers == [Answered(0, "t1", (f"at 0 s: {sentence}",))]
 
 
@@ -239,7 +239,7 @@ def test_refused_orders_and_obstacles_do_not_pile_up() -> None:
     play = Theatre(1.0)
     ordered(play, *[Kill("r9")] * 250, *[Obstacle(20.0, 12.0, 0.01)] * 1001)
     play.run()
-    *kept, last = play.core.refused_orders
+    *kept, last = play.core.report().refused_orders
     assert len(kept) == 100 and last == "and 151 more"
 
 

@@ -16,7 +16,7 @@ from deeco.component import component, role
 from deeco.errors import DefinitionError, DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge
 from deeco.link import LinkParameters
-from deeco.schema import Resolution, RoleBook, Unpacked, fingerprint
+from deeco.schema import Resolution, RoleBook, Unpacked
 from tests.deeco.sweepers import BOOK, Mode, Point, Sweeper, robot
 from tests.refusals import refused
 
@@ -53,6 +53,10 @@ class Tree:
 class Pair(NamedTuple):
     first: int
     second: str
+
+
+def fingerprint(kind: type[Knowledge]) -> int:
+    return next(iter(RoleBook([kind])._by_fingerprint))
 
 
 def role_of(name: str = "Sample", **annotations: Any) -> type[Knowledge]:
