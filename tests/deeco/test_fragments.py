@@ -124,12 +124,6 @@ def counted(reassembly: Reassembly) -> dict[str, int]:
     return {name: count for name, count in reassembly.counters().items() if count}
 
 
-def test_a_fragment_of_one_byte_completes_a_packet() -> None:
-    data, reassembly = whole(PACKET), Reassembly()
-    assert reassembly.take(START, 1, fragment(data, 0, len(data) - 1)) == []
-    assert reassembly.take(START, 1, fragment(data, len(data) - 1, 1)) == [PACKET]
-
-
 @pytest.mark.parametrize("contradicting", [False, True])
 def test_overlapping_fragments(contradicting: bool) -> None:
     data = whole(PACKET)

@@ -235,14 +235,6 @@ def note(log: list[tuple[int, T]], what: T) -> Task:
     return lambda now: log.append((now, what))
 
 
-def test_repeats_at_whole_multiples_however_time_goes_on() -> None:
-    agenda, log = Agenda(), list[tuple[int, str]]()
-    agenda.repeat(note(log, "a"), Instant(3), Duration(10))
-    for until in (4, 5, 27, 28, 43):
-        agenda.run(Instant(until))
-    assert log == [(instant, "a") for instant in (3, 13, 23, 33)]
-
-
 def test_lower_order_goes_first_then_who_came_first() -> None:
     agenda = Agenda()
     log: list[tuple[int, str]] = []
@@ -252,15 +244,6 @@ def test_lower_order_goes_first_then_who_came_first() -> None:
     agenda.run(Instant(6))
     names = [name for _, name in log]
     assert names == ["b", "d", "a", "c", "b", "d", "a", "c", "once"]
-
-
-def test_what_is_planned_meanwhile_is_done_in_the_same_run() -> None:
-    agenda, log = Agenda(), list[tuple[int, str]]()
-    agenda.once(lambda now: agenda.once(note(log, "a"), Instant(now + 2)), Instant(1))
-    agenda.run(Instant(3))
-    assert log == []
-    agenda.run(Instant(4))
-    assert log == [(3, "a")]
 
 
 def test_skipping_keeps_the_rhythm_and_drops_single_tasks() -> None:

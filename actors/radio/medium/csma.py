@@ -37,9 +37,7 @@ def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: 
         entry = agenda[above]
         if entry.instant_ns < instant or (entry.instant_ns == instant and entry.order <= order):
             break
-        agenda[place].instant_ns = entry.instant_ns
-        agenda[place].order = entry.order
-        agenda[place].ticket = entry.ticket
+        agenda[place] = entry
         place = above
     agenda[place].instant_ns = instant
     agenda[place].order = order
@@ -51,7 +49,7 @@ def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: 
 def pop(agenda: NDArray[np.void], size: int) -> int:
     """Take the first entry out of a heap of so many, at least one; the new size."""
     size -= 1
-    instant, order, ticket = agenda[size].instant_ns, agenda[size].order, agenda[size].ticket
+    last = agenda[size]
     place = 0
     while True:
         below = 2 * place + 1
@@ -65,15 +63,13 @@ def pop(agenda: NDArray[np.void], size: int) -> int:
             ):
                 below += 1
                 entry = other
-        if instant < entry.instant_ns or (instant == entry.instant_ns and order <= entry.order):
+        if last.instant_ns < entry.instant_ns or (
+            last.instant_ns == entry.instant_ns and last.order <= entry.order
+        ):
             break
-        agenda[place].instant_ns = entry.instant_ns
-        agenda[place].order = entry.order
-        agenda[place].ticket = entry.ticket
+        agenda[place] = entry
         place = below
-    agenda[place].instant_ns = instant
-    agenda[place].order = order
-    agenda[place].ticket = ticket
+    agenda[place] = last
     return size
 
 

@@ -40,8 +40,8 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool, loss_db: 
     medium.sent_by = NOBODY
     while st.events.size - medium.events > st.transceivers.size + 8:
         at = st.agenda[0].instant_ns if medium.due > 0 else NEVER
-        switched = _next_switch(st, outside)
-        asked = _next_request(st, outside)
+        switched = _next_instant(outside.switches, medium.next_switch)
+        asked = _next_instant(outside.requests, medium.next_request)
         first = min(at, switched, asked)
         if first > until or (first == until and not (ends_too and first == at and _ends(st))):
             medium.now_ns = max(medium.now_ns, until)
@@ -80,15 +80,8 @@ def _take_row(st: MediumState, loss_db: NDArray[np.float64]) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _next_switch(st: MediumState, outside: Outside) -> int:
-    place = st.medium.next_switch
-    return outside.switches[place].instant_ns if place < outside.switches.size else NEVER
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _next_request(st: MediumState, outside: Outside) -> int:
-    place = st.medium.next_request
-    return outside.requests[place].instant_ns if place < outside.requests.size else NEVER
+def _next_instant(entries: NDArray[np.void], place: int) -> int:
+    return entries[place].instant_ns if place < entries.size else NEVER
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
