@@ -1,1 +1,1 @@
-"""What is claimed (`acrc verify`) and what is measured (`acrc bench`)."""
+"""Benchmarks (`acrc bench`) and comparisons with other software (`acrc verify`)."""

@@ -66,9 +66,9 @@ class RunCost:
     wall_s: float
     """From the first step to the last."""
     command_s: float
-    """Of the whole command."""
+    """The whole command."""
     cpu_s: float
-    """Of all processes of the command."""
+    """All processes of the command."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class ProjectState:
 
 
 Pair = tuple[RunCost, RunCost]
-"""Of this state and of the other one."""
+"""Costs in this state and in the other one."""
 
 
 @contextmanager

@@ -48,7 +48,7 @@ KEPT: Final = {
 """Fields of `StepCounts` that are kept and compared, with their descriptions."""
 _SEED: Final = 1
 _STEPS_PER_SECOND: Final = 10
-"""Of simulated time, in the scenario."""
+"""Steps of the scenario per simulated second."""
 _OWN: Final = "acrc_testbed/benchmarks"
 """Calls from these packages are the counting itself."""
 _TRACER: Final = "strace"

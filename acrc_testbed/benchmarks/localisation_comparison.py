@@ -87,7 +87,7 @@ _LARGEST: Final = 10_000_000
 
 
 class OtherRun(msgspec.Struct):
-    """What another localisation made of a log, from one seed; fields that are not needed may be there too."""
+    """Result of another localisation on a log, from one seed; further fields are ignored."""
 
     rmse: float
     """Over all poses, m."""

@@ -308,7 +308,7 @@ class FilterRun:
 
     @property
     def spells(self) -> list[bool]:
-        """Of each spell of being lost, whether it was announced while it lasted."""
+        """For each spell of being lost: True if the robot announced it meanwhile."""
         edges = np.flatnonzero(np.diff(np.concatenate(([False], self.errors > LOST, [False])).astype(int)))
         pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
         return [bool(self.announced[begin:end].any()) for begin, end in pairs if end - begin >= SPELL]
@@ -386,7 +386,7 @@ def weighed(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
 def nees(off: Floats, covariances: Floats) -> Floats:
     """Normalised estimation error squared eᵀ P⁻¹ e: (n,) of errors (n, 3) and covariances (n, 3, 3).
 
-    inf where P is not positive definite, to which even no error at all is no excuse (Bar-Shalom, Li and
+    inf where P is not positive definite, even for an error of zero (Bar-Shalom, Li and
     Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.2).
     """
     values = np.full(len(off), math.inf)

@@ -70,12 +70,12 @@ class SpeedGoal:
 
 
 def at_least(what: str, figure: float, goal: float) -> SpeedGoal:
-    """That the figure is no less than the goal."""
+    """Return the goal that the figure is at least `goal`."""
     return SpeedGoal(f"{what}, at least {goal:,.6g}", figure, goal, figure >= goal)
 
 
 def at_most(what: str, figure: float, goal: float) -> SpeedGoal:
-    """That the figure is no more than the goal."""
+    """Return the goal that the figure is at most `goal`."""
     return SpeedGoal(f"{what}, at most {goal:,.6g}", figure, goal, figure <= goal)
 
 
@@ -129,10 +129,10 @@ _LAST_WORDS: Final = 300
 
 @dataclass(frozen=True)
 class Spent:
-    """What a command and all the processes that it started took."""
+    """Cost of a command and of all processes that it started."""
 
     answer: str
-    """What it wrote on its standard output."""
+    """Its standard output."""
     wall_s: float
     cpu_s: float
     voluntary: int

@@ -1,7 +1,7 @@
 """Preset `chapter` of navigation, held against what the original ROS stack made of the same inputs.
 
-A folder of rows holds local_*.npz, global_*.npz and inflation.npz. Of each control cycle they have the marks,
-the plan, poses and velocity, and the total cost that ROS Indigo gave to every sample; of pairs of points the
+A folder of rows holds local_*.npz, global_*.npz and inflation.npz. For each control cycle they have
+the marks, the plan, poses and velocity, and the total cost that ROS Indigo gave to every sample; of pairs of points the
 plans of navfn; of marks the costs of costmap_2d.
 """
 
@@ -49,7 +49,7 @@ _DAMAGE: Final = (
     *(OSError, EOFError, zipfile.BadZipFile, zlib.error),
     *(ValueError, TypeError, IndexError, AttributeError, ParameterError),
 )
-"""What comes of files that are none of these, or whose arrays do not fit together."""
+"""Errors from files of another kind, or with arrays that do not fit together."""
 
 
 class RowsError(AcrcError):
@@ -147,7 +147,7 @@ def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iter
 
 
 def _cycles(rows: Rows) -> list[JudgedCycle]:
-    """Every cycle of a log, chosen anew from what the original got."""
+    """Choose the velocity of every cycle of a log from the inputs of the original."""
     model = _body()
     local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
     planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])

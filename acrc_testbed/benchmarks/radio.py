@@ -102,7 +102,7 @@ of wsn.eecs.berkeley.edu, as the 6TiSCH simulator gives them (SimEngine/Connecti
 
 @dataclass(frozen=True)
 class PlotTask:
-    """What is drawn from how much."""
+    """Size of the figures."""
 
     frames: int = 1000
     """Per measured point."""
@@ -112,7 +112,7 @@ class PlotTask:
     """Runs per point of contention."""
     senders: tuple[int, ...] = (2, 5, 10, 20, 50)
     transmitter: tuple[float, float] = (12.0, 5.0)
-    """Of the map of the corridor, m: the first robot's start."""
+    """Position on the map of the corridor, m: the first robot's start."""
 
 
 def draw(folder: Path, map_file: Path, data: Path | None = None, task: PlotTask | None = None) -> Measured:
@@ -305,11 +305,11 @@ _REPEATS: Final = 5
 _ROBOTS: Final = 10
 """Where assessments are compared: at random in a square, exponent 3, all at -10 dBm."""
 _SIDES: Final = (3.0, 10.0, 20.0, 30.0)
-"""Of the square, m."""
+"""Sides of the square, m."""
 _PAIR_LOADS: Final = (0.1, 0.4)
 _SECONDS: Final = 60
 _DRAWS: Final = 10
-"""Of where the robots stand."""
+"""Number of drawn sets of positions."""
 
 
 def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> Measured:

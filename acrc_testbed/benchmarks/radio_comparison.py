@@ -1,4 +1,4 @@
-"""How near the medium comes to reference figures of another simulator, in preset `ns3`.
+"""Comparison of the medium with reference figures of another simulator, in preset `ns3`.
 
 For each figure of each point: the difference to the own mean, and the combined standard error of both sides.
 Both sides are runs of one experiment, of the same length, so that one variance stands for both (Student's t
@@ -31,7 +31,7 @@ from actors.runtime.errors import AcrcError
 
 _FREEDOM_ENOUGH: Final = 200.0
 _ROUNDING: Final = 1e-5
-"""Of figures in the files."""
+"""Rounding error of figures in the files."""
 _FAR: Final = 99.0
 """As many standard errors is a difference where there should be none at all."""
 GOALS: Final = {"inside_goal": 0.95, "excess_goal": 0.005, "z_goal": 4.5, "throughput_goal": 0.002}
@@ -152,7 +152,7 @@ def compare(
 
 
 def normal_score(t: float, freedom: float) -> float:
-    """What a normal variable exceeds as rarely as a t variable of that freedom exceeds t ≥ 0; by Wallace."""
+    """Return the score that a normal variable exceeds as rarely as a t variable exceeds t ≥ 0, by Wallace."""
     if freedom >= _FREEDOM_ENOUGH:
         return t
     return (8 * freedom + 1) / (8 * freedom + 3) * math.sqrt(freedom * math.log1p(t * t / freedom))
@@ -171,7 +171,7 @@ def formula_kbps(point: OperatingPoint) -> float:
 
 
 def agreement(family: str, number: int, found: Sequence[FigureComparison]) -> Agreement:
-    """What a family's comparisons come to."""
+    """Summarise the comparisons of a family."""
     telling = [comparison for comparison in found if comparison.informative]
     worst = max(telling, key=lambda comparison: abs(comparison.z), default=None)
     return Agreement(

@@ -85,7 +85,7 @@ def over_runs(values: Sequence[float]) -> ReferenceEstimate:
 def points(folder: Path, family: str) -> list[OperatingPoint]:
     """The points of a family, in the order of its file; none if there is no such file.
 
-    AcrcError where a column is missing or is no number.
+    Raises AcrcError where a column is missing or not a number.
     """
     path = folder / f"{family}.csv"
     if not path.exists():
@@ -160,7 +160,7 @@ class LossTable:
 
 @dataclass(frozen=True)
 class TrialScene:
-    """Who contends, where, and how."""
+    """Positions, settings and traffic of contending transceivers."""
 
     propagation: Propagation
     places: NDArray[np.float64]

@@ -29,7 +29,7 @@ from actors.runtime.errors import AcrcError
 
 ROBOTS: Final = KINDS[-1]
 STEPS_PER_SECOND: Final = 10
-"""Of simulated time, in the scenarios that are measured."""
+"""Steps of the measured scenarios per simulated second."""
 SPEED: Final = {4: 100.0, 20: 16.0, 50: 6.0, 100: 2.0}
 """Goal: simulated seconds per second over Zenoh, by the number of robots."""
 FEW: Final = 4
@@ -69,7 +69,7 @@ class SwarmFigures:
 
     robots: int
     simulated_s: float
-    """Of each run."""
+    """Simulated length of each run."""
     mesh: MeshFigures | None
     """None if so many processes do not run here."""
     memory: MemoryFigures

@@ -1,4 +1,4 @@
-"""The command line. What a command needs is imported once it is known which one it is."""
+"""The command line. Modules of a command are imported when it is called."""
 
 import difflib
 import gc
@@ -28,7 +28,7 @@ class StreamError(AcrcError):
 
 
 def settle() -> None:
-    """Make closed standard streams, and pipes that nobody reads any more, lead nowhere."""
+    """Make closed standard streams, and pipes without a reader, discard what is written."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -131,7 +131,7 @@ def text(error: typer.TyperException) -> str:
         case faults.NoSuchOption():
             near = error.possibilities or []
             right = f"did you mean {near[0]}?" if near else f"{command} --help lists those that there are"
-            sentence = f"{error.option_name}: is no option of {command}; {right}"
+            sentence = f"{error.option_name}: is not an option of {command}; {right}"
         case faults.BadOptionUsage() if error.message.endswith("does not take a value."):
             sentence = f"{error.option_name}: has a value; must stand alone"
         case faults.BadOptionUsage():
@@ -150,7 +150,7 @@ def _other(error: typer.TyperException, command: str, context: Any) -> str:
         known = context.command.list_commands(context)
         near = difflib.get_close_matches(named[1], known, n=1)
         right = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
-        return f"{named[1]}: is no command of {command}; {right}"
+        return f"{named[1]}: is not a command of {command}; {right}"
     if named := re.match(r"Got unexpected extra argument\(s\) \((.*)\)", error.message, re.DOTALL):
         form = " ".join(context.get_usage().removeprefix("Usage: ").split())
         return f"{command.removeprefix('acrc ')}: has no use for {named[1]}; must be as in {form}"
@@ -248,7 +248,7 @@ def root(
         typer.Option("--version", is_eager=True, callback=_print_version, help="Print version and commit."),
     ] = False,
 ) -> None:
-    """What holds for every command."""
+    """Options of `acrc` itself."""
 
 
 @app.command()

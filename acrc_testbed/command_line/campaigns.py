@@ -158,7 +158,7 @@ def shown(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
 
 
 def _stands(progress: campaigns.CampaignProgress) -> str:
-    """What there is to say beside how many runs have ended, each behind a comma."""
+    """Describe failures, a decision and the remaining time, each behind a comma."""
     failed = f", {progress.failed} failed" if progress.failed else ""
     decided = ", decided" if progress.enough else ""
     if not progress.left_s:
@@ -289,7 +289,7 @@ def _print_comparison(kept: store.Store, found: CampaignJudgement) -> None:
 
 
 def _about(kept: store.Store, found: CampaignJudgement) -> Iterator[str]:
-    """What is to be known beside the tests."""
+    """Yield interim looks, coincidences and warnings."""
     if kept.looks is not None:
         yield from verdicts.look_sentences(found.looks, verdicts.rules_for(kept.study))
     yield from coincidence_sentences(coincidences(kept.records()))

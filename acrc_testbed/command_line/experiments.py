@@ -27,7 +27,7 @@ def campaign(
     study: Annotated[
         Path | None,
         argument(
-            "STUDY.toml", "What to compare. A scenario here is the same as --scenario.", show_default=False
+            "STUDY.toml", "Study to run. A scenario here is the same as --scenario.", show_default=False
         ),
     ] = None,
     scenario: Annotated[
@@ -200,7 +200,7 @@ def plan(
 
 
 def freeze(
-    study: Annotated[Path, argument("STUDY.toml", "What is to be compared.", show_default=False)],
+    study: Annotated[Path, argument("STUDY.toml", "Study to freeze.", show_default=False)],
     out: Annotated[
         Path | None, option("FILE", "File for the plan.  [default: STUDY.frozen.json beside it]")
     ] = None,

@@ -71,7 +71,7 @@ def watch(
 
 
 def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
-    """What `--view` alone needs."""
+    """Show robots in the viewer."""
     from deploy.fleet import watched
     from deploy.fleet.fleet_file import load_fleet
 
@@ -282,7 +282,7 @@ def keys(
         return
     made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
     said = [
-        f"What {', '.join(revoke)} had is worth nothing to a machine that has its new folder: copy them all, "
+        f"Machines with their new folders reject the old keys of {', '.join(revoke)}: copy all folders, "
         "the operator's first, and start the robots again.",
         f"The old keys are in {aside}; delete them after that.",
     ]
@@ -323,7 +323,7 @@ def _answer_keys(
 
 def _keys_told(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
     yield (
-        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
+        f"{made.home}\n  stays with you, and off the robots: it can make keys of this fleet, "
         "for its key is not encrypted"
     )
     for machine in made.machines:
@@ -331,7 +331,7 @@ def _keys_told(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
             goal = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
             yield f"{machine.folder}\n  to {goal}; holds for {', '.join(machine.hosts)}"
         else:
-            yield f"{machine.folder}\n  to the laptop of whoever watches and stops the robots"
+            yield f"{machine.folder}\n  to the laptop that watches and stops the robots"
     yield f"All hold until {made.valid_until:%Y-%m-%d}."
 
 
@@ -348,7 +348,7 @@ cluster = typer.Typer(
 )
 
 Address = Annotated[
-    str, argument("ADDRESS", "Of the scheduler: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer.")
+    str, argument("ADDRESS", "Scheduler address: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this computer.")
 ]
 
 
@@ -393,9 +393,7 @@ def join(
 @cluster.command()
 def fetch(
     out: Annotated[Path, argument("OUT", "Folder of a run over several computers.")],
-    on: Annotated[
-        str | None, option("ADDRESS", "Of its cluster's scheduler.  [default: as the run had it]")
-    ] = None,
+    on: Annotated[str | None, option("ADDRESS", "Scheduler address.  [default: the run's scheduler]")] = None,
     json: Json = False,
 ) -> None:
     """Bring what a run has left on other computers, and remove it there."""

@@ -277,7 +277,9 @@ def scenario(
 
     if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
-            raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
+            raise OptionError(
+                f"{file}: is not a scenario; cannot be combined with --robots, --seed and --set"
+            )
         _answer_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
         return
     permit = permit_of(modules, trust=trust)

@@ -63,7 +63,7 @@ ScenarioFile = Annotated[
     Path | None,
     argument(
         "SCENARIO.toml",
-        "What to run.  [default: scenarios/chapter.toml, the chapter's experiment]",
+        "Scenario to run.  [default: scenarios/chapter.toml, the chapter's experiment]",
         autocompletion=scenarios,
     ),
 ]

@@ -34,10 +34,10 @@ def info(
     follow: _Follow = False,
     json: Json = False,
 ) -> None:
-    """Say what recordings hold, or what is on a key.
+    """Summarise recordings, or the messages on a key.
 
-    Of each recording: span, messages, bytes, whether it is whole. Of each KEY ('*': all): its fields, and how
-    often and how much, per simulated second.
+    For each recording: span, messages, bytes, whether it is complete. For each KEY ('*': all): its fields,
+    and messages and bytes per simulated second.
     """
     if keys:
         _tell_keys(_messages(out, keys, begin, end, follow), follow=follow, json=json)

@@ -203,7 +203,7 @@ def export(
 
     The tables (Parquet files) are poses, estimates, goals, frames, knowledge, exchanges, places and
     decisions. The log (MCAP) has scans, frames, poses, plans, local cost maps, particles, the map, places,
-    obstacles and radio links. What robots computed is there for runs that were recorded in full.
+    obstacles and radio links. Computed values require a run recorded in full.
     """
     if mcap is not None:
         _export_log(out, folder, mcap, tuple(robot or ()), json=json)

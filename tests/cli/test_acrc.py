@@ -42,7 +42,8 @@ EXTRAS = {
 
 
 def extras_of(commands: Iterable[str]) -> dict[str, str]:
-    body = re.search(r"^given\(\) .*?^extras_for\(\) .*?^\}$", (ROOT / "acrc").read_text(), re.MULTILINE | re.DOTALL)
+    text = (ROOT / "acrc").read_text()
+    body = re.search(r"^given\(\) .*?^extras_for\(\) .*?^\}$", text, re.MULTILINE | re.DOTALL)
     assert body is not None
     names = list(commands)
     calls = "".join(f"\nextras_for {name}; echo ." for name in names)

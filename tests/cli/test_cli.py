@@ -51,14 +51,14 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
     ("words", "sentence"),
     [
         ("run --step 15", "--step: 15; must be a multiple of the 10 ms physics sub-step, from 10 to 100"),
-        ("run --robos 3", "--robos: is no option of acrc run; did you mean --robots?"),
-        ("rum", "rum: is no command of acrc; did you mean run?"),
-        ("list nothing", "nothing: is no command of acrc list; must be one of strategies, presets, "
+        ("run --robos 3", "--robos: is not an option of acrc run; did you mean --robots?"),
+        ("rum", "rum: is not a command of acrc; did you mean run?"),
+        ("list nothing", "nothing: is not a command of acrc list; must be one of strategies, presets, "
          "models, scenarios, maps"),
         ("fleet keys", "FLEET.toml: is missing; acrc fleet keys --help says what it is"),
         ("run --seed", "--seed: has no value; must be followed by one"),
         ("run --view=3", "--view: has a value; must stand alone"),
-        ("run --qqqq", "--qqqq: is no option of acrc run; acrc run --help lists those that there are"),
+        ("run --qqqq", "--qqqq: is not an option of acrc run; acrc run --help lists those that there are"),
         ("run a b c", "run: has no use for b c; must be as in acrc run [OPTIONS] [SCENARIO.toml]"),
         ("run --timeout soon", "--timeout: soon; must be a number from 1 to 86400"),
         ("fleet keys f.toml --days x", "--days: x; must be a whole number"),
