@@ -1,8 +1,8 @@
 """Preset `chapter` of navigation, held against what the original ROS stack made of the same inputs.
 
-A folder of rows holds local_*.npz, global_*.npz and inflation.npz. For each control cycle they have
-the marks, the plan, poses and velocity, and the total cost that ROS Indigo gave to every sample; of pairs of points the
-plans of navfn; of marks the costs of costmap_2d.
+A folder of rows holds local_*.npz, global_*.npz and inflation.npz. For each control cycle they have the
+marks, the plan, poses and velocity, and the total cost that ROS Indigo gave to every sample; for pairs of
+points the plans of navfn; for marks the costs of costmap_2d.
 """
 
 import json
