@@ -20,7 +20,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Final, TypeVar, dataclass_transform, get_type_hints
 
 from deeco.errors import DefinitionError
-from deeco.instant import Duration, duration_fault
+from deeco.instant import Duration, check_duration
 from deeco.knowledge import KIND, Knowledge, immutability_fault, is_component, roles_of
 
 F = TypeVar("F", bound=Callable[..., Knowledge])
@@ -72,9 +72,8 @@ def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Ca
 
     Raises DefinitionError for what is no duration, or one below a millisecond.
     """
-    fault = duration_fault("every", every) or duration_fault("offset", offset, may_be_none=True)
-    if fault:
-        raise DefinitionError(f"@periodic: {fault}")
+    check_duration("@periodic: every", every)
+    check_duration("@periodic: offset", offset, zero=True)
     return _tag(Periodic(every, offset, order))
 
 
@@ -124,21 +123,16 @@ def _process(cls: type, name: str, schedule: Schedule) -> Process:
         raise DefinitionError(
             f"{cls.__name__}.{name} is {function!r}, but overrides a process; it should be a method"
         )
-    if isinstance(schedule, OnChange):
-        for fact in schedule.facts:
-            _check_fact(cls, name, fact)
+    for fact in schedule.facts if isinstance(schedule, OnChange) else ():
+        if not has_fact(cls, fact):
+            of = getattr(fact, "__qualname__", repr(fact))
+            raise DefinitionError(
+                f"{cls.__name__}.{name} runs on a change of {of}, "
+                f"which is no method of {cls.__name__} or its roles"
+            )
     layer = any(getattr(vars(base).get(name), _ADAPTATION, False) for base in cls.__mro__)
     needed = ports(cls, function, f"{cls.__name__}.{name}", skip=1)
     return Process(cls.__name__, name, schedule, needed, layer)
-
-
-def _check_fact(cls: type, process: str, fact: Fact) -> None:
-    if not has_fact(cls, fact):
-        name = getattr(fact, "__name__", repr(fact))
-        raise DefinitionError(
-            f"{cls.__name__}.{process} runs on a change of {getattr(fact, '__qualname__', name)}, "
-            f"which is no method of {cls.__name__} or its roles"
-        )
 
 
 def has_fact(cls: type, fact: Fact) -> bool:

@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transfor
 
 from deeco.component import Fact, has_fact, ports
 from deeco.errors import DefinitionError, DeploymentError
-from deeco.instant import Duration, Instant, duration_fault
+from deeco.instant import Duration, Instant, check_duration
 from deeco.knowledge import Knowledge, describe, is_component, is_role
 
 
@@ -106,18 +106,43 @@ def ensemble(
     facts = on_change if isinstance(on_change, tuple) else (on_change,)
     if every is None and not facts:
         raise DefinitionError("@ensemble() should say when: every=seconds(3), on_change=a fact, or both")
-    fault = (
-        (None if every is None else duration_fault("every", every))
-        or duration_fault("offset", offset, may_be_none=True)
-        or (None if max_age is None else duration_fault("max_age", max_age))
-    )
-    if fault:
-        raise DefinitionError(f"@ensemble: {fault}")
+    if every is not None:
+        check_duration("@ensemble: every", every)
+    check_duration("@ensemble: offset", offset, zero=True)
+    if max_age is not None:
+        check_duration("@ensemble: max_age", max_age)
 
     def tagged(cls: type[T]) -> type[T]:
         made = dataclass(frozen=True)(cls)
-        setattr(made, _TAG, _described(made, every, offset, facts, max_age))
+        setattr(made, _TAG, described(made))
         return made
+
+    def described(cls: type) -> EnsembleType:
+        coordinator, member, more = _sides(cls, "membership", COORDINATOR, MEMBER)
+        if is_component(coordinator) and is_component(member):
+            raise DefinitionError(
+                f"{cls.__name__}.membership: {coordinator.__name__} and {member.__name__} are components; "
+                "one side is always a peer, of which only a role is known"
+            )
+        for fact in facts:
+            if not (has_fact(coordinator, fact) or has_fact(member, fact)):
+                raise DefinitionError(
+                    f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
+                    f"which is no method of {coordinator.__name__} or {member.__name__}"
+                )
+        return EnsembleType(
+            name=cls.__name__,
+            every=every,
+            offset=offset,
+            on_change=facts,
+            max_age=max_age,
+            coordinator=coordinator,
+            member=member,
+            ports=more,
+            at_coordinator=_exchange(cls, COORDINATOR),
+            at_member=_exchange(cls, MEMBER),
+            boundary=_sides(cls, "boundary", "sender", "here")[:2] if hasattr(cls, "boundary") else None,
+        )
 
     return tagged
 
@@ -136,40 +161,6 @@ def type_of(instance: object) -> EnsembleType:
             f"{instance!r} is no ensemble; it should be an instance of a class with @ensemble(...)"
         )
     return found
-
-
-def _described(
-    cls: type,
-    every: Duration | None,
-    offset: Duration,
-    facts: tuple[Fact, ...],
-    max_age: Duration | None,
-) -> EnsembleType:
-    coordinator, member, more = _sides(cls, "membership", COORDINATOR, MEMBER)
-    if is_component(coordinator) and is_component(member):
-        raise DefinitionError(
-            f"{cls.__name__}.membership: {coordinator.__name__} and {member.__name__} are components; "
-            "one side is always a peer, of which only a role is known"
-        )
-    for fact in facts:
-        if not (has_fact(coordinator, fact) or has_fact(member, fact)):
-            raise DefinitionError(
-                f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
-                f"which is no method of {coordinator.__name__} or {member.__name__}"
-            )
-    return EnsembleType(
-        name=cls.__name__,
-        every=every,
-        offset=offset,
-        on_change=facts,
-        max_age=max_age,
-        coordinator=coordinator,
-        member=member,
-        ports=more,
-        at_coordinator=_exchange(cls, COORDINATOR),
-        at_member=_exchange(cls, MEMBER),
-        boundary=_sides(cls, "boundary", "sender", "here")[:2] if hasattr(cls, "boundary") else None,
-    )
 
 
 def _exchange(cls: type, side: str) -> Exchange | None:

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Final, NewType
 
+from deeco.errors import DefinitionError
+
 Instant = NewType("Instant", int)
 """Microseconds since the start of the run (in simulation) or since the Unix epoch (on hardware)."""
 Duration = NewType("Duration", int)
@@ -27,19 +29,18 @@ LEAST: Final = milliseconds(1)
 """The shortest period, delay or age but none: what is shorter was meant in other units."""
 
 
-def duration_fault(name: str, value: object, *, may_be_none: bool = False) -> str | None:
-    """What is wrong with a duration that is an argument `name`, in words; None: nothing.
+def check_duration(name: str, value: object, *, zero: bool = False) -> None:
+    """Raise DefinitionError for what is no duration, or one below a millisecond; `zero`: 0 is right, too.
 
-    `may_be_none`: 0 is right, too.
+    `name` is for errors, such as "@periodic: every".
     """
-    if isinstance(value, int) and not isinstance(value, bool):
-        if value >= LEAST or (may_be_none and value == 0):
-            return None
-        return (
-            f"{name}={value} is {value} µs, and should be {'0 or ' if may_be_none else ''}at least "
-            f"{LEAST} µs; seconds(1) is a second"
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise DefinitionError(f"{name}={value!r} is no duration, and should be one, such as seconds(1)")
+    if value < LEAST and not (zero and value == 0):
+        raise DefinitionError(
+            f"{name}={value} is {value} µs, and should be {'0 or ' if zero else ''}at least {LEAST} µs; "
+            "seconds(1) is a second"
         )
-    return f"{name}={value!r} is no duration, and should be one, such as seconds(1)"
 
 
 def in_seconds(value: int) -> float:
