@@ -1,14 +1,14 @@
 """Settings of a study's trials: from options of a command line, and drawn for each seed; all are checked."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 from numpy.random import Generator
 
-from acrc_testbed.experiments.study import Distribution, Study, Trial, Variant, load_study
+from acrc_testbed.experiments.study import Study, Trial, Variant, load_study
 from actors.floor.doors import Doorways
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
@@ -95,7 +95,7 @@ def _drifting(scenario: Scenario) -> OdometryKind:
 
 
 _STEP_S: Final = 0.1
-_Range = tuple[float, float]
+Event = dict[str, Any]
 
 
 def drawn(study: Study, trial: Trial) -> dict[str, Any]:
@@ -110,16 +110,16 @@ def drawn(study: Study, trial: Trial) -> dict[str, Any]:
     if not study.distributions:
         return settings
     scenario = _scenario(study, trial, (*own, *settings.items()))
-    events: list[dict[str, Any]] = []
+    events: list[Event] = []
     for number, one in enumerate(study.distributions):
         rng = generator(trial.seed, f"vary {one.kind}", str(number))
-        if one.kind in _EVENTS:
-            events += _EVENTS[one.kind](rng, one, scenario)
+        found = _KINDS[one.kind](_Draw(rng, dict(one.parameters), scenario))
+        if isinstance(found, dict):
+            settings |= found
         else:
-            settings |= _SETTINGS[one.kind](rng, one, scenario)
+            events += found
     if events:
-        before = [plain(event) for event in scenario.event]
-        settings["event"] = before + events
+        settings["event"] = [*map(plain, scenario.event), *events]
     return settings
 
 
@@ -127,121 +127,121 @@ def _scenario(study: Study, trial: Trial, own: Variant) -> Scenario:
     return load_scenario(Path(study.scenario), Overrides(seed=trial.seed, settings=own))
 
 
-def _kills(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
+class _Draw(NamedTuple):
+    """One distribution of a study, drawn for one seed."""
+
+    rng: Generator
+    given: dict[str, Any]
+    """Range of each parameter."""
+    scenario: Scenario
+
+    def number(self, name: str, digits: int) -> float:
+        """Draw uniformly from the parameter's range, and round."""
+        low, high = self.given[name]
+        return round(float(low + (high - low) * self.rng.random()), digits)
+
+    def whole(self) -> int:
+        """Draw a whole number from the range of "count", both ends included."""
+        low, high = self.given["count"]
+        return int(self.rng.integers(int(low), int(high), endpoint=True))
+
+    def instant(self, name: str) -> float:
+        """Draw the boundary of a step, s."""
+        low, high = self.given[name]
+        return round(round(float(low + (high - low) * self.rng.random()) / _STEP_S) * _STEP_S, 1)
+
+    def some(self, of: Sequence[Any]) -> list[int]:
+        """Draw "count" indices of a sequence, or all if these are fewer."""
+        size = min(self.whole(), len(of))
+        return list(map(int, self.rng.choice(len(of), size=size, replace=False)))
+
+    @property
+    def radius(self) -> float:
+        """Of the robots' bodies, m."""
+        return load_model(self.scenario.robots.model, None).footprint.circumradius
+
+
+def _kills(draw: _Draw) -> list[Event]:
     """Robots that the scenario's own events do not mention."""
-    named = {getattr(event, verb) for event in scenario.event for verb in ("kill", "freeze", "restart")}
-    robots = [robot for robot in scenario.ids if robot not in named]
-    given = dict(one.parameters)
-    chosen = rng.choice(len(robots), size=min(_whole(rng, given["count"]), len(robots)), replace=False)
-    return [{"at": _instant(rng, given["at"]), "kill": robots[int(index)]} for index in chosen]
+    verbs = ("kill", "freeze", "restart")
+    named = {getattr(event, verb) for event in draw.scenario.event for verb in verbs}
+    robots = [robot for robot in draw.scenario.ids if robot not in named]
+    return [{"at": draw.instant("at"), "kill": robots[index]} for index in draw.some(robots)]
 
 
-def _jams(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
-    given = dict(one.parameters)
-    points = draw_points(load_map(scenario.map), _whole(rng, given["count"]), rng=rng)
+def _jams(draw: _Draw) -> list[Event]:
+    points = draw_points(load_map(draw.scenario.map), draw.whole(), rng=draw.rng)
     return [
         {
-            "at": _instant(rng, given["at"]),
+            "at": draw.instant("at"),
             "jam": [round(point.x, 2), round(point.y, 2)],
-            "radius": round(_number(rng, given["radius"]), 2),
-            "duration": round(_number(rng, given["duration"]), 1),
+            "radius": draw.number("radius", 2),
+            "duration": draw.number("duration", 1),
         }
         for point in points
     ]
 
 
-def _doors(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
-    given = dict(one.parameters)
-    points = given["points"]
-    chosen = rng.choice(len(points), size=min(_whole(rng, given["count"]), len(points)), replace=False)
+def _doors(draw: _Draw) -> list[Event]:
+    points = draw.given["points"]
     return [
-        {
-            "at": 0.0,
-            "obstacle": [float(value) for value in points[int(index)]],
-            "radius": round(_number(rng, given["radius"]), 2),
-        }
-        for index in sorted(chosen)
+        {"at": 0.0, "obstacle": [*map(float, points[index])], "radius": draw.number("radius", 2)}
+        for index in sorted(draw.some(points))
     ]
 
 
-def _closures(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
-    """Of doors that the scenario's own events leave alone; one that would open after the end stays closed."""
-    given = dict(one.parameters)
-    doorways = Doorways(load_map(scenario.map), _radius(scenario))
+def _closures(draw: _Draw) -> list[Event]:
+    """Doors that the scenario's own events leave alone; one that would open after the end stays closed."""
+    scenario = draw.scenario
+    doorways = Doorways(load_map(scenario.map), draw.radius)
     points = [event.close for event in scenario.event if event.close is not None]
     taken = {doorways.at(Point(*point)).index for point in points}
     doors = [door for door in doorways.regions.doors if door.index not in taken]
-    count = min(_whole(rng, given["count"]), len(doors))
-    events: list[dict[str, Any]] = []
-    for index in sorted(rng.choice(len(doors), size=count, replace=False).tolist()):
+    events: list[Event] = []
+    for index in sorted(draw.some(doors)):
         point = [round(doors[index].middle.x, 2), round(doors[index].middle.y, 2)]
-        closes = _instant(rng, given["at"])
-        opens = round(closes + max(_instant(rng, given["duration"]), _STEP_S), 1)
+        closes = draw.instant("at")
+        opens = round(closes + max(draw.instant("duration"), _STEP_S), 1)
         events.append({"at": closes, "close": point})
         if opens < scenario.run.duration:
             events.append({"at": opens, "open": point})
     return events
 
 
-def _tasks(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
-    given = dict(one.parameters)
+def _tasks(draw: _Draw) -> list[Event]:
+    scenario = draw.scenario
     points = draw_points(
-        load_map(scenario.map),
-        _whole(rng, given["count"]),
-        rng=rng,
-        passage=_radius(scenario),
-        areas=for_places(scenario),
+        load_map(scenario.map), draw.whole(), rng=draw.rng, passage=draw.radius, areas=for_places(scenario)
     )
     return [
         {
-            "at": _instant(rng, given["at"]),
-            "give": scenario.ids[int(rng.integers(len(scenario.ids)))],
+            "at": draw.instant("at"),
+            "give": scenario.ids[int(draw.rng.integers(len(scenario.ids)))],
             "places": [[round(point.x, 3), round(point.y, 3)]],
         }
         for point in points
     ]
 
 
-def _radius(scenario: Scenario) -> float:
-    """Of the robots' bodies, m."""
-    return load_model(scenario.robots.model, None).footprint.circumradius
+def _dropout(draw: _Draw) -> dict[str, Any]:
+    return {"uncertainty.dropout": draw.number("share", 4)}
 
 
-def _dropout(rng: Generator, one: Distribution, scenario: Scenario) -> dict[str, Any]:
-    return {"uncertainty.dropout": round(_number(rng, dict(one.parameters)["share"]), 4)}
+def _odometry(draw: _Draw) -> dict[str, Any]:
+    drift = {"uncertainty.drift": draw.number("drift", 3)}
+    return drift | ({"robots.odometry": "kobuki"} if draw.scenario.robots.odometry == "exact" else {})
 
 
-def _odometry(rng: Generator, one: Distribution, scenario: Scenario) -> dict[str, Any]:
-    drift = {"uncertainty.drift": round(_number(rng, dict(one.parameters)["drift"]), 3)}
-    return drift | ({"robots.odometry": "kobuki"} if scenario.robots.odometry == "exact" else {})
-
-
-def _number(rng: Generator, span: _Range) -> float:
-    """Uniform in the range."""
-    return float(span[0] + (span[1] - span[0]) * rng.random())
-
-
-def _whole(rng: Generator, span: _Range) -> int:
-    """Uniform in the range, both ends included."""
-    return int(rng.integers(int(span[0]), int(span[1]), endpoint=True))
-
-
-def _instant(rng: Generator, span: _Range) -> float:
-    """At the boundary of a step, s."""
-    return round(round(_number(rng, span) / _STEP_S) * _STEP_S, 1)
-
-
-_EVENTS: Final[Mapping[str, Callable[[Generator, Distribution, Scenario], list[dict[str, Any]]]]] = {
+_KINDS: Final[Mapping[str, Callable[[_Draw], list[Event] | dict[str, Any]]]] = {
     "kills": _kills,
     "jams": _jams,
     "doors": _doors,
     "closures": _closures,
     "tasks": _tasks,
-}
-_SETTINGS: Final[Mapping[str, Callable[[Generator, Distribution, Scenario], dict[str, Any]]]] = {
     "dropout": _dropout,
     "odometry": _odometry,
 }
+"""Events or settings of each kind of distribution."""
 
 
 _WEDGED: Final = 0.45
@@ -307,12 +307,7 @@ def understood(wishes: StudyOptions) -> tuple[StudyOptions, tuple[str, ...]]:
 
 
 def study_of(wishes: StudyOptions) -> Study:
-    """The study in the file, or the one that the command line describes, with its wishes laid over."""
-    study = _plain(wishes)
-    return msgspec.structs.replace(study, isolated=True) if wishes.isolate else study
-
-
-def _plain(wishes: StudyOptions) -> Study:
+    """Return the study in the file with the options of the command line, or the study of these alone."""
     own: list[tuple[str, Any]] = list(settings(wishes.settings))
     for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
         if text is not None:
@@ -320,18 +315,21 @@ def _plain(wishes: StudyOptions) -> Study:
     path = path_of(wishes)
     if path is not None:
         study = load_study(path, tuning=wishes.tuning)
-        return msgspec.structs.replace(
-            study, settings=(*study.settings, *own), seeds=wishes.seeds or study.seeds
+    else:
+        scenario = wishes.scenario or _SCENARIO
+        named = (name for name in (wishes.strategies or ",".join(_STRATEGIES)).split(",") if name)
+        study = Study(
+            name=scenario.stem,
+            scenario=str(scenario.resolve()),
+            strategies=tuple(dict.fromkeys(named)),
+            seeds=10,
+            tuning=wishes.tuning,
         )
-    scenario = wishes.scenario or _SCENARIO
-    named = tuple(name for name in (wishes.strategies or ",".join(_STRATEGIES)).split(",") if name)
-    return Study(
-        name=scenario.stem,
-        scenario=str(scenario.resolve()),
-        strategies=tuple(dict.fromkeys(named)),
-        seeds=wishes.seeds or 10,
-        tuning=wishes.tuning,
-        settings=tuple(own),
+    return msgspec.structs.replace(
+        study,
+        settings=(*study.settings, *own),
+        seeds=wishes.seeds or study.seeds,
+        isolated=study.isolated or wishes.isolate,
     )
 
 

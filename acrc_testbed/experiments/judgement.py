@@ -379,8 +379,6 @@ class CampaignJudgement:
     """The declared comparisons at their last interim looks; empty if there was none."""
     across: Sequence[AcrossCells]
     """The declared comparisons over all cells; empty with fewer than three."""
-    samples: Sequence[PairedSample]
-    """The declared ones first."""
     estimates: Sequence[Comparison]
     """Of every pair by every metric, the declared pairs first."""
 
@@ -419,6 +417,5 @@ def judge(kept: Store, only: str | None = None) -> CampaignJudgement:
         verdicts=decided,
         looks=looks,
         across=across_cells(records, study),
-        samples=found,
         estimates=estimates,
     )

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any, Final, TypedDict, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 import msgspec
 
@@ -96,11 +96,6 @@ class DeecoResult(msgspec.Struct, frozen=True):
     sample number ceil(0.95 n) in order of age. None without samples."""
 
 
-def node_report(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeReport | None:
-    """Return the node's report in a process's last record; None if there is none."""
-    return told(record, outcome, "deeco", NodeReport, "a node")
-
-
 def deeco_result(nodes: Iterable[NodeReport]) -> DeecoResult:
     """What the nodes did together."""
     counters: Counter[str] = Counter()
@@ -158,11 +153,6 @@ class NavigationResult(msgspec.Struct, frozen=True):
     """How long those listed lasted together, s."""
 
 
-def navigation_report(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationReport | None:
-    """Return navigation's report in a process's last record; None if there is none."""
-    return told(record, outcome, "navigation", NavigationReport, "a robot's navigation")
-
-
 def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
     """What the navigation of all robots did together."""
     counts: Counter[str] = Counter()
@@ -193,46 +183,34 @@ COLUMNS: Final = (
 )  # fmt: skip
 
 
-_OF_ROBOTS: Final = frozenset(
-    {"places_total", "places_done", "places_claimed", "places_given_up", "completion_s"}
-)
+_OF_ROBOTS: Final = ("places_total", "places_done", "places_claimed", "places_given_up", "completion_s")
 
 
-class PlaceCounts(TypedDict):
-    """Fields of a result that count places; instants in simulated s. `RunResult` explains them."""
+def counted(places: Sequence[PlaceOutcome], *, watched: bool = True) -> dict[str, Any]:
+    """Count places by their final state, by field of `RunResult`; instants in simulated s.
 
-    places_total: int
-    places_done: int | None
-    places_claimed: int
-    places_given_up: int
-    places_lost: int
-    completion_s: float | None
-    settled_s: float | None
-    last_reached_s: float | None
-
-
-def counted(places: Sequence[PlaceOutcome], *, watched: bool = True) -> PlaceCounts:
-    """Count places by their final state; `watched`: ground truth says which reports are true."""
+    `watched`: ground truth says which reports are true.
+    """
     verdicts = Counter(place.verdict for place in places)
     reported = [place.reported_at for place in places if place.reported_at is not None]
     settled = [place.settled_at for place in places if place.settled_at is not None]
     done, last = verdicts[Verdict.DONE] if watched else len(reported), in_seconds(max(reported, default=0))
-    return PlaceCounts(
-        places_total=len(places),
-        places_done=done if watched else None,
-        places_claimed=len(reported),
-        places_given_up=verdicts[Verdict.GIVEN_UP],
-        places_lost=verdicts[Verdict.LOST],
-        completion_s=last if done == len(places) else None,
-        settled_s=in_seconds(max(settled, default=0)) if len(settled) == len(places) else None,
-        last_reached_s=last if reported else None,
-    )
+    return {
+        "places_total": len(places),
+        "places_done": done if watched else None,
+        "places_claimed": len(reported),
+        "places_given_up": verdicts[Verdict.GIVEN_UP],
+        "places_lost": verdicts[Verdict.LOST],
+        "completion_s": last if done == len(places) else None,
+        "settled_s": in_seconds(max(settled, default=0)) if len(settled) == len(places) else None,
+        "last_reached_s": last if reported else None,
+    }
 
 
 def robot_places(places: Iterable[PlaceOutcome], robot: str, *, watched: bool = True) -> dict[str, Any]:
     """Count the places of one robot, by field of `RobotResult`."""
     found = counted([place for place in places if place.owner == robot], watched=watched)
-    return {name: value for name, value in found.items() if name in _OF_ROBOTS}
+    return {name: found[name] for name in _OF_ROBOTS}
 
 
 def write_table(places: Iterable[PlaceOutcome], path: Path) -> None:

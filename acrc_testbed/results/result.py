@@ -17,11 +17,10 @@ from acrc_testbed.results.outcome import (
     Outcomes,
     counted,
     deeco_result,
-    navigation_report,
     navigation_result,
-    node_report,
     own_outcome,
     robot_places,
+    told,
 )
 from actors.instant import in_seconds
 from actors.messages import ROSTER
@@ -349,7 +348,11 @@ def gather(
     wall = max(world.ended_s - world.started_s, 1e-9)
     missing, sentences = undelivered([(program.actor, final) for program, final in finals], rosters)
     pairs = {name: air.frames.pop(name) for name in ("pairs", "pairs_in_reach")}
-    said = robot_reports(_of_robots(finals))
+    said = robot_reports(
+        (program.actor, program.record, final)
+        for program, final in finals
+        if program.record is not None and program.actor not in ("world", "radio")
+    )
     result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),
         robots=len(robots),
@@ -387,14 +390,6 @@ def gather(
     return result, places
 
 
-def _of_robots(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[tuple[str, Path, FinalNote]]:
-    """The last records of the robots' processes, those of restarted robots too."""
-    for program, final in finals:
-        assert program.record is not None
-        if program.actor not in ("world", "radio"):
-            yield program.actor, program.record, final
-
-
 class RobotReports(NamedTuple):
     """Final notes of all robots together."""
 
@@ -416,9 +411,10 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports
     for robot, record, final in finals:
         unread += final.unread
         with _refusing(refused, robot, "node"):
-            nodes += filter(None, (node_report(record, final.outcome),))
+            nodes += filter(None, (told(record, final.outcome, "deeco", NodeReport, "a node"),))
         with _refusing(refused, robot, "navigation"):
-            navigations += filter(None, (navigation_report(record, final.outcome),))
+            report = told(record, final.outcome, "navigation", NavigationReport, "a robot's navigation")
+            navigations += filter(None, (report,))
         with _refusing(refused, robot, "outcome"):
             for name, value in own_outcome(record, final.outcome).items():
                 outcomes.setdefault(name, {})[robot] = value

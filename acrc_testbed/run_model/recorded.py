@@ -7,13 +7,13 @@ from typing import Final, TypeVar, cast
 import msgspec
 
 from acrc_testbed.recordings.run_recordings import recordings, setup_of
-from acrc_testbed.results.outcome import navigation_report, told
+from acrc_testbed.results.outcome import told
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from actors.messages import FRAME_OUTCOMES, FrameOutcomes
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.decisions import AdaptationDecision, AdaptationReport
-from actors.robot.navigation.navigation_counts import GivenGoal
+from actors.robot.navigation.navigation_counts import GivenGoal, NavigationReport
 from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
@@ -83,7 +83,8 @@ def robot_report(records: Iterable[Path]) -> RobotReport:
     unlisted = 0
     for record in records:
         outcome = final_outcomes(record)
-        if (navigation := navigation_report(record, outcome)) is not None:
+        navigation = told(record, outcome, "navigation", NavigationReport, "a robot's navigation")
+        if navigation is not None:
             goals = [*(goals or ()), *navigation.given]
             planless += navigation.without_plan
             paused += navigation.paused

@@ -73,11 +73,6 @@ class PlaceOutcome(msgspec.Struct, frozen=True):
         )
 
     @property
-    def lost(self) -> bool:
-        """Neither reported nor given up, and in the route of no robot that takes part at the end."""
-        return self.verdict is Verdict.LOST
-
-    @property
     def settled_at(self) -> int | None:
         """When it was first reported or given up, whichever came first."""
         instants = [instant for instant in (self.reported_at, self.given_up_at) if instant is not None]

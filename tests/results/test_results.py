@@ -16,9 +16,8 @@ from acrc_testbed.results.outcome import (
     counted,
     deeco_result,
     means,
-    navigation_report,
     navigation_result,
-    node_report,
+    told,
     write_table,
 )
 from acrc_testbed.results.result import RobotReports, robot_reports
@@ -64,9 +63,9 @@ def reports(
 
 
 def test_valid_reports_are_counted() -> None:
-    told = reports(unread=5)
-    assert told.refused == ()
-    assert (told.navigation.goals, told.deeco.counters["packets"], told.unread) == (3, 30, 5)
+    found = reports(unread=5)
+    assert found.refused == ()
+    assert (found.navigation.goals, found.deeco.counters["packets"], found.unread) == (3, 30, 5)
 
 
 FORMLESS = (
@@ -83,9 +82,9 @@ FORMLESS = (
 )
 
 
-@pytest.mark.parametrize("told", FORMLESS, ids=lambda told: str(told)[-60:])
-def test_what_has_another_form_is_named_and_not_counted(told: object) -> None:
-    found = reports(told)
+@pytest.mark.parametrize("report", FORMLESS, ids=lambda one: str(one)[-60:])
+def test_what_has_another_form_is_named_and_not_counted(report: object) -> None:
+    found = reports(report)
     assert len(found.refused) == 1 and found.navigation.goals == 0
     assert found.refused[0].startswith(
         "r1: its report of its navigation is malformed and is not counted: "
@@ -98,10 +97,10 @@ def test_numbers_texts_and_booleans_of_a_behaviour_are_its_own_outcome() -> None
     own = {
         "tokens": {"taken": 3, "share": 0.5, "list": [1]}, "done": True, "note": "=1", "nothing": None,
     }  # fmt: skip
-    told = reports(own=own)
-    assert told.refused == ()
+    found = reports(own=own)
+    assert found.refused == ()
     kept = {"done": True, "note": "=1", "tokens.share": 0.5, "tokens.taken": 3}
-    assert told.outcomes == {name: {"r1": value} for name, value in kept.items()}
+    assert found.outcomes == {name: {"r1": value} for name, value in kept.items()}
     two: Outcomes = {"a": {"r1": 1, "r2": 2.0}, "b": {"r1": True, "r2": False}, "c": {"r1": "x"}}
     assert means(two) == {"a": 1.5, "b": 0.5}
 
@@ -118,13 +117,13 @@ OUT_OF_BOUNDS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("why", OUT_OF_BOUNDS)
 def test_an_outcome_out_of_bounds_is_named_and_not_counted(why: str) -> None:
-    told = reports(own=OUT_OF_BOUNDS[why])
-    (refused,) = told.refused
+    found = reports(own=OUT_OF_BOUNDS[why])
+    (refused,) = found.refused
     assert (
         refused.startswith("r1: its report of its outcome is malformed and is not counted: ")
         and why in refused
     )
-    assert told.outcomes == {} and told.navigation.goals == 3
+    assert found.outcomes == {} and found.navigation.goals == 3
 
 
 def said(**values: object) -> dict[str, msgspec.Raw]:
@@ -174,7 +173,7 @@ def test_what_a_node_counts_is_what_is_read() -> None:
     for age in true_ages:
         statistics.sample_age(Instant(0), Instant(age))
     said_by_node = {"deeco": msgspec.Raw(msgspec.json.encode(statistics.outcome()))}
-    node = node_report(RECORD, said_by_node)
+    node = told(RECORD, said_by_node, "deeco", NodeReport, "a node")
     assert node is not None
     result = deeco_result([node])
     assert (result.counters["commits"], result.exchanges) == (4, {"Swap": 1})
@@ -199,7 +198,7 @@ def test_what_a_node_counts_is_what_is_read() -> None:
 )
 def test_what_is_no_outcome_of_a_node_is_named(values: dict[str, object], fault: str) -> None:
     with pytest.raises(OutcomeError) as caught:
-        node_report(RECORD, said(**values))
+        told(RECORD, said(**values), "deeco", NodeReport, "a node")
     assert str(caught.value) == (f"out/r1/r1.mcap: the outcome 'deeco' is not that of a node: {fault}")
 
 
@@ -219,10 +218,8 @@ def test_outcomes_add_up() -> None:
 
 def test_an_outcome_survives_its_record() -> None:
     raw = msgspec.Raw(msgspec.json.encode(FIRST))
-    assert navigation_report(Path("r1.mcap"), {"navigation": raw}) == FIRST
-    assert navigation_report(Path("r1.mcap"), {}) is None
-    none = navigation_result(())
-    assert (none.goals, none.aborted, none.no_valid_trajectory, none.no_valid_trajectory_s) == (0, {}, {}, 0)
+    assert told(Path("r1.mcap"), {"navigation": raw}, "navigation", NavigationReport, "a robot") == FIRST
+    assert told(Path("r1.mcap"), {}, "navigation", NavigationReport, "a robot") is None
 
 
 S = 1_000_000
@@ -254,17 +251,21 @@ def test_places_are_counted_by_what_became_of_them() -> None:
     assert counted((MISTAKEN,), watched=False)["completion_s"] == 12.0
 
 
-def test_all_is_settled_with_the_last_place_that_was_reported_or_given_up_for_the_first_time() -> None:
-    settled = counted((DONE, MISTAKEN, LATE))
-    assert (settled["settled_s"], settled["completion_s"], settled["last_reached_s"]) == (20.0, None, 40.5)
-    assert counted((DONE, GIVEN_UP))["settled_s"] == 90.0
-    assert counted((DONE, GIVEN_UP))["last_reached_s"] == 11.0
-
-
-def test_all_is_complete_with_the_last_report() -> None:
-    assert counted((DONE, LATE))["completion_s"] == 40.5
-    assert counted(())["completion_s"] == 0.0
-    assert counted(())["last_reached_s"] is counted((GIVEN_UP, LOST))["last_reached_s"] is None
+@pytest.mark.parametrize(
+    ("places", "settled_s", "completion_s", "last_reached_s"),
+    [
+        ((DONE, MISTAKEN, LATE), 20.0, None, 40.5),
+        ((DONE, GIVEN_UP), 90.0, None, 11.0),
+        ((DONE, LATE), 20.0, 40.5, 40.5),
+        ((GIVEN_UP, LOST), None, None, None),
+        ((), 0.0, 0.0, None),
+    ],
+)
+def test_all_is_settled_by_first_words_and_complete_by_true_reports(
+    places: tuple[PlaceOutcome, ...], settled_s: float, completion_s: float, last_reached_s: float
+) -> None:
+    expected = {"settled_s": settled_s, "completion_s": completion_s, "last_reached_s": last_reached_s}
+    assert counted(places) == counted(places) | expected
 
 
 def test_the_table_has_a_row_per_place(tmp_path: Path) -> None:
