@@ -33,6 +33,7 @@ from actors.messages import (
     Drive,
 )
 from actors.radio.radio_model import RadioSetup
+from actors.world.world_setup import WorldSetup
 
 _PATIENCE_S: Final = 1.0
 """How long the robots' recordings of a step are waited for, s."""
@@ -44,6 +45,23 @@ _OF_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
 """The messages that are folded, by the actor whose recording they are taken from."""
 _BY_ROBOTS: Final = frozenset({READY.pattern, INTROSPECTION.pattern})
 _BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern})
+
+
+def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
+    """Return the model of a simulated run that has taken no step yet."""
+    description = RunDescription(
+        out=out,
+        title=f"{len(setup.robots)} robots, seed {setup.seed}",
+        robots=tuple(body.id for body in setup.robots),
+        grid=load_map(setup.map),
+        step_us=setup.step_us,
+        own_places={body.id: body.places for body in setup.robots},
+        addresses={address: robot for robot, address in radio.robots},
+        radius=largest_radius(setup),
+        records_frames=radio.detail == "full",
+        seed=setup.seed,
+    )
+    return RunModel(description, [GivenOrder(one.step(setup.step_us), one.order) for one in setup.events])
 
 
 class RunReader:
@@ -59,22 +77,9 @@ class RunReader:
                 raise RunDataError(
                     f"{out}: there is no recording of the {actor}; it should be the folder of a simulated run"
                 )
-        setup = world_setup(files["world"])
-        radio = setup_of(files["radio"], RadioSetup, "a radio")
-        self.description = RunDescription(
-            out=out,
-            title=f"{len(setup.robots)} robots, seed {setup.seed}",
-            robots=tuple(body.id for body in setup.robots),
-            grid=load_map(setup.map),
-            step_us=setup.step_us,
-            own_places={body.id: body.places for body in setup.robots},
-            addresses={address: robot for robot, address in radio.robots},
-            radius=largest_radius(setup),
-            records_frames=radio.detail == "full",
-            seed=setup.seed,
-        )
-        scheduled = [GivenOrder(one.step(setup.step_us), one.order) for one in setup.events]
-        self.model = RunModel(self.description, scheduled)
+        setup, radio = world_setup(files["world"]), setup_of(files["radio"], RadioSetup, "a radio")
+        self.model = run_model(out, setup, radio)
+        self.description = self.model.description
         self._stack, self._files = ExitStack(), dict[str, Growing]()
         self._internals: dict[str, ProcessModel] | None = {} if internals else None
         """By actor; None: not wanted."""

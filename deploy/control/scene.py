@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acrc_testbed.explanation.episodes import STANDARD, ObservedActivity
-from acrc_testbed.recordings.run_recordings import GivenOrder
-from acrc_testbed.run_model.data import RunData, RunDescription
-from acrc_testbed.run_model.model import RunModel
+from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.simulated import run_model
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
-from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.messages import Answered, Control, FloorChanged, FloorThing, Jam, Progress, Truth
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, OWN_STATES, Mark, contrast, hexadecimal
 from actors.orders import Freeze, Give, Kill, Move, Order, Restart, Speed, Thaw
+from actors.radio.radio_model import RadioSetup
 from actors.robot_model import load_model
 from actors.task.task import PlaceKey
 from actors.topic import Message
@@ -91,17 +90,11 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
 class Scene:
     """The run model's newest values; while the run is paused, with what orders have changed since."""
 
-    def __init__(self, setup: WorldSetup, speed: float, addresses: Mapping[int, str]) -> None:
-        """`speed`: simulated s per s at the start, 0: no limit; `addresses`: robots by short address."""
-        grid = load_map(setup.map)
-        self._own = {robot.id: robot.places for robot in setup.robots}
-        self._floor, self._speed = floor_message(setup, grid), speed
-        description = RunDescription(
-            out=Path(), title="", robots=tuple(self._own), grid=grid, step_us=setup.step_us,
-            own_places=self._own, addresses=addresses,
-        )  # fmt: skip
-        scheduled = [GivenOrder(one.step(setup.step_us), one.order) for one in setup.events]
-        self._model = RunModel(description, scheduled)
+    def __init__(self, setup: WorldSetup, radio: RadioSetup, speed: float) -> None:
+        """`speed`: simulated s per s at the start, 0: no limit."""
+        self._model = run_model(Path(), setup, radio)
+        self._own = self._model.description.own_places
+        self._floor, self._speed = floor_message(setup, self._model.description.grid), speed
         self._places = {PlaceKey(one, n): at for one, own in self._own.items() for n, at in enumerate(own)}
         self._reported: dict[PlaceKey, str] = {}
         """Reports about places: done, or given up."""

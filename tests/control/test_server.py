@@ -26,6 +26,7 @@ from actors.messages import (
 )
 from actors.observer.glyphs import contrast
 from actors.orders import Freeze, Give, Move, Speed
+from actors.radio.radio_model import RadioSetup
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
 from actors.task.task import PlaceKey, PlaceReport
@@ -83,7 +84,8 @@ def world(*events: TimedOrder) -> WorldSetup:
 
 
 def scene(*events: TimedOrder) -> Scene:
-    return Scene(world(*events), 2.0, {1: "r1", 2: "r2", 3: "r3"})
+    robots = (("r1", 1), ("r2", 2), ("r3", 3))
+    return Scene(world(*events), RadioSetup(seed=1, step_us=100_000, robots=robots), 2.0)
 
 
 def said(stage: Scene, message: Message, robot: str = "r1") -> None:
