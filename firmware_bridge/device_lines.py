@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Generic, NamedTuple, Self, TypeVar
 
 import msgspec
@@ -52,9 +51,8 @@ class PseudoTerminal:
         return self._device
 
     def read(self, patience: float) -> bytes:
-        """What the driver has written; waits up to `patience` s for it."""
-        ready, _, _ = select.select([self._device], [], [], max(patience, 0.0))
-        if not ready:
+        """Return what the driver has written; waits up to `patience` s for it."""
+        if not select.select([self._device], [], [], patience)[0]:
             return b""
         try:
             return os.read(self._device, 4096)
@@ -173,9 +171,7 @@ class EmulatedLines:
             stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

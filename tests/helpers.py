@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import socket
 import tempfile
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -47,6 +48,14 @@ def in_order(
         return
     with ProcessPoolExecutor(workers, multiprocessing.get_context("forkserver")) as pool:
         yield from pool.map(work, tasks)
+
+
+def until(condition: Callable[[], object], patience_s: float = 30.0, pause_s: float = 0.005) -> None:
+    """Wait until the condition holds, looking at it again and again; fail after the patience."""
+    deadline = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < deadline, f"it has not come to that within {patience_s:g} s"
+        time.sleep(pause_s)
 
 
 def sampled(seeds: Iterable[int], every_day: Collection[int]) -> Any:

@@ -6,10 +6,11 @@ modelled: races of interrupts that mix answers (see `device_lines.Disturbance`).
 while a frame is read out is part of the radio preset.
 """
 
+import struct
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, TypeVar
+from typing import Final
 
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
@@ -42,7 +43,6 @@ from firmware_bridge.beeclick.wire import (
 _GRAIN: Final = 9
 """So many bytes from the host are looked at together while they come in, about 100 µs."""
 _LONGEST_SENTENCE: Final = 254
-W = TypeVar("W")
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class EmulatedBoard:
 
     def settle(self, now: Instant) -> None:
         """Do what is due until `now`."""
-        self._unless_hung(self._run, now, None)
+        self._unless_hung(lambda: self._run(now))
         self._answers.settle(now)
 
     def wake(self) -> Instant | None:
@@ -151,7 +151,7 @@ class EmulatedBoard:
         """A line from the GPS module, without its end; only RMC sentences are passed on."""
         if line.startswith(b"$GPRMC"):
             self._sentence = line[:_LONGEST_SENTENCE]
-            self._unless_hung(self._handle, now, None)
+            self._unless_hung(lambda: self._handle(now))
 
     # --- the medium --------------------------------------------------------------------------------------
 
@@ -161,13 +161,13 @@ class EmulatedBoard:
         if self._busy:
             self._held.append(succeeded)
             return
-        self._unless_hung(self._radio_says, now, succeeded)
+        self._unless_hung(lambda: self._radio_says(now, succeeded))
 
     def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
         """A frame, with the codes of the chip."""
         packet = ReceivedPacket(frame.pan, frame.source, rssi, lqi, frame.check, frame.data)
         if not self._busy:
-            self._unless_hung(self._radio_says, now, packet)
+            self._unless_hung(lambda: self._radio_says(now, packet))
         elif any(isinstance(one, ReceivedPacket) for one in self._held):
             self.counters["lost"] += 1  # the chip has room for one
         else:
@@ -175,16 +175,16 @@ class EmulatedBoard:
 
     # --- the firmware ------------------------------------------------------------------------------------
 
-    def _unless_hung(self, act: Callable[[Instant, W], None], now: Instant, what: W) -> None:
+    def _unless_hung(self, act: Callable[[], None]) -> None:
         if self.hung:
             return
         try:
-            act(now, what)
+            act()
         except CrashError:
             self.hung = True
             self.counters["crashes"] += 1
 
-    def _run(self, now: Instant, _: None = None) -> None:
+    def _run(self, now: Instant) -> None:
         if self._held_until is not None and now >= self._held_until:
             self._held_until = None
             self._say(now, Notes(self._notes()))
@@ -258,7 +258,7 @@ class EmulatedBoard:
         self._sending = False
         self._handle(now)
 
-    def _handle(self, now: Instant, _: None = None) -> None:
+    def _handle(self, now: Instant) -> None:
         """The firmware's one handler of commands: one after the other, none behind a packet in the air."""
         if self._busy:
             return
@@ -288,16 +288,15 @@ class EmulatedBoard:
         self._radio.transmit(self, now, 0, command[6 : 6 + length])
 
     def _do(self, now: Instant, command: bytes) -> None:
-        match command[0]:
-            case kind if kind == SYNC:
-                self._say(now, Synchronised())
-            case kind if kind == SET_POWER:
-                asked = int.from_bytes(command[1:3], "little", signed=True)
-                self.power_dbm = radiated(max(min(asked, 0), -399)) / 10
-                self._say(now, SetPower(asked))
-            case kind if kind == SET_ADDRESS:
-                self.pan, self.address = (int.from_bytes(p, "little") for p in (command[1:3], command[3:5]))
-                self._say(now, SetAddress(self.pan, self.address))
+        if command[0] == SYNC:
+            self._say(now, Synchronised())
+        elif command[0] == SET_POWER:
+            (asked,) = struct.unpack_from("<h", command, 1)
+            self.power_dbm = radiated(max(min(asked, 0), -399)) / 10
+            self._say(now, SetPower(asked))
+        elif command[0] == SET_ADDRESS:
+            self.pan, self.address = struct.unpack_from("<HH", command, 1)
+            self._say(now, SetAddress(self.pan, self.address))
 
     def _say(self, now: Instant, answer: Answer) -> None:
         self._answers.put(now, encode_answer(answer))

@@ -21,6 +21,7 @@ from firmware_bridge.laboratory.laboratory import LaboratoryResult, LaboratorySe
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.serial_port import KOBUKI, RPLIDAR, SerialPort
+from tests import helpers
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
@@ -118,12 +119,12 @@ class Running:
 
 
 def until(condition: Callable[[], bool], *hosts: "BaseHost | LidarHost") -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "nothing came of it in time"
+    def served() -> bool:
         for host in hosts:
             host.serve()
-        time.sleep(0.001)
+        return condition()
+
+    helpers.until(served, PATIENCE_S, 0.001)
 
 
 class BaseHost:

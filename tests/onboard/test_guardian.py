@@ -25,6 +25,7 @@ from firmware_bridge.kobuki.guardian import Standstill
 from firmware_bridge.kobuki.wire import BaseControl, Basic, encode_command, encode_feedback, encode_frame
 from firmware_bridge.onboard.vehicle import GuardianLink, start_guardian
 from firmware_bridge.serial_port import KOBUKI, SerialPort
+from tests import helpers
 from tests.kobuki.rig import Room, Unicycle
 
 
@@ -92,12 +93,13 @@ class BaseProcess:
 
     def serve(self, until: Callable[[], bool], patience_s: float = 10.0) -> None:
         """Go round, without a command, until then."""
-        deadline = time.monotonic() + patience_s
-        while not until():
-            assert time.monotonic() < deadline, "it has not come to that"
+
+        def served() -> bool:
             self.word.serve(now(), self.port)
             self.port.read()
-            time.sleep(0.005)
+            return until()
+
+        helpers.until(served, patience_s)
 
     def die(self) -> None:
         """As by SIGKILL: no farewell, all descriptors closed."""

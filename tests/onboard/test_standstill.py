@@ -18,6 +18,7 @@ from actors.runtime.codec import decode
 from actors.runtime.recording import Note, RecordingError, read_notes, read_recording
 from firmware_bridge.device_lines import RADIO, RANGE
 from firmware_bridge.kobuki.motion import LONGEST_GAP
+from tests.helpers import until
 from tests.onboard.standstill_rig import GUARDIAN, MAP, Rig, Where, held, killed, stopped
 from tests.swarm.command import acrc, begin, leftovers, processes_of
 
@@ -59,14 +60,6 @@ def senses(path: Path) -> list[Senses]:
         if not isinstance(entry, Note) and entry.key == key and entry.payload is not None:
             found.append(decode(SENSES, key, entry.payload))  # type: ignore[arg-type]
     return found  # type: ignore[return-value]
-
-
-def until(path: Path, steps: int, patience_s: float = 100.0) -> None:
-    """Wait until a robot has recorded so many steps."""
-    deadline = time.monotonic() + patience_s
-    while len(senses(path)) < steps:
-        assert time.monotonic() < deadline, f"{path} has not got {steps} steps within {patience_s} s"
-        time.sleep(0.3)
 
 
 def told_to_stand(rig: Rig, event: Callable[[Rig], None]) -> tuple[Where, Where | None, Where | None]:
@@ -125,11 +118,8 @@ def test_a_serial_line_that_is_silent_for_long_leaves_the_robot_in_doubt_about_i
     rig.expect_ok("silence r1 base")
     time.sleep(1.1 * LONGEST_GAP)
     rig.expect_ok("heal r1")
-    deadline = time.monotonic() + 60.0  # how soon it then drives depends on how much it sees where it stands
-    # a guardian that the base has just forked looks like it for an instant
-    while set(rig.processes(BASE)) & set(before) or not doubtful(rig):
-        assert time.monotonic() < deadline, "what the base moved meanwhile is not known"
-        time.sleep(0.1)
+    # what the base moved meanwhile is not known; a guardian that it has just forked looks like it at first
+    until(lambda: not set(rig.processes(BASE)) & set(before) and doubtful(rig), 60.0, 0.1)
     logs = [path.read_text() for path in rig.out.rglob("*base*.log")]
     assert sum("the base was not heard for too long" in log for log in logs) == 1
 
@@ -162,7 +152,7 @@ def test_a_killed_base_stands_and_all_start_again_until_the_operator_stops_them_
     with rig:
         rig.until_driving()
         killed(rig.processes(ROBOT))
-        until(records / "r1.1.mcap", steps=5)
+        until(lambda: len(senses(records / "r1.1.mcap")) >= 5, 100.0, 0.3)
         stands_soon(rig, BASE)
         stood = rig.where()
         rig.until_driving()

@@ -3,7 +3,6 @@
 import ctypes
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from firmware_bridge.range_sensors.depth import (
     column_slopes,
 )
 from firmware_bridge.range_sensors.sensor import StillBeams
+from tests.helpers import until
 from tests.kobuki.rig import Room
 
 KINECT = load_model("turtlebot2", "kinect").sensor
@@ -151,13 +151,6 @@ class Scripted:
 
     def close(self) -> None:
         self.closed = True
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 10
-    while not condition():
-        assert time.monotonic() < deadline, "timeout"
-        time.sleep(0.005)
 
 
 def test_a_camera_that_fails_is_opened_again_and_one_that_hangs_blocks_nothing(
