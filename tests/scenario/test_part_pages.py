@@ -72,6 +72,7 @@ def test_everything_that_an_office_floor_can_have_stands_there() -> None:
     assert list(told) == list(PARAMETERS)
     for key, allowed in PARAMETERS.items():
         low, high = (
-            f"{end * RESOLUTION:.2f}" if allowed.cells else str(end) for end in (allowed.low, allowed.high)
+            f"{end * RESOLUTION:.2f}" if allowed.is_length else str(end)
+            for end in (allowed.low, allowed.high)
         )
         assert told[key][0].startswith(f"{low} to {high} ")
