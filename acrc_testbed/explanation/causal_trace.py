@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 
 from actors.instant import LATEST, Duration, Instant, in_seconds
-from actors.introspection import DecisionRecord, ValueChange
+from actors.introspection import DecisionRecord, GoalState, ValueChange
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
 
@@ -24,17 +24,6 @@ Place = tuple[float, float]
 
 class TraceError(AcrcError):
     """A trace that cannot be made, or makes no sense."""
-
-
-class GoalChange(msgspec.Struct, frozen=True):
-    """How navigation's goal stands from a step on."""
-
-    step: Number
-    point: Place | None
-    """None: it has none."""
-    status: str | None = None
-    reason: str | None = None
-    phase: str | None = None
 
 
 class FieldChange(msgspec.Struct, frozen=True):
@@ -124,7 +113,7 @@ class Order(msgspec.Struct, frozen=True):
     """What kind of order it is: the first of the words."""
     point: Place | None
     """Where to; of `STOPS`, where it had been heading for."""
-    goal: GoalChange | None
+    goal: GoalState | None
     """How navigation's last goal stood before."""
     moved: tuple[Number, ...] = ()
     """The changes of knowledge that brought its point, or took it away, newest first."""

@@ -13,7 +13,6 @@ import numpy as np
 from acrc_testbed.explanation.causal_trace import (
     Arrival,
     CausalTrace,
-    GoalChange,
     KnowledgeChange,
     Order,
     ReplicaRead,
@@ -24,6 +23,7 @@ from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
 from acrc_testbed.run_model.frames import Copies, copies_of, outcome_name
 from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from actors.instant import Instant, in_seconds
+from actors.introspection import GoalState
 from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
@@ -320,7 +320,7 @@ class Chain:
         about = {"words": order.words, "point": None if order.point is None else list(order.point)}
         yield _link(order.instant, "order", f"{self._air.robot_here} {order.words}", 0, about)
         if order.verb == AGAIN or order.goal is not None:
-            goal = order.goal or GoalChange(order.step, None)
+            goal = order.goal or GoalState(None)
             about = {"status": goal.status, "reason": goal.reason}
             yield _link(order.instant, "goal", _stands(goal), 1, about)
         causes = self._behind(order)
@@ -472,7 +472,7 @@ def _link(at: Instant, kind: str, says: str, depth: int, about: dict[str, Any]) 
     return Link(in_seconds(at), kind, says, depth, about)
 
 
-def _stands(goal: GoalChange) -> str:
+def _stands(goal: GoalState) -> str:
     """How a goal stood, in words."""
     if goal.point is None:
         return "there was no goal before"

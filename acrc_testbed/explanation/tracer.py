@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple, cast
 from acrc_testbed.explanation.causal_trace import (
     Arrival,
     FieldChange,
-    GoalChange,
     KnowledgeChange,
     Order,
     ReplicaNews,
@@ -22,7 +21,7 @@ from actors.instant import Duration, Instant
 from actors.introspection import ValueChange
 from actors.messages import Heard, Received
 from actors.robot.behaviour.node_host import ensembles_of
-from actors.robot.behaviour.ports import Behaviour, Decision, Goal, GoalOrder, View
+from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, View
 from actors.robot.core import RobotCore
 from actors.robot.introspection import as_json, decision, differences, goal_state, in_words
 from actors.runtime.core import Core, Inputs
@@ -123,7 +122,7 @@ class OrderWatch:
             object.__setattr__(behaviour, "advance", watched)
 
     def _told(self, step: int, view: View, decision: Decision) -> Iterator[Order]:
-        goal = goal_change(step, view.goal) if view.goal is not None else None
+        goal = goal_state(view.goal) if view.goal is not None else None
 
         def order(verb: str, more: str = "", point: Point | None = None, at: Instant | None = None) -> Order:
             moved = self._points.behind(point, step, gone=verb == STOPS, again=verb == AGAIN)
@@ -150,12 +149,6 @@ class OrderWatch:
         elif decision.goal is GoalOrder.CANCEL and view.goal is not None:
             left, self._heading = self._heading, None
             yield order(STOPS, "", left)
-
-
-def goal_change(step: int, goal: Goal) -> GoalChange:
-    """Return a goal's state from a step on."""
-    state = goal_state(goal)
-    return GoalChange(step, state.point, state.status, state.reason, state.phase)
 
 
 class Dependence(NamedTuple):

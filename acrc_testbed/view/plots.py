@@ -172,32 +172,23 @@ def _spread(counts: Floats) -> dict[str, Floats]:
     return dict(zip(_SPREAD, (counts.mean(axis=1), low, high), strict=True))
 
 
-_FIRST: Final = 64
-"""Points that there is room for at first; then twice as many, and so on."""
-
-
 class PositionHistory:
     """One robot's way."""
 
     def __init__(self) -> None:
-        self._points: Floats = np.zeros((_FIRST, 3))
-        self._count = 0
+        self._points: Floats = np.zeros((0, 3))
 
     def extend(self, seconds: Floats, poses: Floats) -> None:
-        """Go on: (n,) s, later than all before, and (n, 2 or more): x and y, m; what is NaN is left out."""
+        """Add (n,) s, later than all before, and (n, 2 or more): x and y, m; NaN is left out."""
         known = np.isfinite(poses[:, 0])
-        new = np.column_stack((seconds[known], poses[known, :2]))
-        while self._count + len(new) > len(self._points):
-            self._points = np.concatenate((self._points, np.zeros_like(self._points)))
-        self._points[self._count : self._count + len(new)] = new
-        self._count += len(new)
+        self._points = np.concatenate((self._points, np.column_stack((seconds, poses[:, :2]))[known]))
 
     def at(self, seconds: Floats) -> Floats:
-        """(n, 2) m, between two known points in proportion; NaN where none is known."""
-        known = self._points[: self._count]
-        if not self._count:
+        """(n, 2) m, interpolated linearly; NaN where no point is known."""
+        if not len(self._points):
             return np.full((len(seconds), 2), np.nan)
-        return np.column_stack([np.interp(seconds, known[:, 0], known[:, axis]) for axis in (1, 2)])
+        times, x, y = self._points.T
+        return np.column_stack([np.interp(seconds, times, axis) for axis in (x, y)])
 
 
 class RobotLane:

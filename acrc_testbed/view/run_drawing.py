@@ -1,7 +1,7 @@
 """One run on one canvas, whole or part by part, finished or going on."""
 
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from actors.introspection import DecisionRecord
 from actors.observer import layout, places, robots, words
 from actors.observer.canvas import FEW, Canvas
 from actors.observer.glyphs import FATES
-from actors.observer.places import PlaceState, draw_places
+from actors.observer.places import draw_places
 from actors.observer.words import DrawnEvent, LearntExchange, Occupation
 from actors.radio.medium.state import Outcome
 
@@ -64,43 +64,42 @@ class ProcessEvents:
             yield DrawnEvent(change.second, self._robot, words, "WARN")
 
 
-class DrawnParts(NamedTuple):
-    """What is drawn of a robot beside what it does and knows."""
-
-    detailed: bool
-    """All that it perceives."""
-    goals: bool
-    """Where it heads for."""
-
-
 class ProcessDrawing:
     """What one process of a robot computed, drawn part by part."""
 
     def __init__(
-        self, canvas: Canvas, robot: str, way: PositionHistory, lane: RobotLane, shown: DrawnParts
+        self,
+        canvas: Canvas,
+        robot: str,
+        way: PositionHistory,
+        lane: RobotLane,
+        *,
+        is_detailed: bool,
+        has_goals: bool,
     ) -> None:
+        """`is_detailed`: draw what it perceives; `has_goals`: draw where it heads for."""
         self._canvas, self._robot, self._way, self._lane = canvas, robot, way, lane
-        self._shown = shown
+        self._is_detailed, self._has_goals = is_detailed, has_goals
         self._events = ProcessEvents(robot)
         self._last: ActivityChange | None = None
         self._line_due: float | None = None
         self._met: dict[str, tuple[float, float]] = {}
         """By peer: when the plot of its age goes on, and when it was heard last, s."""
-        if shown.detailed:
+        if is_detailed:
             words.introduce_inside(canvas, robot)
 
     def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[LearntExchange]:
         """Draw the next part, and yield what it learnt from others. `end`: of the run, if nothing follows."""
         canvas, robot = self._canvas, self._robot
         until = inside.end if end is None else end
-        if self._shown.detailed:
+        if self._is_detailed:
             _draw_perception(canvas, robot, inside)
             words.draw_decisions(canvas, robot, [_causes(*one) for one in inside.decisions()])
             self._ages(inside, until)
         doings = [Occupation(one.second, one.activity, one.destination) for one in inside.activities]
         self._lane.do(doings, until)
         words.draw_knowledge(canvas, robot, list(inside.knowledge))
-        if self._shown.goals:
+        if self._has_goals:
             self._intents(inside.activities, inside.end)
         words.draw_events(canvas, "inside", list(self._events.of(inside)))
         for one, _ in inside.decisions():
@@ -222,7 +221,7 @@ class RunDrawing:
                 robots.draw_name(canvas, robot, second, state)
             self._lanes[robot].act(track.states)
         for second, put in run.floor:
-            places.draw_things(canvas, second, [(one.kind, one.points, one.radius) for one in put])
+            places.draw_things(canvas, second, put)
         self._draw_places(run)
         self._links(run)
         self._plots.extend(run)
@@ -278,9 +277,14 @@ class RunDrawing:
     def _inside(self, inside: RobotInternals, end: float | None) -> None:
         robot, actor = inside.process.robot, inside.process.actor
         if actor not in self._insides:
-            shown = DrawnParts(robot in self._detailed, self._in_full(robot))
-            painted = ProcessDrawing(self._canvas, robot, self._ways[robot], self._lanes[robot], shown)
-            self._insides[actor] = painted
+            self._insides[actor] = ProcessDrawing(
+                self._canvas,
+                robot,
+                self._ways[robot],
+                self._lanes[robot],
+                is_detailed=robot in self._detailed,
+                has_goals=self._in_full(robot),
+            )
         self._exchanges += self._insides[actor].draw(inside, end)
 
     def _deadlocks(self, run: RunData) -> None:
@@ -308,7 +312,7 @@ class RunDrawing:
         """Draw the places of each owner whenever the state of one of them changes."""
         for change in self._places.extend(run):
             for owner in sorted({key.owner for key in change.states}):
-                mine = [PlaceState(*it) for key, it in self._places.states.items() if key.owner == owner]
+                mine = [state for key, state in self._places.states.items() if key.owner == owner]
                 draw_places(self._canvas, owner, change.second, mine)
 
     def _links(self, run: RunData) -> None:

@@ -1,7 +1,7 @@
 """The places to be cleaned: by owner, by what has become of them, by who holds and who heads for them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
@@ -28,17 +28,8 @@ _ADOPTION_S: Final = 6.0
 _CROSS: Final = 0.12
 
 
-class PlaceState(NamedTuple):
-    """How one place stands."""
-
-    x: float
-    """m, map frame."""
-    y: float
-    done: bool = False
-    """Somebody has reported it."""
-    given_up: bool = False
-    holders: tuple[str, ...] = ()
-    """Robots that mean to visit it."""
+PlaceState = tuple[float, float, bool, bool, tuple[str, ...]]
+"""x, y, m, map frame; is reported as cleaned; is given up; robots that intend to visit it."""
 
 
 def draw_places(canvas: Canvas, owner: str, second: float, places: Sequence[PlaceState]) -> None:
@@ -60,14 +51,14 @@ def draw_places(canvas: Canvas, owner: str, second: float, places: Sequence[Plac
 
 def _marks(canvas: Canvas, owner: str, place: PlaceState) -> list[tuple[NDArray[np.float32], Colour, float]]:
     """Lines with their colours and widths, m, or points if below 0."""
-    x, y, own = place.x, place.y, canvas.colour(owner)
-    if place.done:
+    (x, y, done, given_up, holders), own = place, canvas.colour(owner)
+    if done:
         return [(ring(x, y, 0.05, PLACE), faded(own, 0.55), 0.05)]
-    if place.given_up:
+    if given_up:
         arms = ((-_CROSS, -_CROSS), (_CROSS, _CROSS)), ((-_CROSS, _CROSS), (_CROSS, -_CROSS))
         return [(np.array([(x + a, y + b, PLACE) for a, b in arm], np.float32), GREY, -1.5) for arm in arms]
     marks = [(ring(x, y, 0.15, PLACE), own, -1.5)]
-    others = [robot for robot in place.holders if robot != owner]
+    others = [robot for robot in holders if robot != owner]
     for number, robot in enumerate(others):
         marks.append((ring(x, y, 0.24 + 0.08 * number, PLACE), canvas.colour(robot), -1.5))
     return marks

@@ -59,12 +59,6 @@ def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> Non
     canvas.at(second, f"world/robots/{robot}/name", label)
 
 
-def draw_pieces(canvas: Canvas, robot: str, seconds: Sequence[float], pieces: NDArray[np.float32]) -> None:
-    """Pieces of a trail, (k, 2, 3), each there from its instant on."""
-    for path in ("trails", "history"):
-        canvas.columns(f"world/{path}/{robot}", seconds, rr.LineStrips3D.columns(strips=pieces))
-
-
 def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trail: "DrawnTrail") -> None:
     """A robot's way, (n,) s and (n, 2) m, from where the trail ends."""
     found = [
@@ -72,8 +66,9 @@ def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trai
         for second, x, y in zip(seconds.tolist(), *places.T.tolist(), strict=True)
         if (piece := trail.extend(second, x, y)) is not None
     ]
-    if found:
-        draw_pieces(canvas, robot, [second for second, _ in found], np.array([piece for _, piece in found]))
+    for path in ("trails", "history") if found else ():
+        strips = rr.LineStrips3D.columns(strips=np.array([piece for _, piece in found]))
+        canvas.columns(f"world/{path}/{robot}", [second for second, _ in found], strips)
 
 
 class DrawnTrail:

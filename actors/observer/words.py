@@ -114,25 +114,24 @@ def draw_knowledge(
     canvas: Canvas, robot: str, tables: Sequence[tuple[float, Sequence[tuple[str, str]]]]
 ) -> None:
     """A robot's knowledge as a table, from each instant on."""
-    texts = [_table(robot, rows) for _, rows in tables]
-    canvas.columns(
-        f"knowledge/{robot}",
-        [second for second, _ in tables],
-        rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts)),
-    )
+    _draw_texts(canvas, f"knowledge/{robot}", [(second, _table(robot, rows)) for second, rows in tables])
 
 
 def draw_decisions(canvas: Canvas, robot: str, decisions: Sequence[tuple[float, Sequence[str]]]) -> None:
     """A robot's last decision from each instant on: the decision, then its causes."""
     texts = [
-        "\n".join((f"**{second:.3f} s** {_cell(made)}", "", *(f"- {_cell(one)}" for one in causes)))
+        (second, "\n".join((f"**{second:.3f} s** {_cell(made)}", "", *(f"- {_cell(one)}" for one in causes))))
         for second, (made, *causes) in decisions
     ]
-    canvas.columns(
-        f"decisions/{robot}",
-        [second for second, _ in decisions],
-        rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts)),
+    _draw_texts(canvas, f"decisions/{robot}", texts)
+
+
+def _draw_texts(canvas: Canvas, path: str, texts: Sequence[tuple[float, str]]) -> None:
+    """Texts in Markdown, from each instant on."""
+    columns = rr.TextDocument.columns(
+        text=[text for _, text in texts], media_type=["text/markdown"] * len(texts)
     )
+    canvas.columns(path, [second for second, _ in texts], columns)
 
 
 def _cell(text: str) -> str:
