@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
 import msgspec
-import numpy as np
 
 from acrc_testbed.explanation.causal_trace import (
     Arrival,
@@ -20,13 +19,12 @@ from acrc_testbed.explanation.causal_trace import (
 )
 from acrc_testbed.explanation.tracer import AGAIN, GIVES_UP
 from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
-from acrc_testbed.run_model.frames import Copies, copies_of, outcome_name
+from acrc_testbed.run_model.frames import FrameRow, frame_rows
 from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from actors.instant import Instant, in_seconds
 from actors.introspection import GoalState
-from actors.messages import RECEIVED, TRANSMIT, Heard
+from actors.messages import RECEIVED, Heard
 from actors.radio.frame import airtime_us
-from actors.radio.medium.state import Outcome
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.ports import GoalStatus
 from deeco.fragments import HEADER
@@ -92,22 +90,13 @@ class Air:
         )
 
     def losses(self, senders: tuple[str, ...], since: Instant, until: Instant) -> tuple[FrameLoss, ...]:
-        """Frames of these robots that ended behind `since` and before `until` and that were lost here."""
-        if not self.simulated:
-            return ()
-        copies, names = self._copies, tuple(self._robots.values())
-        receiver = names.index(self.robot_here)
-        ended = np.round(copies.seconds * 1e6).astype(np.int64)
-        of = [names.index(one) for one in senders if one in names]
-        wanted = (copies.receivers == receiver) & (ended > since) & (ended < until)
-        wanted &= np.isin(copies.senders, of) & (copies.outcomes != Outcome.HEARD)
+        """Return frames of these robots that ended after `since` and before `until` and were lost here."""
         return tuple(
-            FrameLoss(
-                Instant(int(ended[row])),
-                names[int(copies.senders[row])],
-                outcome_name(Outcome(int(copies.outcomes[row]))),
-            )
-            for row in np.flatnonzero(wanted)
+            FrameLoss(Instant(frame.ended), frame.robot, copy.outcome.replace("_", " "))
+            for frame in self._sent
+            if frame.robot in senders and since < frame.ended < until
+            for copy in frame.copies
+            if copy.robot == self.robot_here and copy.outcome not in ("heard", "filtered")
         )
 
     @property
@@ -127,9 +116,8 @@ class Air:
         return {address: robot for robot, address in setup.robots}
 
     @cached_property
-    def _copies(self) -> Copies:
-        robots, messages = frame_outcomes(self.out)
-        return copies_of(messages, range(len(robots)))
+    def _sent(self) -> list[FrameRow]:
+        return frame_rows(*frame_outcomes(self.out)) if self.simulated else []
 
     @cached_property
     def _heard(self) -> list[Heard]:
@@ -137,20 +125,14 @@ class Air:
         return [event for message in received for event in message.events if isinstance(event, Heard)]
 
     @cached_property
-    def _handed(self) -> dict[tuple[str, bytes], list[int]]:
-        found: dict[tuple[str, bytes], list[int]] = {}
-        for robot, transmit in messages_on(self._files["radio"], TRANSMIT) if self.simulated else ():
-            for frame in transmit.frames:
-                found.setdefault((robot, frame.data), []).append(frame.instant)
-        return found
+    def _handed(self) -> dict[tuple[str, int], Instant]:
+        return {(frame.robot, frame.ended): Instant(frame.handed) for frame in self._sent}
 
     def _frame(self, heard: Heard) -> Frame:
-        sender = self.robot(heard.sender)
-        handed = [at for at in self._handed.get((sender, heard.data), ()) if at <= heard.instant]
-        return Frame(
-            Instant(heard.instant), sender, len(heard.data), airtime_us(len(heard.data)), heard.rssi_dbm,
-            heard.lqi, Instant(max(handed)) if handed else None,
-        )  # fmt: skip
+        sender, size = self.robot(heard.sender), len(heard.data)
+        handed = self._handed.get((sender, heard.instant))
+        instant = Instant(heard.instant)
+        return Frame(instant, sender, size, airtime_us(size), heard.rssi_dbm, heard.lqi, handed)
 
 
 def _packets(data: bytes) -> set[tuple[int, int]]:
@@ -252,24 +234,22 @@ class Made(NamedTuple):
 
 
 def decisions(trace: CausalTrace) -> list[Made]:
-    """In the order in which they were made."""
-    made = [*_of_knowledge(trace), *_of_orders(trace)]
+    """Return all decisions in order: changes of knowledge that decide something, and orders.
+
+    An order that repeats what a change of knowledge of the same step says is left out.
+    """
+    made = [
+        Made(one.step, one.instant, one.decision.words, one.by, number, None)
+        for number, one in enumerate(trace.changes)
+        if one.decision is not None
+    ]
+    adapted = {one.step for one in trace.changes if one.adaptation}
+    made += [
+        Made(one.step, one.instant, one.words, "behaviour", None, number)
+        for number, one in enumerate(trace.orders)
+        if one.verb != GIVES_UP or one.step not in adapted
+    ]
     return sorted(made, key=lambda one: (one.step, one.change is None))
-
-
-def _of_knowledge(trace: CausalTrace) -> Iterator[Made]:
-    """Changes of which the component itself says that they are decisions."""
-    for number, change in enumerate(trace.changes):
-        if change.decision is not None:
-            yield Made(change.step, change.instant, change.decision.words, change.by, number, None)
-
-
-def _of_orders(trace: CausalTrace) -> Iterator[Made]:
-    """Orders but for those that say again what a change of knowledge of the same step says."""
-    said = {change.step for change in trace.changes if change.adaptation}
-    for number, order in enumerate(trace.orders):
-        if order.verb != GIVES_UP or order.step not in said:
-            yield Made(order.step, order.instant, order.words, "behaviour", None, number)
 
 
 _WIDEST: Final = 4
