@@ -43,7 +43,7 @@ FIELDS: Final = struct.Struct("<HIQQ")
 MESSAGE_HEAD: Final = struct.Struct(f"<{HEAD.format[1:]}{FIELDS.format[1:]}")
 """Both together: all of a message record before its data."""
 SEAL: Final = struct.Struct("<Iq")
-"""CRC-32 of the file up to it, with the seal's own head, fields and step (see `vouched`); and that step."""
+"""CRC-32 of the file up to it and of the seal's own head, fields and step (SEALED); and that step."""
 SEALED: Final = struct.Struct(f"{MESSAGE_HEAD.format}q")
 """Of a seal, what its checksum covers: head and fields of its record, and the step."""
 MESSAGES: Final = "acrc-msgpack"
@@ -85,17 +85,6 @@ class Note(NamedTuple):
     json: str
 
 
-def vouched(crc: int, seal: bytes) -> int:
-    """The CRC-32 that a seal gives, where that of the file before it is `crc`.
-
-    `seal`: its own head, fields and step (`SEALED`), for nothing vouches for the last one of a file.
-    """
-    return zlib.crc32(seal, crc)
-
-
-Encoding = Literal[
-    "acrc-msgpack", "acrc-msgpack-scan", "acrc-msgpack-deflate", "acrc-msgpack-deflate-computed"
-]
 WORTH: Final = 128
 """A shorter message stays as it is, in bytes: a packed one costs some µs."""
 _SPEED: Final = 1
@@ -127,10 +116,14 @@ class Packer(_WithScans):
     """Packs the messages of one file, in their order."""
 
     @cached_property
-    def _deflate(self) -> "zlib._Compress":
+    def _received(self) -> "zlib._Compress":
         return zlib.compressobj(_SPEED, zlib.DEFLATED, -_WINDOW, _MEMORY)
 
-    def packed(self, payload: bytes) -> tuple[Encoding, bytes]:
+    @cached_property
+    def _computed(self) -> "zlib._Compress":
+        return zlib.compressobj(_SPEED, zlib.DEFLATED, -zlib.MAX_WBITS, _MEMORY)
+
+    def packed(self, payload: bytes) -> tuple[str, bytes]:
         """How the message stands in the file, and its bytes there."""
         size = len(payload)
         if not WORTH <= size <= LARGEST_RECORD:
@@ -138,25 +131,13 @@ class Packer(_WithScans):
         found = _run(payload, size)
         if found is not None and (data := self._with_scan(payload, *found)) is not None:
             return SCANNED, data
-        deflate = self._deflate
-        data = deflate.compress(payload) + deflate.flush(zlib.Z_SYNC_FLUSH)
-        return DEFLATED, data[: -len(_FLUSHED)]
+        return DEFLATED, _deflated(self._received, payload)
 
-    @cached_property
-    def _deflate_computed(self) -> "zlib._Compress":
-        return zlib.compressobj(_SPEED, zlib.DEFLATED, -zlib.MAX_WBITS, _MEMORY)
-
-    def computed(self, payload: bytes) -> tuple[Encoding, bytes]:
+    def computed(self, payload: bytes) -> tuple[str, bytes]:
         """The same for a message that is only recorded."""
         if not WORTH <= len(payload) <= LARGEST_RECORD:
             return MESSAGES, payload
-        deflate = self._deflate_computed
-        data = deflate.compress(payload) + deflate.flush(zlib.Z_SYNC_FLUSH)
-        return COMPUTED, data[: -len(_FLUSHED)]
-
-    def as_it_is(self, payload: bytes) -> tuple[Encoding, bytes]:
-        """The same for a message that packing would make hardly smaller."""
-        return MESSAGES, payload
+        return COMPUTED, _deflated(self._computed, payload)
 
     def _with_scan(self, payload: bytes, at: int, size: int) -> bytes | None:
         begin = at + 3
@@ -195,6 +176,10 @@ class MessageUnpacker(_WithScans):
             raise ValueError(f"a message says that its scan begins at byte {place}, where none does")
         run = self._scans.unpacked(data[begin:end], count)
         return b"".join((data[_PLACE.size : at], b"\xc5", _PLACE.pack(2 * count), run, data[end:]))
+
+
+def _deflated(stream: "zlib._Compress", payload: bytes) -> bytes:
+    return (stream.compress(payload) + stream.flush(zlib.Z_SYNC_FLUSH))[: -len(_FLUSHED)]
 
 
 def _inflated(stream: "zlib._Decompress", data: bytes) -> bytes:

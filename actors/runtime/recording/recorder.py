@@ -34,11 +34,9 @@ from actors.runtime.recording.form import (
     UNSEALED,
     WORTH,
     Direction,
-    Encoding,
     Packer,
     RecordingError,
     UnwritableError,
-    vouched,
 )
 from actors.topic import Message
 
@@ -111,7 +109,7 @@ _HASHED_SIZE: Final = 40
 """Of a step and a sha256."""
 _SEAL_LENGTH: Final = FIELDS.size + SEAL.size
 _SEALED_SIZE: Final = HEAD.size + _SEAL_LENGTH
-_Noted = tuple[Direction, str, int, int, bytes, int, bytes | None, Encoding | None]
+_Noted = tuple[Direction, str, int, int, bytes, int, bytes | None, str | None]
 """Direction, key, step, sequence, payload, its size, its sha256 if that is known; if the payload is packed
 already, how."""
 
@@ -208,7 +206,7 @@ class Recorder:
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message that is only recorded: it is kept in full."""
         compact = key.rpartition("/")[2] in _COMPACT
-        encoding, data = self._packer.as_it_is(payload) if compact else self._packer.computed(payload)
+        encoding, data = (MESSAGES, payload) if compact else self._packer.computed(payload)
         self._noted += (("out", key, step, sequence, data, len(payload), None, encoding),)
         self._noted_size += len(data)
         if self._noted_size > io.DEFAULT_BUFFER_SIZE:
@@ -329,7 +327,7 @@ class _Checked:
     def seal(self, sealed: bytes, step: int) -> None:
         """Append what vouches for all before it; `sealed`: its head, fields and step (`SEALED`)."""
         self._sum_up()
-        checksum = vouched(self._crc32, sealed)
+        checksum = zlib.crc32(sealed, self._crc32)
         seal = sealed[: MESSAGE_HEAD.size] + SEAL.pack(checksum, step)
         crc32 = zlib.crc32(seal, self._crc32)
         self._waiting, self._crc32, self.unsealed = self._waiting + seal, crc32, 0
