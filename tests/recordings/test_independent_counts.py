@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from acrc_testbed.experiments.comparison import named
-from acrc_testbed.experiments.report.sections import COSTS, airtime_percent
+from acrc_testbed.experiments.report.sections import COSTS
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.account import account
 from acrc_testbed.explanation.time_spent import TimeSpent
@@ -155,7 +155,7 @@ def test_places_are_those_reported_and_reached(run: Counted) -> None:
 
 def costs(run: Counted) -> dict[str, float | None]:
     record = TrialRecord("auction", 3, {}, run.result, time=run.time)
-    return {cost.says: cost.of(record) for cost in COSTS}
+    return {cost.says: cost.of(run.result, record) for cost in COSTS}
 
 
 def test_places_lost_are_in_no_route_at_the_end(run: Counted) -> None:
@@ -213,7 +213,7 @@ def test_frames_are_those_that_transceivers_told_of(run: Counted) -> None:
     assert result.radio_bytes_per_robot_s == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
     assert named("radio").value(result) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)  # type: ignore[union-attr]
     air = sum((6 + size + 9) * 32e-6 for size in sent.values())
-    assert airtime_percent(result) == pytest.approx(100 * air / (4 * LENGTH))
+    assert costs(run)["air time of a robot, % of the time"] == pytest.approx(100 * air / (4 * LENGTH))
     heard = Counter(robot for robot, event in run.received if isinstance(event, Heard))
     for robot, own in result.frames_by_robot.items():
         assert 0.9 * own["copies_heard"] <= heard[robot] <= own["copies_heard"]
