@@ -15,7 +15,8 @@ from typing import Final, get_args
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, average, spent, table_of
+from acrc_testbed.benchmarks.measured import Measured, spent, table_of
+from acrc_testbed.experiments.paired_tests import Interval, mean_interval
 from actors.console import screen
 from actors.installation.repository import REPOSITORY, clone
 from actors.installation.usage import OptionError, check_choice, wrong_value
@@ -224,10 +225,10 @@ def _measured(case: PairedCase, mine: ProjectState, theirs: ProjectState, pairs:
     return found
 
 
-def _times(pairs: Sequence[Pair], name: str) -> ConfidenceInterval:
+def _times(pairs: Sequence[Pair], name: str) -> Interval:
     """Return the mean ratio of the other state's figure to ours, over pairs, on the logarithmic scale."""
     logs = [math.log(getattr(theirs, name) / getattr(mine, name)) for mine, theirs in pairs]
-    return ConfidenceInterval(*map(math.exp, average(logs)))
+    return Interval(*map(math.exp, mean_interval(logs)))
 
 
 def _digests_equal(pairs: Sequence[Pair]) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 from acrc_testbed.benchmarks.localisation_tracking import (
     BEYOND,
@@ -24,7 +25,8 @@ from acrc_testbed.benchmarks.localisation_tracking import (
     read,
     replay,
 )
-from acrc_testbed.benchmarks.measured import ConfidenceInterval, Measured, proportion, table_of
+from acrc_testbed.benchmarks.measured import Measured, table_of
+from acrc_testbed.experiments.paired_tests import Interval
 
 _RESAMPLES: Final = 2000
 
@@ -36,14 +38,14 @@ def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return means
 
 
-def root_mean_square(runs: Sequence[FilterRun]) -> ConfidenceInterval:
+def root_mean_square(runs: Sequence[FilterRun]) -> Interval:
     """Return the error over all poses of all runs, m, with the 95 % interval of a bootstrap over the runs.
 
     Percentiles of the bootstrap: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
     """
     squares = np.array([run.mean_square for run in runs])
     low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
-    return ConfidenceInterval(math.sqrt(squares.mean()), low, high)
+    return Interval(math.sqrt(squares.mean()), low, high)
 
 
 def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
@@ -53,7 +55,7 @@ def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
     nees = np.concatenate([run.tracking for run in runs])
     spells = [announced for run in runs for announced in run.spells]
     costs = 1e6 * np.concatenate([run.costs for run in runs])
-    share = proportion(lost, len(runs))
+    share = binomtest(lost, len(runs)).proportion_ci(method="wilson")
     outside = [
         float(np.mean(beyond)) if nees.size else 0.0
         for beyond in (nees < NEES_BOUNDS[0], nees > NEES_BOUNDS[1])

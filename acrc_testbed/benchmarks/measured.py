@@ -1,7 +1,6 @@
-"""Result of a benchmark: figures, tables, goals, intervals, verdict; cost of commands."""
+"""Result of a benchmark: figures, tables, goals, verdict; cost of commands."""
 
 import json
-import math
 import os
 import shlex
 import signal
@@ -12,12 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
-from statistics import NormalDist, mean, stdev
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Self
 
 from rich.table import Table
 
-from acrc_testbed.results.clock_alignment import quantile
 from actors.console import print_table, screen
 from actors.runtime.errors import AcrcError
 
@@ -86,40 +83,6 @@ def table_of(rows: Sequence[Mapping[str, object]], title: str, form: str = "") -
         cells = ("-" if value is None else value for value in row.values())
         table.add_row(*(cell if isinstance(cell, str) else format(cell, form) for cell in cells))
     return table
-
-
-_PROBABILITY: Final = 0.975
-
-
-class ConfidenceInterval(NamedTuple):
-    """An estimate and how far it may be off."""
-
-    value: float
-    low: float
-    high: float
-
-
-def proportion(successes: int, trials: int) -> ConfidenceInterval:
-    """The share of successes in `trials` > 0 independent trials.
-
-    Wilson's score interval (Wilson, "Probable inference, the law of succession, and statistical inference",
-    JASA 22, 1927), which holds for few trials and for shares of 0 and 1, too.
-    """
-    z = NormalDist().inv_cdf(_PROBABILITY)
-    share = successes / trials
-    scale = 1 + z * z / trials
-    centre = (share + z * z / (2 * trials)) / scale
-    half = z / scale * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
-    return ConfidenceInterval(share, max(centre - half, 0.0), min(centre + half, 1.0))
-
-
-def average(values: Sequence[float]) -> ConfidenceInterval:
-    """The mean of independent values, at least one; Student's t interval, infinite for one value."""
-    middle = mean(values)
-    if len(values) < 2:
-        return ConfidenceInterval(middle, -math.inf, math.inf)
-    half = quantile(_PROBABILITY, len(values) - 1) * stdev(values) / math.sqrt(len(values))
-    return ConfidenceInterval(middle, middle - half, middle + half)
 
 
 ACRC: Final = (sys.executable, "-P", "-m", "acrc_testbed.command_line")

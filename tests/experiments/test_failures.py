@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
-from acrc_testbed.benchmarks.measured import average, proportion
+from acrc_testbed.experiments.paired_tests import mean_interval
 from acrc_testbed.explanation.account import account
 from acrc_testbed.explanation.episodes import Episode, lost, runs, standing
 from acrc_testbed.explanation.time_spent import Cause
@@ -65,8 +66,9 @@ def test_failures_occur_by_themselves(full: bool, record_property: Callable[[str
         found = list(in_order(failures, tasks))
         for name in Failures._fields:
             values = [float(getattr(one, name)) for one in found]
-            share, mean = proportion(sum(value > 0 for value in values), seeds), average(values)
-            record_property(f"{robots} robots, {name}: share of runs, per run", (share, mean))
+            bounds = binomtest(sum(value > 0 for value in values), seeds).proportion_ci(method="wilson")
+            record_property(f"{robots} robots, {name}: share of runs", (bounds.low, bounds.high))
+            record_property(f"{robots} robots, {name}: per run", mean_interval(values))
         assert any(one.blocked or one.no_trajectory for one in found)
         assert not any(one.lost_s for one in found)
 
