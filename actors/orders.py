@@ -118,21 +118,6 @@ class Stop(MessagePart, frozen=True, tag="stop"):
 
 
 Order = (
-    Kill
-    | Freeze
-    | Thaw
-    | Restart
-    | Move
-    | StartJam
-    | Lose
-    | Obstacle
-    | Wall
-    | Give
-    | CloseDoor
-    | OpenDoor
-    | Pause
-    | Resume
-    | Step
-    | Speed
-    | Stop
-)
+    Kill | Freeze | Thaw | Restart | Move | StartJam | Lose | Obstacle | Wall
+    | Give | CloseDoor | OpenDoor | Pause | Resume | Step | Speed | Stop
+)  # fmt: skip

@@ -1,7 +1,7 @@
-"""The Linux system calls behind isolation that Python 3.11 has no function for.
+"""Linux system calls that Python 3.11 lacks, and the start and end of processes.
 
-Each raises OSError with what was tried in its text. Numbers are those of the kernel's uapi headers
-(sched.h, mount.h, prctl.h, capability.h).
+Each raises OSError that names the call. Numbers are those of the kernel's uapi headers (sched.h, mount.h,
+prctl.h, capability.h).
 """
 
 import contextlib
@@ -56,7 +56,7 @@ _PR_CAP_AMBIENT: Final = 47
 _PR_CAP_AMBIENT_CLEAR_ALL: Final = 4
 _CAPABILITY_VERSION_3: Final = 0x2008_0522
 _CAPABILITIES: Final = 64
-"""So many have room in version 3."""
+"""Room in version 3."""
 
 
 @cache
@@ -90,7 +90,7 @@ def mount(source: str | None, target: str | Path, kind: str | None, flags: int, 
 
 
 def mount_flags(path: str | Path) -> int:
-    """The per-mount flags in force at `path`, to be repeated when it is remounted; MS_RDONLY left out."""
+    """Return the per-mount flags at `path`, to be repeated when it is remounted; without MS_RDONLY."""
     found = os.statvfs(path).f_flag
     flags = found & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
     if found & _ST_RELATIME:
@@ -99,7 +99,7 @@ def mount_flags(path: str | Path) -> int:
 
 
 def pivot_root(root: str | Path) -> None:
-    """Make the mount at `root` this process's root; nothing of the former one stays (pivot_root(2))."""
+    """Make the mount at `root` this process's root, and detach the former one (pivot_root(2))."""
     os.chdir(root)
     number = ctypes.c_long(_SYS_PIVOT_ROOT[os.uname().machine])
     _checked(_libc().syscall(number, b".", b"."), f"pivot_root to {root}")
@@ -108,7 +108,7 @@ def pivot_root(root: str | Path) -> None:
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Have the first `size` bytes of a file on the disk, whatever the file's length (fallocate(2))."""
+    """Allocate the first `size` bytes of a file on the disk; its length stays (fallocate(2))."""
     result = _libc().fallocate(
         descriptor, _FALLOC_FL_KEEP_SIZE, ctypes.c_longlong(0), ctypes.c_longlong(size)
     )
@@ -123,9 +123,9 @@ def prctl(option: int, argument: int = 0, more: int | ctypes.c_void_p = 0) -> No
 
 
 def set_title(title: str) -> None:
-    """Show `title` where ps and top show the name and the command line of this process, as far as it fits.
+    """Set the process name and command line that ps and top show, as far as it fits.
 
-    The command line is overwritten where the kernel has put it (proc(5), arg_start in /proc/PID/stat).
+    Overwrites the command line in memory (proc(5), arg_start in /proc/PID/stat).
     """
     name = ctypes.create_string_buffer(title.encode()[:15])
     prctl(_PR_SET_NAME, ctypes.addressof(name))
@@ -138,10 +138,7 @@ def set_title(title: str) -> None:
 
 @cache
 def _command_line() -> tuple[int, int] | None:
-    """Where it begins and ends in memory; a fork has it in the same place, and may have no /proc.
-
-    None where an emulator of processes (qemu) does not tell.
-    """
+    """Return its begin and end in memory, also for forks, which may have no /proc; None under qemu."""
     numbers = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
     return (int(numbers[45]), int(numbers[46])) if len(numbers) > 46 else None
 
@@ -159,25 +156,25 @@ def drop_capabilities() -> None:
 
 
 RESERVE: Final = 8192
-"""Bytes that a log has on the disk behind its end: once that is full, why a process ends still finds room."""
+"""Bytes allocated behind a log's end: on a full disk, the reason why a process ends still finds room."""
 
 
 def create_log(path: Path) -> int:
-    """A descriptor of a new file to append to; FileExistsError where anything lies there, a link too."""
+    """Return a descriptor of a new file to append to; FileExistsError if there is anything, even a link."""
     log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_APPEND, 0o644)
     keep_room(log)
     return log
 
 
 def keep_room(log: int) -> None:
-    """Have room for so many bytes more again, as lines have used it up; a full disk leaves what there is."""
+    """Renew the reserve of a log, as far as the disk has room."""
     if sys.platform == "linux":
         with suppress(OSError):  # also a file system that cannot, or no file at all
             reserve(log, os.fstat(log).st_size + RESERVE)
 
 
 def write_to(log: int) -> None:
-    """Send this process's standard output and error to an open log, from the system's level on."""
+    """Redirect this process's standard output and error to an open log."""
     sys.stdout.flush()
     sys.stderr.flush()
     os.dup2(log, 1)
@@ -186,16 +183,15 @@ def write_to(log: int) -> None:
 
 
 class Ended(SystemExit):
-    """This process was told to end by SIGTERM, and does so in order."""
+    """SIGTERM has come."""
 
 
 def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> None:
     """Get the signal `number` as soon as the parent ends; `parent` is the parent's process id.
 
-    To be called after `isolate`, because a change of user or capabilities clears the setting (prctl(2),
-    PR_SET_PDEATHSIG), and in the thread that lives as long as the process. The parent is held to have ended
-    when the *thread* that started this process ends. On systems other than Linux only a parent that is
-    already gone is noticed.
+    Call it after `isolate`, because a change of user or capabilities clears the setting (prctl(2),
+    PR_SET_PDEATHSIG), and in the main thread. The parent counts as ended when the *thread* that started this
+    process ends. On other systems than Linux only a parent that has already ended is noticed.
     """
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, number)
@@ -213,7 +209,7 @@ def leave_in_order() -> None:
 
 
 def leave(code: int) -> NoReturn:
-    """End this process now: what threads of a user's own do is not waited for, nor what a full disk keeps."""
+    """End this process now, without waiting for the user's threads or a full disk."""
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
@@ -221,43 +217,35 @@ def leave(code: int) -> NoReturn:
 
 
 def answer_where() -> None:
-    """From now on SIGUSR1 writes to standard error where this process stands, out of an endless loop, too,
-    and so does a crash, such as an overflow of the stack."""
+    """Write the stack to standard error on SIGUSR1, even during an endless loop, and on a crash."""
     faulthandler.enable(file=2)
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=True)
 
 
-# The process that stays outside of a robot's process namespace, and ends with it as one.
-#
-# Only a child enters a new process namespace (pid_namespaces(7)). So whoever was started becomes the keeper,
-# and the robot goes on in a child of it, process 2 of the namespace. Process 1 is a second child, for the
-# kernel ends a namespace, with all that lives in it, when its process 1 ends.
+# Only a child enters a new process namespace (pid_namespaces(7)). So the started process becomes the keeper,
+# which stays outside, and the robot goes on in a child, process 2 of the namespace. Process 1 is another
+# child: the kernel ends a namespace with all its processes when process 1 ends.
 
 _FORWARDED: Final = (
     signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2,
 )  # fmt: skip
 _spent: list[float] = []
-"""CPU time of this process's forerunners, which became keepers, s."""
+"""CPU time of this process's keepers, s."""
 
 
-def enter_namespace(
-    parent: int | None, prepare: Callable[[], None] = lambda: None, private: Collection[int] = ()
-) -> None:
-    """Go on in a child, the new process namespace's only one; this process becomes its keeper.
+def enter_namespace(parent: int | None, prepare: Callable[[], None], private: Collection[int]) -> None:
+    """Go on in a child, alone in the new process namespace; this process becomes its keeper.
 
-    `prepare`: what the keeper does first, beside the child; if that fails, it must end the process.
-    `private`: descriptors that it alone keeps.
-
-    Returns in the child. To be called after unshare(CLONE_NEWPID), with one thread, and with no descriptor
-    open that the namespace must not share. The keeper ends as the child does, with the same exit code or by
-    the same signal, once no process of the namespace is left; it passes on what it is told by signals. If the
-    keeper is killed, or `parent` ends (a process id; None: nobody is looked after), the whole namespace is.
+    Returns in the child. Call it after unshare(CLONE_NEWPID), with one thread, and with no descriptor open
+    that the namespace must not share. The keeper first calls `prepare`, which must end the process if it
+    fails; it alone keeps the descriptors `private`. It forwards signals, and ends as the child does once the
+    namespace is empty. The namespace ends with the keeper, and with `parent` (a process id; None: no parent).
     """
     sys.stdout.flush()
     sys.stderr.flush()
     spent = cpu_s()
     pulse, lifeline = os.pipe()
-    nothing = os.open(os.devnull, os.O_RDWR)  # now, for the child is about to replace /dev
+    nothing = os.open(os.devnull, os.O_RDWR)  # now: /dev will be replaced
     first = os.fork()
     if first == 0:
         for handle in (lifeline, *private):
@@ -281,17 +269,17 @@ def enter_namespace(
 
 
 def add_spent(seconds: float) -> None:
-    """Count CPU time of another process, which was this one's work, in `cpu_s`."""
+    """Count CPU time of a keeper in `cpu_s`."""
     _spent.append(seconds)
 
 
 def cpu_s() -> float:
-    """CPU time of this process, s; with that of the keepers which it was before."""
+    """Return the CPU time of this process and its keepers, s."""
     return time.process_time() + sum(_spent)
 
 
 def _be_first(pulse: int, nothing: int) -> NoReturn:
-    """Process 1: reaps orphans by ignoring their ends, and ends when the keeper has."""
+    """Be process 1, which reaps orphans by ignoring their ends, and ends with the keeper."""
     try:
         os.setsid()
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)
@@ -302,7 +290,7 @@ def _be_first(pulse: int, nothing: int) -> NoReturn:
 
 
 def _keep(child: int, nothing: int, parent: int | None) -> int:
-    """Stay until the child has ended; its status."""
+    """Wait for the child's end; return its status."""
     for number in _FORWARDED:
         signal.signal(number, lambda got, _: os.kill(child, got))
     _let_go(nothing)
@@ -312,7 +300,7 @@ def _keep(child: int, nothing: int, parent: int | None) -> int:
 
 
 def _let_go(nothing: int) -> None:
-    """Hold neither the log nor anything else that was inherited."""
+    """Release the log and the working directory."""
     os.chdir("/")
     for number in (0, 1, 2):
         os.dup2(nothing, number)

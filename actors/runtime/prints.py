@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import Any, Final, TextIO, TypeVar
 
 MOST: Final = 4 * 1024 * 1024
-"""Characters that one process may print; own choice: more than anybody reads, and little on a disk."""
+"""Characters that one process may print; own choice."""
 LONGEST: Final = 4096
-"""Characters of a line; a longer one goes on in the next."""
+"""Characters of a line; a longer one continues in the next."""
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 
 class Prints:
-    """The output of one process of a robot. Nothing is written before something is printed."""
+    """The output of one process of a robot."""
 
     def __init__(
         self, step_us: int, write: Callable[[str], object], flush: Callable[[], object] = lambda: None
@@ -44,7 +44,7 @@ class Prints:
     def of(self, step: int, work: Callable[[T], R], given: T) -> R:
         """Return `work(given)`; what it prints belongs to this step of this actor.
 
-        The same as within `during`, in fewer calls where the streams are replaced already, as in `taken_by`.
+        The same as within `during`, in fewer calls where `taken_by` has replaced the streams already.
         """
         if sys.stdout is not _OUT or sys.stderr is not _ERR:
             with self.during(step):

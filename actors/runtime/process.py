@@ -1,4 +1,4 @@
-"""What every actor process does around its shell: join the mesh, say Ready, run, leave an honest record."""
+"""An actor's process around its shell: join the mesh, publish Ready, run, record the end."""
 
 import ctypes
 import gc
@@ -31,32 +31,31 @@ T = TypeVar("T")
 
 
 class RunNote(msgspec.Struct, frozen=True):
-    """The first record of every file: what this process is and what it was started with."""
+    """The first record of every file: the process and its set-up."""
 
     actor: str
     seed: int
-    """The run's; a robot's is one of its own, which follows from the run's (`randomness.derived_seed`)."""
+    """The run's; a robot's is derived from it (`randomness.derived_seed`)."""
     step_us: int
     commit: str
     setup: msgspec.Raw = msgspec.Raw()
-    """What it was started with, as its set-up has it: what it is, apart from its place in a run."""
+    """The actor's part of its set-up."""
     kernels: dict[str, str] = {}
     """Fingerprint of each numeric kernel on fixed inputs, by module or function."""
     processor: Processor = Processor("")
     """What it ran on."""
     code: dict[str, str] | None = None
-    """Sha256 of each module that it had loaded from a folder, and not from what is installed, by its place
-    there; None: it had loaded none, or this was recorded before it was noted."""
+    """Sha256 of each module loaded from a folder, by its place there; None: none, or an old recording."""
 
     def __post_init__(self) -> None:
-        """Recordings had a command line here, and the set-up as text, before there was one."""
+        """Refuse old recordings, which have a command line, and the set-up as text."""
         if not bytes(self.setup):
             made_by = f"version {self.commit[:60]}" if self.commit else "an earlier version"
             raise ValueError(f"it holds no set-up; {made_by} has made it, and can read it; this one cannot")
 
 
 class Setup(Protocol):
-    """What a process is started with; it can be written as JSON."""
+    """A process's set-up, which can be written as JSON."""
 
     @property
     def step_us(self) -> int:
@@ -71,13 +70,13 @@ def run_note(
     seed: int = 0,
     kernels: Mapping[str, str] = MappingProxyType({}),
 ) -> RunNote:
-    """The first record of the file of a process with this set-up."""
+    """Return the first record of a process with this set-up."""
     told = msgspec.Raw(msgspec.json.encode(setup))
     return RunNote(actor, seed, setup.step_us, commit, told, dict(kernels), processor())
 
 
 class FinalNote(msgspec.Struct, frozen=True):
-    """The last record of a process that ended as planned."""
+    """The last record of a process without a failure."""
 
     digest: ActorDigest
     published: Count
@@ -94,9 +93,9 @@ class FinalNote(msgspec.Struct, frozen=True):
     sent: dict[str, Count] = {}
     """Messages published, by key."""
     arrived: dict[str, Count] = {}
-    """Messages received from other actors, by key, whether the core took them or not."""
+    """Messages received from other actors, by key, taken or not."""
     outcome: dict[str, msgspec.Raw] = {}
-    """What the actor has to say about the run, by subject."""
+    """The actor's results, by subject."""
     code: dict[str, str] = {}
     """As in the first record, with what was loaded later."""
 
@@ -107,7 +106,7 @@ class FinalNote(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class ActorProcess:
-    """What a process plays: its core and the core's connections."""
+    """A core and its connections."""
 
     core: Core
     listens: Sequence[Address]
@@ -115,13 +114,13 @@ class ActorProcess:
     ready: Output | None = None
     open_to: Callable[[], Sequence[Address]] = tuple
     bus: Callable[[zenoh.Session, Sequence[Address]], Any] = ZenohBus
-    """Which kind of bus `drive` waits on."""
+    """The bus that `drive` waits on."""
     drive: Callable[[Shell, Any], None] = run_shell
     outcome: Callable[[], Mapping[str, object] | msgspec.Struct] = dict
     code: Callable[[], dict[str, str]] = dict
-    """The modules that were loaded so far, as in RunNote."""
+    """Return the modules loaded so far, as in RunNote."""
     prints: Prints | None = None
-    """Takes what the core's code prints; None: there is no such code."""
+    """Takes the output of a strategy; None: there is none."""
 
 
 def play(
@@ -133,11 +132,11 @@ def play(
     threads: Collection[threading.Thread] | None = None,
     patience_s: float = 0.0,
 ) -> int:
-    """Run an actor to its end over the mesh; the exit code: 0 = ended as planned, 1 = failed.
+    """Run an actor over the mesh; return the exit code: 0 without a failure, 1 with one.
 
-    `recorder` is closed. `on_listening` is called once every message to the actor would be received; a router
-    that is not there is waited for so long. `threads`: those from before any code of the user's; others must
-    have ended by the end, and so must processes. None: there is no such code.
+    Closes `recorder`. Calls `on_listening` once all subscriptions are declared. Waits `patience_s` for the
+    router. `threads`: those before any code of the user's; others must have ended at the end, and so
+    must processes. None: there is no such code.
     """
     with ExitStack() as stack:
         stack.enter_context(recorder)
@@ -171,7 +170,7 @@ def play(
 
 
 def tell(recorder: Recorder, actor: str, step: int, error: BaseException) -> None:
-    """What has ended the process, as its last record and in its log; there a bug has its whole story."""
+    """Report what has ended the process in its last record and in its log, a bug with its traceback."""
     note = failure_note(actor, step, error)
     told = f"{in_words(note)}\n" if note.expected else ""
     try:
@@ -186,7 +185,7 @@ def tell(recorder: Recorder, actor: str, step: int, error: BaseException) -> Non
 
 
 def settle() -> None:
-    """Give back what starting up has left over, and keep collections away from what will stay."""
+    """Return free memory to the system, and exempt all objects from garbage collection."""
     gc.collect()
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc only
@@ -196,7 +195,7 @@ def settle() -> None:
 
 
 def final_note(shell: Shell, part: ActorProcess, cpu_s: float) -> FinalNote:
-    """The counters of a process that has run to its end."""
+    """Return the last record of a process that has run to its end."""
     report = part.outcome()
     told = msgspec.structs.asdict(report) if isinstance(report, msgspec.Struct) else report
     return FinalNote(

@@ -1,7 +1,4 @@
-"""What the system says about running processes, and how all that descend from one are ended. For Linux.
-
-On other systems nothing is known: there are no processes in any table.
-"""
+"""The table of running processes, and the end of all descendants of one. On Linux; elsewhere it is empty."""
 
 import contextlib
 import os
@@ -19,7 +16,7 @@ _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 _HELD: Final = re.compile(rb"^(RssAnon|RssShmem|VmPTE|VmSwap|HugetlbPages|Threads):\s+(\d+)", re.MULTILINE)
 """Lines of /proc/PID/status; sizes in KiB."""
 _LONGEST_SWEEP_S: Final = 5.0
-"""How long something that starts processes as fast as they are ended is run after."""
+"""Limit of the pursuit of something that starts processes as fast as they are ended."""
 
 
 class ProcessGlance(NamedTuple):
@@ -30,7 +27,7 @@ class ProcessGlance(NamedTuple):
     state: str
     """R running or waiting for a processor, S and D waiting, T and t stopped, Z ended."""
     cpu_s: float
-    """Of the process itself and of those of its children that have ended and been waited for."""
+    """With that of its children that have ended and been waited for."""
 
     @property
     def stopped(self) -> bool:
@@ -39,16 +36,16 @@ class ProcessGlance(NamedTuple):
 
 
 class Holding(NamedTuple):
-    """What one process has of the machine, from /proc/PID/status (proc_pid_status(5))."""
+    """Memory and threads of one process, from /proc/PID/status (proc_pid_status(5))."""
 
     memory: int
-    """Bytes that no file backs: its data and stacks, what it shares in memory, page tables, what is swapped
-    out. What it shares with its parent since it was forked is counted for both."""
+    """Bytes that no file backs: data and stacks, shared memory, page tables, swap. What it shares with its
+    parent since the fork counts for both."""
     threads: int
 
 
 def table() -> dict[int, ProcessGlance]:
-    """Every process of the machine by its id, as far as it can be seen."""
+    """Return every visible process by its id."""
     if not (_PROC / "self/stat").exists():
         return {}
     found = {int(entry.name): glance(int(entry.name)) for entry in _PROC.iterdir() if entry.name.isdigit()}
@@ -56,7 +53,7 @@ def table() -> dict[int, ProcessGlance]:
 
 
 def glance(pid: int) -> ProcessGlance | None:
-    """One process; None if there is none."""
+    """Return one process; None if it has ended."""
     text = _told(pid, "stat")
     if not text:
         return None
@@ -67,14 +64,14 @@ def glance(pid: int) -> ProcessGlance | None:
 
 
 def held(pid: int) -> Holding:
-    """What a process has; nothing if there is none."""
+    """Return what a process holds; nothing if it has ended."""
     numbers = {name: int(number) for name, number in _HELD.findall(_told(pid, "status"))}
     threads = numbers.pop(b"Threads", 0)
     return Holding(1024 * sum(numbers.values()), threads)
 
 
 def _told(pid: int, name: str) -> bytes:
-    """What a file of the process says; nothing if there is none. Some µs count: there may be hundreds."""
+    """Return a file of the process; nothing if it has ended. Some µs count: there may be hundreds."""
     try:
         with open(f"/proc/{pid}/{name}", "rb", buffering=0) as file:  # noqa: PTH123
             return file.read()
@@ -83,7 +80,7 @@ def _told(pid: int, name: str) -> bytes:
 
 
 def queued_s(pid: int) -> float | None:
-    """How long the threads of a process have waited for a processor so far, s; None where that is unknown.
+    """Return the waiting time of a process's threads for a processor, s; None where that is unknown.
 
     From /proc/PID/task/TID/schedstat (Documentation/scheduler/sched-stats in the kernel's sources).
     """
@@ -95,12 +92,12 @@ def queued_s(pid: int) -> float | None:
 
 
 def children(of: int, among: Mapping[int, ProcessGlance]) -> set[int]:
-    """The processes that `of` is the parent of."""
+    """Return the children of a process."""
     return {pid for pid, one in among.items() if one.parent == of}
 
 
 def descendants(of: Iterable[int], among: Mapping[int, ProcessGlance]) -> set[int]:
-    """These processes and all that descend from them."""
+    """Return these processes and their descendants."""
     below: dict[int, list[int]] = {}
     for pid, one in among.items():
         below.setdefault(one.parent, []).append(pid)
@@ -115,9 +112,9 @@ def descendants(of: Iterable[int], among: Mapping[int, ProcessGlance]) -> set[in
 
 
 def end_orphans(heirs: Collection[int]) -> int:
-    """End these children of this process with all that descend from them; how many of them still ran.
+    """End these children of this process with their descendants; return how many of them still ran.
 
-    What is orphaned on the way must fall to this process (PR_SET_CHILD_SUBREAPER) to be found.
+    This process must inherit orphans (PR_SET_CHILD_SUBREAPER) to find those that arise on the way.
     """
     ended: set[int] = set()
     wanted = set(heirs)
@@ -125,7 +122,7 @@ def end_orphans(heirs: Collection[int]) -> int:
     deadline = time.monotonic() + _LONGEST_SWEEP_S
     while time.monotonic() < deadline:
         known = table()
-        # Others may lose their parent at this moment, too: what is not of these families is left alone.
+        # Others may lose their parent at this moment, too: other families are left alone.
         own = {pid for pid in children(os.getpid(), known) if pid in wanted or known[pid].session in sessions}
         if not own:
             break
@@ -144,14 +141,14 @@ def end_orphans(heirs: Collection[int]) -> int:
 
 
 def end_sessions(leaders: Collection[int]) -> None:
-    """End what is left of the sessions that these processes have begun (setsid(2))."""
+    """End the rest of the sessions that these processes have begun (setsid(2))."""
     for pid, one in table().items():
         if one.session in leaders:
             _signal(pid, signal.SIGKILL)
 
 
 def has_strays() -> bool:
-    """True if a process runs that this one, or what descends from it, has started."""
+    """Return whether a descendant of this process runs."""
     with contextlib.suppress(ChildProcessError):
         while os.waitpid(-1, os.WNOHANG)[0]:  # what has only not been waited for
             pass
@@ -176,7 +173,7 @@ def _wait(pid: int) -> None:
 
 
 def leftover_fault(strays: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
-    """What is wrong with an actor that leaves processes, or other threads than `at_first`."""
+    """Return what is wrong with an actor that leaves processes, or other threads than `at_first`."""
     if strays:
         return f"processes of its own were still running at its end: {_RULE}"
     if at_first is None:
@@ -195,18 +192,9 @@ _NAMES: Final = frozenset(
         "LD_LIBRARY_PATH", "DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "XDG_RUNTIME_DIR", "GLIBC_TUNABLES",
     }
 )  # fmt: skip
-_BEGINNINGS: Final = (
-    "LC_",
-    "PYTHON",
-    "NUMBA_",
-    "NPY_",
-    "OPENBLAS_",
-    "OMP_",
-    "MKL_",
-    "ZENOH_",
-    "RERUN_",
-    "WGPU_",
-)
+_PREFIXES: Final = (
+    "LC_", "PYTHON", "NUMBA_", "NPY_", "OPENBLAS_", "OMP_", "MKL_", "ZENOH_", "RERUN_", "WGPU_",
+)  # fmt: skip
 """Of the libraries that a run uses."""
 
 
@@ -216,8 +204,8 @@ def python() -> list[str]:
 
 
 def passed_on(shell: Mapping[str, str]) -> dict[str, str]:
-    """What interpreter, libraries and viewer go by, out of the environment `shell`.
+    """Return the variables of interpreter, libraries and viewer in the environment `shell`.
 
-    Nothing else: a variable may hold a key or password of the user's, and is a note that all robots read.
+    No others: one may hold a key or password of the user's, and all robots can read it.
     """
-    return {name: value for name, value in shell.items() if name in _NAMES or name.startswith(_BEGINNINGS)}
+    return {name: value for name, value in shell.items() if name in _NAMES or name.startswith(_PREFIXES)}

@@ -11,22 +11,10 @@ from typing import Final, Protocol
 
 import msgspec
 
-_FEATURES: Final = frozenset(
-    {
-        "sse2",
-        "sse42",
-        "avx",
-        "avx2",
-        "fma3",
-        "avx512f",
-        "avx512_skx",
-        "x86_v3",
-        "x86_v4",
-        "neon",
-        "asimd",
-        "sve",
-    }
-)
+_FEATURES: Final = frozenset({
+    "sse2", "sse42", "avx", "avx2", "fma3", "avx512f", "avx512_skx", "x86_v3", "x86_v4",
+    "neon", "asimd", "sve",
+})  # fmt: skip
 """Those whose presence changes which code is run, as numpy names them, in lower case."""
 
 

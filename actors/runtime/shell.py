@@ -25,7 +25,7 @@ def carries_digest(actor: str) -> bool:
 
 
 class ActorDigest(msgspec.Struct, frozen=True):
-    """The messages that one process sent or took on the digested topics: their number and their hash."""
+    """Number and hash of the digested messages that one process sent or took."""
 
     actor: str
     count: int
@@ -33,8 +33,7 @@ class ActorDigest(msgspec.Struct, frozen=True):
 
 
 Hashed = tuple[str, int, int, bytes]
-"""One message as it is hashed: key, step, sequence, and the sha256 of its encoded bytes: a recording may
-hold just that."""
+"""One message as it is hashed: key, step, sequence, and the sha256 of its bytes."""
 
 
 class _EncodedKeys(dict[str, bytes]):
@@ -50,19 +49,19 @@ class MessageHash:
 
     def __init__(self) -> None:
         self.waiting: list[Hashed] = []
-        """Messages that are still to be hashed, in their order. Whoever appends to it calls `settle` before
-        they are many: so a message costs no call of its own."""
+        """Messages to be hashed, in order. Append to it, and call `settle` before they are many: so a message
+        costs no call of its own."""
         self._hash = hashlib.sha256()
         self._keys = _EncodedKeys()
         self._count = 0
 
     def digest(self, actor: str) -> ActorDigest:
-        """The state of the hash now, under the actor's name."""
+        """Return the hash so far, under the actor's name."""
         self.settle()
         return ActorDigest(actor, self._count, self._hash.hexdigest())
 
     def settle(self) -> None:
-        """Hash what waits."""
+        """Hash the waiting messages."""
         keys, waiting, self.waiting = self._keys, self.waiting, []
         lines = [
             b"%b\0%d\0%d\0%b" % (keys[key], step, sequence, sha256) for key, step, sequence, sha256 in waiting
@@ -95,7 +94,7 @@ class MessageCounts:
 
 
 def run_digest(digests: Iterable[ActorDigest]) -> str:
-    """The digest of a run: sha256 over the digests of the processes that carry it, sorted by actor."""
+    """Return the digest of a run: sha256 over the digests of its witnesses, sorted by actor."""
     lines = sorted(
         f"{digest.actor} {digest.count} {digest.sha256}\n"
         for digest in digests
@@ -105,7 +104,7 @@ def run_digest(digests: Iterable[ActorDigest]) -> str:
 
 
 class Clocks(NamedTuple):
-    """What the clocks of a process showed, s."""
+    """Times of a process, s."""
 
     wall_s: float
     """Since the epoch."""
@@ -114,18 +113,18 @@ class Clocks(NamedTuple):
 
 
 class Shell:
-    """Runs one core over whatever delivers to it.
+    """Runs one core over any bus.
 
-    `open_to` names the addresses whose messages the core takes along at its next advance if there are any;
-    all others are taken only when the core says that it is missing them.
+    `open_to` returns the addresses whose messages the core takes at its next advance if there are any; others
+    are taken only when the core misses them.
     """
 
     INBOX_LIMIT: Final = 100_000
-    """Messages that may wait for the core; more mean that the barrier is broken."""
+    """Messages that may wait for the core; more mean a broken barrier."""
     KEY_LIMIT: Final = 5000
-    """Of them, on one key: somebody sends what nobody asks for."""
+    """Of them, on one key; more mean a flood."""
     HASHED_TOGETHER: Final = 16
-    """Advances whose messages are hashed into the digest in one go."""
+    """Advances whose messages are hashed together."""
 
     def __init__(
         self,
@@ -143,12 +142,12 @@ class Shell:
         self.finished: bool = core.finished
         """True once the core will take no further step."""
         self.began = clocks()
-        """When the first advance was complete: the roll call for a world, the first step for all others."""
+        """Times after the first advance: a world's roll call, another actor's first step."""
         self._outlet = outlet
         self._journal = journal
         self.open_to = open_to
         self.prints: Prints | None = None
-        """Takes what the core's code prints; None: it goes its way."""
+        """Takes the output of the core's code; None: the usual streams."""
         self._computed: dict[str, int] = defaultdict(int)
         """Messages recorded and not published, by key."""
         self._inbox: dict[str, deque[bytes]] = {}
@@ -156,10 +155,10 @@ class Shell:
         self._inputs: dict[str, Message] = {}
         self._awaited: list[Address] = []
         self.held_by: str | None = None
-        """The key without a message on which `pump` can do nothing; None: nothing is known to be missing."""
+        """The key whose next message `pump` needs; None: none is known to be missing."""
         self._step = core.step
         self._newest = core.step
-        """The latest step of an input that is at hand: after a gap the core is behind it."""
+        """The latest step of an input; after a gap the core is behind it."""
 
     @property
     def unread(self) -> int:
@@ -168,15 +167,12 @@ class Shell:
 
     @property
     def awaited(self) -> Sequence[Address]:
-        """What the core is missing and has not arrived, next one first.
-
-        Of one family of keys: messages of another may have come, and are looked for only afterwards.
-        """
+        """What the core is missing and has not arrived, next one first; of one topic."""
         missing = [one for one in reversed(self._awaited) if not self._inbox.get(one.key)]
         return [one for one in missing if one.topic is missing[0].topic]
 
     def deliver(self, delivery: Delivery) -> None:
-        """Keep a message until the core wants it."""
+        """Keep a message until the core takes it. Raises AcrcError where too many wait."""
         if self._waiting >= self.INBOX_LIMIT:
             raise AcrcError(
                 f"step {self._step}: {self.actor} has {self._waiting} messages waiting, the last one on "
@@ -200,7 +196,7 @@ class Shell:
             self.held_by = None
 
     def pump(self) -> Address | None:
-        """Advance the core once if everything it misses is here; else the first address that is missing."""
+        """Advance the core once if nothing is missing; else return the first missing address."""
         while True:
             while self._awaited:
                 if not self._take(self._awaited[-1]):
@@ -275,7 +271,7 @@ class Shell:
 
 
 def clocks() -> Clocks:
-    """The clocks now; no core ever sees them."""
+    """Return the times now; no core sees them."""
     return Clocks(time.time(), cpu_s())
 
 

@@ -133,8 +133,6 @@ class Attack(NamedTuple):
     name: str
     layer: Layer
     stages: tuple[Stage, ...]
-    root: bool = False
-    """Only root could do this."""
     traces: bool = False
     """Needs the right to trace own processes (Yama's ptrace_scope)."""
 

@@ -25,8 +25,8 @@ R2_SENSES = "swarm/down/r2/senses"
 WAIT_S = 0.3
 IPC_CREAT = 0o1000
 USER_KEYRING, KEYCTL_SEARCH = -4, 10
-SYSCALLS = {"x86_64": (248, 250, 438), "aarch64": (217, 219, 438)}[os.uname().machine]
-"""add_key, keyctl, pidfd_getfd."""
+SYSCALLS = {"x86_64": (248, 250), "aarch64": (217, 219)}[os.uname().machine]
+"""add_key, keyctl."""
 NEST = """
 import os
 from contextlib import suppress
@@ -195,13 +195,6 @@ def read_terminal(_: SwarmMember, note: Note) -> bool:
         return note["token"].encode() in terminal.read(100)
 
 
-def open_disk(_: SwarmMember, __: Note) -> bool:
-    for disk in (path for path in Path("/dev").iterdir() if path.is_block_device()):
-        os.close(os.open(disk, os.O_RDONLY))
-        return True
-    raise FileNotFoundError("no disk in /dev")
-
-
 def lock(member: SwarmMember, _: Note) -> None:
     fcntl.flock(member.keep(COMMON_FILE.open()), fcntl.LOCK_EX | fcntl.LOCK_NB)
 
@@ -248,12 +241,9 @@ def await_signals(member: SwarmMember, _: Note) -> Note:
 
 
 def hold_secret(member: SwarmMember, note: Note) -> Note:
-    path = member.folder / "diary"
-    path.write_text(note["token"])
     text = ctypes.create_string_buffer(note["token"].encode())
     SECRETS.append(text)
-    handle = member.keep(path.open("rb", buffering=0)).fileno()
-    return {"pid": member.pid, "handle": handle, "address": ctypes.addressof(text)}
+    return {"pid": member.pid, "address": ctypes.addressof(text)}
 
 
 SECRETS: list[ctypes.Array[ctypes.c_char]] = []
@@ -262,14 +252,6 @@ SECRETS: list[ctypes.Array[ctypes.c_char]] = []
 
 def read_environment(_: SwarmMember, note: Note) -> bool:
     return b"SECRET=" in Path(f"/proc/{note['pid']}/environ").read_bytes()
-
-
-def take_descriptor(_: SwarmMember, note: Note) -> bool:
-    process_handle = os.pidfd_open(note["pid"])
-    handle = checked(LIBC.syscall(SYSCALLS[2], process_handle, note["handle"], 0), "pidfd_getfd")
-    os.close(process_handle)
-    with os.fdopen(handle, "rb", buffering=0) as file:
-        return bool(file.read().decode() == note["token"])
 
 
 class IoVector(ctypes.Structure):
@@ -315,15 +297,14 @@ def rule(name: str, *stages: Stage) -> Attack:
     return Attack(name, Layer.RULES, stages)
 
 
-def process(name: str, *stages: Stage, root: bool = False, traces: bool = False) -> Attack:
-    return Attack(name, Layer.PROCESS, stages, root, traces)
+def process(name: str, *stages: Stage, traces: bool = False) -> Attack:
+    return Attack(name, Layer.PROCESS, stages, traces)
 
 
 ATTACKS = (
     Attack("control: put on the own key", Layer.NONE, put("swarm/up/r1/drive")),
     Attack("control: own key", Layer.NONE, overhear("swarm/down/r1/**", "swarm/down/r1/received")),
     rule("put on a key of r2", *put("swarm/up/r2/drive")),
-    rule("put on r2's incoming key", *put(R2_SENSES)),
     rule("put on a key of the world", *put("swarm/infra/truth")),
     rule("put on a wildcard", *put("swarm/**")),
     rule("put in a session of mode peer", *sending(put_as_peer)),
@@ -340,7 +321,6 @@ ATTACKS = (
     process("file in the output folder", *shared_file(lambda member: member.swarm.out)),
     process("file in the repository", *shared_file(lambda _: REPOSITORY)),
     process("password of r2", read_file(lambda member, _: f"{member.swarm.out}/r2/credentials")),
-    process("password of r2 by the working directory", read_file(lambda _, __: "r2/credentials")),
     process("recording of another run", read_file(lambda m, _: f"{m.swarm.study}/runs/other/r9/r9.mcap")),
     process("scenario with the seed", read_file(lambda member, _: f"{member.swarm.study}/scenario.toml")),
     process(
@@ -350,7 +330,6 @@ ATTACKS = (
     ),
     process("inherited descriptor of a folder", ("r1", read_by_descriptor)),
     process("pseudoterminal", ("r1", open_terminal), ("r2", read_terminal)),
-    process("disk as a device file", ("r1", open_disk), root=True),
     process("lock on a common file", ("r1", lock), ("r2", find_lock)),
     process("System V shared memory", ("r1", make_segment), ("r2", find_segment)),
     process("key ring of the user", ("r1", store_key), ("r2", find_key)),
@@ -362,7 +341,6 @@ ATTACKS = (
     ),
     process("environment variables of the user", ("r1", lambda _, __: "SECRET" in os.environ)),
     process("environment of r2", ("r2", hold_secret), ("r1", read_environment), traces=True),
-    process("descriptor of r2", ("r2", hold_secret), ("r1", take_descriptor), traces=True),
     process("memory of r2", ("r2", hold_secret), ("r1", read_memory), traces=True),
     process("remounting the file tree", ("r1", remount), ("r2", find_litter)),
     process("nested user namespace", ("r1", break_out), ("r2", find_litter)),

@@ -13,6 +13,7 @@ from actors.runtime.linux import create_log
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup
 from actors.runtime.recording import Entry, read_recording
 from tests import in_process
+from tests.refusals import refused
 from tests.swarm.command import acrc, leftovers, processes_of, run
 
 MEMORY = ("--bus", "memory", "--json")
@@ -76,9 +77,10 @@ def test_what_a_robot_says_of_itself_changes_no_digest_and_is_named(tmp_path: Pa
     assert checked.returncode == 1 and checked.stderr.startswith(f"acrc: {out}/r1/r1.mcap: holds ")
 
 
-def test_a_log_is_a_new_file(tmp_path: Path) -> None:
-    victim = tmp_path / "victim.txt"
+def test_a_log_is_a_new_file_and_a_set_up_is_written_through_no_link(tmp_path: Path) -> None:
+    victim, file = tmp_path / "victim.txt", tmp_path / SETUP
     victim.write_text("untouched")
+    file.symlink_to(victim)
     (tmp_path / "r1.log").symlink_to(victim)
     (tmp_path / "r2.log").touch()
     (tmp_path / "r3.log").symlink_to(tmp_path / "nothing.txt")
@@ -87,28 +89,17 @@ def test_a_log_is_a_new_file(tmp_path: Path) -> None:
             log = tmp_path / f"{name}.log"
             with pytest.raises(FileExistsError):
                 create_log(log)
-            with pytest.raises(LaunchError) as caught:
+            with refused(f"{name} is not started; {log}: File exists", LaunchError):
                 launched.start(Program(name, "this", (), log, None))
-            assert str(caught.value) == f"{name} is not started; {log}: File exists"
-    assert victim.read_text() == "untouched" and not (tmp_path / "nothing.txt").exists()
-
-
-def test_a_set_up_is_written_anew_at_each_start_and_through_no_link(tmp_path: Path) -> None:
-    victim, file = tmp_path / "victim.txt", tmp_path / SETUP
-    victim.write_text("untouched")
-    file.symlink_to(victim)
-    with launcher("exec") as launched:
         for number in range(2):
             told = ActorSetup({"epoch": number}, ProcessSetup(record="r1.mcap", router="router.sock"))
-            log = tmp_path / f"r1.{number}.log"
-            launched.start(Program("r1", "this", (), log, None, setup=told))
+            launched.start(Program("r1", "this", (), tmp_path / f"r1.{number}.log", None, setup=told))
             assert json.loads(file.read_text())["actor"] == {"epoch": number}
         file.unlink()
         file.mkdir()
-        with pytest.raises(LaunchError) as caught:
-            launched.start(Program("r1", "this", (), tmp_path / "r1.log", None, setup=told))
-    assert str(caught.value) == f"r1 is not started; {file}: Is a directory"
-    assert victim.read_text() == "untouched"
+        with refused(f"r1 is not started; {file}: Is a directory", LaunchError):
+            launched.start(Program("r1", "this", (), tmp_path / "r1.2.log", None, setup=told))
+    assert victim.read_text() == "untouched" and not (tmp_path / "nothing.txt").exists()
 
 
 def test_a_flood_ends_the_run_and_names_its_sender(tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+@pytest.mark.parametrize("bus", ["memory", pytest.param("zenoh", marks=pytest.mark.nightly)])
 def test_the_result_holds_what_robots_reported(scenario: Path, tmp_path: Path, bus: str) -> None:
     make = run if bus == "memory" else command.run
     result = make(tmp_path / "out", scenario, "--modules", ROOT)
