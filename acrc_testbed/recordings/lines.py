@@ -216,7 +216,7 @@ def is_log(key: str) -> bool:
 def read_logs(
     out: Path, keys: Sequence[str], begin: float, end: float | None, *, follow: bool
 ) -> Iterator[Printed]:
-    """Every line of these logs; with `follow` also what is added, to the run's end. Raises LogError."""
+    """Every line of these logs; with `follow` also what is added, to the run's end. Raises AcrcError."""
     if out.is_file():
         raise TopicError(f"{out}: a recording, which has no log; must be a run's folder")
     wanted = [key.removesuffix(_LOG) for key in keys]

@@ -85,7 +85,7 @@ class Refused(msgspec.Struct, frozen=True, tag=True):
     reason: str
 
 
-class Ended(msgspec.Struct, frozen=True, tag=True):
+class ProcessExited(msgspec.Struct, frozen=True, tag=True):
     """A child has ended."""
 
     pid: int
@@ -98,7 +98,7 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
 
 
 Request = Start | Share | Withdraw
-Reply = Ready | Started | Refused | Ended
+Reply = Ready | Started | Refused | ProcessExited
 
 
 class LogFile(NamedTuple):
@@ -251,7 +251,7 @@ class ForkServer:
             if log is not None:
                 strays = process_table.end_orphans(self._orphans(pid, log)) if self._reaps else 0
                 cpu_s = usage.ru_utime + usage.ru_stime
-                self._reply(Ended(pid, os.waitstatus_to_exitcode(status), strays, cpu_s))
+                self._reply(ProcessExited(pid, os.waitstatus_to_exitcode(status), strays, cpu_s))
 
     def _orphans(self, actor: int, log: LogFile) -> set[int]:
         """Return the children of this process that `actor`, which has ended, had started."""

@@ -1,4 +1,4 @@
-"""Compiles the numeric kernels before the first run, and says so: it takes half a minute, or two."""
+"""Compilation of the numeric kernels before the first run, which takes half a minute, or two."""
 
 import os
 import platform
@@ -23,10 +23,10 @@ from actors.runtime.processor import KernelModule, fingerprints, processor
 
 _WORDS: Final = "compiling the numeric kernels, once after an installation or a change of the sources"
 _DONE: Final = "complete"
-"""File in the cache of one state of the sources: on which machine all of them have been compiled."""
+"""File in the cache: for which states of the sources and machines all kernels have been compiled."""
 
 _LANES: Final = 4
-"""Processes at most: one module alone takes a quarter of the whole."""
+"""Most processes: one module alone takes a quarter of the time."""
 _HELPER: Final = """
 import importlib, sys
 from actors.runtime.processor import fingerprints
@@ -37,9 +37,9 @@ for line in sys.stdin:
 
 
 def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
-    """Compile whatever a run computes with, unless that was done; tells a person how far it is.
+    """Compile all kernels of a run, unless that was done; show the progress.
 
-    `onboard`: only what a robot computes with, whose computer has no world and need not have pymunk.
+    `onboard`: only a robot's kernels: its computer has no world and need not have pymunk.
     """
     stamp, sources = cache_folder() / _DONE, state(kernel_sources())
     here, whole = (f"{sources} {_machine()}, {part}" for part in ("robot" if onboard else "all", "all"))
@@ -59,7 +59,7 @@ def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
 class _Compilation:
     """Modules compiled by as many processes as there are cores, each after those whose kernels it calls.
 
-    So no kernel is compiled twice. What a process could not do, this one does.
+    So no kernel is compiled twice. Where a process fails, this one compiles.
     """
 
     def __init__(self, modules: Sequence[KernelModule], tell: Callable[[], None]) -> None:
@@ -69,7 +69,7 @@ class _Compilation:
         self._undone = set(self._todo)
 
     def run(self) -> None:
-        """Compile them all. Raises what a kernel raises here."""
+        """Compile them all."""
         lanes = min(len(os.sched_getaffinity(0)), _LANES, len(self._todo))
         with ThreadPoolExecutor(lanes) as pool:
             failed = [module for module in pool.map(self._lane, range(lanes)) if module is not None]
@@ -78,7 +78,7 @@ class _Compilation:
             self._tell()
 
     def _lane(self, _: int) -> KernelModule | None:
-        """What one process failed at, if it did; it is not asked again."""
+        """Compile by one process; return the module at which it failed, if it did."""
         with subprocess.Popen(
             [*python(), "-c", _HELPER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True, bufsize=1,
@@ -99,7 +99,7 @@ class _Compilation:
         return None
 
     def _next(self) -> tuple[Path, KernelModule] | None:
-        """The first module all of whose callees are compiled; waits for one. None: all are taken."""
+        """Return the next module whose callees are compiled, after a wait; None: all are taken."""
         with self._change:
             while self._todo:
                 for source in self._todo:
@@ -112,7 +112,7 @@ class _Compilation:
 
 
 def _asked(helper: "subprocess.Popen[str]", module: str) -> bool:
-    """Have it compile a module; False if it has died, or says anything else than that this is done."""
+    """Have a process compile a module; return whether it did."""
     assert helper.stdin is not None and helper.stdout is not None
     try:
         helper.stdin.write(f"{module}\n")
@@ -122,16 +122,13 @@ def _asked(helper: "subprocess.Popen[str]", module: str) -> bool:
 
 
 def _machine() -> str:
-    """Return what compiled code depends on beside the sources; numpy is loaded here for the CPU features.
-
-    Numba finds a kernel by its byte code, which differs with -O.
-    """
+    """Return what compiled code depends on beside the sources: CPU, Python with -O, numba, numpy."""
     release = f"{platform.python_version()}{' -O' * sys.flags.optimize}"
     return f"{processor()} Python {release} numba {version('numba')} numpy {np.__version__}"
 
 
 def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
-    """Every module with kernels that a run, or only a robot, computes with; importing them takes a second."""
+    """Return the modules with kernels of a run, or only of a robot; importing them takes a second."""
     from actors.robot.assembly import KERNELS as ROBOT  # noqa: PLC0415
     from actors.runtime.recording import scans  # noqa: PLC0415
 
@@ -145,7 +142,7 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
 
 @contextmanager
 def _told(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
-    """What is to be called after each of so many modules."""
+    """Yield a function to be called after each of so many modules."""
     console, began = screen(stderr=True), time.monotonic()
     if quiet:
         yield lambda: None

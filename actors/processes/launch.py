@@ -18,7 +18,17 @@ import msgspec
 
 from actors.installation.repository import REPOSITORY
 from actors.processes.confined import Part, ProcessStart
-from actors.processes.forkserver import Ended, Ready, Refused, Reply, Request, Share, Start, Started, Withdraw
+from actors.processes.forkserver import (
+    ProcessExited,
+    Ready,
+    Refused,
+    Reply,
+    Request,
+    Share,
+    Start,
+    Started,
+    Withdraw,
+)
 from actors.runtime import process_table, regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, Names
@@ -67,7 +77,7 @@ class Child:
     cpu_s: float = 0.0
     """Once it has ended: CPU time that the system charged for it, and for those that it has waited for."""
 
-    def note(self, end: Ended) -> None:
+    def note(self, end: ProcessExited) -> None:
         """Take in that it has ended."""
         self.exit_code, self.strays, self.cpu_s = end.code, end.strays, end.cpu_s
 
@@ -130,7 +140,7 @@ class Launcher:
         self._command = [*python(), "-m", "actors.processes.forkserver"]
         self._how = how
         self._children: dict[int, Child] = {}
-        self._ended: dict[int, Ended] = {}
+        self._ended: dict[int, ProcessExited] = {}
         """Ends of children whose start has not been answered yet."""
         self._lost = False
         self.ready = False
@@ -236,7 +246,7 @@ class Launcher:
             raise self._loss()
         reply: Reply = msgspec.json.decode(text, type=Reply)
         self.ready = self.ready or isinstance(reply, Ready)
-        if isinstance(reply, Ended):
+        if isinstance(reply, ProcessExited):
             if reply.pid in self._children:
                 self._children[reply.pid].note(reply)
             else:

@@ -21,10 +21,6 @@ EVERYBODY: Final = "*"
 _START: Final = re.compile(r"(?:\.[0-9]{1,9})?\.log")
 
 
-class LogError(AcrcError):
-    """A robot that is not in the run, or an unreadable log."""
-
-
 def logs(out: Path, robot: str) -> list[Path]:
     """Return the logs of a robot's processes in the order of their starts; none where nothing was printed."""
     files = (out / robot).glob(f"{robot}*.log")
@@ -67,7 +63,7 @@ class LogTail:
             try:
                 self._open[path], self._rest[path] = regular_file.opened(path), b""
             except OSError as error:
-                raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+                raise AcrcError(f"{path}: cannot be read: {error.strerror}") from None
         while piece := self._open[path].read(1 << 16):
             *lines, self._rest[path] = (self._rest[path] + piece).split(b"\n")
             for line in lines:
@@ -93,10 +89,10 @@ def shown(out: Path, names: Sequence[str]) -> Iterator[Callable[[], None]]:
 
 
 def check_names(names: Sequence[str], known: Sequence[str], where: str) -> None:
-    """Raise LogError for a robot that is not in the run."""
+    """Raise AcrcError for a robot that is not in the run."""
     for name in names:
         if name not in known and name != EVERYBODY:
-            raise LogError(f"{where}: no robot {name!r}; there are {', '.join(known)}, and '*' for all")
+            raise AcrcError(f"{where}: no robot {name!r}; there are {', '.join(known)}, and '*' for all")
 
 
 _LAST_LINES: Final = 8192

@@ -1,4 +1,4 @@
-"""Being ended from outside: by Ctrl-C, by the system, by a terminal that closes."""
+"""Signals that end a command: Ctrl-C, SIGTERM, a closed terminal."""
 
 import math
 import os
@@ -16,30 +16,30 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 _CLEARANCE_S: Final = 10.0
-"""How long what a signal has set off may take, s; longer than every process gets to end."""
+"""Limit of an orderly end after a signal, s; longer than every process gets to end."""
 _AGAIN_S: Final = 0.05
-"""After so long a signal that was lost is sent again, s; if that is lost, too, once more."""
+"""Delay after which a lost signal is sent again, s."""
 
 
-class Interrupted(BaseException):  # what a person or the system asked for is no error
+class Interrupted(BaseException):  # no error
     """The command was ended from outside; `exit_code` is 128 + the signal's number.
 
-    No Exception, so that a strategy in this process, which may catch those, does not keep it to itself.
+    No Exception, because a strategy in this process may catch those.
     """
 
     def __init__(self, exit_code: int) -> None:
         super().__init__(exit_code)
         self.exit_code = exit_code
         self.recorded: Path | None = None
-        """The folder with what a run has recorded up to then; None if there is none."""
+        """The folder of the run so far; None if there is none."""
 
 
 @contextmanager
 def signals_as_interrupts() -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP become Interrupted, so that what was started is ended in order.
+    """Raise Interrupted on Ctrl-C, SIGTERM and SIGHUP, so that what was started is ended in order.
 
-    What one of them has set off is not cut short by the next, and none is lost. A signal that this process
-    was started to ignore, as by nohup, stays ignored.
+    The next one does not cut that short, and none is lost. A signal that this process was started to ignore,
+    as by nohup, stays ignored.
     """
     heeding = _Heeding()
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
@@ -51,12 +51,12 @@ def signals_as_interrupts() -> Iterator[None]:
         yield
         heeding.raise_lost()
     except RuntimeError as error:
-        # Until Python 3.11, what comes while a class names its attributes, so in an import, comes as this.
+        # Until Python 3.11, an exception while a class names its attributes, so in an import, comes as this.
         if isinstance(error.__cause__, Interrupted):
             raise error.__cause__ from None
         raise
     except ImportError:
-        # A package that is written in C, such as numpy, replaces what is raised while it is imported.
+        # A package in C, such as numpy, replaces exceptions during its import.
         if heeding.raised is not None:
             raise heeding.raised from None
         raise
@@ -68,7 +68,7 @@ def signals_as_interrupts() -> Iterator[None]:
 
 
 class _Heeding:
-    """What a signal raises, and raises again where that was lost."""
+    """Raises Interrupted on a signal, and again where that was lost."""
 
     def __init__(self) -> None:
         self.tell = sys.unraisablehook
@@ -79,14 +79,14 @@ class _Heeding:
         self._sending: list[threading.Timer] = []
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
-        """The signal has come: Interrupted, unless what an earlier one has set off is still under way."""
+        """Raise Interrupted, unless the end after an earlier signal is still under way."""
         if time.monotonic() > self._raised_s + _CLEARANCE_S:
             self._raised_s, self._lost = time.monotonic(), None
             self.raised = Interrupted(128 + number)
             raise self.raised
 
     def send_again(self, what: "UnraisableHookArgs") -> None:
-        """What is raised while C calls Python, as where a kernel is loaded, gets no further than there."""
+        """Send a signal again whose exception C has swallowed, as where a kernel is loaded."""
         if not isinstance(what.exc_value, Interrupted):
             self.tell(what)
             return
@@ -97,12 +97,12 @@ class _Heeding:
         self._sending.append(again)
 
     def raise_lost(self) -> None:
-        """Interrupted, if one was lost and has not come again by now."""
+        """Raise Interrupted if one was lost and has not come again."""
         if self._lost is not None:
             raise self._lost.with_traceback(None)
 
     def send_no_more(self) -> None:
-        """What is on its way is called back, or ignored: later it would end the process without a word."""
+        """Cancel or ignore signals on their way: later they would end the process without a word."""
         if self._sending:
             self._raised_s = time.monotonic()
         for again in self._sending:

@@ -1,9 +1,7 @@
-"""A small process beside a run in memory, for what the run's own process can no longer do: end itself.
+"""A watchdog process of a run in memory, where a strategy shares the process that monitors it.
 
-There a strategy runs in the very process that watches it. Where that waits in the kernel (vfork(2)), or does
-not come back from a function in C, neither a timeout nor Ctrl-C reaches it.
-`python -m actors.processes.watchdog BOARD WAKES FRAMES PID STEP_S` looks at it from outside, says whose code
-it was, and ends it.
+While that waits in the kernel (vfork(2)), or in a function in C, neither a timeout nor Ctrl-C reaches it.
+`python -m actors.processes.watchdog BOARD WAKES FRAMES PID STEP_S` reports whose code it was, and kills it.
 """
 
 import faulthandler
@@ -32,15 +30,15 @@ _FORM: Final = struct.Struct("q64s")
 SIZE: Final = _FORM.size
 """Bytes of the board."""
 Show = Callable[[int, str], None]
-"""Shows the step, and the actor whose turn it is."""
+"""Writes the step and the current actor to the board."""
 
 
 class BoardTurn(NamedTuple):
-    """Whose turn it is."""
+    """The current actor."""
 
     step: int
     actor: str
-    """"" while the actors are being made."""
+    """Empty while the actors are being made."""
 
     def in_words(self) -> str:
         """Return what the current actor has failed to do."""
@@ -50,16 +48,16 @@ class BoardTurn(NamedTuple):
 
 
 def read(board: mmap.mmap) -> BoardTurn:
-    """What the board shows; it may be half written."""
+    """Return the content of the board; it may be half written."""
     step, actor = _FORM.unpack(board[:SIZE])
     return BoardTurn(step, actor.rstrip(b"\0").decode(errors="replace"))
 
 
 @contextmanager
 def guarded(step_s: float) -> Iterator[Show]:
-    """Run a watchdog process meanwhile; yield the function that tells it whose turn it is.
+    """Run a watchdog process meanwhile; yield the function that tells it the current actor.
 
-    Not in other threads than the main one, where no signal arrives, nor without a timeout, for a debugger.
+    No watchdog runs outside the main thread, where no signal arrives, nor without a timeout, for a debugger.
     """
     if threading.current_thread() is not threading.main_thread() or math.isinf(step_s):
         yield lambda step, actor: None
@@ -90,7 +88,7 @@ def guarded(step_s: float) -> Iterator[Show]:
 
 
 def _pipe(stack: ExitStack) -> tuple[int, int]:
-    """Both ends, which never wait."""
+    """Return both ends, which never wait."""
     ends = os.pipe()
     for end in ends:
         os.set_blocking(end, False)
@@ -100,25 +98,24 @@ def _pipe(stack: ExitStack) -> tuple[int, int]:
 
 _HEEDED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _GRACE_S: Final = 10.0
-"""Of its own time, which the process has to end by itself after a timeout or a signal; own choice: longer
-than it needs for everything that it leaves behind."""
+"""Time of its own in which the process must end after a timeout or a signal; own choice."""
 _LOOK_S: Final = 0.5
 _ANSWER_S: Final = 1.0
-"""How long it may take to say where it stands."""
+"""Limit of the dump of its stack."""
 
 
 class Watchdog:
-    """Looks after one process."""
+    """Monitors one process."""
 
     def __init__(self, board: mmap.mmap, wakes: int, frames: int, pid: int, step_s: float) -> None:
         self._board, self._wakes, self._frames, self._pid = board, wakes, frames, pid
         self._turn: BoardTurn | None = None
         self._step = StallDetector(Timeout(step_s + _GRACE_S), table=_others)
         self._end: StallDetector | None = None
-        """Since it was told to end."""
+        """Since a signal told it to end."""
 
     def look(self) -> str | None:
-        """A sentence on what the process does not come back from; None while all is well."""
+        """Return a sentence on the code in which the process hangs; None while it does not."""
         turn = read(self._board)
         if turn != self._turn:
             self._turn = turn
@@ -133,14 +130,14 @@ class Watchdog:
         return stall and f"{stall.sentence}{self._place()}"
 
     def end(self) -> None:
-        """End the process, and what descends from it."""
+        """Kill the process and its descendants."""
         family = process_table.descendants((self._pid,), _others())
         for pid in (self._pid, *(family - {self._pid})):
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
 
     def _told_to_end(self) -> bool:
-        """True once one of the signals has come, whether the process could heed it or not."""
+        """Return whether one of the signals has come, handled or not."""
         with suppress(BlockingIOError):
             if {*os.read(self._wakes, 1 << 16)} & {*_HEEDED}:
                 return True
@@ -158,14 +155,14 @@ class Watchdog:
 
 
 def _others() -> dict[int, ProcessGlance]:
-    """All processes but this one."""
+    """Return all processes but this one."""
     found = process_table.table()
     found.pop(os.getpid(), None)
     return found
 
 
 def _pending(pid: int) -> Iterator[int]:
-    """Signals that have come to a process and that it has not taken (proc(5), SigPnd and ShdPnd)."""
+    """Yield the pending signals of a process (proc(5), SigPnd and ShdPnd)."""
     with suppress(OSError):
         for line in Path(f"/proc/{pid}/status").read_text().splitlines():
             name, _, value = line.partition(":")
@@ -175,7 +172,7 @@ def _pending(pid: int) -> Iterator[int]:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Look after the process until it has ended."""
+    """Monitor the process until it has ended."""
     board, wakes, frames, pid = map(int, argv[:4])
     for number in (wakes, frames):
         os.set_blocking(number, False)

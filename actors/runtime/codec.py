@@ -31,22 +31,18 @@ class WireError(AcrcError):
     """Bytes on a key that are no message of its topic."""
 
 
-class UnfitMessageError(AcrcError):
-    """A message that no bus takes."""
-
-
 def encode(message: Message, key: str = "", limit: int = MESSAGE_LIMIT) -> bytes:
     """The bytes of `message`; equal messages give equal bytes.
 
-    UnfitMessageError for more than `limit` of them, and for values that are not of the plain types of
+    AcrcError for more than `limit` of them, and for values that are not of the plain types of
     the message's fields; it says on which `key`.
     """
     try:
         payload = _PREFIX + _encoded(_travelling(message) if message.omissible else message)
     except (TypeError, ValueError, OverflowError) as error:
-        raise UnfitMessageError(f"{_title(message, key)} {_unfit(message) or error}") from None
+        raise AcrcError(f"{_title(message, key)} {_unfit(message) or error}") from None
     if payload[limit:]:  # the one call fewer of each message
-        raise UnfitMessageError(
+        raise AcrcError(
             f"{_title(message, key)} has {len(payload)} bytes; a message may have at most {limit}"
         )
     return payload

@@ -67,16 +67,12 @@ def located_model(model: str, folder: Path) -> str:
     return str(folder / model) if model.endswith(".toml") else model
 
 
-class ArgumentError(AcrcError):
-    """A command line that does not say what the actor needs."""
-
-
 class ArgumentParser(argparse.ArgumentParser):
     """An argparse parser whose errors are sentences for the caller to show."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise ArgumentError instead of printing the usage and exiting."""
-        raise ArgumentError(f"{self.prog}: {message}")
+        """Raise AcrcError instead of printing the usage and exiting."""
+        raise AcrcError(f"{self.prog}: {message}")
 
 
 def setup_parser(program: str, description: str) -> ArgumentParser:

@@ -25,7 +25,7 @@ from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
 from actors.runtime.linux import die_with_parent
-from actors.runtime.process_setup import ArgumentError, ArgumentParser
+from actors.runtime.process_setup import ArgumentParser
 from actors.runtime.processor import fingerprints
 from actors.task import visits
 from actors.world import drive, odometry, rays
@@ -204,7 +204,7 @@ def main(argv: Sequence[str]) -> int:
         parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
         options = parser.parse_args(argv)
         if options.duration is not None and not 0 <= options.duration <= 1e6:
-            raise ArgumentError(f"--duration is {options.duration:g} s; it should be 0 to a million")
+            raise AcrcError(f"--duration is {options.duration:g} s; it should be 0 to a million")
         if options.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
         laboratory, lines = _build(load(options.setup), options.links)

@@ -12,8 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
 from actors.messages import DRIVE, Drive
-from actors.runtime.codec import MESSAGE_LIMIT, UnfitMessageError, encode
+from actors.runtime.codec import MESSAGE_LIMIT, encode
 from actors.runtime.core import Address, Inputs, Outlet, Output, at, to
+from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.rules import session_config, set_value
 from actors.runtime.recording import Journal, Recorder, Unrecorded
 from actors.runtime.replay_bus import ReplayBus
@@ -47,7 +48,7 @@ def say(message: Drive, outlet: Outlet, journal: Journal | None = None) -> str:
     """The sentence that refuses it; empty if it was sent."""
     try:
         Shell(Speaker(message), outlet, journal or Unrecorded(), actor=ROBOT).pump()
-    except UnfitMessageError as error:
+    except AcrcError as error:
         return str(error)
     return ""
 

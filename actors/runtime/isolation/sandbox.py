@@ -59,10 +59,6 @@ OPEN = (
 )
 
 
-class IsolationError(AcrcError):
-    """A robot's process cannot be shut off from its peers."""
-
-
 class Handover(NamedTuple):
     """What the keeper prepares for the sandboxed process."""
 
@@ -267,7 +263,7 @@ def choose(wanted: bool | None, *, debugged: bool = False, elsewhere: str | None
     """Decide whether to sandbox robots; `wanted` None: if the machine allows it.
 
     `debugged`: a debugger must reach the process. `elsewhere`: why another computer of the run has no
-    sandbox. Raises IsolationError where a sandbox is wanted and impossible.
+    sandbox. Raises AcrcError where a sandbox is wanted and impossible.
     """
     if wanted is False or (wanted is None and debugged):
         option = "--no-isolate" if wanted is False else "--debugpy"
@@ -276,7 +272,7 @@ def choose(wanted: bool | None, *, debugged: bool = False, elsewhere: str | None
     if reason is None:
         return IsolationChoice(True)
     if wanted:
-        raise IsolationError(reason)
+        raise AcrcError(reason)
     cause = reason.removesuffix(f"; {advice()}")
     helps = f"; {remedy()}" if container_kind() and cause != reason else ""
     return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}{helps}")
