@@ -1,7 +1,6 @@
 """Result of a field trial: as of a simulated run, without ground truth unless a laboratory supplies it."""
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -137,19 +136,31 @@ def _route(log: RobotLog) -> tuple[PlaceKey, ...]:
 
 
 def trial_result(
-    trial: FieldTrial, clocks: AlignedClocks, told: ReportedPlaces, out: Path | None
+    trial: FieldTrial,
+    clocks: AlignedClocks,
+    told: ReportedPlaces,
+    out: Path | None,
+    truth: "LaboratoryResult | None" = None,
 ) -> RunResult:
-    """Compute the result of the robots' recordings."""
+    """Compute the result of the robots' recordings.
+
+    With a laboratory's `truth`, frames have the causes of a simulated run; those that a board or its line
+    never sent are as the robots counted them.
+    """
     ended = [(log.identity.id, log.path, log.final) for log in trial.all_logs() if log.final is not None]
     missing = [log.path for log in trial.all_logs() if log.final is None]
     unknown = (f"{path}: has no last record, so what its node did is not known" for path in missing)
     reports = robot_reports(ended)
     frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
-    whole = Counter[str]()
-    for part in frames.values():
-        whole.update(part)
+    names = next(iter(frames.values()))
+    whole = {name: sum(counts[name] for counts in frames.values()) for name in names}
     segments = {robot: clocks.reports(robot) for robot in trial.logs}
     robot_seconds = sum(one.to_s - one.from_s for parts in segments.values() for one in parts)
+    sent_bytes = rate(whole["bytes_sent"], robot_seconds)
+    if truth is not None:
+        by_robot = truth.frames_by_robot
+        frames = {robot: _true_frames(counts, by_robot.get(robot, {})) for robot, counts in frames.items()}
+        whole = _true_frames(whole, truth.frames)
     return without_unknown(
         RunResult,
         robots=len(trial.logs),
@@ -157,8 +168,8 @@ def trial_result(
         **counted(told.places, watched=told.contacts is not None),
         per_robot={robot: _robot(robot, trial, told, frames[robot], segments[robot]) for robot in trial.logs},
         contacts=told.contacts,
-        frames=dict(whole),
-        radio_bytes_per_robot_s=rate(whole["bytes_sent"], robot_seconds),
+        frames=whole,
+        radio_bytes_per_robot_s=sent_bytes,
         deeco=reports.deeco,
         reference=clocks.reference,
         notes=(*trial.notes, *clocks.notes, *told.notes, *unknown, *reports.refused),
@@ -212,10 +223,6 @@ def _recording(log: RobotLog) -> RecordingReport:
     return RecordingReport(str(log.path), log.identity.epoch, len(log.ticks), ended)
 
 
-BEFORE_THE_AIR: Final = ("frames_overflowed", "frames_refused")
-"""Ends that a frame may come to in front of its transceiver."""
-
-
 def read_truth(path: Path) -> "LaboratoryResult":
     """A laboratory's result. Raises FieldTrialError."""
     from firmware_bridge.laboratory.laboratory import LaboratoryResult  # needs physics
@@ -257,20 +264,6 @@ def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceO
     return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
 
 
-def with_true_frames(result: RunResult, truth: "LaboratoryResult") -> RunResult:
-    """The result with what truly became of all frames, by the causes of a simulated run.
-
-    What a board, or the line to it, never gave to the air stands as the robots were told.
-    """
-    robots = {
-        robot: msgspec.structs.replace(
-            part, frames=_true_frames(part.frames, truth.frames_by_robot.get(robot, {}))
-        )
-        for robot, part in result.per_robot.items()
-    }
-    return msgspec.structs.replace(result, frames=_true_frames(result.frames, truth.frames), per_robot=robots)
-
-
 def _true_frames(told: dict[str, int], true: dict[str, int]) -> dict[str, int]:
-    before = {name: max(told.get(name, 0), true.get(name, 0)) for name in BEFORE_THE_AIR}
-    return told | true | before
+    never_sent = ("frames_overflowed", "frames_refused")
+    return told | true | {name: max(told.get(name, 0), true.get(name, 0)) for name in never_sent}

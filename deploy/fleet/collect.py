@@ -12,7 +12,6 @@ from acrc_testbed.results.trial_result import (
     read_truth,
     reported_places,
     trial_result,
-    with_true_frames,
     with_truth,
 )
 from actors.runtime import typed_json
@@ -31,9 +30,7 @@ def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None
     told = reported_places(trial, clocks)
     if true is not None:
         told = with_truth(told, true, clocks)
-    result = trial_result(trial, clocks, told, out)
-    if true is not None:
-        result = with_true_frames(result, true)
+    result = trial_result(trial, clocks, told, out, true)
     if out is not None:
         make_folder(out)
         write_table(told.places, out / "places.csv")

@@ -241,7 +241,7 @@ def _robot_seconds(run: RunResult) -> float:
     return max(run.robots * run.length_s, 1e-9)
 
 
-def _airtime_percent(run: RunResult) -> float:
+def airtime_percent(run: RunResult) -> float:
     """Return the share of its time that a robot sends, mean over robots, %."""
     frames = run.frames["frames_sent"]
     if not frames:
@@ -284,7 +284,7 @@ class Cost(NamedTuple):
 
 COSTS: Final = (
     Cost("octets on the air per robot and s", lambda run, _: run.radio_bytes_per_robot_s),
-    Cost("air time of a robot, % of the time", lambda run, _: _airtime_percent(run)),
+    Cost("air time of a robot, % of the time", lambda run, _: airtime_percent(run)),
     Cost("adoptions in a run", _adoptions),
     Cost("decisions of the adaptation in a run", _decisions),
     Cost("from blocked to free, s", _freed),
