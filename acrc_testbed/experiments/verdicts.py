@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from statistics import quantiles
 from typing import Any, Final
 
@@ -267,17 +268,10 @@ class Watch:
         return self._records[trial.name]
 
     def _seeds(self) -> list[int]:
-        """Those, from the first on, that have ended for every strategy and variant."""
-        seeds: list[int] = []
-        complete = True
-        for trial in self._store.study.trials():
-            if not seeds or seeds[-1] != trial.seed:
-                if seeds and not complete:
-                    break
-                seeds.append(trial.seed)
-                complete = True
-            complete = complete and self._store.path(trial).exists()
-        return seeds if complete else seeds[:-1]
+        """Return those, from the first on, that have ended for every strategy and variant."""
+        study, path = self._store.study, self._store.path
+        seeds = range(study.first_seed, study.first_seed + study.seeds)
+        return list(takewhile(lambda seed: all(path(one).exists() for one in study.trials_of(seed)), seeds))
 
 
 def look_sentences(found: Sequence[PairVerdict], rules: LookRules) -> list[str]:

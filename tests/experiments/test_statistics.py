@@ -156,10 +156,6 @@ def test_an_interval_of_a12_holds_at_its_edge() -> None:
     """Six pairs of which all, or nearly all, are won: the percentile bootstrap's [1, 1] held 39 % there."""
     low, high = a12_bounds(1.0, 6)
     assert [float(low), float(high)] == pytest.approx([0.689, 1.0], abs=0.001)
-    rng, share = np.random.default_rng(3), 0.97
-    ones = rng.normal(Effect(share).shift, 1, (1000, 6))
-    low, high = a12_bounds(a12(ones, rng.normal(size=(1000, 6))), 6)
-    assert ((low <= share) & (share <= high)).mean() >= 0.93
     value, below, above = a12_interval(BEFORE, AFTER)
     assert below < value < above
     mirrored = a12_interval(AFTER, BEFORE)
