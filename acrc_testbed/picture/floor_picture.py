@@ -25,8 +25,6 @@ from actors.task.referee import PlaceOutcome, Verdict
 
 DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"
-RADIUS: Final = 0.177
-"""Of a drawn robot, m: a TurtleBot 2."""
 JUMP: Final = 1.0
 """m in one step: it was carried, and no line is drawn."""
 _STOOD: Final = "#7a1116"
@@ -81,7 +79,7 @@ class DrawnRun(NamedTuple):
 
 def draw_run(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
     """Trails, where robots are at the end, places, what was put there, where robots stood before others."""
-    few = style.few(run.robots)
+    few = glyphs.has_few(run.robots)
     put = floor_intervals(run.floor, run.end)
     labels = [_name(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
     kinds = {"start"} | ({"door"} if draw_doors(axes, run) else set())
@@ -118,7 +116,7 @@ def _trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
     track[jumps] = np.nan
     axes.plot(*track.T, color=colour, lw=0.9 if few else 0.5, alpha=0.75 if few else 0.5, zorder=2)
     marks.plot(axes, "start", float(start[0]), float(start[1]), colour, size=4.0, zorder=4)
-    axes.add_patch(Circle((float(end[0]), float(end[1])), RADIUS, color=colour, zorder=6))
+    axes.add_patch(Circle((float(end[0]), float(end[1])), glyphs.RADIUS, color=colour, zorder=6))
     return {"carried"} if jumps.size else set()
 
 

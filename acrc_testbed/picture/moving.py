@@ -27,6 +27,7 @@ from acrc_testbed.run_model.floor import floor_intervals
 from acrc_testbed.run_model.introspection import Floats
 from actors.installation.usage import output_file
 from actors.instant import in_seconds
+from actors.observer import glyphs
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
@@ -126,7 +127,7 @@ class _Scene:
         self._axes = axes = self._figure.add_subplot()
         floor_picture.draw_floor(axes, run.grid)
         doors = floor_picture.draw_doors(axes, run)
-        self._few = few = style.few(run.robots)
+        self._few = few = glyphs.has_few(run.robots)
         self._begins = {
             PlaceKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
         }
@@ -220,7 +221,7 @@ def _place(axes: Axes, run: RunData, place: PlaceOutcome, *, few: bool, given: b
 
 def _body(axes: Axes, index: int, *, few: bool) -> _Body:
     colour = style.colour(index)
-    disc = Circle((0.0, 0.0), floor_picture.RADIUS, color=colour, zorder=6)
+    disc = Circle((0.0, 0.0), glyphs.RADIUS, color=colour, zorder=6)
     axes.add_patch(disc)
     (nose,) = axes.plot([], [], color="w", lw=1.2, zorder=7)
     trail = LineCollection([], colors=[colour], linewidths=1.2, zorder=4)
@@ -232,7 +233,7 @@ def _body(axes: Axes, index: int, *, few: bool) -> _Body:
 def _move(body: _Body, way: Floats, *, alive: bool) -> None:
     """`way`: (steps, 3), the newest last."""
     x, y, heading = way[-1].tolist()
-    reach = floor_picture.RADIUS
+    reach = glyphs.RADIUS
     body.disc.set_center((x, y))
     body.disc.set_alpha(1.0 if alive else 0.3)
     body.nose.set_data([x, x + reach * np.cos(heading)], [y, y + reach * np.sin(heading)])

@@ -18,6 +18,7 @@ from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun
 from acrc_testbed.run_model.data import PlaceEvent, RunData, ordered_changes
+from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, WHITE, StateGlyph, contrast, hexadecimal
 
 _HALF: Final = 0.38
@@ -31,7 +32,7 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool
 
     Ticks: a place cleaned, in its owner's colour; triangles: one taken over; dashed lines: orders.
     """
-    few = style.few(run.robots)
+    few = glyphs.has_few(run.robots)
     rows = {robot: row for row, robot in enumerate(lane_order(run, doing))}
     for one in doing:
         extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
@@ -57,7 +58,7 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool
 
 def lane_order(run: RunData, doing: Sequence[Spell]) -> list[str]:
     """The robots from above: a few as they are, many by how long something kept them, the longest first."""
-    if style.few(run.robots):
+    if glyphs.has_few(run.robots):
         return list(run.robots)
     kept: defaultdict[str, float] = defaultdict(float)
     for one in doing:
@@ -124,7 +125,7 @@ def draw(run: RunData) -> Figure:
     below.tick_params(labelbottom=False)
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
-    draw_progress(figure.add_subplot(grid[1:, 1] if style.few(run.robots) else grid[2, 1]), run)
+    draw_progress(figure.add_subplot(grid[1:, 1] if glyphs.has_few(run.robots) else grid[2, 1]), run)
     marks.settle(figure)
     marks.place(floor, drawn.labels, drawn.taken)
     return figure
@@ -142,7 +143,7 @@ def draw_progress(axes: Axes, run: RunData) -> None:
     by_robot = {
         robot: sorted(deed.second for deed in first.values() if deed.robot == robot) for robot in run.robots
     }
-    if style.few(run.robots):
+    if glyphs.has_few(run.robots):
         for index, (robot, done) in enumerate(by_robot.items()):
             ends = [*range(len(done) + 1), len(done)]
             look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2, "label": robot}

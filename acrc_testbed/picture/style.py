@@ -50,7 +50,6 @@ FLOOR: Final = "#ffffff"
 UNKNOWN: Final = "#eceef1"
 WALL: Final = "#464a52"
 INK: Final = "#22262b"
-_FEW: Final = 12
 LOOK: Final[dict[str, Any]] = {
     "font.size": 8.5,
     "font.family": "DejaVu Sans",
@@ -81,11 +80,6 @@ _DARK_RASTER: Final = "image{filter:invert(.9) hue-rotate(180deg)}"
 def colour(index: int) -> str:
     """The colour of the robot with this index in the run's order."""
     return ROBOTS[index % len(ROBOTS)]
-
-
-def few(robots: Sequence[str]) -> bool:
-    """True if there are so few that each has its name, and its places their marks."""
-    return len(robots) <= _FEW
 
 
 def title(run: RunData) -> str:

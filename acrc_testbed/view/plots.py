@@ -10,7 +10,7 @@ from acrc_testbed.run_model.frames import LOSSES, Copies, by_outcome, outcome_na
 from acrc_testbed.run_model.introspection import Floats
 from acrc_testbed.run_model.places import first_reports
 from actors.observer import words
-from actors.observer.canvas import FEW, Canvas
+from actors.observer.canvas import Canvas
 from actors.observer.glyphs import FATES, GREY, WHITE
 from actors.observer.words import DrawnEvent, Occupation
 from actors.radio.medium.state import Outcome
@@ -76,7 +76,7 @@ class Plots:
         self._bins = 0
         """Of copies, that have been drawn."""
         self._counted: set[Outcome] = set()
-        self._many = len(canvas.robots) > FEW
+        self._many = not canvas.has_few
         shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
         for name, colour in shown.items():
             words.introduce_line(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
@@ -125,11 +125,11 @@ class Plots:
     def _strengths(self, heard: Floats) -> None:
         """RSSI of each link, by its sender's colour; of many robots the strongest copy heard of each."""
         canvas, names = self._canvas, self._canvas.robots
-        pairs = heard[:, 1] if len(names) > FEW else heard[:, 1] * len(names) + heard[:, 2]
+        pairs = heard[:, 1] if self._many else heard[:, 1] * len(names) + heard[:, 2]
         for pair in np.unique(pairs).tolist():
             mine = heard[pairs == pair]
             sender = names[int(mine[0, 1])]
-            receiver = "all" if len(names) > FEW else names[int(mine[0, 2])]
+            receiver = "all" if self._many else names[int(mine[0, 2])]
             path = f"plots/rssi/{sender}_at_{receiver}"
             if pair not in self._pairs:
                 self._pairs.add(pair)

@@ -24,7 +24,7 @@ from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventT
 from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord
 from actors.observer import layout, places, robots, words
-from actors.observer.canvas import FEW, Canvas
+from actors.observer.canvas import Canvas
 from actors.observer.glyphs import FATES
 from actors.observer.places import draw_places
 from actors.observer.words import DrawnEvent, LearntExchange, Occupation
@@ -328,7 +328,7 @@ class RunDrawing:
 
     def _in_full(self, robot: str) -> bool:
         """What a robot heads for and adopts is drawn: of a few all, of many the chosen."""
-        return len(self._canvas.robots) <= FEW or robot in self._chosen
+        return self._canvas.has_few or robot in self._chosen
 
     def _adoptions(self, run: RunData) -> None:
         for deed in run.taken_over:

@@ -7,14 +7,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.glyphs import GREY, Colour
+from actors.observer.glyphs import GREY, Colour, has_few
 from actors.observer.glyphs import robot as robot_colour
 
 TIMELINE: Final = "sim_time"
-RADIUS: Final = 0.177
-"""Of a drawn robot, m: a TurtleBot 2 as in the original's Stage model (0.354 m wide)."""
-FEW: Final = 12
-"""Among so many robots each has its tab, its name and its marks; more make do with less."""
 # Heights of the layers above the floor, m, in the order in which they cover each other.
 PLACE: Final = 0.02
 COSTS: Final = 0.03
@@ -39,6 +35,7 @@ class Canvas:
         self.recording = recording
         self._root = root
         self.robots = tuple(robots)
+        self.has_few = has_few(robots)
         self._index = {robot: number for number, robot in enumerate(robots)}
 
     def colour(self, robot: str) -> Colour:

@@ -5,7 +5,7 @@ differ by 10 or more in CIEDE2000 for normal, protanopic and deuteranopic eyes; 
 grey.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -24,6 +24,9 @@ ROBOTS: Final[tuple[Colour, ...]] = (
 )
 """In the scenario's order; then they repeat. Any two differ by 10 or more in CIEDE2000 for normal, protanopic
 and deuteranopic eyes; the last two are own choices."""
+RADIUS: Final = 0.177
+"""Of a drawn robot, m: a TurtleBot 2 as in the original's Stage model (0.354 m wide)."""
+_FEW: Final = 12
 GROUND: Final = 13
 """Brightness around the floor, in a window."""
 FLOOR: Final = 26
@@ -52,6 +55,11 @@ PLAN: Final[Colour] = (255, 220, 90)
 COSTS_COLOUR: Final[Colour] = (120, 110, 200)
 """Of what is dear to drive through."""
 ARC: Final[Colour] = (255, 90, 200)
+
+
+def has_few(robots: Sequence[str]) -> bool:
+    """Return True for so few robots that each has its name and its marks."""
+    return len(robots) <= _FEW
 
 
 def robot(index: int) -> Colour:

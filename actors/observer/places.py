@@ -11,7 +11,6 @@ from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.observer.canvas import (
     BODY,
     CIRCLE,
-    FEW,
     INTENT,
     LABEL,
     PLACE,
@@ -100,7 +99,7 @@ def draw_adoption(
         colors=[WHITE],
         radii=[-1.6],
         labels=[f"{robot} adopts {name}"],
-        show_labels=len(canvas.robots) <= FEW,
+        show_labels=canvas.has_few,
     )
     canvas.at(second, path, arrow)
     canvas.at(second + _ADOPTION_S, path, rr.Arrows3D.from_fields(clear_unset=True))

@@ -8,9 +8,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.canvas import BODY, FEW, LABEL, NOSE, RADIUS, TRAIL, Canvas, lifted, ring
+from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, lifted, ring
 from actors.observer.canvas import LINK as HEIGHT
-from actors.observer.glyphs import FATES, LINK, WHITE, Colour, faded
+from actors.observer.glyphs import FATES, LINK, RADIUS, WHITE, Colour, faded
 
 Floats = NDArray[np.float64]
 RECENT_S: Final = 20.0
@@ -52,7 +52,7 @@ def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> No
 def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> None:
     """A robot's name beside it from an instant on, and, if it does not act, why."""
     name = f"{robot} ({state})" if state else robot
-    above = 1.1 if len(canvas.robots) <= FEW else 0.5
+    above = 1.1 if canvas.has_few else 0.5
     label = rr.Points3D(
         [(0.0, above, LABEL)], labels=[name], colors=[canvas.colour(robot)], radii=[0.0], show_labels=True
     )
@@ -106,7 +106,7 @@ SHOWN: Final = ("collision", "disturbed", "half duplex", "receiver busy")
 
 def period(canvas: Canvas) -> float:
     """Return the period at which links are redrawn, s: the robots' own, or longer with many robots."""
-    return 0.2 if len(canvas.robots) <= FEW else 1.0
+    return 0.2 if canvas.has_few else 1.0
 
 
 def introduce_radio(canvas: Canvas) -> None:
@@ -143,7 +143,7 @@ def draw_links(
         since = np.where(last >= 0, seconds - mine[last, 0], np.inf)
         for k in np.flatnonzero(since < LASTING).tolist():
             links[k].append(_HeardLink(float(mine[last[k], 3]), float(since[k]), one, other))
-    if len(canvas.robots) > FEW:
+    if not canvas.has_few:
         whole = {number for number, robot in enumerate(canvas.robots) if robot in chosen}
         links = [_strongest(some, whole) for some in links]
     rows = [
@@ -176,7 +176,7 @@ def shown_s(canvas: Canvas) -> float:
 
 
 def _shown(canvas: Canvas) -> int:
-    return 5 if len(canvas.robots) <= FEW else 1
+    return 5 if canvas.has_few else 1
 
 
 def draw_losses(

@@ -13,14 +13,24 @@ from actors.observer.canvas import (
     CLOUD,
     COSTS,
     NOSE,
-    RADIUS,
     WAY,
     Canvas,
     lifted,
     packed,
     ring,
 )
-from actors.observer.glyphs import ARC, COSTS_COLOUR, GREY, OWN_STATES, PARTICLES, PLAN, SCAN, WHITE, Colour
+from actors.observer.glyphs import (
+    ARC,
+    COSTS_COLOUR,
+    GREY,
+    OWN_STATES,
+    PARTICLES,
+    PLAN,
+    RADIUS,
+    SCAN,
+    WHITE,
+    Colour,
+)
 
 _SHORTEST: Final = 0.6
 """A spell in a lane that lasts less long, s, goes with what was before."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from acrc_testbed.picture import floor_picture, style
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
+from actors.observer import glyphs
 from actors.radio.radio_model import needed_dbm, radio_model
 from actors.robot_model import RobotModel
 from actors.task.task import PlaceKey
@@ -29,7 +30,7 @@ def draw(found: ScenarioSurvey) -> Figure:
     """The picture."""
     figure, axes = _floor_figure(found)
     world = found.resolved.world
-    few = style.few([body.id for body in world.robots])
+    few = glyphs.has_few([body.id for body in world.robots])
     if few:
         _draw_radio(axes, found)
     for index, body in enumerate(world.robots):

@@ -33,6 +33,7 @@ from acrc_testbed.run_model.floor import FloorObject, floor_intervals
 from acrc_testbed.run_model.simulated import RunReader, read_run
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth
+from actors.observer import glyphs
 from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, StateGlyph
 from actors.orders import Obstacle, StartJam, Wall
 from actors.runtime.recording import RecordingError
@@ -262,7 +263,7 @@ def test_no_words_lie_on_others_however_near_their_points_are() -> None:
 def test_lanes_of_delayed_robots_come_first(ordered_run: RunData, monkeypatch: pytest.MonkeyPatch) -> None:
     doing = spells(ordered_run)
     assert run_page.lane_order(ordered_run, doing) == list(ordered_run.robots)
-    monkeypatch.setattr(style, "_FEW", 1)
+    monkeypatch.setattr(glyphs, "_FEW", 1)
     kept = dict.fromkeys(ordered_run.robots, 0.0)
     for one in doing:
         kept[one.robot] += 0.0 if one.cause in (Cause.DRIVING, Cause.IDLE) else one.end - one.begin

@@ -19,6 +19,7 @@ from acrc_testbed.picture import floor_picture, moving, run_html, run_page, styl
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated import read_run
 from actors.installation.usage import OptionError
+from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
 from deploy.run import start
@@ -78,7 +79,7 @@ def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunData) -> Non
 
 def test_robots_beyond_the_palette_have_a_colour_too() -> None:
     assert style.colour(len(style.ROBOTS)) == style.colour(0)
-    assert not style.few([f"r{n}" for n in range(13)])
+    assert not glyphs.has_few([f"r{n}" for n in range(13)])
     assert len({mark.get_label() for mark in floor_picture.legend(MARKS)}) == len(MARKS)
 
 
