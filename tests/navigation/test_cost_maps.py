@@ -25,7 +25,7 @@ from actors.robot.navigation.cost_map import (
 )
 from actors.robot.navigation.navigator import NavigationParameters
 from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, ground
-from actors.robot.navigation.ray_tracing import MOST_REACH, squared_within, stamp, take_in
+from actors.robot.navigation.ray_tracing import MOST_REACH, Rays, squared_within, stamp, take_in
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
 from actors.settings import ParameterError
@@ -268,8 +268,8 @@ class View:
         self.increment = field / (rays if full else rays - 1)
         angles = self.first + self.increment * np.arange(rays)
         self.rays = np.column_stack((np.cos(angles), np.sin(angles)))
-        self.fan = np.array([self.first, self.increment])
         self.limits = np.array([1 / CELL_MM, 10.0, raytrace, silent])
+        self.seen = Rays(self.rays, np.array([self.first, self.increment]), self.limits)
 
 
 def through(x: float, y: float, dx: float, dy: float, row: int, column: int) -> tuple[float, float] | None:
@@ -332,8 +332,8 @@ def test_cells_that_a_ray_passes_are_cleared_and_stamped_and_those_where_one_end
 ) -> None:
     view = View(len(ranges), field, silent, raytrace)
     marks, stamps = np.ones((SIDE, SIDE), np.uint8), np.zeros((SIDE, SIDE), np.int64)
-    take_in(marks, ranges, view.rays, view.fan, eye, FAR_AWAY, view.limits)
-    stamp(stamps, 5, ranges, view.rays, eye, FAR_AWAY, view.limits)
+    take_in(marks, ranges, view.seen, eye, FAR_AWAY)
+    stamp(stamps, 5, ranges, view.seen, eye, FAR_AWAY)
     cleared = passed(view, ranges, eye)
     assert np.array_equal(stamps, 5 * cleared)
     for cell in ends(view, ranges, eye):
@@ -347,7 +347,7 @@ def test_the_body_clears_the_cells_that_lie_wholly_below_it(radius: float) -> No
     marks = np.ones((SIDE, SIDE), np.uint8)
     silence = np.full(4, NO_ECHO_MM, np.uint16)
     body = np.array([12.3, 11.8, radius])
-    take_in(marks, silence, view.rays, view.fan, np.array([12.0, 12.0, 0.0]), body, view.limits)
+    take_in(marks, silence, view.seen, np.array([12.0, 12.0, 0.0]), body)
     for row in range(SIDE):
         for column in range(SIDE):
             corners = [(x, y) for x in (column, column + 1) for y in (row, row + 1)]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from actors.array_types import Flags, Floats, Int32s
 from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, best
-from actors.robot.navigation.map_grid import wavefront
+from actors.robot.navigation.map_grid import Waves, wavefront
 from actors.robot.navigation.ray_tracing import squared_within
 
 Numbers = dict[str, float]
@@ -108,13 +108,13 @@ class Twin:
 
     def _score(self, least: float, x: float, y: float, heading: float) -> float:
         w, side = self.w, self.marks.shape[0]
-        path, goal = nearest_steps(self.fields.path, x, y), nearest_steps(self.fields.goal, x, y)
+        path, goal = nearest_steps(self.fields.waves.path, x, y), nearest_steps(self.fields.waves.goal, x, y)
         if max(path, goal) >= side * side:
             return INVALID
         nose_x, nose_y = x + w["nose"] * math.cos(heading), y + w["nose"] * math.sin(heading)
         if not (0 <= nose_x < side and 0 <= nose_y < side):
             return INVALID
-        nose = [float(f[int(nose_y), int(nose_x)]) for f in (self.fields.path, self.fields.front)]
+        nose = [float(f[int(nose_y), int(nose_x)]) for f in (self.fields.waves.path, self.fields.waves.front)]
         nose = [
             a + math.sqrt(2) * w["nose"] if n >= side * side else n
             for n, a in zip(nose, (path, goal), strict=True)
@@ -165,7 +165,7 @@ class Scene:
         front = np.array([(self.row, min(self.goal[1] + 3, SIDE - 1))], np.int32)
         known = np.full((SIDE, SIDE), trusted, np.uint8)
         waves = [wavefront(squared, limit, starts) for starts in (plan, goal, front)]
-        return Fields(squared, waves[0], waves[1], waves[2], known)
+        return Fields(squared, Waves(*waves), known)
 
     def choose(
         self,

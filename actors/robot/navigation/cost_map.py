@@ -20,6 +20,7 @@ from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import arrays
 from actors.robot.navigation.ray_tracing import (
+    Rays,
     check_reach,
     inscribed,
     note_arrivals,
@@ -152,30 +153,6 @@ def room_needed(radius: float, parameters: CostMapParameters) -> float:
     return float(arrays.hypot(*outline(outer, parameters.padding).T).max()) + diagonal
 
 
-@dataclass(frozen=True)
-class _Eye:
-    """What the kernels need to know about the sensor; lengths in cells."""
-
-    rays: Floats
-    fan: Floats
-    limits: Floats
-    stamp_limits: Floats
-    """The same, but for how far it is remembered what is free."""
-
-
-def _eye(sensor: RangeSensor, p: CostMapParameters) -> _Eye:
-    angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
-    silent = 2.0 * sensor.range_min if p.inf_is_valid else math.inf
-    limits = np.array([1e-3, p.obstacle_range, p.raytrace_range, silent]) / p.cell
-    stamp_limits = np.minimum(limits, [math.inf, math.inf, p.free_range / p.cell, math.inf])
-    return _Eye(
-        np.column_stack((arrays.cos(angles), arrays.sin(angles))),
-        np.array([sensor.first_angle, sensor.increment]),
-        limits,
-        stamp_limits,
-    )
-
-
 class CostMap:
     """The window of one robot; empty until the first scan."""
 
@@ -198,7 +175,13 @@ class CostMap:
         """Of the scan that is taken in: the sensor's place, cells from the corner, and heading; the body's
         place, cells, and radius."""
         self._mount = sensor.mount
-        self._eye = _eye(sensor, p)
+        angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
+        directions = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
+        silent = 2.0 * sensor.range_min if p.inf_is_valid else math.inf
+        limits = np.array([1e-3, p.obstacle_range, p.raytrace_range, silent]) / p.cell
+        self._rays = Rays(directions, np.array([sensor.first_angle, sensor.increment]), limits)
+        remembered = np.minimum(limits, [math.inf, math.inf, p.free_range / p.cell, math.inf])
+        self._stamped = self._rays._replace(limits=remembered)
         self._half = round(p.size / p.cell / 2)
         side = 2 * self._half
         self._marks: Octets = np.zeros((side, side), np.uint8)
@@ -227,18 +210,18 @@ class CostMap:
         self._roll(here)
         if sweep is None:
             return
-        eye, ranges = self._eye, sweep.ranges_mm
+        ranges = sweep.ranges_mm
         mount = sweep.pose.compose(self._mount)
         cell, corner, seen, body = self.parameters.cell, self.corner, self._seen, self._body
         seen[0], seen[1], seen[2] = mount.x / cell - corner.column, mount.y / cell - corner.row, mount.heading
         body[0], body[1] = here.x / cell - corner.column, here.y / cell - corner.row
         before = self._marks.copy() if self.arrivals.size else self._marks
-        take_in(self._marks, ranges, eye.rays, eye.fan, seen, body, eye.limits)
+        take_in(self._marks, ranges, self._rays, seen, body)
         if self.arrivals.size:
             oldest = instant - self.parameters.free_memory
             note_arrivals(self.arrivals, instant, self._marks, before, self._stamps, oldest)
         if self._stamps.size:
-            stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.stamp_limits)
+            stamp(self._stamps, instant, ranges, self._stamped, seen, body)
         self._squared = None
         self._taken = instant
 

@@ -10,10 +10,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.array_types import Flags, Floats, Int16s, Int32s, Octets
+from actors.array_types import Flags, Floats, Int16s, Octets
 from actors.kernels import kernel
 from actors.portable.compiled import cos, cos_sin, sin
-from actors.robot.navigation.map_grid import steps_at
+from actors.robot.navigation.map_grid import Waves, steps_at
 
 INVALID: Final = -1.0
 """Score of a trajectory that must not be driven."""
@@ -44,18 +44,13 @@ away.
 
 
 class Fields(NamedTuple):
-    """What the critics know of the window's cells; each is (rows, columns)."""
+    """What the critics know of the window's cells."""
 
     squared: Int16s
-    """Squared distance to the nearest marked cell, cells²."""
-    path: Int32s
-    """Steps to the plan; rows · columns and more where it is out of reach."""
-    goal: Int32s
-    """Steps to the local goal, the same."""
-    front: Int32s
-    """Steps to where the nose is drawn to, the same."""
+    """(rows, columns): squared distance to the nearest marked cell, cells²."""
+    waves: Waves
     trusted: Octets
-    """1 where the robot may back out over."""
+    """(rows, columns): 1 where the robot may back out over."""
 
 
 def fingerprint() -> bytes:
@@ -63,7 +58,8 @@ def fingerprint() -> bytes:
     row, column = np.indices((40, 40))
     squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
-    fields = Fields(squared, np.abs(row - 25).astype(np.int32), steps, steps, np.ones((40, 40), np.uint8))
+    waves = Waves(np.abs(row - 25).astype(np.int32), steps, steps)
+    fields = Fields(squared, waves, np.ones((40, 40), np.uint8))
     numbers = [
         1.6, 1.6, 0.6, 0.6, 6.5, 3.0, 0.5, 0.1, 20.0, 0.2,
         3.5, 1.0, 5.0, 5.0, 0.2, 2.0, 0.4, 9.0, 0.5,
@@ -180,7 +176,7 @@ def _score(
     y: float,
     c: float,
     s: float,
-    fields: Fields,
+    waves: Waves,
     table: Floats,
     too_near: bool,
     w: Any,
@@ -190,14 +186,14 @@ def _score(
     `too_near`: the robot cannot be where it ends, nor where it is. No way from there is known then, and
     whatever leads away is better.
     """
-    path = fields.path
-    to_path, to_goal = min(steps_at(path, x, y), path.size), min(steps_at(fields.goal, x, y), path.size)
+    path = waves.path
+    to_path, to_goal = min(steps_at(path, x, y), path.size), min(steps_at(waves.goal, x, y), path.size)
     if max(to_path, to_goal) == path.size and not too_near:
         return INVALID
     row, column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)
     if row < 0 or column < 0 or row >= path.shape[0] or column >= path.shape[1]:
         return INVALID
-    nose_to_path, nose_to_front = float(path[row, column]), float(fields.front[row, column])
+    nose_to_path, nose_to_front = float(path[row, column]), float(waves.front[row, column])
     if nose_to_path >= path.size:
         nose_to_path = to_path + _DIAGONAL * w.nose
     if nose_to_front >= path.size:
@@ -295,7 +291,7 @@ def best(
             if least < 0.0:
                 continue
             too_near = fleeing and squared_at(fields.squared, x, y) <= least_allowed
-            score = _score(least, x, y, end_c, end_s, fields, table, too_near, w)
+            score = _score(least, x, y, end_c, end_s, fields.waves, table, too_near, w)
             if score >= 0.0 and (lowest < 0.0 or score < lowest):
                 best_speed, best_turn, lowest = speed, turn, score
     return best_speed, best_turn, lowest

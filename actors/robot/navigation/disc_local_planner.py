@@ -11,7 +11,7 @@ from actors.instant import Instant
 from actors.portable import atan2, cos_sin, hypot
 from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.disc_dwa import WEIGHTS, Fields, best, squared_at
-from actors.robot.navigation.map_grid import bearing, cut, detour, free_goal, wavefront
+from actors.robot.navigation.map_grid import Waves, bearing, cut, detour, free_goal, wavefront
 from actors.robot.navigation.ray_tracing import half_gaps
 from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
 from actors.robot_model import DriveParameters
@@ -129,16 +129,12 @@ class DiscLocalPlanner(BaseLocalPlanner):
         nose = self._p.forward_point / self._cell
         dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
         front = _ahead(goal, dx, dy, nose, side)
-        fields = Fields(
-            squared,
-            wavefront(squared, self._limit, cells),
-            to_goal,
-            wavefront(squared, self._limit, np.array([front], np.int32)),
-            self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted,
-        )
+        to_front = wavefront(squared, self._limit, np.array([front], np.int32))
+        waves = Waves(wavefront(squared, self._limit, cells), to_goal, to_front)
+        trusted = self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted
         leads = bearing(squared, self._limit, cells, body, nose)
         aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
-        return _Outlook(fields, hypot(dx, dy), leads, aside, ended)
+        return _Outlook(Fields(squared, waves, trusted), hypot(dx, dy), leads, aside, ended)
 
     def _bounds(self, instant: Instant, body: Floats) -> Floats:
         """Return what moving things leave to this robot."""
@@ -165,7 +161,8 @@ class DiscLocalPlanner(BaseLocalPlanner):
         side = turn if abs(angle) > _BEHIND and abs(turn) > self._p.least_turn / 2 else angle
         most = min(self._p.spot_rate, self._max_turn, math.sqrt(2.0 * self._turn_acceleration * abs(angle)))
         wanted = math.copysign(max(most, self._p.least_turn), side)
-        return min(max(wanted, turn - self._turn_gain), turn + self._turn_gain)
+        rate = min(max(wanted, turn - self._turn_gain), turn + self._turn_gain)
+        return min(max(rate, -self._max_turn), self._max_turn)
 
     def _weigh(self, outlook: _Outlook) -> None:
         """Set the weights that change with where the local goal is."""

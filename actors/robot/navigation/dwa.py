@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from actors.array_types import Flags, Floats, Int16s, Int32s, Octets, Singles
 from actors.kernels import kernel
 from actors.portable.compiled import cos_sin
+from actors.robot.navigation.map_grid import Waves
 from actors.robot.navigation.ray_tracing import cost_below
 
 _ROUNDING: Final = 1e-3
@@ -83,13 +84,14 @@ def _is_inside(point: Floats, path: Int32s, nose: float) -> bool:
 
 @kernel
 def drive(
-    points: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Int32s, goal: Int32s, w: Any
+    points: Floats, pose: Floats, start: Floats, speed: float, turn: float, waves: Waves, w: Any
 ) -> int:
     """Write a trajectory's points, each x, y, cosine and sine; how many they are.
 
     0 if one or its nose is off the window, or if one cannot reach path or goal; then the points mean nothing
     (MapGridCostFunction::scoreTrajectory).
     """
+    path, goal = waves.path, waves.goal
     count = count_of(speed, turn, w)
     step = w.horizon / count
     turned_c, turned_s = cos_sin(turn * step)
@@ -164,7 +166,7 @@ def fingerprint() -> bytes:
     row, column = np.indices((40, 40))
     squared, table, corners, critics = example()
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
-    around = squared, np.abs(row - 25).astype(np.int32), steps, steps
+    around = squared, Waves(np.abs(row - 25).astype(np.int32), steps, steps)
     speeds, turns, barred = samples(-0.1, 0.5, 7), samples(-1.0, 1.0, 8), np.zeros(4, np.bool_)
     poses = [np.array([1.115, 2.52, heading, 0.5, 1.5]) for heading in (-3.0, 0.1, 1.4)]
     chosen = [cheapest(pose, speeds, turns, barred, *around, table, corners, critics) for pose in poses]
@@ -222,17 +224,17 @@ def _collides(
 
 
 @kernel
-def _cost(obstacle: float, point: Floats, path: Int32s, goal: Int32s, front: Int32s, w: Any) -> float:
+def _cost(obstacle: float, point: Floats, waves: Waves, w: Any) -> float:
     """What the critics say together of a trajectory by its last point, summed in the original's order."""
     x, y = point[0], point[1]
     row, column = int(y), int(x)
     ahead, beside = int(y + w.nose * point[3]), int(x + w.nose * point[2])
     cost = w.obstacle * obstacle
-    cost += w.front * front[ahead, beside]
+    cost += w.front * waves.front[ahead, beside]
     if w.alignment != 0.0:
-        cost += w.alignment * path[ahead, beside]
-    cost += w.path * path[row, column]
-    cost += w.goal * goal[row, column]
+        cost += w.alignment * waves.path[ahead, beside]
+    cost += w.path * waves.path[row, column]
+    cost += w.goal * waves.goal[row, column]
     return float(cost)
 
 
@@ -243,9 +245,7 @@ def cheapest(
     turns: Singles,
     barred: Flags,
     squared: Int16s,
-    path: Int32s,
-    goal: Int32s,
-    front: Int32s,
+    waves: Waves,
     table: Octets,
     outline: Floats,
     critics: NDArray[np.void],
@@ -255,8 +255,7 @@ def cheapest(
     Given are the fields of `CheapestVelocity`. `pose`: x and y, m, and heading, rad, of the body; x and y, m,
     of the window's corner. `speeds`, `turns`: tried are all pairs, m/s and rad/s. `barred`: (4,), True if
     forward, backward, left turn, right turn must not be. `squared`: (rows, columns), squared distance to the
-    nearest marked cell, cells². `path`, `goal`, `front`: steps to the plan, to the local goal and to where
-    the nose is drawn to, as `wavefront` gives them. `table`: cost by squared distance. `outline`: (n, 2),
+    nearest marked cell, cells². `table`: cost by squared distance. `outline`: (n, 2),
     corners of the body in its frame, cells. `critics`: (1,) of CRITICS.
     """
     w = critics[0]
@@ -276,18 +275,18 @@ def cheapest(
             if _is_barred(speed, turn, barred, w):
                 continue
             # the centre costs no more than the outline will: most trajectories need not be driven
-            if lowest >= 0.0 and foresee(points[0], pose, start, speed, turn, path, w):
+            if lowest >= 0.0 and foresee(points[0], pose, start, speed, turn, waves.path, w):
                 centre = table[squared[int(points[0, 1]), int(points[0, 0])]]
-                if _cost(centre, points[0], path, goal, front, w) >= lowest:
+                if _cost(centre, points[0], waves, w) >= lowest:
                     continue
-            count = drive(points, pose, start, speed, turn, path, goal, w)
+            count = drive(points, pose, start, speed, turn, waves, w)
             if count == 0:
                 continue
             last = points[count - 1]
             if _collides(points, count, far, squared, table, outline):
                 continue
             below = cost_below(squared, table, last[0], last[1], last[2], last[3], outline)
-            cost = _cost(max(below, table[squared[int(last[1]), int(last[0])]]), last, path, goal, front, w)
+            cost = _cost(max(below, table[squared[int(last[1]), int(last[0])]]), last, waves, w)
             if lowest < 0.0 or cost < lowest:
                 best_speed, best_turn, lowest = speed, turn, cost
     return best_speed, best_turn, lowest

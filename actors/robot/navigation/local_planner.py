@@ -26,7 +26,7 @@ from actors.robot.navigation.dwa import (
     example,
     samples,
 )
-from actors.robot.navigation.map_grid import wavefront
+from actors.robot.navigation.map_grid import Waves, wavefront
 from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
 from actors.robot_model import DriveParameters
 from deeco.knowledge import made
@@ -150,15 +150,12 @@ def chosen(
         return 0.0, 0.0, INVALID
     # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
     critics[0].alignment = alignment if far else 0.0
-    to_path = wavefront(squared, limit, cells)
-    to_goal = wavefront(squared, limit, goal)
-    to_front = wavefront(squared, limit, front)
+    to_path, to_goal = wavefront(squared, limit, cells), wavefront(squared, limit, goal)
+    waves = Waves(to_path, to_goal, wavefront(squared, limit, front))
     window = state[8:12].astype(np.float32).astype(np.float64)  # rounded to what the original has
     speeds = samples(window[0], window[1], counts[0])
     turns = samples(window[2], window[3], counts[1])
-    return cheapest(
-        state[3:8], speeds, turns, barred, squared, to_path, to_goal, to_front, table, outline, critics
-    )
+    return cheapest(state[3:8], speeds, turns, barred, squared, waves, table, outline, critics)
 
 
 def fingerprint() -> bytes:

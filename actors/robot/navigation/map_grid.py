@@ -5,6 +5,7 @@ starts in to their four neighbours, and on through cells that the robot's centre
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,17 @@ def fingerprint() -> bytes:
     steps = wavefront(squared, 4.5, cells)
     told = nearest, ended, goals, bearing(squared, 4.5, cells, body, 5.0), detour(steps, cells, body)
     return repr(told).encode() + cells.tobytes() + steps.tobytes()
+
+
+class Waves(NamedTuple):
+    """Steps from each cell of the window; see `wavefront`."""
+
+    path: Int32s
+    """To the plan."""
+    goal: Int32s
+    """To the local goal."""
+    front: Int32s
+    """To where the nose is drawn to."""
 
 
 @kernel

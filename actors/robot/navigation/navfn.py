@@ -33,7 +33,7 @@ class GlobalCosts:
     plan: OccupancyGrid
     inflation: Inflation
     costs: Octets
-    """(rows, columns), read-only: of a step through each cell, as `navfn_potential.wave` takes it."""
+    """(rows, columns), read-only: of a step through each cell, as `potential.wave` takes it."""
 
 
 _COSTS: Final = Shared[GlobalCosts]()

@@ -6,7 +6,7 @@ things: a ray's way is exact, not Bresenham's line between cells, and the cell t
 """
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,18 @@ from actors.settings import ParameterError
 HALF_DIAGONAL: Final = math.sqrt(0.5)
 _ENDED: Final = 2
 """What a cell holds in which a ray of the present scan ends, until the scan is taken in."""
+
+
+class Rays(NamedTuple):
+    """A range sensor for the kernels; lengths in cells."""
+
+    directions: Floats
+    """(n, 2): unit vectors in the sensor's frame."""
+    fan: Floats
+    """Angle of the first ray in that frame, and the increment, rad."""
+    limits: Floats
+    """Cells per mm; ranges of marking and of clearing; range from which rays without echo clear, inf if they
+    do not."""
 
 
 @kernel
@@ -54,17 +66,10 @@ def _crossing(x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
 
 @kernel
 def _passed(
-    x: float,
-    y: float,
-    ranges_mm: NDArray[np.uint16],
-    rays: Floats,
-    fan: Floats,
-    limits: Floats,
-    c: float,
-    s: float,
-    heading: float,
+    x: float, y: float, ranges_mm: NDArray[np.uint16], rays: Rays, c: float, s: float, heading: float
 ) -> bool:
     """True if some ray passes through the cell with its centre (x, y) away from the sensor."""
+    directions, fan, limits = rays
     apart = hypot(x, y)
     if apart - HALF_DIAGONAL >= limits[2]:
         return False
@@ -75,7 +80,9 @@ def _passed(
             begin, end = _free_stretch(ranges_mm[k], limits)
             if end < apart - HALF_DIAGONAL:
                 continue
-            enter, leave = _crossing(x, y, c * rays[k, 0] - s * rays[k, 1], s * rays[k, 0] + c * rays[k, 1])
+            enter, leave = _crossing(
+                x, y, c * directions[k, 0] - s * directions[k, 1], s * directions[k, 0] + c * directions[k, 1]
+            )
             if begin <= enter < leave <= end:
                 return True
     return False
@@ -91,29 +98,20 @@ def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -
 
 
 @kernel
-def take_in(
-    marks: Octets,
-    ranges_mm: NDArray[np.uint16],
-    rays: Floats,
-    fan: Floats,
-    eye: Floats,
-    body: Floats,
-    limits: Floats,
-) -> None:
+def take_in(marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats) -> None:
     """Clear cells that a ray passes through or that are below the body, mark those that a ray ends in.
 
-    `marks`: (rows, columns), 0 or 1, changed. `ranges_mm`: (n,). `rays`: (n, 2), unit vectors in the sensor's
-    frame. `fan`: angle of the first ray in that frame and the increment, rad. `eye`: x, y, cells, and heading
-    of the sensor, rad. `body`: x, y and radius, cells. `limits`: cells per mm; ranges of marking and of
-    clearing, cells; range from which rays without echo clear, inf if they do not.
+    `marks`: (rows, columns), 0 or 1, changed. `ranges_mm`: (n,). `eye`: x, y, cells, and heading of the
+    sensor, rad. `body`: x, y and radius, cells.
     """
+    directions, limits = rays.directions, rays.limits
     c, s = cos_sin(eye[2])
     for k in range(ranges_mm.size):
         apart = ranges_mm[k] * limits[0]
         if ranges_mm[k] == NO_ECHO_MM or apart >= limits[1]:
             continue
-        column = math.floor(eye[0] + apart * (c * rays[k, 0] - s * rays[k, 1]))
-        row = math.floor(eye[1] + apart * (s * rays[k, 0] + c * rays[k, 1]))
+        column = math.floor(eye[0] + apart * (c * directions[k, 0] - s * directions[k, 1]))
+        row = math.floor(eye[1] + apart * (s * directions[k, 0] + c * directions[k, 1]))
         if 0 <= row < marks.shape[0] and 0 <= column < marks.shape[1]:
             marks[row, column] = _ENDED
     for row in range(marks.shape[0]):
@@ -122,35 +120,27 @@ def take_in(
                 marks[row, column] = 1
             elif marks[row, column]:
                 x, y = column + 0.5 - eye[0], row + 0.5 - eye[1]
-                if _passed(x, y, ranges_mm, rays, fan, limits, c, s, eye[2]):
+                if _passed(x, y, ranges_mm, rays, c, s, eye[2]):
                     marks[row, column] = 0
     _write_below(marks, 0, body, body[2] - HALF_DIAGONAL)
 
 
 @kernel
 def stamp(
-    stamps: Int64s,
-    instant: int,
-    ranges_mm: NDArray[np.uint16],
-    rays: Floats,
-    eye: Floats,
-    body: Floats,
-    limits: Floats,
+    stamps: Int64s, instant: int, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats
 ) -> None:
     """Write `instant` into every cell that a ray passes through or that is below the body.
 
-    `stamps`: (rows, columns), changed; the rest as above.
-
-    The traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics
-    1987, from cell to cell, as every one is written: the leaps of `actors.floor.raster` could leave
-    nothing out.
+    `stamps`: (rows, columns), changed; the rest as for `take_in`. The traversal of Amanatides and Woo, "A
+    Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987, from cell to cell.
     """
     _write_below(stamps, instant, body, body[2])
     rows, columns = stamps.shape
+    directions, limits = rays.directions, rays.limits
     c, s = cos_sin(eye[2])
     for k in range(ranges_mm.size):
         begin, end = _free_stretch(ranges_mm[k], limits)
-        dx, dy = c * rays[k, 0] - s * rays[k, 1], s * rays[k, 0] + c * rays[k, 1]
+        dx, dy = c * directions[k, 0] - s * directions[k, 1], s * directions[k, 0] + c * directions[k, 1]
         column, row = math.floor(eye[0]), math.floor(eye[1])
         east, north = (1 if dx >= 0 else -1), (1 if dy >= 0 else -1)
         per_x = 1 / abs(dx) if dx != 0 else math.inf
@@ -368,13 +358,14 @@ def fingerprint() -> bytes:
     angles = np.linspace(-math.pi, math.pi, 90, endpoint=False)
     # read-only, as what a message holds: so this compiles the very variant that the robot will call
     ranges = np.frombuffer((900 + 700 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")
-    rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
+    directions = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
+    fan, limits = np.array([-math.pi, math.tau / 90]), np.array([0.02, 25.0, 30.0, 0.0])
+    rays = Rays(directions, fan, limits)
     marks = (np.add.outer(np.arange(40) * 7, np.square(np.arange(40)) * 3) % 5 == 0).astype(np.uint8)
     stamps, arrivals = np.zeros((40, 40), np.int64), np.zeros((40, 40), np.int64)
-    fan, eye = np.array([-math.pi, math.tau / 90]), np.array([19.3, 20.6, 0.4])
-    body, limits = np.array([20.1, 20.4, 3.5]), np.array([0.02, 25.0, 30.0, 0.0])
-    take_in(marks, ranges, rays, fan, eye, body, limits)
-    stamp(stamps, 7, ranges, rays, eye, body, limits)
+    eye, body = np.array([19.3, 20.6, 0.4]), np.array([20.1, 20.4, 3.5])
+    take_in(marks, ranges, rays, eye, body)
+    stamp(stamps, 7, ranges, rays, eye, body)
     note_arrivals(arrivals, 9, marks, np.zeros((40, 40), np.uint8), stamps, 7)
     row, column = np.indices((40, 40))
     corners, costs = outline(3.6, 0.2), ((row * 5 + column * column * 3) % 101).astype(np.int16)
