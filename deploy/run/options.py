@@ -12,7 +12,7 @@ from typing import Literal, get_args
 from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.processes.monitor import Timeout
 from actors.robot.behaviour.loading import RecordedModules
-from actors.runtime.isolation.sandbox import ProcessLimits, limits
+from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import RecordDetail
 from deploy.run import out_folder
 
@@ -159,6 +159,19 @@ def folder_name(scenario: Path) -> str:
     """Return the name of a run's folder: after the scenario, and the time in UTC."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+
+
+def limits(words: Sequence[str]) -> ProcessLimits:
+    """Return the limits with these set, each as `name=number`. Raises OptionError."""
+    chosen = {}
+    for word in words:
+        name, _, number = word.partition("=")
+        if name not in ProcessLimits.__struct_fields__ or not re.fullmatch("0*[1-9][0-9]{0,8}", number):
+            names = ", ".join(ProcessLimits.__struct_fields__)
+            right = f'one of {names}, "=" and a number from 1 to 999999999'
+            raise wrong_value("--limit", word, right)
+        chosen[name] = int(number)
+    return ProcessLimits(**chosen)
 
 
 def _speed(text: str) -> str:

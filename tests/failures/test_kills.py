@@ -10,8 +10,8 @@ import pytest
 from acrc_testbed.recordings.record_replay import replay_actor
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED
-from actors.runtime.isolation.sandbox import ProcessLimits, limits
-from deploy.run.options import RunOptions, checked
+from actors.runtime.isolation.sandbox import ProcessLimits
+from deploy.run.options import RunOptions, checked, limits
 from deploy.run.swarm_replay import replay_swarm
 from tests import in_process
 from tests.failures.failing import Death, gone, killed, last_step, process_of, started, until

@@ -7,7 +7,6 @@ layers.
 
 import functools
 import os
-import re
 import resource
 import socket
 import struct
@@ -24,7 +23,6 @@ from typing import Annotated, Final, NamedTuple, NoReturn
 
 import msgspec
 
-from actors.installation.usage import wrong_value
 from actors.runtime import failure, linux
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import mounts, syscall_filter
@@ -368,19 +366,6 @@ class ProcessLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     processes: Amount = 64
     """Processes and threads (RLIMIT_NPROC, which root does not have; checked twice a second); isolated robots
     only, for else the system counts all of the user's."""
-
-
-def limits(words: Collection[str]) -> ProcessLimits:
-    """Return the limits with these set, each as `name=number`. Raises OptionError."""
-    chosen = {}
-    for word in words:
-        name, _, number = word.partition("=")
-        if name not in ProcessLimits.__struct_fields__ or not re.fullmatch("0*[1-9][0-9]{0,8}", number):
-            names = ", ".join(ProcessLimits.__struct_fields__)
-            right = f'one of {names}, "=" and a number from 1 to 999999999'
-            raise wrong_value("--limit", word, right)
-        chosen[name] = int(number)
-    return ProcessLimits(**chosen)
 
 
 def enforce(chosen: ProcessLimits, *, isolated: bool) -> None:
