@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -68,7 +68,7 @@ from deploy.run.plan import (
     world_program,
 )
 from deploy.run.supervisor import RunSupervisor
-from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
+from deploy.scenario.resolve import ResolvedScenario, Swarm, resolve, robot_setup
 from deploy.scenario.survey import scenario_warnings
 from deploy.scenario.tables import Scenario
 
@@ -293,12 +293,8 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
     settled = resolve(scenario)
     _check_followed(settled, options)
     planned = RunPlan(
+        **{one.name: getattr(settled, one.name) for one in fields(Swarm)},
         options=options,
-        world=settled.world,
-        radio=settled.radio,
-        behaviour=settled.behaviour,
-        adaptation=settled.adaptation,
-        stack=settled.stack,
         scenario=copied_scenario(settled, options),
         commit=software(),
         isolate=choice.isolate,
