@@ -348,7 +348,7 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
         raise AcrcError(f"{folder}: has no pair of a declared comparison; must hold at least one of each")
     made = list(promises(found, study, power))
     if json:
-        names = [f"{sample.one} and {sample.other}{sample.where}" for sample in found]
+        names = [sample.name for sample in found]
         told = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
         answer([], told, json=True)
         return
@@ -367,7 +367,7 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
 def _print_promises(
     console: Console, found: Sequence[PairedSample], made: Sequence[Promise], study: Study, power: float
 ) -> None:
-    names = [f"{sample.one} and {sample.other}{sample.where}" for sample in found]
+    names = [sample.name for sample in found]
     known = min(len(sample.pairs) for sample in found)
     title = f"Share of campaigns that tell them apart, by {tests_of(study)} tests"
     table = Table("pairs", *names, title=title)

@@ -32,26 +32,23 @@ from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
 from deploy.scenario.tables import inline
 
-_Kind = tuple[str, tuple[tuple[str, object], ...], bool]
-
 
 class TimeToGo:
-    """Trials of different strategies and variants take differently long, and repetitions longer still."""
+    """Estimate of the remaining time, by strategy, variant and whether a trial is repeated."""
 
     def __init__(self) -> None:
-        self._took: dict[_Kind, list[float]] = {}
+        self._took: dict[str, list[float]] = {}
 
     def learn(self, pending: Pending, took_s: float) -> None:
-        """Take in what one of them took."""
+        """Take in the duration of a trial."""
         self._took.setdefault(_kind(pending), []).append(took_s)
 
     def left_s(
         self, waiting: Iterable[Pending], running: Sequence[tuple[Pending, float]], slots: int
     ) -> float | None:
-        """What is left if so many go on at once; None before anything has ended.
+        """Return what is left with so many trials at once; None before any has ended.
 
-        `running`: what has begun, and for how long it has run. A kind of which none has ended yet takes what
-        the others took on average.
+        `running`: what has begun, and how long ago. A kind of which none has ended takes the others' mean.
         """
         if not self._took:
             return None
@@ -62,9 +59,8 @@ class TimeToGo:
         return max((sum(begun) + to_come) / max(slots, 1), max(begun, default=0.0))
 
 
-def _kind(pending: Pending) -> _Kind:
-    trial = pending.trial
-    return trial.strategy, tuple((key, repr(value)) for key, value in trial.variant), pending.check
+def _kind(pending: Pending) -> str:
+    return repr((pending.trial.strategy, pending.trial.variant, pending.check))
 
 
 _LOOK_S: Final = 1.0

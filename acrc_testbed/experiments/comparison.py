@@ -147,6 +147,11 @@ class PairedSample(NamedTuple):
         told = f" with {', '.join(f'{key} = {value}' for key, value in self.variant)}" if self.variant else ""
         return f"{told} over {self.cells} cells" if self.cells > 1 else told
 
+    @property
+    def name(self) -> str:
+        """Both strategies, and the variant."""
+        return f"{self.one} and {self.other}{self.where}"
+
 
 class Scores(NamedTuple):
     """A metric of both runs of each pair in which it is known."""

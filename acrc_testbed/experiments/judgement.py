@@ -230,9 +230,7 @@ def _seeds(seeds: Sequence[int]) -> str:
 def too_few(samples: Sequence[PairedSample], least: int = LEAST_PAIRS) -> list[str]:
     """Return what to say of each pair of strategies of which nothing is tested or estimated."""
     return [
-        f"{one.one} and {one.other}{one.where}: {too_few_pairs(len(one.pairs), least)}"
-        for one in samples
-        if len(one.pairs) < least
+        f"{one.name}: {too_few_pairs(len(one.pairs), least)}" for one in samples if len(one.pairs) < least
     ]
 
 
@@ -264,8 +262,7 @@ def _counted(count: int, what: str) -> str:
 def verdict(one: PairVerdict) -> str:
     """What a primary comparison comes to, step by step, with estimates, intervals and p-values."""
     if not one.steps:
-        name = f"{one.sample.one} and {one.sample.other}{one.sample.where}"
-        return f"{name}: none of the looks has come, so nothing is said yet."
+        return f"{one.sample.name}: none of the looks has come, so nothing is said yet."
     said: list[str] = []
     for place, step in enumerate(one.steps):
         said.append(_step(step))

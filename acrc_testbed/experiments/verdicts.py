@@ -283,12 +283,10 @@ def look_sentences(found: Sequence[PairVerdict], rules: LookRules) -> list[str]:
         f" for equivalence {_listed(rules.equivalent.thresholds)}"
     ]
     for one in found:
-        sample = one.sample
-        name = f"{sample.one} and {sample.other}{sample.where}"
-        if not one.looks:
-            lines.append(f"{name}: {len(sample.pairs)} pairs, none of the looks has come")
-            continue
-        lines.append(f"{name}: {_outcome(one)}; {'; '.join(map(_at, one.looks))}")
+        told = f"{len(one.sample.pairs)} pairs, none of the looks has come"
+        if one.looks:
+            told = f"{_outcome(one)}; {'; '.join(map(_at, one.looks))}"
+        lines.append(f"{one.sample.name}: {told}")
     return lines
 
 
