@@ -1,5 +1,7 @@
 """What people read in a terminal: words as they are, and tables in which no word is broken."""
 
+from collections.abc import Iterable
+
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
@@ -17,6 +19,16 @@ def screen(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = 
     return Console(
         stderr=stderr, soft_wrap=soft_wrap, width=width, highlight=False, markup=False, emoji=False
     )
+
+
+def show(parts: Iterable[str | Table], width: int | None = None) -> None:
+    """Print sentences and tables on standard output, in their order."""
+    console = screen(width=width)
+    for part in parts:
+        if isinstance(part, str):
+            console.print(part)
+        else:
+            print_table(console, part)
 
 
 def print_table(console: Console, table: Table) -> None:

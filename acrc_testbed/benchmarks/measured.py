@@ -15,7 +15,7 @@ from typing import Any, Final, Self
 
 from rich.table import Table
 
-from actors.console import print_table, screen
+from actors.console import show
 from actors.runtime.errors import AcrcError
 
 _WIDTH: Final = 250
@@ -42,12 +42,7 @@ class Measured:
         if json_output:
             sys.stdout.write(json.dumps(self.figures) + "\n")
         else:
-            console = screen(width=None if sys.stdout.isatty() else _WIDTH)
-            for one in self.shown:
-                if isinstance(one, str):
-                    console.print(one)
-                else:
-                    print_table(console, one)
+            show(self.shown, None if sys.stdout.isatty() else _WIDTH)
         return 1 if self.holds is False else 0
 
 

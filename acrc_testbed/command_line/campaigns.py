@@ -8,7 +8,6 @@ from pathlib import Path
 
 import msgspec
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
@@ -18,7 +17,6 @@ from acrc_testbed.experiments import comparison, frozen_plan, store, verdicts
 from acrc_testbed.experiments.campaign import CampaignOptions
 from acrc_testbed.experiments.comparison import (
     Comparison,
-    PairedSample,
     coincidence_sentences,
     coincidences,
     samples,
@@ -34,7 +32,7 @@ from acrc_testbed.experiments.judgement import (
 )
 from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
 from acrc_testbed.experiments.store import declared, differing, protection
-from acrc_testbed.experiments.study import Study, load_study
+from acrc_testbed.experiments.study import load_study
 from acrc_testbed.experiments.verdicts import (
     Promise,
     ceilings,
@@ -45,7 +43,7 @@ from acrc_testbed.experiments.verdicts import (
     tests_of,
 )
 from acrc_testbed.results.seal import seal
-from actors.console import print_table, screen
+from actors.console import screen
 from actors.installation.usage import OptionError, typed, wrong_value
 from actors.installation.version import software
 from actors.processes.signals import Interrupted
@@ -227,10 +225,8 @@ def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
     found = judge(kept, metric)
     different = differing(kept)
     _warn(different)
-    if json_output:
-        answer((), _comparison_json(found), json=True)
-    else:
-        _print_comparison(kept, found)
+    answer(_comparison(kept, found), _comparison_json(found), json=json_output)
+    if not json_output:
         _warn(different)
     if different:
         raise typer.Exit(1)
@@ -271,25 +267,15 @@ def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _print_comparison(kept: store.Store, found: CampaignJudgement) -> None:
-    console = screen()
-    for line in (*found.failures, *protection(kept), *found.declared, *found.too_few, *found.family):
-        console.print(line)
-    for one in found.verdicts:
-        console.print(verdict(one))
+def _comparison(kept: store.Store, found: CampaignJudgement) -> Iterator[str | Table]:
+    """Yield the results of the tests, tables of estimates, interim looks, coincidences and warnings."""
+    yield from (*found.failures, *protection(kept), *found.declared, *found.too_few, *found.family)
+    yield from map(verdict, found.verdicts)
     for across in found.across:
-        for line in across_sentences(across):
-            console.print(line)
+        yield from across_sentences(across)
     if found.estimates:
-        console.print("Estimates with 95 % intervals, of which none is a test:")
-    for table in _tables(found.estimates):
-        print_table(console, table)
-    for line in _about(kept, found):
-        console.print(line)
-
-
-def _about(kept: store.Store, found: CampaignJudgement) -> Iterator[str]:
-    """Yield interim looks, coincidences and warnings."""
+        yield "Estimates with 95 % intervals, of which none is a test:"
+    yield from _tables(found.estimates)
     if kept.looks is not None:
         yield from verdicts.look_sentences(found.looks, verdicts.rules_for(kept.study))
     yield from coincidence_sentences(coincidences(kept.records()))
@@ -347,40 +333,34 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
     if not found or not all(sample.pairs for sample in found):
         raise AcrcError(f"{folder}: has no pair of a declared comparison; must hold at least one of each")
     made = list(promises(found, study, power))
-    if json:
-        names = [sample.name for sample in found]
-        told = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
-        answer([], told, json=True)
-        return
-    console = screen()
-    for line in failures(records, study):
-        console.print(line)
-    _print_promises(console, found, made, study, power)
-    for line in ceilings(records):
-        console.print(line)
+    names = [sample.name for sample in found]
+    told = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
+    seeds = min(len(sample.pairs) for sample in found)
+    shown = [
+        *failures(records, study),
+        *_promised(names, made, tests_of(study), power, seeds),
+        *ceilings(records),
+    ]
     if not kept.study.tuning:
-        console.print(
+        shown.append(
             "These are seeds of tests, which have been looked at now; a pilot with --tuning has its own."
         )
+    answer(shown, told, json=json)
 
 
-def _print_promises(
-    console: Console, found: Sequence[PairedSample], made: Sequence[Promise], study: Study, power: float
-) -> None:
-    names = [sample.name for sample in found]
-    known = min(len(sample.pairs) for sample in found)
-    title = f"Share of campaigns that tell them apart, by {tests_of(study)} tests"
+def _promised(
+    names: Sequence[str], made: Sequence[Promise], tests: int, power: float, seeds: int
+) -> Iterator[str | Table]:
+    title = f"Share of campaigns that tell them apart, by {tests} tests"
     table = Table("pairs", *names, title=title)
     for one in made:
         shares = zip(one.shares, one.cautious, strict=True)
         table.add_row(str(one.pairs), *(f"{share:.2f} ({cautious:.2f})" for share, cautious in shares))
-    print_table(console, table)
-    console.print(f"In brackets: if the {known} seeds of the pilot are themselves drawn.")
+    yield table
+    yield f"In brackets: if the {seeds} seeds of the pilot are themselves drawn."
     last = made[-1]
     if min(last.shares) >= power:
-        console.print(f"{last.pairs} pairs tell each of them apart with probability {power:g}.")
+        yield f"{last.pairs} pairs tell each of them apart with probability {power:g}."
     else:
         open_ones = [name for name, share in zip(names, last.shares, strict=True) if share < power]
-        console.print(
-            f"{last.pairs} pairs do not reach probability {power:g} for {', '.join(open_ones)}.", markup=False
-        )
+        yield f"{last.pairs} pairs do not reach probability {power:g} for {', '.join(open_ones)}."

@@ -20,7 +20,6 @@ from acrc_testbed.command_line.options import (
     option,
 )
 from acrc_testbed.explanation.time_spent import Cause, TimeSpent
-from actors.console import print_table, screen
 
 
 def campaign(
@@ -118,11 +117,8 @@ def causes(
     from acrc_testbed.explanation.account import account
 
     spent = account(folder)
-    if not json:
-        for table in (_times(spent), _blockings(spent), _decisions(spent)):
-            if table.row_count:
-                print_table(screen(), table)
-    answer(_sentences(spent), spent, json=json)
+    tables = (table for table in (_times(spent), _blockings(spent), _decisions(spent)) if table.row_count)
+    answer((*tables, *_sentences(spent)), spent, json=json)
 
 
 def compare(

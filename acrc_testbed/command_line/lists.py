@@ -6,7 +6,6 @@ Summaries come from docstrings and from the comments at the head of files.
 import ast
 import contextlib
 import inspect
-import json as json_format
 import os
 import re
 import sys
@@ -18,7 +17,7 @@ from typing import Any
 
 import typer
 
-from acrc_testbed.command_line.options import Json
+from acrc_testbed.command_line.options import Json, answer
 from actors.installation.repository import REPOSITORY, SHIPPED
 
 Row = Mapping[str, Any]
@@ -100,17 +99,12 @@ def maps(json: Json = False) -> None:
 
 def _print(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: bool) -> None:
     """Print all rows as JSON, or the cells of each column by its title."""
-    if json:
-        print(json_format.dumps(rows, ensure_ascii=False, separators=(",", ":")))
-        return
     from rich.table import Table
-
-    from actors.console import print_table, screen
 
     table = Table(*columns, box=None, pad_edge=False)
     for cells in zip(*columns.values(), strict=True):
         table.add_row(*cells)
-    print_table(screen(), table)
+    answer([table], rows, json=json)
 
 
 def _strategy(strategy: Any) -> Row:

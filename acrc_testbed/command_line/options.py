@@ -4,11 +4,14 @@ import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from actors.installation.repository import SHIPPED
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def scenarios(incomplete: str) -> list[str]:
@@ -99,15 +102,13 @@ def _plain(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else str(value)
 
 
-def answer(sentences: Iterable[str], told: object, *, json: bool) -> None:
-    """Print sentences for people or, with `json`, `told` as one line of JSON."""
+def answer(shown: "Iterable[str | Table]", told: object, *, json: bool) -> None:
+    """Print sentences and tables for people or, with `json`, `told` as one line of JSON."""
     if json:
         import msgspec
 
         sys.stdout.write(msgspec.json.encode(told, enc_hook=_plain).decode() + "\n")
         return
-    from actors.console import screen
+    from actors.console import show
 
-    console = screen()
-    for sentence in sentences:
-        console.print(sentence)
+    show(shown)
