@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -339,7 +339,7 @@ class _Part:
             zip((one.number for one in steps), model.process.clock(instants).tolist(), strict=True)
         )
         self._samples: list[tuple[float, Pose, EstimateQuality, tuple[float, float]]] = []
-        self._scans: list[Singles] = []
+        self._scans: list[tuple[float, Singles]] = []
         self._particles: list[tuple[float, Singles]] = []
         self._plans: list[tuple[float, Singles]] = []
         self._windows: list[tuple[float, NDArray[np.uint8], Pose]] = []
@@ -382,7 +382,7 @@ class _Part:
         """Add a sample; `correction`: pose of the odometry frame in the map frame."""
         scanned = sample.scanned
         body = None if scanned is None else correction.compose(geometry.Pose(*scanned))
-        self._scans.append(self._model.scan_points(body, step.scan))
+        self._scans.append((second, self._model.scan_points(body, step.scan)))
         if sample.particles is not None:
             self._particles.append((second, _points(sample.particles)))
         if sample.plan is not None:
@@ -401,17 +401,16 @@ class _Part:
         """Return all rows as columns."""
         samples = self._samples
         spreads = np.array([one[2].covariance for one in samples], np.float64).reshape(-1, 9)
-        seconds = np.array([one[0] for one in samples], np.float64)
         return RobotInternals(
             process=self._model.process,
             end=max(self._seconds.values(), default=0.0),
-            seconds=seconds,
+            seconds=np.array([one[0] for one in samples], np.float64),
             estimates=np.array([one[1] for one in samples], np.float64).reshape(-1, 3),
             covariances=spreads[:, (0, 1, 4)],
             twists=np.array([one[3] for one in samples], np.float64).reshape(-1, 2),
-            scans=_sets(seconds, self._scans),
-            particles=_sets([one[0] for one in self._particles], [one[1] for one in self._particles]),
-            plans=_sets([one[0] for one in self._plans], [one[1] for one in self._plans]),
+            scans=_sets(self._scans),
+            particles=_sets(self._particles),
+            plans=_sets(self._plans),
             windows=CostWindows(
                 np.array([one[0] for one in self._windows], np.float64),
                 np.stack([one[1] for one in self._windows]) if self._windows else _NO_WINDOWS,
@@ -435,7 +434,9 @@ def _points(data: bytes) -> Singles:
     return np.frombuffer(data, "<f4").reshape(-1, 2)
 
 
-def _sets(seconds: Any, sets: Sequence[Singles]) -> PointSets:
-    counts = np.array([len(one) for one in sets], np.int64)
-    points = np.concatenate(sets) if sets else np.zeros((0, 2), np.float32)
-    return PointSets(np.asarray(seconds, np.float64), counts, points)
+def _sets(sets: Sequence[tuple[float, Singles]]) -> PointSets:
+    seconds = np.array([second for second, _ in sets], np.float64)
+    counts = np.array([len(points) for _, points in sets], np.int64)
+    return PointSets(
+        seconds, counts, np.concatenate([np.zeros((0, 2), np.float32), *(one for _, one in sets)])
+    )
