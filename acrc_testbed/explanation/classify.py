@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from acrc_testbed.explanation import robot_states
 from acrc_testbed.explanation.episodes import (
     STANDARD,
-    Blocking,
     EpisodeParameters,
     runs,
 )
@@ -269,15 +268,12 @@ def blocking_events(run: RunData, classified: Classified, p: EpisodeParameters) 
     three is two blockings.
     """
     patience = seconds(p.pause_s) // run.step_us
-    found = sorted(
-        (
-            Blocking(pair, begin, end)
-            for pair, mask in _pairs(classified, blocked_by_robots(classified)).items()
-            for begin, end in runs(_bridged(mask, patience), patience)
-        ),
-        key=lambda one: (one.begin, one.robots),
-    )
-    return tuple(_event(run, classified, one) for one in found)
+    found = [
+        (begin, pair, end)
+        for pair, mask in _pairs(classified, blocked_by_robots(classified)).items()
+        for begin, end in runs(_bridged(mask, patience), patience)
+    ]
+    return tuple(_event(run, classified, pair, begin, end) for begin, pair, end in sorted(found))
 
 
 def deadlocks(run: RunData, classified: Classified, p: EpisodeParameters) -> DeadlockCount:
@@ -312,22 +308,24 @@ def _bridged(mask: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
     return whole
 
 
-def _event(run: RunData, classified: Classified, one: Blocking) -> BlockingEvent:
-    during = np.s_[one.begin : one.end, list(one.robots)]
-    others = np.array(one.robots[::-1])
+def _event(
+    run: RunData, classified: Classified, pair: tuple[int, int], begin: int, end: int
+) -> BlockingEvent:
+    during = np.s_[begin:end, list(pair)]
+    others = np.array(pair[::-1])
     blocked = blocked_by_robots(classified)[during] & (classified.before[during] == others)
     causes = Counter(classified.causes[during][blocked].tolist())
     doors = classified.at_door[during][blocked]
-    middle = run.true[one.end - 1, list(one.robots), :2].mean(axis=0)
+    middle = run.true[end - 1, list(pair), :2].mean(axis=0)
     return BlockingEvent(
-        begin_s=run.duration(one.begin),
-        end_s=run.duration(one.end),
-        robots=tuple(run.robots[robot] for robot in one.robots),
+        begin_s=run.duration(begin),
+        end_s=run.duration(end),
+        robots=tuple(run.robots[robot] for robot in pair),
         x=round(float(middle[0]), 3),
         y=round(float(middle[1]), 3),
         place=AT_DOOR if 2 * int(doors.sum()) > doors.size else ON_FLOOR,
         cause=CAUSES[max(causes, key=lambda cause: (causes[cause], -cause))].value,
-        at_end=one.end == len(run.true),
+        at_end=end == len(run.true),
     )
 
 

@@ -111,17 +111,6 @@ class Episode(NamedTuple):
     end: int
 
 
-class Blocking(NamedTuple):
-    """Robots that stand in each other's way, each with one of the others at least."""
-
-    robots: tuple[int, ...]
-    """Their indices, ascending."""
-    begin: int
-    """When the first two of them stood."""
-    end: int
-    """When no two of them stood any longer."""
-
-
 def runs(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
     """The longest stretches of True in `mask`, (samples,), that have at least `least` samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
