@@ -15,12 +15,7 @@ from acrc_testbed.command_line.options import answer
 from acrc_testbed.experiments import campaign as campaigns
 from acrc_testbed.experiments import comparison, frozen_plan, store, verdicts
 from acrc_testbed.experiments.campaign import CampaignOptions
-from acrc_testbed.experiments.comparison import (
-    Comparison,
-    coincidence_sentences,
-    coincidences,
-    samples,
-)
+from acrc_testbed.experiments.comparison import Comparison, coincidence_sentences, coincidences, samples
 from acrc_testbed.experiments.draws import StudyOptions, check, path_of, study_of, understood
 from acrc_testbed.experiments.judgement import (
     CampaignJudgement,

@@ -1,4 +1,4 @@
-"""Banned words and sentence openings in docstrings, messages, help and pages; see `Style` in CONTRIBUTING.md."""
+"""Banned words and sentence openings in docstrings, messages and pages; see `Style` in CONTRIBUTING.md."""
 
 import ast
 import re
@@ -11,7 +11,8 @@ from typing import Final, NamedTuple
 from actors.installation.repository import REPOSITORY
 
 WORDS: Final = re.compile(
-    r"(?<![Tt]here )\b(?:is|are) no\b(?! longer| more)|\b(nought|anew|somebody|nobody|whoever|comes? to|gets? on|holds? (?:itself|themselves) to be)\b",
+    r"(?<![Tt]here )\b(?:is|are) no\b(?! longer| more)"
+    r"|\b(nought|anew|somebody|nobody|whoever|comes? to|gets? on|holds? (?:itself|themselves) to be)\b",
     re.IGNORECASE,
 )
 OPENINGS: Final = re.compile(r"(?:^|[.:;]\s+)(?:What|Whose|Who|Whoever|Of)\b(?![^.]*\?)")

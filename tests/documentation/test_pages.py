@@ -45,22 +45,20 @@ LEAST = {
 """What every scenario has, by its key; the first one is not a table."""
 
 
-NOT_RUN: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        r"(apptainer|docker|kubectl|sbatch|sed|tar|deploy/clusters/ssh\.sh) ": "needs another program or host",
-        r"python -m pip|\./acrc (add|fleet bundle) ": "needs a network",
-        r"\S*acrc (cluster|.*tls://HOST)": "needs a cluster",
-        r"\S*acrc fleet (onboard|units .* --robot r2$)": "needs a robot",
-        r"\./acrc (view \S+$|.* (--view|--control|--screenshot|--pdb|--debug)\b)": "interactive",
-        r"\./acrc (check|test|verify)( tests/\S+| \w+ --full)?$": "runs the tests",
-        r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
-        r"\./acrc campaign (--preset chapter --out|study\.toml|studies/)": "takes long",
-        r"\./acrc (bundle|compare|report|study plan) .*campaigns/(all|drawn|headline|pilot|four)": "needs trials",
-        r"\./acrc (report runs/2026|replay downloaded_run|run my_study/own\.toml|study freeze )": "needs files",
-        r"\./acrc replay runs/seen --robot r2 --strategy random": "ends with exit code 1",
-        r"\.venv/bin/python maps/draw_floors\.py": "called by tests/floor/test_offices.py",
-    }
-)
+NOT_RUN: Final[Mapping[str, str]] = MappingProxyType({
+    r"(apptainer|docker|kubectl|sbatch|sed|tar|deploy/clusters/ssh\.sh) ": "needs another program or host",
+    r"python -m pip|\./acrc (add|fleet bundle) ": "needs a network",
+    r"\S*acrc (cluster|.*tls://HOST)": "needs a cluster",
+    r"\S*acrc fleet (onboard|units .* --robot r2$)": "needs a robot",
+    r"\./acrc (view \S+$|.* (--view|--control|--screenshot|--pdb|--debug)\b)": "interactive",
+    r"\./acrc (check|test|verify)( tests/\S+| \w+ --full)?$": "runs the tests",
+    r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
+    r"\./acrc campaign (--preset chapter --out|study\.toml|studies/)": "takes long",
+    r"\./acrc (bundle|compare|report|study plan) .*campaigns/(all|drawn|headline|pilot|four)": "needs trials",
+    r"\./acrc (report runs/2026|replay downloaded_run|run my_study/own\.toml|study freeze )": "needs files",
+    r"\./acrc replay runs/seen --robot r2 --strategy random": "ends with exit code 1",
+    r"\.venv/bin/python maps/draw_floors\.py": "called by tests/floor/test_offices.py",
+})  # fmt: skip
 """Reasons why no test runs a command of a page, by the start of the command."""
 
 SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
