@@ -90,6 +90,17 @@ def decode(topic: Topic[Message], key: str, payload: bytes) -> Message:
     return message
 
 
+def _element(kind: msgspec.inspect.Type | None, number: int) -> tuple[str, msgspec.inspect.Type | None]:
+    """Return an element of a message as it stands in its name, and its type if that is known."""
+    if isinstance(kind, msgspec.inspect.UnionType):  # a part that may be missing
+        kinds = [one for one in kind.types if not isinstance(one, msgspec.inspect.NoneType)]
+        kind = kinds[0] if len(kinds) == 1 else None
+    if isinstance(kind, msgspec.inspect.StructType) and kind.tag is None:
+        field = kind.fields[number]
+        return f".{field.name}", field.type
+    return f"[{number}]", getattr(kind, "item_type", None)
+
+
 def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
     """One sentence with the name and the value of the field that `reason`, msgspec's words, points to."""
     reason, _, path = reason.partition(" - at `$")
@@ -98,13 +109,12 @@ def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
     except (ValueError, RecursionError, TypeError):  # TypeError: a map with a list for a key
         return f"{key}: {topic.kind.__name__} does not decode: {reason}"
     name = topic.kind.__name__
-    fields: tuple[str, ...] = topic.kind.__struct_fields__
-    for depth, index in enumerate(re.findall(r"\[(\d+)\]", path)):
-        number = int(index)
+    kind: msgspec.inspect.Type | None = msgspec.inspect.type_info(topic.kind)
+    for number in map(int, re.findall(r"\[(\d+)\]", path)):
         if not isinstance(value, list) or number >= len(value):
             break
-        name += f".{fields[number]}" if depth == 0 else f"[{number}]"
-        value = value[number]
+        part, kind = _element(kind, number)
+        name, value = name + part, value[number]
     right = must_be(reason)
     if not right:
         return f"{key}: {name} = {_BRIEF.repr(value)}: {reason[:1].lower()}{reason[1:]}"

@@ -101,7 +101,7 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
         (
             DRIVE,
             packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2.5, 4]]),
-            "swarm/k: Drive.reports[0][1] is 2.5, but must be a whole number",
+            "swarm/k: Drive.reports[0].place is 2.5, but must be a whole number",
         ),
         (DRIVE, packed(3), "swarm/k: Drive is [3], but must be a list of at least length 5"),
         (
