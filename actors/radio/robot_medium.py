@@ -136,10 +136,10 @@ def _moved(truths: Floats, elapsed: float) -> Floats:
 
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
-    robots = [
-        RobotTruth(f"r{k}", 0.3 * k, 2.0 - k, 0.0, 0.1 * k, 0.4, 0.2 * k - 0.4, True, True, 0)
-        for k in range(5)
-    ]
+    robots = []
+    for k in range(5):
+        state = 0.3 * k, 2.0 - k, 0.0, 0.1 * k, 0.4, 0.2 * k - 0.4
+        robots.append(RobotTruth(f"r{k}", *state, stepping=True, powered=True, transmits=0))
     return TransceiverTruth(0, robots).positions(73_000_001).tobytes()
 
 

@@ -120,7 +120,8 @@ def walls_of(
     walled = (np.diff(begins) > 0).reshape(rows, columns)
     leaps = equal_squares(walled.astype(np.uint8))[::2].copy()
     leaps[:, walled] = 0
-    return Walls(leaps, begins, blocks, resolution, west, south, crossing_db, per_metre_db)
+    losses = crossing_db, per_metre_db
+    return Walls(leaps, begins, blocks, resolution, west, south, *losses)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -205,7 +205,9 @@ class Bodies:
         odometry, earlier = self._odometers.read(index), tuple(scans)
         if scans:
             scans.clear()
-        return Senses(step, instant, events, odometry, bumper, scan, halt, earlier, places)
+        return Senses(
+            step, instant, events, odometry, bumper, scan, halt=halt, earlier_scans=earlier, places=places
+        )
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
         """The robot's wish from `instant` on."""
