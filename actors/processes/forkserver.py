@@ -1,7 +1,7 @@
 """A process that starts the actors, reaps what they leave, and ends with its starter.
 
 `python -m actors.processes.forkserver FD fork|exec reap|spare` serves on a socket: `Request`s in, `Reply`s
-out. A Start is followed by a `ProcessStart`, which only the child reads: what one actor is told
+out. StartChild is followed by a `ProcessStart`, which only the child reads: what one actor is told
 must not be in the memory of the next one. `fork`: the server has imported and compiled everything once, and
 forks from there; `exec`: it is small, and every child is a new interpreter. `spare`: processes that a child
 has started are left alone when it ends. The server ends, and its children with it, when the other end of the
@@ -44,13 +44,13 @@ _GRACE_S: Final = 3.0
 """Time for actors to end in order once the starter is gone."""
 
 
-class Start(msgspec.Struct, frozen=True, tag=True):
+class StartChild(msgspec.Struct, frozen=True, tag=True):
     """Start a child; `confined`: a sandboxed robot."""
 
     confined: bool
 
 
-class Share(msgspec.Struct, frozen=True, tag=True):
+class ShareData(msgspec.Struct, frozen=True, tag=True):
     """Hold the result of `share(*words)` of the module, so that forked children find it in memory.
 
     Comes with the descriptor of the folder in which the words name files; has no reply.
@@ -60,7 +60,7 @@ class Share(msgspec.Struct, frozen=True, tag=True):
     words: tuple[str, ...]
 
 
-class Withdraw(msgspec.Struct, frozen=True, tag=True):
+class WithdrawRouter(msgspec.Struct, frozen=True, tag=True):
     """Remove, at the server's end, what this router file names: passwords and sockets of a run.
 
     Comes with the descriptor of its folder; has no reply.
@@ -69,17 +69,17 @@ class Withdraw(msgspec.Struct, frozen=True, tag=True):
     name: str
 
 
-class Ready(msgspec.Struct, frozen=True, tag=True):
+class ServerReady(msgspec.Struct, frozen=True, tag=True):
     """The server has imported and compiled everything."""
 
 
-class Started(msgspec.Struct, frozen=True, tag=True):
+class ChildStarted(msgspec.Struct, frozen=True, tag=True):
     """The child has a new log, and begins."""
 
     pid: int
 
 
-class Refused(msgspec.Struct, frozen=True, tag=True):
+class StartRefused(msgspec.Struct, frozen=True, tag=True):
     """No child was started."""
 
     reason: str
@@ -97,8 +97,8 @@ class ProcessExited(msgspec.Struct, frozen=True, tag=True):
     """CPU time that the system charged for it and for what it has waited for."""
 
 
-Request = Start | Share | Withdraw
-Reply = Ready | Started | Refused | ProcessExited
+Request = StartChild | ShareData | WithdrawRouter
+Reply = ServerReady | ChildStarted | StartRefused | ProcessExited
 
 
 class LogFile(NamedTuple):
@@ -159,15 +159,15 @@ class ForkServer:
         if not message:
             return False
         match msgspec.json.decode(message, type=Request):
-            case Start(confined):
+            case StartChild(confined):
                 self._part = self._start(confined=confined)
-            case Share() as asked:
+            case ShareData() as asked:
                 self._hold(asked, folders[0])
-            case Withdraw(name):
+            case WithdrawRouter(name):
                 self._withdrawn.append((folders[0], name))
         return self._part is None
 
-    def _hold(self, asked: Share, folder: int) -> None:
+    def _hold(self, asked: ShareData, folder: int) -> None:
         """Make what is to be shared, from files whose folder has no name here."""
         here = os.open(".", os.O_RDONLY)
         os.fchdir(folder)
@@ -189,7 +189,7 @@ class ForkServer:
             self._channel.recv(MESSAGE_LIMIT)  # the child's
             for descriptor in (told, tell):
                 os.close(descriptor)
-            self._reply(Refused(f"fork: {error.strerror}"))
+            self._reply(StartRefused(f"fork: {error.strerror}"))
             return None
         if not pid:
             try:
@@ -203,7 +203,7 @@ class ForkServer:
         os.close(told)
         if log:
             self._actors[pid] = LogFile(*map(int, log.split()))
-            self._reply(Started(pid))
+            self._reply(ChildStarted(pid))
         else:
             os.waitpid(pid, 0)  # it has replied
         return None
@@ -230,7 +230,7 @@ class ForkServer:
         try:
             stream = create_log(Path(told.log))
         except OSError as error:
-            self._reply(Refused(f"{told.log}: {error.strerror}"))
+            self._reply(StartRefused(f"{told.log}: {error.strerror}"))
             os._exit(1)
         self._channel.close()
         found = os.fstat(stream)
@@ -352,7 +352,7 @@ def main(argv: Sequence[str]) -> int:
     server = ForkServer(channel, forks=forks, reaps=whose == "reap")
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket shows it, and leaves time
-    channel.send(msgspec.json.encode(Ready()))
+    channel.send(msgspec.json.encode(ServerReady()))
     part = server.serve()
     if part is not None:
         channel.detach()  # a child has closed the descriptor

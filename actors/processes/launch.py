@@ -19,15 +19,15 @@ import msgspec
 from actors.installation.repository import REPOSITORY
 from actors.processes.confined import Part, ProcessStart
 from actors.processes.forkserver import (
+    ChildStarted,
     ProcessExited,
-    Ready,
-    Refused,
     Reply,
     Request,
-    Share,
-    Start,
-    Started,
-    Withdraw,
+    ServerReady,
+    ShareData,
+    StartChild,
+    StartRefused,
+    WithdrawRouter,
 )
 from actors.runtime import process_table, regular_file, typed_json
 from actors.runtime.errors import AcrcError
@@ -185,21 +185,21 @@ class Launcher:
 
         Files among the words are named as they lie in `folder`.
         """
-        self._ask_about(folder, Share(module, tuple(words)))
+        self._ask_about(folder, ShareData(module, tuple(words)))
 
     def withdraw(self, router: Path) -> None:
         """Remove what a router file names at the end, even if all others have been killed by then."""
-        self._ask_about(router.parent, Withdraw(router.name))
+        self._ask_about(router.parent, WithdrawRouter(router.name))
 
     def start(self, program: Program) -> Child:
         """Start one program; its set-up replaces an earlier start's file. Raises LaunchError."""
         if program.setup is not None:
             write_setup(program)
-        self._ask(Start(program.names is not None))
+        self._ask(StartChild(program.names is not None))
         self._ask(ProcessStart(Part(program.module, program.argv), str(program.log), program.names))
-        while not isinstance(reply := self._hear(), Started | Refused):
+        while not isinstance(reply := self._hear(), ChildStarted | StartRefused):
             pass
-        if isinstance(reply, Refused):
+        if isinstance(reply, StartRefused):
             raise LaunchError(f"{program.actor} is not started; {reply.reason}")
         child = self._children[reply.pid] = Child(program, reply.pid)
         if end := self._ended.pop(child.pid, None):
@@ -219,7 +219,7 @@ class Launcher:
             self._hear()
             timeout_s = 0.0
 
-    def _ask_about(self, folder: Path, request: Share | Withdraw) -> None:
+    def _ask_about(self, folder: Path, request: ShareData | WithdrawRouter) -> None:
         """Send a request with the descriptor of a folder, whose name the server must not know."""
         place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -245,7 +245,7 @@ class Launcher:
         if not text:
             raise self._loss()
         reply: Reply = msgspec.json.decode(text, type=Reply)
-        self.ready = self.ready or isinstance(reply, Ready)
+        self.ready = self.ready or isinstance(reply, ServerReady)
         if isinstance(reply, ProcessExited):
             if reply.pid in self._children:
                 self._children[reply.pid].note(reply)

@@ -326,7 +326,8 @@ class ResourceWatch:
         session = {pid for pid, one in known.items() if one.session == child.pid}
         family = process_table.descendants({child.pid, *session}, known)
         holdings = [process_table.held(pid) for pid in family]
-        memory, threads = sum(one.memory for one in holdings), sum(one.threads for one in holdings)
+        memory = math.fsum(one.memory for one in holdings)
+        threads = math.fsum(one.threads for one in holdings)
         isolated = child.program.names is not None
         for exceeded, what, limit in (
             (

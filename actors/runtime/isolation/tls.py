@@ -36,7 +36,7 @@ OPERATOR: Final = "operator"
 
 
 @dataclass(frozen=True)
-class LinkParameters:
+class TlsLinkParameters:
     """Links between two computers."""
 
     patience_us: int = 20_000
@@ -107,7 +107,7 @@ def listening_router_config(issued: Credentials, keys: Keys, endpoints: Sequence
     set_value(config, "transport/unicast/lowlatency", False)
     set_value(config, "transport/link/tx/lease", round(1000 * SessionParameters.lease_over_network_s))
     wait = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-    set_value(config, wait, LinkParameters.patience_us)
+    set_value(config, wait, TlsLinkParameters.patience_us)
     return config
 
 
@@ -154,9 +154,9 @@ def world_config(issued: Credentials) -> zenoh.Config:
     _admit_certified(issued)
     hosts = [certified(name, robots_grant(*robots)) for name, robots in gate.robots.items()]
     config = router_config(issued, [gate.endpoint], hosts)
-    tls = load_keys(gate.keys).listening | {"so_sndbuf": LinkParameters.send_buffer}
+    tls = load_keys(gate.keys).listening | {"so_sndbuf": TlsLinkParameters.send_buffer}
     set_value(config, "transport/link/tls", tls)
-    keep_alive = round(SessionParameters.lease_s / LinkParameters.push_s)
+    keep_alive = round(SessionParameters.lease_s / TlsLinkParameters.push_s)
     set_value(config, "transport/link/tx/keep_alive", keep_alive)
     return config
 
@@ -167,5 +167,5 @@ def host_config(issued: Credentials, keys: Keys, endpoint: str) -> zenoh.Config:
     set_value(config, "connect/endpoints", [endpoint])
     users = {"dictionary_file": str(issued.dictionary), "user": CERTIFIED, "password": CERTIFIED}
     set_value(config, "transport/auth/usrpwd", users)
-    set_value(config, "transport/link/tls", keys.connecting | {"so_sndbuf": LinkParameters.send_buffer})
+    set_value(config, "transport/link/tls", keys.connecting | {"so_sndbuf": TlsLinkParameters.send_buffer})
     return config
