@@ -3,6 +3,7 @@
 import json as json_
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -47,14 +48,8 @@ def info(
     from acrc_testbed.recordings import lines as figures
 
     found = figures.info(out)
-    if json:
-        print(json_.dumps(found))
-        return
-    for one in found:
-        for text in figures.sentences(one, topics=out.is_file()):
-            print(text)
-    if len(found) > 1:
-        print(figures.total(found))
+    said = list(chain(*(figures.sentences(one, topics=out.is_file()) for one in found)))
+    answer([*said, *([figures.total(found)] if len(found) > 1 else [])], found, json=json)
 
 
 @app.command()

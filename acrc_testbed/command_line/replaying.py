@@ -161,27 +161,17 @@ def explain(
     from actors.runtime.isolation.sandbox import choose, warn
 
     permit = permit_of(modules, trust=trust)
-    console = screen()
     asked, choice = explanation.wish(who), choose(None)
     warn(choice.warning)
     explainer = explanation.Explainer(out, asked.robot, permit=permit, isolate=choice.isolate)
     if asked.at_s is None:
         rows = explainer.listed()
-        if json:
-            print(explanation.as_json(rows))
-            return
-        for row in rows:
-            console.print(printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})"))
-        if not rows:
-            console.print(f"{asked.robot} never decides anything.")
+        said = [printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})") for row in rows]
+        answer(said or [f"{asked.robot} never decides anything."], rows, json=json)
         return
     found = explainer.explain(asked.at_s)
-    if json:
-        print(explanation.as_json(found))
-        return
-    for number, one in enumerate(found):
-        for line in ([""] if number else []) + list(explanation.sentences(one)):
-            console.print(printable(line))
+    paragraphs = ["\n".join(map(printable, explanation.sentences(one))) for one in found]
+    answer(["\n\n".join(paragraphs)], found, json=json)
 
 
 def export(

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -132,11 +132,6 @@ def processes(out: Path, robot: str) -> list[str]:
     if not found or robot in ("world", "radio"):
         raise ExplanationError(f"{robot}: is no robot of this run; there are {', '.join(robots)}")
     return found
-
-
-def as_json(value: Any) -> str:
-    """An explanation, or a list, for programs."""
-    return msgspec.json.encode(value).decode()
 
 
 def sentences(explanation: Explanation) -> Iterator[str]:
