@@ -71,7 +71,7 @@ def test_settings_stand_behind_a_name_whatever_characters_are_in_them() -> None:
     )
 
 
-SETTINGS = "what stands behind c:d should be its settings in JSON"
+SETTINGS = "the text after c:d should be settings in JSON"
 
 
 @pytest.mark.parametrize(

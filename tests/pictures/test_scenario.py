@@ -123,7 +123,7 @@ def test_what_a_run_would_refuse_of_a_strategy_is_said_behind_what_the_floor_is(
     names = f"{file} names the strategy"
     for run, words, fault in (
         ('strategy = "chapter"\n[strategy]\nreech = 3', (), "strategy.reech is not known"),
-        ('strategy = "gone_moves:behaviour"', (), f"{names} gone_moves:behaviour, and there is"),
+        ('strategy = "gone_moves:behaviour"', (), f"{names} gone_moves:behaviour, but there is"),
         ('strategy = "own_moves:behaviour"', (), f"{names} own_moves:behaviour, whose code "),
         ('strategy = "own_moves:behaviour"', ("--modules", tmp_path), ""),
         ('strategy = "own_moves:behavior"', ("--modules", tmp_path), "behaviour 'own_moves:behavior': "),

@@ -185,7 +185,7 @@ def test_what_a_copy_lacks_is_named(moved: Path, tmp_path: Path) -> None:
     shutil.copytree(moved, out)
     done = acrc("replay", out, "--robot", "r1", "--trust")
     assert done.returncode == 1
-    assert "r1.mcap names the strategy moved_strategy:behaviour, and there is no module " in done.stderr
+    assert "r1.mcap names the strategy moved_strategy:behaviour, but there is no module " in done.stderr
     shutil.copytree(moved.parent / "code", tmp_path / "code")
     (out / "r1" / "model.toml").unlink()
     with pytest.raises(AcrcError, match=r"model\.toml: the robot model file cannot be read"):

@@ -183,11 +183,12 @@ def test_a_behaviour_may_say_something_about_its_run() -> None:
 @pytest.mark.parametrize(
     ("said", "fault"),
     [
-        (7, "gives 7 for its outcome; it should be a dict by subject"),
-        ({1: 2}, "gives {1: 2} for its outcome; it should be a dict by subject"),
+        (7, "returned the outcome 7; it should be a dict with names as keys"),
+        ({1: 2}, "returned the outcome {1: 2}; it should be a dict with names as keys"),
         ({"good": 1, "bad": {"x": object}},
-         "has an outcome that is no JSON, under 'bad': Encoding objects of type type is unsupported"),
-        ({"navigation": {}}, "has an outcome under 'navigation', where the robot's own stands"),
+         "returned an outcome that is not valid JSON, under 'bad': "
+         "Encoding objects of type type is unsupported"),
+        ({"navigation": {}}, "returned an outcome with the reserved name 'navigation'; choose another name"),
     ],
 )  # fmt: skip
 def test_an_outcome_that_cannot_be_kept_is_named(said: object, fault: str) -> None:
@@ -224,11 +225,11 @@ def frame(**changed: object) -> Decision:
 @pytest.mark.parametrize(
     ("decision", "fault"),
     [
-        ("go", "gives a str where a Decision is due"),
+        ("go", "returned a str instead of a Decision"),
         (ANY(reports=(7,)), "gives 7 for a report; it should be a PlaceReport"),
         (ANY(frames=(b"x",)), "sends b'x'; it should be an Outgoing with bytes"),
-        (ANY(Point(np.nan, 2.0)), f"gives Point(x=nan, y=2.0) for a goal; {GOAL}"),
-        (ANY(5), f"gives 5 for a goal; {GOAL}"),
+        (ANY(Point(np.nan, 2.0)), f"returned goal=Point(x=nan, y=2.0); {GOAL}"),
+        (ANY(5), f"returned goal=5; {GOAL}"),
         (frame(data=bytes(119)), "sends a frame of 119 bytes; it should have at most 118"),
         (frame(tag=-1), f"sends a frame with the tag -1; it should be 0 to {2**63 - 1}"),
         (frame(instant=500_000), f"sends a frame at 500000 µs; it should be sent {WITHIN}"),
@@ -256,17 +257,17 @@ def frame(**changed: object) -> Decision:
         (ANY(route=(PlaceKey("r2", 1), PlaceKey("r1", 1), PlaceKey("r2", 1))),
          "has place 1 of 'r2' twice in its route; each may be there once"),
         (ANY(route=tuple(PlaceKey("r1", n) for n in range(5))), "has a route of 5 places; at most 4 may be"),
-        (ANY(paused="yes"), "gives 'yes' for paused; it should be True, False or None"),
+        (ANY(paused="yes"), "returned paused='yes'; it should be True, False or None"),
         *[
-            (ANY(back_out=far), f"gives {far} for back_out; it should be above 0 and at most 3 m")
+            (ANY(back_out=far), f"returned back_out={far}; it should be above 0 and at most 3 m")
             for far in (0.0, 3.1, True)
         ],
-        (ANY(relocalise="now"), "gives 'now' for relocalise; it should be True or False"),
+        (ANY(relocalise="now"), "returned relocalise='now'; it should be True or False"),
         (ANY(peers=[Point(1.0, 2.0)]),
-         "gives [Point(x=1.0, y=2.0)] for peers; it should be a tuple of Points, or None"),
+         "returned peers=[Point(x=1.0, y=2.0)]; it should be a tuple of Points, or None"),
         (ANY(peers=(Point(1.0, np.nan),)),
-         "has Point(x=1.0, y=nan) among its peers; it should be a Point of finite numbers"),
-        (ANY(peers=(Point(1.0, 2.0),) * 4), "gives 4 peers; at most 3 may be"),
+         "returned Point(x=1.0, y=nan) in peers; it should be a Point of finite numbers"),
+        (ANY(peers=(Point(1.0, 2.0),) * 4), "returned 4 peers; at most 3 are allowed"),
     ],
 )  # fmt: skip
 def test_what_a_behaviour_must_not_ask_for_is_named(decision: object, fault: str) -> None:

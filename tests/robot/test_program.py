@@ -133,7 +133,7 @@ def test_what_is_wrong_in_it_is_one_sentence(
 START = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 2.0),), generator(1, "behaviour", "r1"))
 
 
-FORM = "is no entry; it should look like 'package.module:function'"
+FORM = "is not an entry; it should look like 'package.module:function'"
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ FORM = "is no entry; it should look like 'package.module:function'"
         ("tests.none:behaviour", ": there is no module 'tests.none' on Python's path"),
         ("tests.robot.rig:other", ": module 'tests.robot.rig' has no 'other'"),
         ("tests.robot.rig:number", " is a int, but should be a function of a Start"),
-        ("tests.robot.rig:nothing", " gives a NoneType, which has no method advance(view, until)"),
+        ("tests.robot.rig:nothing", " returned a NoneType, which has no method advance(view, until)"),
     ],
 )
 def test_an_entry_that_leads_to_no_behaviour(entry: str, fault: str) -> None:
@@ -164,7 +164,7 @@ def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch:
     monkeypatch.syspath_prepend(tmp_path)
     with refused(
         "behaviour 'study_without_library:behaviour': study_without_library imports 'no_such_library', which "
-        "is not installed; `acrc add NAME` installs a package for good, by the name that pip knows it by",
+        "is not installed; `acrc add NAME` installs a package by its name on PyPI",
         BehaviourError,
     ):
         load_behaviour("study_without_library:behaviour", START)

@@ -57,8 +57,8 @@ def sha256(text: str) -> str:
 
 def foreign_sentence(name: str, file: Path, folder: object) -> str:
     return (
-        f"bold.toml names the strategy {name}, whose code {file} is neither installed nor in a folder that "
-        f"you have named; read it, then say --modules {folder}, or --trust"
+        f"bold.toml names the strategy {name}, whose code {file} is neither installed nor in a "
+        f"permitted folder; read it, then add --modules {folder}, or --trust"
     )
 
 
@@ -120,9 +120,8 @@ def test_entries_that_name_no_module_are_refused(study: Path, entry: str) -> Non
 
 def test_a_missing_module_is_named_with_the_folders_searched(study: Path) -> None:
     assert refusal("no_such_module:behaviour", [study], INSTALLED) == (
-        "bold.toml names the strategy no_such_module:behaviour, and there is no module 'no_such_module' "
-        f"here, nor in {study} and {Path.cwd()}; must be installed or lie in a folder that --modules DIR "
-        "names"
+        "bold.toml names the strategy no_such_module:behaviour, but there is no module 'no_such_module' "
+        f"here or in {study} and {Path.cwd()}; install it, or name its folder with --modules DIR"
     )
 
 
@@ -144,14 +143,17 @@ def test_a_link_to_a_library_is_not_installed(study: Path) -> None:
     (study / "linked" / "evil.py").write_text(NOT_IMPORTED)
     for permit in (INSTALLED, Permit((study,)), Permit(trust=True)):
         assert refusal("linked.evil:behaviour", [study], permit) == (
-            f"{study}/linked/__init__.py: leads to {library.resolve()}; code in {study} must lie there itself"
+            f"{study}/linked/__init__.py: links to {library.resolve()}; copy the code into {study}"
         )
 
 
 def test_a_folder_for_modules_must_be_one(study: Path) -> None:
     with pytest.raises(OptionError) as caught:
         foreign.permit_of([study / "strategy.py"])
-    assert str(caught.value) == f"--modules: {study}/strategy.py is no folder; must be one with modules"
+    assert (
+        str(caught.value)
+        == f"--modules: {study}/strategy.py is not a folder; give a folder of Python modules"
+    )
     (study.parent / "link").symlink_to(study)
     assert foreign.permit_of([study.parent / "link"]) == Permit((study,))
 
@@ -159,8 +161,8 @@ def test_a_folder_for_modules_must_be_one(study: Path) -> None:
 def test_a_module_with_the_name_of_an_installed_one_is_refused(study: Path) -> None:
     (study / "code.py").write_text(NOT_IMPORTED)
     assert refusal("code:behaviour", [], Permit((study,))) == (
-        f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of what is "
-        "installed, 'code'; a module of your own must have a name of its own"
+        f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of the "
+        "installed module 'code'; rename your module"
     )
     for package in ("json", "deploy", "random"):
         assert refusal(f"{package}.evil:behaviour", [study], INSTALLED) == (
@@ -226,8 +228,8 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     with pytest.raises(AcrcError) as caught:
         __import__("mine")
     assert str(caught.value) == (
-        f"{study}/package/part.py: is not what the recorded run has loaded: sha256 {sha256(CHANGED)[:12]}, "
-        f"recorded {sha256(RECORDED)[:12]}; --trust loads it all the same"
+        f"{study}/package/part.py: differs from the file of the recorded run: sha256 {sha256(CHANGED)[:12]}, "
+        f"recorded {sha256(RECORDED)[:12]}; --trust loads it anyway"
     )
     (study / "package" / "part.py").write_text(GROWN)
     (study / "package" / "more.py").write_text("")
@@ -236,7 +238,7 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     with pytest.raises(AcrcError) as caught:
         __import__("package.part")
     assert str(caught.value) == (
-        f"{study}/package/more.py: the recorded run has loaded no such file; --trust loads it all the same"
+        f"{study}/package/more.py: not loaded by the recorded run; --trust loads it anyway"
     )
     sys.modules.pop("package.part", None)
     expect(RecordedModules(grown, whole=False))  # it was killed, and may have loaded more

@@ -193,7 +193,7 @@ def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
     with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, "sends_a_courier"), launched)
     assert str(caught.value) == (
-        "behaviour 'hostile:sends_a_courier' gives a Start, which has no method advance(view, until)"
+        "behaviour 'hostile:sends_a_courier' returned a Start, which has no method advance(view, until)"
     )
     assert [path.name for path in (tmp_path / "out1" / "r2" / "own").iterdir()] == []
     server = launched._server.pid

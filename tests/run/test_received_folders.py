@@ -107,8 +107,8 @@ def commands(received: Received) -> list[tuple[object, ...]]:
 
 def sentence(source: object, name: str, file: Path, word: object) -> str:
     return (
-        f"acrc: {source} names the strategy {name}, whose code {file} is neither installed nor in a folder "
-        f"that you have named; read it, then say --modules {word}, or --trust\n"
+        f"acrc: {source} names the strategy {name}, whose code {file} is neither installed nor in a "
+        f"permitted folder; read it, then add --modules {word}, or --trust\n"
     )
 
 

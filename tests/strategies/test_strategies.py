@@ -136,7 +136,7 @@ def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_
     assert told.settings == {"pause": 0.5} and [area.name for area in told.areas] == ["right"]
     assert b"left" not in file.read_bytes()
     asked = in_process.acrc("replay", tmp_path / "isolated", "--robot", "r2")
-    assert asked.stderr.endswith(f"read it, then say --modules {tmp_path}/study, or --trust\n")
+    assert asked.stderr.endswith(f"read it, then add --modules {tmp_path}/study, or --trust\n")
     named = ("--modules", tmp_path / "study")
     replayed = acrc("replay", tmp_path / "isolated", "--robot", "r2", *named)
     assert (replayed.returncode, replayed.stderr) == (0, "") and not mark.exists()
@@ -145,7 +145,9 @@ def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_
     for out, words in (("isolated", ("--robot", "r2")), ("memory", ())):
         changed = in_process.acrc("replay", tmp_path / out, *words, *named)
         sums = f"sha256 {now}, recorded {then}"
-        assert changed.stderr.startswith(f"acrc: {module}: is not what the recorded run has loaded: {sums}; ")
+        assert changed.stderr.startswith(
+            f"acrc: {module}: differs from the file of the recorded run: {sums}; "
+        )
     assert acrc("replay", tmp_path / "isolated", "--robot", "r2", "--trust").returncode == 0
 
 
@@ -155,7 +157,7 @@ def test_wrong_settings_and_errors_of_a_strategy_are_told_before_anything_is_wri
     assert done.returncode == 1 and done.stderr.startswith(
         f"acrc: {path} names the strategy wanderer:behaviour, "
     )
-    assert done.stderr.endswith(f"read it, then say --modules {tmp_path}/study, or --trust\n")
+    assert done.stderr.endswith(f"read it, then add --modules {tmp_path}/study, or --trust\n")
     done = acrc("run", path, "--trust", "--out", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr) == (
         1, "", "acrc: strategy.pauze is not known; did you mean strategy.pause?\n"

@@ -1,6 +1,6 @@
-"""The seam to the user's code: what a behaviour may know and do, and how it is found and hosted.
+"""Interface between a robot and a strategy; strategies import from here only.
 
-Strategies need these names of a robot, and no others; docs/tutorial.md and docs/deeco.md show them at work.
+Examples: docs/tutorial.md and docs/deeco.md.
 """
 
 from actors.geometry import Door

@@ -1,6 +1,6 @@
-"""What the adaptation layer of a robot's component has decided, and when it held the robot to be blocked.
+"""Validation of a behaviour's decisions, and the log of adaptation decisions for results.
 
-For measuring alone: it goes into the robot's last record and takes no part in what the robot does.
+The log is written to the robot's last record and does not influence the robot.
 """
 
 import math
@@ -23,27 +23,27 @@ from deeco.local import Commit
 
 @dataclass(frozen=True)
 class RobotLimits(MessageLimits):
-    """How much a behaviour may ask for in one step: what a message may hold, and what stays on the robot."""
+    """Limits of a decision: those of messages and those of data that stays on the robot."""
 
     peers: int = 1000
-    """Other robots whose echoes are disregarded; more than a swarm has."""
+    """Robots in Decision.peers; more than any swarm has."""
 
 
 def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -> str | None:
-    """What is wrong with a behaviour's decision for the step from `begin` to `end`; None if nothing is."""
+    """Return the fault of a decision for the step from `begin` to `end`; None if it is valid."""
     if type(decision) is not Decision and not isinstance(decision, Decision):
-        return f"gives a {type(decision).__name__} where a Decision is due"
+        return f"returned a {type(decision).__name__} instead of a Decision"
     goal = decision.goal
     if goal is not GoalOrder.KEEP and not isinstance(goal, GoalOrder) and not _is_point(goal):
-        return f"gives {decision.goal!r} for a goal; it should be a Point of finite numbers or a GoalOrder"
+        return f"returned goal={decision.goal!r}; it should be a Point of finite numbers or a GoalOrder"
     if decision.paused not in (None, True, False):
-        return f"gives {decision.paused!r} for paused; it should be True, False or None"
+        return f"returned paused={decision.paused!r}; it should be True, False or None"
     if decision.back_out is not None and not _is_distance(decision.back_out):
         return (
-            f"gives {decision.back_out!r} for back_out; it should be above 0 and at most {FARTHEST_BACK:g} m"
+            f"returned back_out={decision.back_out!r}; it should be above 0 and at most {FARTHEST_BACK:g} m"
         )
     if decision.relocalise not in (True, False):
-        return f"gives {decision.relocalise!r} for relocalise; it should be True or False"
+        return f"returned relocalise={decision.relocalise!r}; it should be True or False"
     wrong = None
     if decision.reports or decision.given_up or decision.route is not None:
         wrong = words_fault(decision, begin, end, limits)
@@ -55,19 +55,16 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
 
 
 def outcome_fault(outcome: object, taken: Container[str]) -> str | None:
-    """What is wrong with what a behaviour has to say about its run; None if nothing is.
-
-    `taken`: subjects that the robot itself speaks about.
-    """
+    """Return the fault of a behaviour's outcome; None if it is valid. `taken`: reserved names."""
     if not isinstance(outcome, dict) or not all(isinstance(subject, str) for subject in outcome):
-        return f"gives {outcome!r} for its outcome; it should be a dict by subject"
+        return f"returned the outcome {outcome!r}; it should be a dict with names as keys"
     for subject, value in outcome.items():
         if subject in taken:
-            return f"has an outcome under {subject!r}, where the robot's own stands"
+            return f"returned an outcome with the reserved name {subject!r}; choose another name"
         try:
             msgspec.json.encode(value)
         except (TypeError, ValueError) as error:
-            return f"has an outcome that is no JSON, under {subject!r}: {error}"
+            return f"returned an outcome that is not valid JSON, under {subject!r}: {error}"
     return None
 
 
@@ -81,17 +78,17 @@ def _is_distance(value: object) -> bool:
 
 def _peers_fault(peers: object, limits: RobotLimits) -> str | None:
     if not isinstance(peers, tuple):
-        return f"gives {peers!r} for peers; it should be a tuple of Points, or None"
+        return f"returned peers={peers!r}; it should be a tuple of Points, or None"
     if len(peers) > limits.peers:
-        return f"gives {len(peers)} peers; at most {limits.peers} may be"
+        return f"returned {len(peers)} peers; at most {limits.peers} are allowed"
     for peer in peers:
         if not _is_point(peer):
-            return f"has {peer!r} among its peers; it should be a Point of finite numbers"
+            return f"returned {peer!r} in peers; it should be a Point of finite numbers"
     return None
 
 
 _KEPT: Final = 1000
-"""Decisions, and intervals of being blocked, listed one by one; later ones are counted only."""
+"""Maximum number of listed decisions and of blocked intervals; later decisions are only counted."""
 
 
 class AdaptationDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -101,22 +98,22 @@ class AdaptationDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     by: Name
     words: Text
     source: Name
-    """Robot whose knowledge it is based on."""
+    """Robot whose knowledge caused the decision."""
     age: Count
-    """Of that knowledge."""
+    """Age of that knowledge."""
     old: tuple[Metres, Metres] | None
-    """Target before, m, map frame ..."""
+    """Target before the decision, m, map frame."""
     new: tuple[Metres, Metres] | None
-    """... and after."""
+    """Target after the decision, m, map frame."""
 
 
 class AdaptationReport(msgspec.Struct, forbid_unknown_fields=True):
-    """All decisions of a robot's adaptation."""
+    """Decisions of a robot's adaptation."""
 
     decisions: Listed[AdaptationDecision] = []
     decisions_unlisted: Count = 0
     blocked: Listed[tuple[Count, Count | None]] | None = None
-    """Intervals in which the robot considered itself blocked, µs; None if its component never asks."""
+    """Intervals in which the robot detected that it was blocked, µs; None if its component does not."""
 
 
 _Bound = Annotated[int, msgspec.Meta(gt=0, le=1 << 53)]
@@ -129,26 +126,26 @@ class NodeReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     exchanges: Counts
     """By ensemble: exchanges that changed the local knowledge."""
     replica_age_ms: Annotated[dict[_Bound, Count], msgspec.Meta(max_length=10_000)]
-    """Age of each replica at each own publication: count by the bin's upper bound, ms."""
+    """Histogram of the replicas' age at each publication: count by the bin's upper bound, ms."""
 
 
 @runtime_checkable
 class Deciding(Protocol):
-    """A component whose decisions can be told."""
+    """A component that can describe its decisions."""
 
     @property
     def target(self) -> Point | None:
-        """Where it wants to be, m, map frame."""
+        """Current target, m, map frame."""
 
     def decided_since(self, before: Self) -> str:
-        """What it has decided since it was `before`, in words; empty if nothing."""
+        """Return a description of the decisions since `before`; empty if there are none."""
 
 
 class DecisionLog:
-    """Log of the decisions of one component and of its state `blocked`, one entry per commit."""
+    """Log of the decisions of one component and of its state `blocked`."""
 
     def __init__(self, component: Knowledge, former: "DecisionLog | None" = None) -> None:
-        """`former`: the log of the robot's component before this one; its lists go on here."""
+        """Create an empty log, or continue `former`, the log of the robot's previous component."""
         kind = type(component)
         adapts = any(process.adaptation for process in processes_of(kind))
         self._decides = isinstance(component, Deciding)
@@ -158,7 +155,7 @@ class DecisionLog:
         self._is_blocked: bool = former is not None and former._is_blocked
 
     def take(self, commit: Commit) -> None:
-        """A change of the component's knowledge."""
+        """Record a change of the component's knowledge."""
         before: Any = commit.before
         after: Any = commit.after
         if self._diagnoses:
@@ -183,7 +180,7 @@ class DecisionLog:
         report.decisions.append(AdaptationDecision(commit.instant, commit.by, words, source, age, old, new))
 
     def _diagnose(self, is_blocked: bool, now: Instant) -> None:
-        """Intervals up to _KEPT; the last one kept stays open no longer than it was."""
+        """Open or close an interval; at most _KEPT are listed."""
         if is_blocked is self._is_blocked:
             return
         self._is_blocked = is_blocked

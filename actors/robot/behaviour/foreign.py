@@ -1,7 +1,7 @@
-"""Whose code runs: what is installed, what the command line names, and nothing else without the user's trust.
+"""Permission to run user code: installed code, folders named on the command line, or trusted files.
 
-A scenario, a study, a fleet or a recording names a strategy's module, and may have come from anybody. Where
-it says that the module lies is a hint for the user, and no reason to load it from there.
+A scenario, study, fleet or recording that names a strategy's module may come from an untrusted source. The
+folder that it names is only a hint for the user; modules are loaded from there with --trust only.
 """
 
 import os
@@ -22,34 +22,34 @@ from actors.runtime.errors import AcrcError
 
 @dataclass(frozen=True)
 class Permit:
-    """What a command line says of code that is not installed."""
+    """Permission of a command line to load code that is not installed."""
 
     modules: tuple[Path, ...] = ()
-    """Folders that it may be loaded from."""
+    """Folders from which modules may be loaded."""
     typed: str = ""
-    """An entry that the command line itself names: its module may lie where the user stands."""
+    """Entry given on the command line: its module may be in the working directory."""
     trust: bool = False
-    """It may also be loaded from where a file says that it lies, and need not be as it was recorded."""
+    """Also load modules from folders that a file names, and ignore recorded checksums."""
 
 
 _IGNORED: Final = "; ./acrc ignores PYTHONPATH" if os.environ.get("ACRC_IGNORED_PYTHONPATH") else ""
 INSTALLED: Final = Permit()
-"""Nothing but what is installed."""
+"""Permission for installed code only."""
 
 
 def permit_of(modules: Sequence[Path] | None, *, trust: bool = False, typed: str = "") -> Permit:
-    """What the options say. Raises OptionError."""
+    """Return the permission given by the options. Raises OptionError."""
     for folder in modules or ():
         if not folder.is_dir():
-            raise OptionError(f"--modules: {folder} is no folder; must be one with modules")
+            raise OptionError(f"--modules: {folder} is not a folder; give a folder of Python modules")
     return Permit(tuple(folder.resolve() for folder in modules or ()), typed, trust)
 
 
 def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) -> tuple[Path, ...]:
-    """The folders in which an entry's modules may be looked for, behind what is installed; none if all are.
+    """Return the folders from which an entry's modules may be loaded; empty if all are installed.
 
-    `source` is the file that names it, `hints` are the folders that it says they lie in. Nothing is imported.
-    Raises AcrcError for what the permit does not cover, and for what is not here.
+    `source`: the file that names the entry; `hints`: the folders that this file names. Imports nothing.
+    Raises AcrcError for a missing module and for one that `permit` does not cover.
     """
     typed = handover.names(permit.typed) if permit.typed else ()
     used: list[Path] = []
@@ -70,9 +70,9 @@ def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) ->
 
 
 def is_installed(module: str) -> bool:
-    """Whether Python itself finds every part of a module, in its library, what is installed or this project.
+    """Return True if a module is in the standard library, an installed package or this project.
 
-    What merely lies beside this project's packages is none of it, although it may lie on Python's path.
+    Other modules in this repository's folder do not count, although the folder may be on Python's path.
     """
     names = prefixes(module)
     spec = own_spec(names[0]) or PathFinder.find_spec(names[0]) if names else None
@@ -86,7 +86,7 @@ def is_installed(module: str) -> bool:
 
 
 def _is_home(spec: ModuleSpec) -> bool:
-    """False for what lies in this repository and is not its code, and for a folder that is not installed."""
+    """Return False for a module of the repository's folder that is not its code, and for other folders."""
     if spec.loader is None:  # a folder without `__init__.py`
         places = [Path(one) for one in spec.submodule_search_locations or ()]
         return all(one.is_relative_to(sys.prefix) or one.is_relative_to(sys.base_prefix) for one in places)
@@ -98,14 +98,14 @@ def _is_home(spec: ModuleSpec) -> bool:
 
 
 def _is_taken(module: str) -> bool:
-    """Whether what is installed has the name of the package, which no folder can have beside it."""
+    """Return True if an installed package has the module's top-level name."""
     names = prefixes(module)
     spec = own_spec(names[0]) if names else None
     return spec is not None and _is_home(spec)
 
 
 def _check_name(source: Path, name: str, permit: Permit) -> None:
-    """Raise AcrcError where the user means a module of his own, or what is installed has no such."""
+    """Raise AcrcError if a user's module has the name of an installed one, or a submodule is missing."""
     module = name.partition(":")[0]
     top = module.partition(".")[0]
     spec = own_spec(top)
@@ -114,8 +114,8 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
         own = located(top, folder) if top == module else None
         if own is not None and own.suffix == ".py" and own.resolve() != there:
             raise AcrcError(
-                f"{source} names the strategy {name}, but {own} has the name of what is installed, {top!r}; "
-                "a module of your own must have a name of its own"
+                f"{source} names the strategy {name}, but {own} has the name of the installed "
+                f"module {top!r}; rename your module"
             )
     if not is_installed(module):
         raise AcrcError(
@@ -129,16 +129,16 @@ def _holder(module: str, folders: Sequence[Path]) -> Path | None:
 
 
 def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> None:
-    """Say where it lies, if it does."""
+    """Raise AcrcError for a missing or untrusted module, with the folder that contains it."""
     folder = _holder(module, folders)
     if folder is None:
         where = " and ".join(map(str, dict.fromkeys(folders)))
         raise AcrcError(
-            f"{source} names the strategy {name}, and there is no module {module!r} here, nor in {where}; "
-            "must be installed or lie in a folder that --modules DIR names" + _IGNORED
+            f"{source} names the strategy {name}, but there is no module {module!r} here or in {where}; "
+            "install it, or name its folder with --modules DIR" + _IGNORED
         )
     word = "." if folder == Path.cwd() else shlex.quote(str(folder))
     raise AcrcError(
         f"{source} names the strategy {name}, whose code {located(module, folder)} is neither installed nor "
-        f"in a folder that you have named; read it, then say --modules {word}, or --trust"
+        f"in a permitted folder; read it, then add --modules {word}, or --trust"
     )

@@ -1,10 +1,9 @@
-"""Behaviours in turn: `first>second@120` runs the first, and from 120 s on the second.
+"""Behaviours in sequence: `first>second@120` runs the first, and from 120 s the second.
 
-The second is made at the first step from that instant on, with the robot's own random stream as the first has
-left it, the present pose estimate, and default settings except for those behind its name:
-`first>second{"reach":0.5}@120`. Its component decides what it takes over of the first one's knowledge
-(`Resumable`); the node continues its counters, so that peers take its knowledge as newer. Replicas are not
-passed on: peers publish again. Pausing and masks of the first end.
+The second is created at the first step from that time, with the current pose estimate, the continued random
+stream and default settings, unless its name has settings: `first>second{"reach":0.5}@120`. Its component
+decides which knowledge of the first it resumes (`Resumable`). The node continues its counters, so that peers
+accept its knowledge as newer. Replicas are dropped, since peers publish again; pausing and masks end.
 """
 
 import math
@@ -29,45 +28,45 @@ _NONE: Final[Mapping[str, Setting]] = MappingProxyType({})
 
 
 class Turn(NamedTuple):
-    """From when on another behaviour decides."""
+    """Start of the next behaviour."""
 
     at_s: float
     name: str
-    """Its entry string; in a scenario also a strategy's name."""
+    """Entry string; in a scenario also a strategy's name."""
     settings: Mapping[str, Setting] = _NONE
-    """Where they differ from its own."""
+    """Settings that differ from its defaults."""
 
 
 def split(text: str) -> tuple[str, tuple[Turn, ...]]:
-    """The name that comes first, and those that follow it. Raises BehaviourError."""
+    """Return the first name and the turns that follow it. Raises BehaviourError."""
     first, *others = text.split(_THEN)
     turns = tuple(_turn(text, other) for other in others)
     instants = [0.0, *(turn.at_s for turn in turns)]
     if any(later <= earlier for earlier, later in pairwise(instants)):
-        raise BehaviourError(f"behaviour {text!r}: each instant should be later than the one before, and 0 s")
+        raise BehaviourError(f"behaviour {text!r}: instants should be above 0 s and in ascending order")
     return first, turns
 
 
 def joined(first: str, turns: Sequence[Turn]) -> str:
-    """What `split` takes apart."""
-    said = (f"{_THEN}{turn.name}{_written(turn.settings)}{_AT}{turn.at_s!r}" for turn in turns)
-    return "".join([first, *said])
+    """Return the text that `split` parses into these."""
+    others = (f"{_THEN}{turn.name}{_written(turn.settings)}{_AT}{turn.at_s!r}" for turn in turns)
+    return "".join([first, *others])
 
 
 def names(text: str) -> tuple[str, ...]:
-    """All names in it, the first one first. Raises BehaviourError."""
+    """Return all names in order. Raises BehaviourError."""
     first, turns = split(text)
     return (first, *(turn.name for turn in turns))
 
 
 def behaviour_of(text: str, start: Start) -> Behaviour:
-    """The behaviour of one entry, or of several that follow one another; raises as `load_behaviour` does."""
+    """Return the behaviour of one entry or of a sequence; raises as `load_behaviour` does."""
     first, turns = split(text)
     return _Handover(start, first, turns) if turns else load_behaviour(first, start)
 
 
 def dry_run(text: str, start: Start) -> None:
-    """Make each behaviour once, and drop it; raises as `load_behaviour` does. `start` is used up."""
+    """Create each behaviour once and discard it; raises as `load_behaviour` does. Consumes `start`."""
     first, turns = split(text)
     load_behaviour(first, start)
     for turn in turns:
@@ -75,11 +74,11 @@ def dry_run(text: str, start: Start) -> None:
 
 
 class _Handover:
-    """The behaviour whose turn it is."""
+    """A sequence of behaviours."""
 
     def __init__(self, start: Start, first: str, turns: Sequence[Turn]) -> None:
         for turn in turns:
-            entry_function(turn.name)  # what is missing is said before the first step
+            entry_function(turn.name)  # report missing functions before the first step
         self._start = start
         self._present = load_behaviour(first, start)
         self._left = deque(turns)
@@ -89,11 +88,11 @@ class _Handover:
 
     @property
     def hosted(self) -> Behaviour:
-        """The one whose turn it is."""
+        """Return the current behaviour."""
         return self._present
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """As the one whose turn it is."""
+        """Advance the current behaviour."""
         relieved = False
         while self._left and seconds(self._left[0].at_s) <= view.instant:
             self._relieve(self._left.popleft(), view)
@@ -111,23 +110,23 @@ class _Handover:
         return decision
 
     def outcome(self) -> dict[str, object]:
-        """What the last one has to say; a node's counters are those of all."""
-        say = getattr(self._present, "outcome", None)
-        return {} if say is None else say()
+        """Return the outcome of the last behaviour; a node's counters cover all."""
+        outcome = getattr(self._present, "outcome", None)
+        return {} if outcome is None else outcome()
 
     def _relieve(self, turn: Turn, view: View) -> None:
-        """A robot that begins later than the turn has nothing to pass on."""
+        """Switch to the next behaviour; it resumes nothing if the robot has just started."""
         start = self._start
         if self._begun:
             start = replace(start, pose=view.pose)
-        heir = load_behaviour(turn.name, replace(start, settings=turn.settings))
+        successor = load_behaviour(turn.name, replace(start, settings=turn.settings))
         if self._begun:
-            take_over(heir, self._present, turn.name)
-        self._present = heir
+            take_over(successor, self._present, turn.name)
+        self._present = successor
 
 
 def instant_of(text: str) -> float | None:
-    """The s that a text such as "120" or "59.5" stands for; None if it stands for none, or not above 0."""
+    """Return the time in s of a text such as "120" or "59.5"; None for other texts and for 0 or less."""
     try:
         value = float(text)
     except ValueError:
@@ -149,13 +148,12 @@ def _turn(text: str, other: str) -> Turn:
         return Turn(at_s, name, MappingProxyType(dict(_SETTINGS.decode(brace + rest))))
     except (ValueError, RecursionError):
         raise BehaviourError(
-            f"behaviour {text!r}: what stands behind {name} should be its settings in JSON, such as "
-            '{"reach": 0.5}'
+            f'behaviour {text!r}: the text after {name} should be settings in JSON, such as {{"reach": 0.5}}'
         ) from None
 
 
 def _written(settings: Mapping[str, Setting]) -> str:
-    """In JSON, without the characters that separate behaviours."""
+    """Return settings as JSON, with the separators of behaviours escaped."""
     if not settings:
         return ""
     text = msgspec.json.encode(dict(settings), order="deterministic").decode()

@@ -1,4 +1,4 @@
-"""Loading of a user's strategy: modules in folders that the command line names, and the entry function."""
+"""Loading of user strategies: modules in additional folders, and the entry function."""
 
 import hashlib
 import importlib
@@ -22,16 +22,16 @@ _LARGEST: Final = 16_000_000
 
 
 class RecordedModules(NamedTuple):
-    """The modules that a run loaded from such folders."""
+    """Modules that a run loaded from additional folders."""
 
     hashes: Mapping[str, str]
-    """Sha256 by the file's place in its folder."""
+    """SHA-256 by path relative to the folder."""
     whole: bool = True
-    """False: it did not end as planned, and may have loaded more."""
+    """False: the run ended early and may have loaded more."""
 
 
 class _Source(SourceFileLoader):
-    """Compiles the bytes that it has hashed, and looks at no bytecode beside them."""
+    """Loader that compiles exactly the bytes that it has hashed and ignores cached bytecode."""
 
     def get_code(self, fullname: str) -> CodeType:
         file = self.get_filename(fullname)
@@ -44,20 +44,20 @@ class _Source(SourceFileLoader):
 
 
 class _Folders(MetaPathFinder):
-    """Where modules are looked for behind Python's own path, and what was found there."""
+    """Finder of modules in additional folders, searched after Python's path."""
 
     def __init__(self) -> None:
         self.folders: tuple[Path, ...] = ()
         self.any_content = False
         self.expected: RecordedModules | None = None
         self._roots: dict[str, Path] = {}
-        """The folder of each module that was found, by its name."""
+        """Folder of each module found, by module name."""
         self._taken: dict[str, str] = {}
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Where a module is; of a package that lies in a folder every part is found here, or nowhere."""
+        """Return a module's spec; all submodules of a package come from the package's folder."""
         parent = fullname.rpartition(".")[0]
         if path is None:
             found = None if own_spec(fullname) is not None else _spec(fullname, self.folders)
@@ -74,25 +74,23 @@ class _Folders(MetaPathFinder):
         return found
 
     def take(self, file: str, data: bytes) -> None:
-        """Note what is loaded from a file. Raises AcrcError if the recorded run had something else."""
+        """Record the hash of a loaded file. Raises AcrcError if it differs from the recorded run's."""
         root = self._root(Path(file))
         name = file if root is None else Path(file).relative_to(root).as_posix()
         now = hashlib.sha256(data).hexdigest()
         if self.expected is not None and not self.any_content:
             then = self.expected.hashes.get(name)
             if then is None and self.expected.whole:
-                raise AcrcError(
-                    f"{file}: the recorded run has loaded no such file; --trust loads it all the same"
-                )
+                raise AcrcError(f"{file}: not loaded by the recorded run; --trust loads it anyway")
             if then is not None and now != then:
                 raise AcrcError(
-                    f"{file}: is not what the recorded run has loaded: sha256 {now[:12]}, recorded "
-                    f"{then[:12]}; --trust loads it all the same"
+                    f"{file}: differs from the file of the recorded run: sha256 {now[:12]}, recorded "
+                    f"{then[:12]}; --trust loads it anyway"
                 )
         self._taken[file] = now
 
     def hashes(self) -> dict[str, str]:
-        """What was loaded from the folders so far, as in `RecordedModules`."""
+        """Return the hashes of the files loaded so far, as in `RecordedModules`."""
         return {
             Path(file).relative_to(root).as_posix(): sha256
             for file, sha256 in sorted(self._taken.items())
@@ -107,25 +105,25 @@ FOLDERS: Final = _Folders()
 
 
 def look_in(folders: Sequence[Path], *, any_content: bool = False) -> None:
-    """Let Python find modules in these folders, too, the first one first, and in none that were named before.
+    """Search modules in these folders, in order, after Python's path; replaces previous folders.
 
-    `any_content`: whatever is expected, also modules that were not recorded so.
+    `any_content`: ignore recorded hashes.
     """
     FOLDERS.any_content = any_content
     FOLDERS.folders = tuple(dict.fromkeys(folder.absolute() for folder in folders))
     if FOLDERS not in sys.meta_path:
-        sys.meta_path.insert(0, FOLDERS)  # before what would load bytecode from a package that lies there
+        sys.meta_path.insert(0, FOLDERS)  # before finders that would load bytecode from these folders
 
 
 def expect(recorded: RecordedModules | None) -> None:
-    """From here on a module in the folders must be as it was recorded; None: as it is."""
+    """Require that modules match the recorded hashes from now on; None: accept all."""
     FOLDERS.expected = recorded
 
 
 def located(module: str, folder: Path) -> Path | None:
-    """The file that a module would be loaded from, a folder for a namespace; None if it is not in `folder`.
+    """Return the file of a module (a folder for a namespace); None if it is not in `folder`.
 
-    Of a package whose part is not there: the package's. Nothing is imported. Raises AcrcError where a link
+    If a submodule is missing, returns the package's file. Imports nothing. Raises AcrcError for a link that
     leads out of the folder.
     """
     folder, found = folder.absolute(), None
@@ -141,25 +139,25 @@ def located(module: str, folder: Path) -> Path | None:
 
 
 def is_name(module: str) -> bool:
-    """True for names with dots between them; nothing else leads to a module."""
+    """Return True for identifiers separated by dots."""
     return all(part.isidentifier() for part in module.split("."))
 
 
 def own_spec(module: str) -> ModuleSpec | None:
-    """What Python itself finds for a module of no package; a folder without `__init__.py` is nothing."""
+    """Return the spec of a top-level module on Python's path; None for a folder without `__init__.py`."""
     finders = (finder for finder in sys.meta_path if finder is not FOLDERS)
     found = (finder.find_spec(module, None) for finder in finders if hasattr(finder, "find_spec"))
     return next((spec for spec in found if spec is not None and spec.loader is not None), None)
 
 
 def prefixes(module: str) -> list[str]:
-    """`a`, `a.b`, `a.b.c` of `a.b.c`; none of what is no name of a module."""
+    """Return `a`, `a.b`, `a.b.c` for `a.b.c`; empty for an invalid module name."""
     parts = module.split(".") if is_name(module) else []
     return [".".join(parts[: count + 1]) for count in range(len(parts))]
 
 
 def _spec(name: str, folders: Sequence[Path]) -> ModuleSpec | None:
-    """Of a source file or a package, or else of a folder without `__init__.py`."""
+    """Return the spec of a source file or package, otherwise of a folder without `__init__.py`."""
     finders = (FileFinder(str(folder), (_Source, [".py"])) for folder in folders if "\0" not in str(folder))
     found = [spec for finder in finders if (spec := finder.find_spec(name)) is not None]
     return next((spec for spec in found if spec.loader is not None), found[0] if found else None)
@@ -172,18 +170,18 @@ def _place(spec: ModuleSpec) -> Path:
 def _check_link(place: Path, folder: Path) -> None:
     real, home = place.resolve(), folder.resolve()
     if not real.is_relative_to(home):
-        raise AcrcError(f"{place}: leads to {real}; code in {home} must lie there itself")
+        raise AcrcError(f"{place}: links to {real}; copy the code into {home}")
 
 
 class BehaviourError(AcrcError):
-    """A behaviour that cannot be used, or that asks for something impossible."""
+    """A behaviour that cannot be loaded, or that returned an invalid decision."""
 
 
 def load_behaviour(entry: str, start: Start) -> Behaviour:
-    """The behaviour that the function `entry` makes for a robot.
+    """Return the behaviour that the function `entry` creates for a robot.
 
-    Raises BehaviourError if there is no such function or if what it gives is no behaviour. An error inside
-    of the user's module or function is his own and is passed on.
+    Raises BehaviourError if the function is missing or does not return a behaviour. Errors raised by the
+    user's code are passed on.
     """
     function = entry_function(entry)
     try:
@@ -194,17 +192,17 @@ def load_behaviour(entry: str, start: Start) -> Behaviour:
         raise BehaviourError(f"behaviour {entry!r}: {failure_note('', 0, error).cause}") from None
     if not callable(getattr(made, "advance", None)):
         raise BehaviourError(
-            f"behaviour {entry!r} gives a {type(made).__name__}, which has no method advance(view, until)"
+            f"behaviour {entry!r} returned a {type(made).__name__}, which has no method advance(view, until)"
         )
     return cast(Behaviour, made)
 
 
 def entry_function(entry: str) -> Callable[[Start], Any]:
-    """The function that the entry string names."""
+    """Return the function of an entry string. Raises BehaviourError."""
     module_name, colon, name = entry.partition(":")
     if not (colon and is_name(module_name) and name):
         raise BehaviourError(
-            f"behaviour {entry!r} is no entry; it should look like 'package.module:function'"
+            f"behaviour {entry!r} is not an entry; it should look like 'package.module:function'"
         )
     try:
         module = importlib.import_module(module_name)
@@ -212,17 +210,17 @@ def entry_function(entry: str) -> Callable[[Start], Any]:
         missing = error.name or module_name
         if module_name != missing and not module_name.startswith(f"{missing}."):
             if _is_installed(missing):
-                raise  # the module is there, and imports a part of a package that the package has not
+                raise  # the module exists, but imports a missing submodule of an installed package
             raise BehaviourError(
                 f"behaviour {entry!r}: {module_name} imports {missing!r}, which is not installed; "
-                "`acrc add NAME` installs a package for good, by the name that pip knows it by"
+                "`acrc add NAME` installs a package by its name on PyPI"
             ) from None
         raise BehaviourError(
             f"behaviour {entry!r}: there is no module {missing!r} on Python's path"
         ) from None
     except DeecoError as error:
         raise BehaviourError(f"behaviour {entry!r}: {error}") from error
-    except SyntaxError as error:  # the traceback would show the importer's lines, and not one of the user's
+    except SyntaxError as error:  # its traceback would not show a line of the user's code
         line = (error.text or "").strip()
         raise BehaviourError(
             f"behaviour {entry!r}: {error.filename}:{error.lineno}: {error.msg}{line and f': {line}'}"

@@ -1,10 +1,10 @@
-"""Lets a component of the DEECo model and its ensembles be the behaviour of a robot.
+"""Adapter that runs a DEECo component and its ensembles as the behaviour of a robot.
 
     def behaviour(start: Start) -> Behaviour:
         return host(start, MyRobot(id=start.robot, ...), MyEnsemble(max_distance=1.5))
 
-The node's link is the robot's radio; its processes find Positioning, Navigation, TaskList, PlaceMonitor,
-FloorPlan, Instant and the robot's random Generator by type.
+The node communicates over the robot's radio. Its processes may use these ports, selected by type:
+Positioning, Navigation, TaskList, PlaceMonitor, FloorPlan, Instant and the robot's random Generator.
 """
 
 from collections import Counter, deque
@@ -41,11 +41,11 @@ from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
 
 Order = dict[str, Any]
-"""What was asked for in a step: fields of its Decision."""
+"""Requests of a step: fields of its Decision."""
 
 
 class RobotPositioning:
-    """Positioning as of the newest view."""
+    """Implementation of Positioning: values of the newest view."""
 
     def __init__(self, pose: Pose, order: Order) -> None:
         self.pose = pose
@@ -64,12 +64,12 @@ class RobotPositioning:
         self._order["peers"] = tuple(peers)
 
     def relocalise(self) -> None:
-        """Search for the robot on the whole map."""
+        """Search the whole map for the robot's pose."""
         self._order["relocalise"] = True
 
 
 class RobotNavigation:
-    """Keeps the last order of a step, and shows it as carried out."""
+    """Implementation of Navigation: values of the newest view, updated by requests of the step."""
 
     def __init__(self, order: Order) -> None:
         self.goal: Goal | None = None
@@ -82,34 +82,34 @@ class RobotNavigation:
         self.goal, self.plan, self.backing_out = view.goal, view.plan, view.backing_out
 
     def back_out(self, distance: float) -> None:
-        """Drive backward along the own trail."""
+        """Drive backward along the robot's trail."""
         self._order["back_out"] = distance
         self.backing_out = True
 
     def go_to(self, point: Point) -> None:
-        """Make `point` the goal."""
+        """Set the goal."""
         self._order["goal"] = point
         self.plan = None
         self.goal = Goal(point, GoalStatus.ACTIVE)
 
     def stop(self) -> None:
-        """Have no goal, and stand."""
+        """Stop and clear the goal."""
         self._order["goal"] = GoalOrder.CANCEL
         self._order.pop("back_out", None)
         self.goal = self.plan = None
         self.backing_out = False
 
     def pause(self) -> None:
-        """Stand, and keep the goal."""
+        """Stop and keep the goal."""
         self._order["paused"] = True
 
     def resume(self) -> None:
-        """Go on to the goal."""
+        """Continue to the goal."""
         self._order["paused"] = False
 
 
 class RobotTaskList:
-    """What the robot has been given, up to the newest view."""
+    """Implementation of TaskList: places up to the newest view."""
 
     def __init__(self, places: tuple[Point, ...], epoch: int) -> None:
         self.places = places
@@ -118,34 +118,34 @@ class RobotTaskList:
 
 
 class RobotPlaceMonitor:
-    """Collects the reports about places during a step."""
+    """Implementation of PlaceMonitor: reports of the current step."""
 
     def __init__(self, order: Order) -> None:
-        self.told: tuple[PlaceKey, ...] | None = None
-        """The route as last reported; None: it is to be reported anew."""
+        self.reported: tuple[PlaceKey, ...] | None = None
+        """The route reported last; None: report it again."""
         self._order = order
 
     def visited(self, place: PlaceKey, now: Instant) -> None:
-        """Report that a place has been cleaned."""
+        """Report that a place was cleaned."""
         self._add("reports", PlaceReport(place.owner, place.place, now))
 
     def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
-        """Report that no robot is to try for a place any more, and why."""
+        """Report that no robot should try a place again, with a reason."""
         self._add("given_up", PlaceGivenUp(place.owner, place.place, now, reason))
 
     def remaining(self, route: Sequence[PlaceKey]) -> None:
-        """Report the places still to be visited, in their order, unless they are those reported last."""
+        """Report the places still to be visited, in order, if they have changed."""
         keys = tuple(route)
-        self._order["route"] = None if keys == self.told else keys
+        self._order["route"] = None if keys == self.reported else keys
 
     def _add(self, field: str, report: PlaceReport | PlaceGivenUp) -> None:
         self._order[field] = (*self._order.get(field, ()), report)
 
 
 _TAGS: Final = 2**32
-"""Of one epoch."""
+"""Tags of one epoch."""
 _BACKLOG: Final = 256
-"""Frames that may wait for a later step; twice what the largest packet and as many relays need."""
+"""Frames that may wait for a later step; twice the need of the largest packet and as many relays."""
 _AT_ONCE: Final = RobotLimits().frames
 """Frames that a robot may send in a step."""
 _OUTCOMES: Final[Mapping[type[Any], str]] = {
@@ -159,54 +159,54 @@ _OUTCOMES: Final[Mapping[type[Any], str]] = {
 
 @runtime_checkable
 class Resumable(Protocol):
-    """A component that can go on where another one of the same robot has ended."""
+    """A component that can resume the state of a previous component of the robot."""
 
     def inherits(self, former: Knowledge) -> Self | None:
-        """The component with what it takes over of the other's knowledge; None if it can take nothing."""
+        """Return the component with knowledge of `former`; None if it cannot resume it."""
 
 
 def host(start: Start, component: Knowledge, *ensembles: object) -> Behaviour:
-    """The behaviour of a robot that runs `component` with these ensembles on a node of its own.
+    """Return a behaviour that runs `component` and these ensembles on a node.
 
-    Raises BehaviourError if the node lacks something that they ask for.
+    Raises BehaviourError if they need a port that the node does not have.
     """
     return _Hosted(start, component, ensembles)
 
 
-def take_over(heir: Behaviour, former: Behaviour, name: str) -> None:
-    """Let a behaviour that has not begun go on where another one of this robot ends; `name` is for errors.
+def take_over(successor: Behaviour, former: Behaviour, name: str) -> None:
+    """Let a new behaviour resume the state of the robot's previous one; `name` is used in errors.
 
-    Raises BehaviourError for those that are not made by `host`, and for components that cannot.
+    Raises BehaviourError if one of them was not made by `host` or the component cannot resume the other.
     """
-    new, old = _hosted(heir), _hosted(former)
-    if new is None or old is None or not new.succeed(old):
+    new, old = _hosted(successor), _hosted(former)
+    if new is None or old is None or not new.resume(old):
         raise BehaviourError(
-            f"behaviour {name!r} cannot go on where another one ends: both should be components of the same "
-            "kind, such as those of cleaning.robot.CleaningRobot"
+            f"behaviour {name!r} cannot resume the previous behaviour; both should be components of the same "
+            "kind, such as subclasses of cleaning.robot.CleaningRobot"
         )
 
 
 def node_of(behaviour: object) -> Node | None:
-    """The node that a behaviour runs on at present, for those who look into a robot; None without one."""
+    """Return the node of a behaviour, for introspection; None if it has none."""
     hosted = _hosted(behaviour)
     return None if hosted is None else hosted.node
 
 
 def ensembles_of(behaviour: object) -> tuple[object, ...]:
-    """The ensembles of that node, for the same people."""
+    """Return the ensembles of a behaviour's node, for introspection."""
     hosted = _hosted(behaviour)
     return () if hosted is None else hosted.ensembles
 
 
 def _hosted(behaviour: object) -> "_Hosted | None":
-    """The node's host in a behaviour, or in what that has laid around it and calls `hosted`."""
+    """Return the host in a behaviour or in the behaviours that it wraps (attribute `hosted`)."""
     while behaviour is not None and not isinstance(behaviour, _Hosted):
         behaviour = getattr(behaviour, "hosted", None)
     return behaviour
 
 
 class _Hosted:
-    """Translates between the robot's steps and the node's."""
+    """A behaviour that runs a node."""
 
     def __init__(self, start: Start, component: Knowledge, ensembles: Sequence[object]) -> None:
         self._start = start
@@ -223,11 +223,11 @@ class _Hosted:
         self._backlog: deque[Transmission] = deque()
         self._tag = 0
         self._former: Node | None = None
-        self.node = self._deploy(START)  # what is missing is said before the first step
+        self.node = self._deploy(START)  # report missing ports before the first step
         self._begun = False
 
-    def succeed(self, former: "_Hosted") -> bool:
-        """Go on where the robot's host so far ends; False if the component cannot. Before the first step."""
+    def resume(self, former: "_Hosted") -> bool:
+        """Resume the state of the previous host, before the first step; False if the component cannot."""
         component = self._component
         knowledge = former.node.knowledge(former._component.id)
         inherited = component.inherits(knowledge) if isinstance(component, Resumable) else None
@@ -240,14 +240,14 @@ class _Hosted:
         return True
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """Let the node do what is due."""
+        """Advance the node to `until`."""
         if not self._begun or view.instant > self.node.now:
             self._reach(view.instant)
         self._positioning.take(view)
         self._navigation.take(view)
         if view.places:
             self._tasks.places += view.places
-            self._monitor.told = None  # the robot is taken to mean to visit them
+            self._monitor.reported = None  # the world counts new places as part of the route
         try:
             sent = self.node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
@@ -255,15 +255,15 @@ class _Hosted:
         decision = Decision(frames=self._frames(sent, view.instant), **self._order)
         self._order.clear()
         if decision.route is not None:
-            self._monitor.told = decision.route
+            self._monitor.reported = decision.route
         return decision
 
     def outcome(self) -> dict[str, object]:
-        """Return what node and link counted, what the adaptation decided, and the component's own outcome."""
+        """Return counts of node and link, decisions of the adaptation, and the component's outcome."""
         counts = self.node.outcome()
         counts["counters"] |= dict(sorted(self._counted.items()))
-        say = getattr(self.node.knowledge(self._component.id), "outcome", None)
-        own = say() if callable(say) else {}
+        outcome = getattr(self.node.knowledge(self._component.id), "outcome", None)
+        own = outcome() if callable(outcome) else {}
         return {**own, "deeco": NodeReport(**counts), "adaptation": self._log.report()}
 
     def _deploy(self, first: Instant) -> Node:
@@ -292,7 +292,7 @@ class _Hosted:
             raise BehaviourError(str(error)) from error
 
     def _reach(self, instant: Instant) -> None:
-        """The robot's first step is the node's start; after a gap, in which it was frozen, it goes on."""
+        """Start the node at the robot's first step, or skip a gap in which the robot was frozen."""
         if not self._begun:
             self._begun = True
             if instant != self.node.now:
@@ -310,7 +310,7 @@ class _Hosted:
         return heard
 
     def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[Outgoing, ...]:
-        """As many as a robot may send in a step; the others wait for the next one."""
+        """Return as many frames as a robot may send in a step; others wait."""
         if not sent and not self._backlog:
             return ()
         self._backlog.extend(sent)

@@ -1,4 +1,4 @@
-"""The seam between a robot and its strategy: what a behaviour knows, asks for and decides, and its plan."""
+"""Interface between a robot and its behaviour: inputs, ports, decisions and plans."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
@@ -19,7 +19,7 @@ from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
 
 class GoalStatus(Enum):
-    """How a goal stands; the names of move_base (actionlib_msgs/GoalStatus)."""
+    """Status of a goal; names as in move_base (actionlib_msgs/GoalStatus)."""
 
     ACTIVE = "active"
     SUCCEEDED = "succeeded"
@@ -27,33 +27,33 @@ class GoalStatus(Enum):
 
 
 class AbortReason(Enum):
-    """Why navigation gave a goal up."""
+    """Reason why navigation aborted a goal."""
 
     NO_PLAN = "no plan"
-    """No way leads there on the map."""
+    """No path to the goal on the map."""
     BLOCKED = "blocked"
-    """The local planner found no valid trajectory for too long."""
+    """The local planner found no valid trajectory before its timeout."""
     NO_PROGRESS = "no progress"
-    """The robot did not get away from where it was."""
+    """The robot did not move far enough before the timeout."""
 
 
 class GoalPhase(Enum):
-    """What navigation is about while a goal is active; the first ones as in move_base."""
+    """State of navigation while a goal is active; PLANNING and CONTROLLING as in move_base."""
 
     PLANNING = "planning"
-    """It has no way to the goal, and looks for one."""
+    """Searching for a path."""
     CONTROLLING = "controlling"
-    """It has a way, and the local planner a valid trajectory."""
+    """Following the path with a valid trajectory."""
     OBSTRUCTED = "obstructed"
-    """It has a way, but the local planner no valid trajectory, so the robot stands."""
+    """Standing: there is a path, but no valid trajectory."""
     RETREATING = "retreating"
-    """It backs away from what its bumper has touched, or because its behaviour said so."""
+    """Backing away after a bumper contact, or on the behaviour's request."""
     PAUSED = "paused"
-    """The behaviour lets it stand."""
+    """Standing because the behaviour paused navigation."""
 
 
 class Goal(NamedTuple):
-    """The last point that navigation was asked to go to, and how that stands."""
+    """The last requested goal and its state."""
 
     point: Point
     status: GoalStatus
@@ -62,40 +62,40 @@ class Goal(NamedTuple):
     phase: GoalPhase | None = None
     """Set with ACTIVE only."""
     since: Instant | None = None
-    """When `phase` began; set with it."""
+    """Start of `phase`; set with it."""
 
 
 class GoalOrder(Enum):
-    """What to do with the present goal."""
+    """Request about the current goal."""
 
     KEEP = "keep"
     CANCEL = "cancel"
-    """Stop, and have no goal any more."""
+    """Stop and clear the goal."""
 
 
 PACE: Final = 0.33
-"""So fast robots get on, m/s: 0.5 m/s by the slowness of 1.5 that `acrc verify navigation` measures."""
+"""Typical speed, m/s: 0.5 m/s divided by the slowness of 1.5 that `acrc verify navigation` measures."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """One plan of navigation's, which makes a new one every second."""
+    """A global plan; navigation makes a new one every second."""
 
     way: Floats
-    """(n, 2), n ≥ 1: points from where the robot was to the goal, m, map frame; nobody's to change."""
+    """(n, 2), n ≥ 1: points from the robot's position to the goal, m, map frame; read-only."""
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
-        """The same as points."""
+        """The path as Points."""
         return tuple(Point(x, y) for x, y in self.way.tolist())
 
     def ahead(self, here: Point) -> tuple[Point, ...]:
-        """The points from the one nearest to `here` on."""
+        """Return the points from the one nearest to `here` to the end."""
         nearest = min(range(len(self.points)), key=lambda index: self.points[index].distance_to(here))
         return self.points[nearest:]
 
     def distance_to_go(self, here: Point) -> float:
-        """How far it is from `here` to the plan's nearest point and on to its end, m."""
+        """Return the distance from `here` to the nearest point and on to the end, m."""
         total, last = 0.0, here
         for point in self.ahead(here):
             total += last.distance_to(point)
@@ -103,191 +103,195 @@ class Plan:
         return total
 
     def time_to_go(self, here: Point) -> Duration:
-        """How long that takes at PACE: an estimate that knows of nobody in the way."""
+        """Return the time for `distance_to_go` at PACE; other robots are ignored."""
         return seconds(self.distance_to_go(here) / PACE)
 
 
 class Positioning(Protocol):
-    """Where the robot holds itself to be, and whether it moves."""
+    """Pose estimate and motion of the robot."""
 
     @property
     def pose(self) -> Pose:
-        """m and rad, map frame, at the start of the step."""
+        """Pose estimate at the start of the step, m and rad, map frame."""
 
     @property
     def covariance(self) -> Covariance:
-        """How far the pose is to be trusted: of x, y and heading, row by row, m², m·rad, rad²."""
+        """Covariance of x, y and heading, row by row, m², m·rad, rad²."""
 
     @property
     def is_lost(self) -> float:
-        """The probability that the robot is somewhere else altogether, 0 to 1, by what its scans say.
+        """Probability that the pose estimate is wrong, 0 to 1, estimated from scans.
 
-        Above 0.95 it is time to act on it: `acrc verify localisation` counts how seldom that is wrong. The
-        odometry alone never finds out, and says 0.
+        Values above 0.95 are reliable (`acrc verify localisation` measures how reliable). Always 0 with
+        odometry alone.
         """
 
     @property
     def moving(self) -> bool:
-        """True while the base reports more than a creeping speed."""
+        """True if the base reports more than a minimal speed."""
 
     def disregard(self, peers: Sequence[Point]) -> None:
-        """From the next step on, do not believe range readings that end at other robots, which are there.
+        """Ignore range readings that end at these positions of other robots, from the next step on.
 
-        m, map frame. They replace those given before; none at all: believe every reading.
+        m, map frame. Replaces the previous positions; an empty sequence: ignore no readings.
         """
 
     def relocalise(self) -> None:
-        """Forget the pose, and look for it all over the map: for a robot that knows that it is lost.
+        """Discard the pose estimate and search the whole map, for a robot that is lost.
 
-        Until it has seen enough, `is_lost` is high and the pose anything. Without effect on odometry alone.
+        Until enough scans have arrived, `is_lost` is high and the pose arbitrary. No effect with odometry
+        alone.
         """
 
 
 class Navigation(Protocol):
-    """Drives the robot to one goal at a time; an order takes effect with the next step."""
+    """Navigation to one goal at a time; requests take effect in the next step."""
 
     @property
     def goal(self) -> Goal | None:
-        """The last goal, how it stands and why; None before the first one and after `stop`."""
+        """The last goal and its state; None before the first one and after `stop`."""
 
     @property
     def plan(self) -> Plan | None:
-        """The way that navigation follows, with distance and time to go; None while there is none."""
+        """The plan that navigation follows; None if there is none."""
 
     @property
     def backing_out(self) -> bool:
-        """True while it backs out because it was told to."""
+        """True while the robot backs out on request."""
 
     def back_out(self, distance: float) -> None:
-        """Drive backward along the own trail by `distance`, m, above 0 and at most FARTHEST_BACK.
+        """Drive backward along the robot's trail by `distance`, m, above 0 and at most FARTHEST_BACK.
 
-        It ends early where the trail does, and where something stands behind. A goal waits for that.
+        Ends early at the end of the trail or at an obstacle. The goal is resumed afterwards.
         """
 
     def go_to(self, point: Point) -> None:
-        """Make `point`, m in the map frame, the goal, also if it is the goal already: a new attempt."""
+        """Set the goal to `point`, m, map frame; the same point again starts a new attempt."""
 
     def stop(self) -> None:
-        """Have no goal, and stand."""
+        """Stop and clear the goal."""
 
     def pause(self) -> None:
-        """Stand, and keep the goal, also one that is given later, until `resume`."""
+        """Stop and keep the goal, or later ones, until `resume`."""
 
     def resume(self) -> None:
-        """Go on to the goal, with all patience anew."""
+        """Continue to the goal with all timeouts reset."""
 
 
 class TaskList(Protocol):
-    """The places that the robot has to clean; more may come while the run goes on."""
+    """The places assigned to the robot; places may be added during a run."""
 
     @property
     def places(self) -> Sequence[Point]:
-        """All that it has been given so far, m, map frame: those of its Start, then what came, in order.
+        """All places so far, m, map frame: first those of Start, then added ones.
 
-        The index of a place in it is that of its PlaceKey.
+        The index equals that of the PlaceKey.
         """
 
     @property
     def at_start(self) -> int:
-        """So many of them are those of its Start."""
+        """Number of places in Start."""
 
     @property
     def epoch(self) -> int:
-        """How often the robot has been restarted; a new process is told of all places again."""
+        """Number of restarts of the robot; a restarted robot receives all places again."""
 
 
 class PlaceMonitor(Protocol):
-    """Takes down, for the result alone, what the robot holds to have come of places."""
+    """Receiver of the robot's reports about places; for results only."""
 
     def visited(self, place: PlaceKey, now: Instant) -> None:
-        """Say that a place has been cleaned."""
+        """Report that a place was cleaned."""
 
     def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
-        """Say that nobody is to try for a place any more, and why, in at most 100 characters."""
+        """Report that no robot should try a place again, with a reason of at most 100 characters."""
 
     def remaining(self, route: Sequence[PlaceKey]) -> None:
-        """Say which places the robot still means to visit, in their order; at first those of its Start."""
+        """Report the places still to be visited, in order; initially those of Start."""
 
 
 class FloorPlan(Protocol):
-    """The map as the robot has it."""
+    """The robot's map."""
 
     def random_place(self) -> Point:
-        """A point in the areas in which places lie, each as likely as another, where the robot can stand.
+        """Return a uniformly random point in the areas of places where the robot can stand.
 
-        Without areas: on all floor that the robot can reach. Drawn from the behaviour's own stream.
+        Without areas: on all floor that the robot can reach. Uses the behaviour's random stream.
         """
 
     def is_free(self, point: Point) -> bool:
-        """True if the robot's centre can be at `point`, m, by the map and the margin that planning keeps."""
+        """Return True if the robot's centre can be at `point`, m, including the planner's margin."""
 
     def length(self, start: Point, goal: Point) -> float | None:
-        """How far the shortest way between two points of the map is, m; None where no way leads.
+        """Return the length of the shortest path, m; None if there is no path.
 
-        A point where the robot cannot be stands for the nearest within 0.5 m where it can. The first question
-        about a goal takes about a millisecond, every other one microseconds: have what is asked about from
-        many sides as the goal.
+        A point that the robot cannot occupy is moved to the nearest free one within 0.5 m. The first query
+        for a goal takes about 1 ms, further queries microseconds: use a point that is common to many queries
+        as the goal.
         """
 
     def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
-        """That way: points 0.1 to 0.2 m apart, m; None without one. Navigation's own keep off walls."""
+        """Return that path as points 0.1 to 0.2 m apart, m; None if there is none.
+
+        Plans of navigation differ: they keep a distance to walls.
+        """
 
     @property
     def doors(self) -> tuple[Door, ...]:
-        """The map's narrow places, in which robots that meet do not get by; each by its index."""
+        """Passages of the map in which two robots cannot pass each other."""
 
     def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
-        """Which doors that way goes through, begins in or ends in, in order; None without a way."""
+        """Return the indices of the doors on the shortest path, ends included; None if there is no path."""
 
     def door(self, point: Point) -> int | None:
-        """The index of the door that `point` is in; None in none."""
+        """Return the index of the door that contains `point`; None if there is none."""
 
     def region(self, point: Point) -> int | None:
-        """The number of the region between doors that `point` is in; None in a door and off the floor."""
+        """Return the number of the region between doors; None in a door and off the floor."""
 
 
 Scalar: TypeAlias = bool | int | float | str
 Setting: TypeAlias = Scalar | tuple[Scalar, ...]
-"""A value in a scenario's table [strategy], or a list of values, as a tuple."""
+"""A value in a scenario's table [strategy]; a list becomes a tuple."""
 EVERYBODY_DBM: Final = 0.0
-"""No transceiver reports more (`actors.radio.frame` ends at -35 dBm)."""
+"""Upper bound of reported signal strengths, dBm (`actors.radio.frame` ends at -35 dBm)."""
 FARTHEST_BACK: Final = 3.0
-"""Farther than this nobody backs out, m: so long is the trail that a robot remembers."""
+"""Longest distance of backing out, m: the length of the trail that a robot stores."""
 _Interval = Annotated[Duration, Meta(ge=milliseconds(1), le=seconds(LONGEST_S))]
 
 
 class ExchangeSettings(Settings, frozen=True):
-    """How nodes of the component model exchange knowledge: a scenario's table [deeco]."""
+    """Exchange of knowledge between nodes of the component model: a scenario's table [deeco]."""
 
     publish: _Interval = seconds(1)
-    """How often the own knowledge is published (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
+    """Period of publishing a node's knowledge (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
     relay: bool = False
-    """Pass on what is heard; off in d3scomp/deeco-adaptation-testbed."""
+    """Rebroadcast received knowledge; off in d3scomp/deeco-adaptation-testbed."""
     hop_limit: Annotated[int, Meta(ge=1, le=15)] = 3
-    """How often knowledge is passed on at most; own choice: the corridor is three radio ranges long."""
+    """Maximum number of rebroadcasts; own choice: the corridor is three radio ranges long."""
     relay_delay: Interval = seconds(1)
-    """The longest wait before passing knowledge on, that for the strongest signal (d3scomp/JDEECo 2,
+    """Longest delay before a rebroadcast, used for the strongest signal (d3scomp/JDEECo 2,
     DefaultKnowledgeDataManager)."""
     relay_below: Annotated[float, Meta(ge=-90, le=EVERYBODY_DBM, extra={"unit": "dBm"})] = EVERYBODY_DBM
-    """What is heard more strongly than this is not passed on, dBm; transceivers distinguish nothing weaker
-    than -90 dBm (`actors.radio.frame`). Default: everybody passes on; own choice, decision 22. JDEECo has a
-    distance in its place (RebroadcastStrategy)."""
+    """Rebroadcast only knowledge received more weakly than this, dBm; transceivers resolve nothing below
+    -90 dBm (`actors.radio.frame`). Default: no limit; own choice, decision 22. JDEECo uses a distance
+    (RebroadcastStrategy)."""
     forget: _Interval = seconds(30)
-    """Replicas not heard of for so long are dropped; own choice. JDEECo keeps them for ever."""
+    """Age at which replicas are dropped; own choice. JDEECo keeps them forever."""
 
 
 _AS_IT_IS: Final = ExchangeSettings()
 
 
 class _NoFloorPlan:
-    """The floor of a Start that was made without one: it has no doors, and every question is an error."""
+    """Placeholder for a Start without floor plan: has no doors, and every query raises LookupError."""
 
     doors: tuple[Door, ...] = ()
 
     def __getattr__(self, name: str) -> NoReturn:
         if name.startswith("__"):
             raise AttributeError(name)
-        raise LookupError("this Start was made without a floor plan")
+        raise LookupError("this Start has no floor plan; pass floor=")
 
 
 _NO_FLOOR: Final = cast(FloorPlan, _NoFloorPlan())
@@ -295,94 +299,92 @@ _NO_FLOOR: Final = cast(FloorPlan, _NoFloorPlan())
 
 @dataclass(frozen=True)
 class Start:
-    """What a behaviour is told once, before its first step."""
+    """Initial data of a behaviour."""
 
     robot: str
     """The robot's id, unique in the swarm."""
     address: int
-    """Its short address on the radio (IEEE 802.15.4)."""
+    """The robot's short address on the radio (IEEE 802.15.4)."""
     epoch: int
-    """How often this robot has been restarted in the run; nothing but the id survives a restart."""
+    """Number of restarts of this robot in the run; only the id survives a restart."""
     pose: Pose
-    """Where the robot stood when its base was switched on, m and rad, map frame."""
+    """Pose of the robot when its base was switched on, m and rad, map frame."""
     places: tuple[Point, ...]
-    """The places it has to clean, m, in the order given; a View may bring more."""
+    """Places to clean, m, in the order of the scenario; a View may add more."""
     generator: Generator
-    """The behaviour's own random stream: the only randomness it may use."""
+    """The behaviour's random stream: the only randomness it may use."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
-    """The strategy's numbers where they differ from its own: the scenario's table [strategy]; read-only."""
+    """The scenario's table [strategy]: settings that differ from the strategy's defaults; read-only."""
     exchange: ExchangeSettings = _AS_IT_IS
-    """How the node exchanges knowledge with others, if there is a node."""
+    """Exchange of knowledge, if the behaviour has a node."""
     floor: FloorPlan = _NO_FLOOR
-    """The robot's map; what it draws, it draws from `generator`."""
+    """The robot's map; its random places come from `generator`."""
 
 
 class View(NamedTuple):
-    """What a behaviour sees at the start of a step."""
+    """Input of a behaviour at the start of a step."""
 
     instant: Instant
     pose: Pose
-    """Where the robot holds itself to be, m and rad, map frame."""
+    """Pose estimate, m and rad, map frame."""
     moving: bool
-    """True while the base reports more than a creeping speed."""
+    """True if the base reports more than a minimal speed."""
     goal: Goal | None
     """None before the first goal and after CANCEL."""
     radio: tuple[RadioEvent, ...]
-    """What the transceiver had to say since the last step, in order of its instants; junk included."""
+    """Events of the transceiver since the last step, in order of time; includes corrupt frames."""
     covariance: Covariance = CERTAIN
-    """How far the pose is to be trusted."""
+    """Covariance of the pose estimate."""
     lost: float = 0.0
-    """Probability that the robot is somewhere else altogether."""
+    """Probability that the pose estimate is wrong."""
     plan: Plan | None = None
-    """The way that navigation follows to the goal; None while there is none."""
+    """The plan that navigation follows to the goal; None if there is none."""
     backing_out: bool = False
-    """True while the robot backs out because a decision said so."""
+    """True while the robot backs out because of a decision."""
     places: tuple[Point, ...] = ()
-    """Places to clean that it is given with this step; they follow those that it has, in Start and since."""
+    """Places added in this step; they follow those of Start and of earlier views."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What a behaviour wants done after a step."""
+    """Requests of a behaviour after a step."""
 
     goal: Point | GoalOrder = GoalOrder.KEEP
-    """A point is a new goal and replaces the present one, also if it is the same point again."""
+    """A point replaces the current goal; the same point again starts a new attempt."""
     _: KW_ONLY
     frames: tuple[Outgoing, ...] = ()
     """Frames to broadcast, in order of their instants, which lie within the step."""
     reports: tuple[PlaceReport, ...] = ()
-    """Places that the robot holds to have visited."""
+    """Visited places, by the robot's own estimate."""
     given_up: tuple[PlaceGivenUp, ...] = ()
-    """Places for which nobody should try any more."""
+    """Places that no robot should try again."""
     route: tuple[PlaceKey, ...] | None = None
-    """The places that the robot still means to visit, in their order; None: as said before, and at first
-    those of its Start."""
+    """Places still to be visited, in order; None: unchanged, initially those of Start."""
     paused: bool | None = None
-    """True: stand, and keep the goal, whichever it is; False: go on, with all patience anew; None: as before,
-    and at first go on."""
+    """True: stand and keep the goal; False: continue with all timeouts reset; None: unchanged, initially
+    False."""
     peers: tuple[Point, ...] | None = None
-    """Where other robots are held to be, m, map frame: the localiser disregards range readings that end
-    there. They replace the ones given before; None: as before, and at first none."""
+    """Estimated positions of other robots, m, map frame, at which the localiser ignores range readings.
+    Replaces the previous positions; None: unchanged, initially none."""
     back_out: float | None = None
-    """Back out along the own trail by so much, m, above 0 and at most FARTHEST_BACK; None: as before. A goal,
-    also one of the same decision, waits until that is over, CANCEL ends it."""
+    """Distance to back out along the robot's trail, m, above 0 and at most FARTHEST_BACK; None: unchanged.
+    Goals are resumed afterwards; CANCEL ends it."""
     relocalise: bool = False
-    """True: forget the pose, and look for it all over the map."""
+    """True: discard the pose estimate and search the whole map."""
 
 
 class Behaviour(Protocol):
-    """The user's part of a robot; keeps its own state between steps.
+    """Controller of one robot, written by the user; keeps its state between steps.
 
-    It may also have a method `outcome() -> dict[str, object]`, called once at the end of its process: its own
-    results by name, in values that JSON can hold. They go into the last record of the robot's file and are no
-    part of the run's digest. Numbers, texts and booleans, also within dicts, appear in the run's result and
-    in tables. The names "deeco" and "adaptation" belong to the component model, "localisation" and
-    "navigation" to the robot.
+    It may have a method `outcome() -> dict[str, object]`, called once when its process ends: results by name,
+    as JSON values. They are recorded and are not part of the run's digest. Numbers, strings and booleans,
+    also in nested dicts, appear in the run's result and in tables. Reserved names: "deeco", "adaptation",
+    "localisation" and "navigation".
     """
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """Do what is due at instants from `view.instant` on and before `until`.
+        """Process all events from `view.instant` to before `until`.
 
-        `view` is the newest there is. A goal takes effect with the next step. Steps may be missing between
-        two calls: the robot was frozen then. No clock, global randomness or iteration over a set is allowed.
+        A goal takes effect in the next step. Steps are missing between two calls if the robot was frozen.
+        Clocks, global randomness and iteration over sets are not allowed.
         """
