@@ -1,4 +1,4 @@
-"""Robot models: one TOML file each says what a robot's body, drive and sensors are, to world and robot."""
+"""Robot models: body, drive and sensors of a robot, from a TOML file."""
 
 import math
 from importlib import resources
@@ -40,34 +40,34 @@ _Noise = Annotated[float, Meta(ge=0, le=10)]
 
 
 class Footprint(Settings, frozen=True):
-    """The body's outline on the floor: either a disc or a convex polygon round the body's origin."""
+    """Outline of the body: a disc or a convex polygon around its origin."""
 
     radius: Annotated[float, Meta(gt=0, le=5)] | None = None
     """Radius of a disc, m."""
     vertices: _Vertices | None = None
-    """Corners of a polygon, m in the body's frame; counter-clockwise once read."""
+    """Corners of a polygon, m in the body frame; counter-clockwise once loaded."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.radius is None) == (self.vertices is None):
             raise RuleError(
-                f"hold either radius or vertices, but has {'none' if self.radius is None else 'both'}"
+                f"have either radius or vertices, but has {'none' if self.radius is None else 'both'}"
             )
         if self.vertices is not None:
             if fault := geometry.polygon_fault(self.vertices):
-                raise RuleError(f"hold the vertices of a convex polygon round (0, 0), but {fault}")
+                raise RuleError(f"have the vertices of a convex polygon round (0, 0), but {fault}")
             msgspec.structs.force_setattr(self, "vertices", geometry.counter_clockwise(self.vertices))
 
     @property
     def circumradius(self) -> float:
-        """Radius of the smallest disc round the body's origin that holds the body, m."""
+        """Radius of the smallest disc around the origin that contains the body, m."""
         if self.radius is not None:
             return self.radius
         return max(hypot(x, y) for x, y in self.vertices or ())
 
     @property
     def inradius(self) -> float:
-        """Radius of the largest disc round the body's origin within the body, m."""
+        """Radius of the largest disc around the origin within the body, m."""
         if self.radius is not None:
             return self.radius
         assert self.vertices is not None
@@ -75,31 +75,31 @@ class Footprint(Settings, frozen=True):
 
 
 class DriveParameters(Settings, frozen=True):
-    """How the body moves on its wheels."""
+    """Kinematics and limits of the drive."""
 
     kind: Literal["differential", "omnidirectional"]
     """A differential drive cannot move sideways and ignores `vy` of a command."""
     speed: Annotated[float, Meta(gt=0, le=10)]
-    """The highest, m/s, forward and backward; omnidirectional: in every direction."""
+    """Maximum speed, m/s, forward and backward; omnidirectional: in every direction."""
     acceleration: Annotated[float, Meta(gt=0, le=100)]
-    """The highest, speeding up and braking, m/s²; times the mass it is the force the drive can push with."""
+    """Maximum acceleration and deceleration, m/s²; times mass it is the force of the drive."""
     turn_rate: Annotated[float, Meta(gt=0, le=30)]
-    """The highest, rad/s."""
+    """Maximum turn rate, rad/s."""
     turn_acceleration: Annotated[float, Meta(gt=0, le=300)]
-    """The highest, rad/s²."""
+    """Maximum turn acceleration, rad/s²."""
     grip: Annotated[float, Meta(gt=0, le=100)] = 5.0
-    """Sideways acceleration at which the wheels of a differential drive begin to slide, m/s²."""
+    """Sideways acceleration at which the wheels of a differential drive start to slide, m/s²."""
     watchdog: Annotated[float, Meta(gt=0, le=60)] = 0.5
-    """The base brakes once its last command is older than this, s."""
+    """Command timeout after which the base brakes, s."""
 
 
 class Bumper(Settings, frozen=True):
-    """A contact bumper round the front in three sectors: right, centre, left."""
+    """A contact bumper around the front with three sectors: right, centre, left."""
 
     centre_deg: _Angle
-    """The centre sector reaches so far to either side of straight ahead, degrees."""
+    """Half the angle of the centre sector, degrees."""
     reach_deg: _Angle
-    """The side sectors end so far from straight ahead, degrees."""
+    """Angle from straight ahead to the end of a side sector, degrees."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,28 +110,28 @@ class Bumper(Settings, frozen=True):
 
 
 class RangeSensor(Settings, frozen=True, kw_only=True):
-    """A planar range sensor: a lidar, or a depth camera read as one."""
+    """A planar range sensor: a lidar, or a depth camera used as one."""
 
     x: _Offset = 0.0
-    """Where it sits on the body, m forward of the origin."""
+    """Position on the body, m forward of the origin."""
     y: _Offset = 0.0
-    """The same, m to the left."""
+    """Position on the body, m to the left of the origin."""
     heading_deg: Annotated[float, Meta(gt=-180, le=180)] = 0.0
-    """Where the middle of its view points, degrees counter-clockwise from straight ahead."""
+    """Direction of the middle of its view, degrees counter-clockwise from straight ahead."""
     field_of_view_deg: Annotated[float, Meta(gt=0, le=360)]
-    """Angle between the first and the last ray, or the full circle, degrees."""
+    """Angle from the first to the last ray, or the full circle, degrees."""
     rays: Annotated[int, Meta(ge=2, le=10_000)]
-    """Rays per sweep, at equal angles."""
+    """Rays per scan, at equal angles."""
     range_min: _Range = 0.0
-    """Whatever is nearer gives no echo, but hides what is behind it, m."""
+    """Minimum range, m; nearer objects give no echo, but occlude others."""
     range_max: Annotated[float, Meta(gt=0, le=60)]
-    """Whatever is farther gives no echo, m."""
+    """Maximum range, m."""
     rate: Annotated[float, Meta(gt=0, le=1000)]
-    """Sweeps per second, Hz."""
+    """Scan rate, Hz."""
     noise: _Noise = 0.0
     """Standard deviation of a range, m."""
     noise_growth: _Noise = 0.0
-    """Adds so much times the square of the range to the standard deviation, 1/m."""
+    """Growth of the standard deviation with the square of the range, 1/m."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -142,52 +142,52 @@ class RangeSensor(Settings, frozen=True, kw_only=True):
 
     @property
     def mount(self) -> Pose:
-        """The sensor's pose in the body's frame."""
+        """Pose in the body frame."""
         return Pose(self.x, self.y, math.radians(self.heading_deg))
 
     @property
     def period(self) -> Duration:
-        """Time from one sweep to the next."""
+        """Time between two scans."""
         return seconds(1 / self.rate)
 
     @property
     def full_circle(self) -> bool:
-        """True where the rays go all the way round."""
+        """Whether the rays cover a full circle."""
         return self.field_of_view_deg == 360
 
     @property
     def increment(self) -> float:
-        """Angle from one ray to the next, rad."""
+        """Angle between adjacent rays, rad."""
         view = math.radians(self.field_of_view_deg)
         return view / self.rays if self.full_circle else view / (self.rays - 1)
 
     @property
     def first_angle(self) -> float:
-        """Direction of the first ray in the sensor's own frame, rad; the others follow counter-clockwise.
+        """Direction of the first ray in the sensor frame, rad; the others follow counter-clockwise.
 
-        The view is symmetrical. A full circle ends with the ray pointing backward, which stands once only.
+        The view is symmetrical. A full circle ends with the ray pointing backward, which occurs once.
         """
         half = math.radians(self.field_of_view_deg) / 2
         return self.increment - half if self.full_circle else -half
 
 
 class RobotModel(Settings, frozen=True, kw_only=True):
-    """A kind of robot, as its file describes it, with one of its range sensors mounted."""
+    """Body, drive and range sensors of a kind of robot, one sensor of which is mounted."""
 
     name: Text
     mass: Annotated[float, Meta(gt=0, le=10_000)]
-    """kg, centred at the body's origin."""
+    """Mass, kg, centred at the body's origin."""
     friction: _Noise
-    """Coefficient of the body sliding along a wall; between two robots the product of both."""
+    """Friction coefficient along walls; between two robots the product of both."""
     odometry: OdometryKind
-    """Model of odometry errors unless a scenario names another one."""
+    """Default model of odometry errors."""
     default_sensor: str
     """Name of the mounted sensor."""
     footprint: Footprint
     drive: DriveParameters
     bumper: Bumper | None = None
     sensors: Annotated[dict[str, RangeSensor], Meta(min_length=1)]
-    """By name."""
+    """Available sensors, by name."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -200,27 +200,27 @@ class RobotModel(Settings, frozen=True, kw_only=True):
         return self.sensors[self.default_sensor]
 
     def with_sensor(self, **changes: float) -> "RobotModel":
-        """Return the model with these properties of its mounted sensor changed."""
+        """Return the model with changed properties of its mounted sensor."""
         sensor = msgspec.structs.replace(self.sensor, **changes)
         return msgspec.structs.replace(self, sensors={**self.sensors, self.default_sensor: sensor})
 
 
 class RobotDescription(Settings, frozen=True):
-    """One robot, as fleet, world, base and the robot itself have it."""
+    """Description of one robot, common to fleet, world, base and robot."""
 
     id: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
     model: Model
     """Name of a shipped robot model, or the path of a model file."""
     sensor: SensorName | None
-    """The mounted sensor of the model's; None: the model's own choice."""
+    """Mounted sensor of the model; None: its default."""
     start: StartPose
-    """x, y in m and heading in rad at switch-on, map frame."""
+    """Pose at switch-on: x, y in m and heading in rad, map frame."""
     places: Places
-    """The places that it has to clean, in this order, m, map frame."""
+    """Its places, in initial order, m, map frame."""
 
 
 def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
-    """Directions of the rays in the body's frame: (rays,), rad in (−π, π], in the order of a scan."""
+    """Return the directions of the rays in the body frame: (rays,), rad in (−π, π], in scan order."""
     half = math.radians(sensor.field_of_view_deg) / 2
     angles = sensor.mount.heading + np.linspace(sensor.first_angle, half, sensor.rays)
     wrapped: NDArray[np.float64] = math.pi - np.mod(math.pi - angles, math.tau)
@@ -228,9 +228,9 @@ def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
 
 
 def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
-    """The robot model of that name (`turtlebot2`) or in that .toml file, with that sensor mounted.
+    """Load a shipped robot model (`turtlebot2`) or a .toml file, and mount a sensor (default: the file's).
 
-    Without `sensor` the file's default is taken. Anything wrong is a AcrcError.
+    Raises AcrcError.
     """
     name, text = _read(name_or_path)
     model = settings.parse(text, RobotModel, name)
@@ -243,12 +243,12 @@ def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
 
 
 def _read(name_or_path: str) -> tuple[str, str]:
-    """Return the model file's name in sentences, and its text."""
+    """Return the model file's name for errors, and its text."""
     shipped = resources.files("actors.models")
     known = sorted(file.name[:-5] for file in shipped.iterdir() if file.name.endswith(".toml"))
     if name_or_path in known:
         return f"{name_or_path}.toml", shipped.joinpath(f"{name_or_path}.toml").read_text("utf-8")
     if not name_or_path.endswith(".toml"):
         right = f"{', '.join(map(wording.shown, known))} or the path of a .toml file"
-        raise AcrcError(f"the robot model is {wording.shown(name_or_path)}, but must be {right}")
+        raise AcrcError(f"unknown robot model {wording.shown(name_or_path)}; must be {right}")
     return name_or_path, settings.read_text(Path(name_or_path), "robot model")

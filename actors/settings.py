@@ -1,8 +1,8 @@
 """Settings: structs whose fields carry their bounds, and the checker that decodes files into them.
 
-A bound is a `msgspec.Meta` of the field's type; `description` says what is right, in words that go on after
-"must be", where type, bounds and `unit` do not say it. A `Duration` is a number of seconds in a file, and µs
-in the struct. Dataclasses are decoded in the same way.
+A bound is a `msgspec.Meta` of the field's type. Its `description` continues "must be" in errors, where type,
+bounds and `unit` do not suffice. A `Duration` is a number of seconds in a file, and µs in the struct.
+Dataclasses are decoded in the same way.
 """
 
 import codecs
@@ -42,17 +42,17 @@ T = TypeVar("T")
 LONGEST_S: Final = 1_000_000
 """Longest duration in a file, s."""
 LARGEST_FILE: Final = 1_000_000
-"""Bytes; a scenario of 1000 robots with 10 places each needs half of that."""
+"""Bytes; a scenario of 1000 robots with 10 places each has half of that."""
 MOST_PARTS: Final = 32
-"""Parts of a dotted key; time grows with their square, and no file of this project has more than three."""
+"""Parts of a dotted key; parsing time grows with their square, and no file here has more than three."""
 MOST_BITS: Final = 1023
-"""Bits of a whole number; a longer one does not fit a float, and from 14 000 on Python cannot print it."""
+"""Bits of a whole number; a longer one does not fit a float, and Python cannot print more than 14 000."""
 _TEXT: Final = re.compile(
     r"""\"{3}(?:[^"\\]|\\.|"(?!""))*"{0,3}|'{3}(?:[^']|'(?!''))*'{0,3}"""
     r"""|"(?:[^"\\\n]|\\.)*"?|'[^'\n]*'?|#[^\n]*""",
     re.DOTALL,
 )
-"""Strings, also unfinished ones, and comments: in time that grows with their length alone."""
+"""Strings, also unterminated ones, and comments; matches in linear time."""
 _KEY: Final = re.compile(r"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++)+")
 _WITHIN: Final = f"within ±{GREATEST_COORDINATE:.0f}"
 A_POSE: Final = f"a pose [x, y, heading] in m, m and rad, {_WITHIN}"
@@ -64,7 +64,7 @@ Span = Annotated[
     tuple[Coordinate, Coordinate], Meta(description="two numbers [from, to] in m, the first below the second")
 ]
 Text = Annotated[str, Meta(pattern=r"\A[^\x00]+\Z")]
-"""Not empty, and without the zero character, which ends a path for the operating system."""
+"""Not empty, and without NUL, which ends a path for the operating system."""
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -75,20 +75,20 @@ PositiveInterval = Annotated[Duration, Meta(gt=0, le=seconds(LONGEST_S))]
 
 
 class ParameterError(AcrcError, ValueError):
-    """A setting that is not known, or whose value is not allowed."""
+    """An unknown setting, or one with an invalid value."""
 
     def __init__(self, key: str, value: object, right: str, sentence: str = "") -> None:
-        """`right`: what it must be, in words that go on after "must be"; `sentence`: in place of all that."""
+        """`right`: continues "must be"; `sentence`: replaces the default sentence."""
         super().__init__(sentence or f"{key} is {wording.shown(value)}, but must be {right}")
         self.key, self.value, self.right = key, value, right
 
 
 class RuleError(AcrcError, ValueError):
-    """Keys of one table that do not fit together; its words go on after "must"."""
+    """A conflict between keys of one table; its text continues "must"."""
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings with allowed numbers and choices only, also where code makes them. Raises ParameterError."""
+    """Settings whose numbers and choices are checked, also when made by code. Raises ParameterError."""
 
     def __post_init__(self) -> None:
         for name, metas, choices in _bounds(type(self)):
@@ -97,21 +97,21 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise self.wrong(name)
 
     def wrong(self, name: str, right: str = "") -> ParameterError:
-        """Return the error that a field has a wrong value; `right`: what it must be, else by its type."""
+        """Return the error for a field's value; `right`: continues "must be", default: by its type."""
         key = f"{type(self).__name__}.{name}"
         return ParameterError(
             key, getattr(self, name), right or words(fields_of(type(self))[name].hint, name)
         )
 
     def check_unused(self, names: Collection[str], where: str) -> None:
-        """Raise ParameterError for a field that is set though nothing uses it `where` something is so."""
+        """Raise ParameterError for a field that is set but unused under the condition `where`."""
         for name in names:
             if getattr(self, name) != fields_of(type(self))[name].default:
-                raise self.wrong(name, f"left out where {where}, which does not use it")
+                raise self.wrong(name, f"absent where {where}, which does not use it")
 
 
 def check_spans(table: Settings, *names: str) -> None:
-    """Raise ParameterError for a field with two numbers of which the first is not below the second."""
+    """Raise ParameterError for a field of two numbers if the first is not below the second."""
     for name in names:
         low, high = getattr(table, name)
         if not low < high:
@@ -119,21 +119,21 @@ def check_spans(table: Settings, *names: str) -> None:
 
 
 def check_range(key: str, value: float, least: float, most: float) -> None:
-    """Raise ParameterError for a value that is not from `least` to `most`, ends included."""
+    """Raise ParameterError for a value outside [least, most]."""
     if not least <= value <= most:
         raise ParameterError(key, value, wording.span(ge=least, le=most))
 
 
 def read_text(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
-    """Return the text of a file of that kind, such as "scenario", without a byte order mark.
+    """Return the text of a file, without a byte order mark. Raises AcrcError.
 
-    `most`: bytes that it may have. Raises AcrcError.
+    `kind`: names it in errors, such as "scenario". `most`: its maximum size, bytes.
     """
     try:
         with regular_file.opened(path) as file:
             content = file.read(most + 1)
         if len(content) > most:
-            raise AcrcError(f"{path}: the {kind} file may have at most {most} bytes, but has more")
+            raise AcrcError(f"{path}: the {kind} file is larger than {most} bytes")
         if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             raise AcrcError(f"{path}: the {kind} file is UTF-16; save it as UTF-8")
         return content.decode("utf-8-sig")
@@ -144,18 +144,17 @@ def read_text(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
 
 
 def toml_tables(text: str, name: object) -> dict[str, Any]:
-    """Return what the text of the TOML file `name` says. Raises AcrcError."""
+    """Return the tables in the text of the TOML file `name`. Raises AcrcError."""
     try:
         return loads(text)
     except ValueError as error:
-        raise AcrcError(f"{name}: this is no TOML: {error}") from None
+        raise AcrcError(f"{name}: invalid TOML: {error}") from None
 
 
 def loads(text: str) -> dict[str, Any]:
-    """Return what a TOML text says, in time that grows with its length alone. Raises ValueError.
+    """Return the content of a TOML text, in linear time. Raises ValueError.
 
-    Refused beside what is no TOML: whole numbers beyond any float, and keys of more than MOST_PARTS
-    parts.
+    Also rejects whole numbers beyond any float, and keys of more than MOST_PARTS parts.
     """
     _check_keys(text)
     try:
@@ -176,7 +175,7 @@ def _check_keys(text: str) -> None:
 
 
 def _values(content: object) -> Iterator[object]:
-    """Every value, however deep."""
+    """Yield every value, at any depth."""
     todo = [content]
     while todo:
         value = todo.pop()
@@ -189,15 +188,15 @@ def _values(content: object) -> Iterator[object]:
 
 
 def load(path: Path, kind: type[T], what: str, most: int = LARGEST_FILE) -> T:
-    """Return what a TOML file of at most so many bytes says; `what`, such as "study", names it in errors.
+    """Return the content of a TOML file of at most `most` bytes as a struct. Raises AcrcError.
 
-    Raises AcrcError.
+    `what`: names it in errors, such as "study".
     """
     return parse(read_text(path, what, most), kind, str(path))
 
 
 def parse(text: str, kind: type[T], name: str) -> T:
-    """Return what the text of the TOML file `name` says. Raises AcrcError."""
+    """Return the content of the TOML file `name` as a struct. Raises AcrcError."""
     content = toml_tables(text, name)
     try:
         return decode(kind, content)
@@ -208,10 +207,10 @@ def parse(text: str, kind: type[T], name: str) -> T:
 def decode(
     kind: type[T], content: Any, key: str = "", base: T | None = None, others: Collection[str] = ()
 ) -> T:
-    """Return the struct or dataclass that a table describes; `key` is the table's place in the file.
+    """Return the struct or dataclass that a table describes; `key`: the table's key in the file.
 
-    `base`: has all that the table does not set. `others`: keys that the caller has read. Raises
-    ParameterError with the first thing that is wrong, and AcrcError where keys do not fit together.
+    `base`: has the values that the table does not set. `others`: keys that the caller has read. Raises
+    ParameterError for the first wrong key or value, and AcrcError for keys in conflict.
     """
     if not isinstance(content, Mapping):
         raise ParameterError(key, content, words(kind, key))
@@ -240,7 +239,7 @@ def decode(
 
 
 def plain(value: Any) -> Any:
-    """Return settings as a file has them: tables without what is None, and durations in s."""
+    """Return settings as in a file: tables without None, durations in s."""
     if not isinstance(value, msgspec.Struct):
         return tuple(map(plain, value)) if isinstance(value, tuple) else value
     return {
@@ -251,7 +250,7 @@ def plain(value: Any) -> Any:
 
 
 class _WrongError(Exception):
-    """The value is not of its type, or not within its bounds."""
+    """A value of the wrong type or out of bounds."""
 
 
 class _Field(NamedTuple):
@@ -262,7 +261,7 @@ class _Field(NamedTuple):
 
 @cache
 def fields_of(kind: Any) -> dict[str, _Field]:
-    """Return the fields that can be set, by name."""
+    """Return the settable fields, by name."""
     if issubclass(kind, msgspec.Struct):
         return {one.name: _Field(one.type, one.default, one.required) for one in msgspec.structs.fields(kind)}
     hints = get_type_hints(kind, include_extras=True)
@@ -275,7 +274,7 @@ def fields_of(kind: Any) -> dict[str, _Field]:
 
 @cache
 def _bounds(kind: Any) -> list[tuple[str, Sequence[Meta], Sequence[Any]]]:
-    """The fields that hold a number with bounds, or a choice."""
+    """Return the fields with a bounded number or a choice."""
     found = list[tuple[str, Sequence[Meta], Sequence[Any]]]()
     for name, field in fields_of(kind).items():
         is_union = get_origin(field.hint) in {Union, UnionType}
@@ -288,7 +287,7 @@ def _bounds(kind: Any) -> list[tuple[str, Sequence[Meta], Sequence[Any]]]:
 
 
 def _stripped(hint: Any) -> tuple[Any, Sequence[Meta]]:
-    """A type without Annotated, and its bounds."""
+    """Return a type without Annotated, and its bounds."""
     if get_origin(hint) is not Annotated:
         return hint, ()
     return hint.__origin__, [one for one in hint.__metadata__ if isinstance(one, Meta)]
@@ -360,7 +359,7 @@ def _scalar(kind: Any, choices: Sequence[Any], value: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, Enum):
         choices = [one.value for one in kind]
     for one in choices:
-        if type(one) is type(value) and one == value:  # True is no 1
+        if type(one) is type(value) and one == value:  # True is not 1
             return kind(value) if isinstance(kind, type) else value
     if type(value) is int and not -(2**63) <= value < 2**63:
         raise _WrongError
@@ -387,7 +386,7 @@ _TESTS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
 
 
 def _fits(value: Any, metas: Sequence[Meta]) -> bool:
-    """Return whether a value is within bounds; a number without an upper one must be finite."""
+    """Return whether a value is finite and within bounds."""
     return not (isinstance(value, float) and not math.isfinite(value)) and all(
         test(value, bound)
         for meta in metas
@@ -405,13 +404,13 @@ def _described(metas: Sequence[Meta]) -> str:
 
 
 def words(hint: Any, key: str) -> str:
-    """Return what is right for a type, in words that go on after "must be"; empty if no file can set it."""
+    """Describe a type's valid values, to follow "must be"; empty if no file can set it."""
     kind, metas = _stripped(hint)
     return _described(metas) or _table_words(kind, key) or _number_words(kind, metas)
 
 
 def _table_words(kind: Any, key: str) -> str:
-    """Return what is right where no bounds say it: for tables, lists and choices."""
+    """Describe valid tables, lists and choices."""
     origin, args = get_origin(kind), [one for one in get_args(kind) if one not in {NoneType, ...}]
     if origin in {Union, UnionType}:
         return " or ".join(words(one, key) for one in args)
@@ -419,7 +418,7 @@ def _table_words(kind: Any, key: str) -> str:
         name, item = (f"[{key}]", args[0]) if origin is tuple else (f"{key}.NAME", args[1])
         if _is_table(item):
             return f"written as tables [{name}]"
-        return f"a list, each item {told}" if (told := words(item, key)) else ""
+        return f"a list, each item {described}" if (described := words(item, key)) else ""
     if _is_table(kind):
         return f"a table [[{key.partition('[')[0]}]]" if key.endswith("]") else f"a table [{key}]"
     if isinstance(kind, type) and issubclass(kind, Enum):

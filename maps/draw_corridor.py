@@ -1,9 +1,8 @@
-"""Draws corridor.png and corridor.yaml: `python maps/draw_corridor.py [directory]`.
+"""Generator of corridor.png and corridor.yaml: `python maps/draw_corridor.py [directory]`.
 
 The floor of the original testbed: a corridor with window bays, cabinets and pillars, a kitchen at its west
-end and two offices to its south, each behind a passage where two robots hardly get by each other. The
-coordinates were read, in metres, off the map of the original (d3scomp/ROSRemote,
-simulation/corridor.png, Apache-2.0).
+end and two offices to its south, each behind a passage that two robots can barely share. Coordinates were
+measured, in m, on the original map (d3scomp/ROSRemote, simulation/corridor.png, Apache-2.0).
 """
 
 import sys
@@ -18,7 +17,7 @@ ROWS, COLUMNS = 474, 941
 WALL = 3
 """Thickness of the walls, pixels."""
 BLACK, GREY, WHITE = 0, 205, 254
-"""Occupied, unknown and free, the brightnesses that ROS map_saver writes."""
+"""Brightness of occupied, unknown and free cells, as written by ROS map_saver."""
 
 Corners = list[tuple[float, float]]
 
@@ -57,7 +56,7 @@ OFFICE: Corners = [
 
 
 def bay(x: float) -> Corners:
-    """A window bay whose west end is at x: a trapezoid with a sill."""
+    """Return a window bay with its west end at x: a trapezoid with a sill."""
     return [
         (x, 13.84), (x + 0.25, 14.72), (x + 0.50, 14.72), (x + 0.50, 14.53),
         (x + 1.50, 14.53), (x + 1.50, 14.72), (x + 1.75, 14.72), (x + 2.00, 13.84),
@@ -65,17 +64,17 @@ def bay(x: float) -> Corners:
 
 
 def cabinet(x: float) -> Corners:
-    """A cabinet whose west face is at x."""
+    """Return a cabinet with its west face at x."""
     return [(x, 13.84), (x, 11.91), (x + 0.94, 11.91), (x + 0.94, 13.84)]
 
 
 def niche(x: float, y: float) -> Corners:
-    """A niche in the south wall, from its east to its west end at x, reaching south to y."""
+    """Return a niche in the south wall, with its west end at x, south to y."""
     return [(x + 0.88, 10.41), (x + 0.88, y), (x, y), (x, 10.41)]
 
 
 def floor() -> Corners:
-    """The border of the free floor, clockwise from the corridor's south-west corner."""
+    """Return the border of the free floor, clockwise from the corridor's south-west corner."""
     north = sorted([bay(x) for x in BAYS] + [cabinet(x) for x in CABINETS])
     offices = [[(x + shift, y) for x, y in OFFICE] for shift in OFFICES]
     south = sorted([niche(x, y) for x, y in NICHES] + offices, reverse=True)
@@ -84,9 +83,9 @@ def floor() -> Corners:
 
 
 def inside(corners: Corners) -> NDArray[np.bool_]:
-    """(ROWS, COLUMNS), row 0 south: the pixels whose centre lies inside the polygon, by the even-odd rule.
+    """Return the pixels with their centre in the polygon (even-odd rule): (ROWS, COLUMNS), row 0 south.
 
-    Corners are first moved to the nearest corner of a pixel, where the walls of the original are.
+    Corners are first rounded to pixel corners, where the walls of the original are.
     """
     x, y = np.round(np.array(corners) / RESOLUTION).T
     x_next, y_next = np.roll(x, -1), np.roll(y, -1)
@@ -102,7 +101,7 @@ def inside(corners: Corners) -> NDArray[np.bool_]:
 
 
 def pillars() -> NDArray[np.bool_]:
-    """(ROWS, COLUMNS), row 0 south: the pixels whose centre lies in a pillar."""
+    """Return the pixels with their centre in a pillar: (ROWS, COLUMNS), row 0 south."""
     x = (np.arange(COLUMNS) + 0.5) * RESOLUTION
     y = (np.arange(ROWS)[:, None] + 0.5) * RESOLUTION
     mask = np.zeros((ROWS, COLUMNS), dtype=np.bool_)
@@ -112,7 +111,7 @@ def pillars() -> NDArray[np.bool_]:
 
 
 def draw() -> NDArray[np.uint8]:
-    """The map's brightnesses, (ROWS, COLUMNS), row 0 north: white floor in a closed black wall, else grey."""
+    """Return the map's image, (ROWS, COLUMNS), row 0 north: white floor in a closed black wall, else grey."""
     free = inside(floor())
     walled = np.pad(free, WALL)
     near = np.zeros_like(free)
@@ -126,7 +125,7 @@ def draw() -> NDArray[np.uint8]:
 
 
 def header() -> str:
-    """The map's YAML."""
+    """Return the map's YAML."""
     return (
         f"# drawn by draw_corridor.py\nimage: corridor.png\nresolution: {RESOLUTION}\n"
         "origin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

@@ -1,11 +1,10 @@
-"""Draws maze.png, apartment.png and their YAML files: `python maps/draw_floors.py [directory [name …]]`.
+"""Generator of the maps maze and apartment: `python maps/draw_floors.py [directory [name …]]`.
 
-Two floors besides the corridor. The maze is one of nested rectangular corridors, 10 m by 10 m at 0.05 m per
-pixel as the second map of the original testbed (d3scomp/ROSRemote, simulation/maze.yaml), whose drawing is
-another. The apartment has rooms of different sizes behind doors 0.9 m to 1.0 m wide, pillars, and tables of
-which a range sensor sees the legs; no turn and no reflection maps either floor onto itself, so that a robot
-can tell where it is from what it sees. Both layouts are our own. With names such as `offices:7` it writes
-these office floors instead (`actors/floor/offices.py`), for whoever wants to change one by hand.
+The maze has nested rectangular corridors, 10 m by 10 m at 0.05 m per pixel, like the second map of the
+original testbed (d3scomp/ROSRemote, simulation/maze.yaml), but another layout. The apartment has rooms of
+different sizes behind doors 0.9 m to 1.0 m wide, pillars, and tables whose legs a range sensor detects.
+Neither floor has a rotation or reflection symmetry, so scans determine a pose. With names such as
+`offices:7` it writes these office floors instead (`actors/floor/offices.py`), for editing by hand.
 """
 
 import sys
@@ -19,7 +18,7 @@ from actors.floor.offices import Box, DrawnFloor, draw, header
 
 
 def ring(west: float, south: float, east: float, north: float) -> tuple[Box, ...]:
-    """The four walls, 0.10 m thick, whose outer faces lie there, m."""
+    """Return four walls, 0.10 m thick, with these outer faces, m."""
     return (
         (west, south, east, south + 0.10),
         (west, north - 0.10, east, north),
@@ -29,7 +28,7 @@ def ring(west: float, south: float, east: float, north: float) -> tuple[Box, ...
 
 
 def table(x: float, y: float, length: float, depth: float) -> tuple[Box, ...]:
-    """The four legs, 0.05 m thick, of a table whose south-west corner is at (x, y)."""
+    """Return the four legs, 0.05 m thick, of a table with its south-west corner at (x, y)."""
     east, north = x + length - 0.05, y + depth - 0.05
     return tuple((px, py, px + 0.05, py + 0.05) for px in (x, east) for py in (y, north))
 
@@ -42,7 +41,7 @@ MAZE = DrawnFloor(
         *ring(1.40, 1.20, 8.45, 8.75),  # off centre: corridors differ in width
         *ring(2.65, 2.75, 7.00, 7.45),
         *ring(4.10, 3.85, 5.95, 6.35),
-        (4.00, 8.75, 4.10, 9.90),  # each closes a corridor, so that there is a long way round
+        (4.00, 8.75, 4.10, 9.90),  # each closes a corridor, which forces a detour
         (0.10, 6.40, 1.40, 6.50),
         (7.00, 3.60, 8.35, 3.70),
         (5.60, 2.85, 5.70, 3.85),
@@ -110,7 +109,7 @@ FLOORS = {"maze": MAZE, "apartment": APARTMENT}
 
 
 def main(directory: Path, names: Sequence[str] = ()) -> None:
-    """Write the files of all fixed floors into `directory`; with `names`: those of office floors instead."""
+    """Write the files of all fixed floors, or of the office floors `names`, into `directory`."""
     for name in names:
         offices.write(name, directory / name.replace(":", "-"))
     if names:

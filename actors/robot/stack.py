@@ -94,7 +94,7 @@ def stack(tables: Mapping[str, Mapping[str, Any]]) -> Stack:
         base = found[name] = known[named.get(name, named["navigation"])]
         for key in own.keys() - set(others) if base is None else ():
             raise AcrcError(
-                f'{name}.{key} is set, but must be left out where the preset is "{ODOMETRY}", '
+                f'{name}.{key} is set, but must be absent where the preset is "{ODOMETRY}", '
                 "which has no parameters"
             )
         if base is not None:

@@ -1,1 +1,1 @@
-"""A map page in the browser: where a run's robots are, and orders to the run by hand."""
+"""Map page in the browser: state of a run, and orders to it."""

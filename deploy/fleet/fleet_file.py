@@ -194,7 +194,7 @@ def _fault(file: _FleetFile) -> str | None:
     for index, robot in enumerate(file.robot):
         key, earlier = f"robot[{index}]", file.robot[:index]
         if robot.id in {one.id for one in earlier}:
-            return f'{key}.id is "{robot.id}" once more, but each robot must have an id of its own'
+            return f'{key}.id is a second "{robot.id}"; each robot must have its own id'
         for one in earlier:
             if one.address == robot.address:
                 return (
@@ -208,7 +208,7 @@ def _fault(file: _FleetFile) -> str | None:
     names = [area.name for area in file.area]
     for index, name in enumerate(names):
         if name in names[:index]:
-            return f'area[{index}].name is "{name}" once more, but each area must have a name of its own'
+            return f'area[{index}].name is a second "{name}"; each area must have its own name'
     return None
 
 

@@ -1,1 +1,1 @@
-"""Other computers that robots of one run are on: found by Dask, reached by mutual TLS; what stays there."""
+"""Runs with robots on other computers: found by Dask, connected by mutual TLS."""

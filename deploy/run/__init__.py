@@ -1,1 +1,1 @@
-"""A whole run: laid out, tried once, started, watched, ended."""
+"""A run: preparation, preflight, supervision, result, replay and branches."""

@@ -1,1 +1,1 @@
-"""The scenario file: its tables, its faults in words, and what it resolves to."""
+"""Scenario files: tables, checks, resolution and survey."""

@@ -1,4 +1,4 @@
-"""The events of a scenario: whether they make sense one after the other, and the orders they stand for."""
+"""Events of a scenario: checks between them and other tables, and the orders that they become."""
 
 import difflib
 import math
@@ -18,7 +18,7 @@ from deploy.scenario.tables import AreaTable, EventTable, Scenario
 
 
 def robot_fault(scenario: Scenario) -> str | None:
-    """Return the fault between the tables, without a full stop; None if there is none."""
+    """Return an error in the [[robot]] and [places] tables, without a full stop; None if valid."""
     return _ids(scenario) or _places(scenario)
 
 
@@ -28,7 +28,7 @@ def _ids(scenario: Scenario) -> str | None:
         if robot.id not in scenario.ids:
             return f'robot[{index}].id is "{robot.id}", but must be {known_robots(scenario)}'
         if robot.id in seen:
-            return f'robot[{index}].id is "{robot.id}" once more, but each robot must have one table only'
+            return f'robot[{index}].id is a second "{robot.id}"; give each robot one table'
         seen.add(robot.id)
     return None
 
@@ -38,28 +38,25 @@ def _places(scenario: Scenario) -> str | None:
         return None
     if scenario.places.per_robot is not None:
         return (
-            f"places.per_robot is {scenario.places.per_robot}, but must be left out where"
-            ' places.preset is "listed"'
+            f'places.per_robot is {scenario.places.per_robot}, but must be absent with places.preset "listed"'
         )
     listed = {robot.id for robot in scenario.robot if robot.places is not None}
     for robot in scenario.ids:
         if robot not in listed:
-            return (
-                f'places.preset is "listed", but {robot} lists none: a [[robot]] table must hold its places'
-            )
+            return f'places.preset is "listed", but {robot} has no places; list them in its [[robot]] table'
     return None
 
 
 def known_robots(scenario: Scenario) -> str:
-    """The robots there are, for a sentence."""
+    """Describe the valid robot ids."""
     first, last = scenario.ids[0], scenario.ids[-1]
     return f"the only robot, {first}" if first == last else f"one of the robots {first} to {last}"
 
 
 def area_fault(scenario: Scenario) -> str | None:
-    """Return the fault of the areas or their use, without a full stop; None if there is none."""
+    """Return an error in the areas or their use, without a full stop; None if valid."""
     return (
-        _once([area.name for area in scenario.area], "area[{}].name", "each area must have a name of its own")
+        _once([area.name for area in scenario.area], "area[{}].name", "each area must have its own name")
         or _known(scenario.robots.areas, "robots.areas", scenario)
         or _preset(scenario)
         or _known(scenario.places.areas, "places.areas", scenario)
@@ -67,18 +64,18 @@ def area_fault(scenario: Scenario) -> str | None:
 
 
 def for_starts(scenario: Scenario) -> tuple[Area, ...] | None:
-    """Where starts are drawn; None: on all free floor."""
+    """Return the areas in which starts are drawn; None: on all free floor."""
     names = scenario.robots.areas
     return None if names is None else areas_named(tuple(table.area for table in scenario.area), names)
 
 
 def for_places(scenario: Scenario) -> tuple[Area, ...] | None:
-    """Where places are drawn; None: on all free floor."""
+    """Return the areas in which places are drawn; None: on all free floor."""
     return tuple(table.area for table in of_places(scenario)) or None
 
 
 def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
-    """The tables of the areas in which places are drawn; none: on all free floor."""
+    """Return the tables of the areas in which places are drawn; empty: on all free floor."""
     if scenario.places.preset == "free":
         return ()
     if scenario.places.areas is None:
@@ -88,43 +85,43 @@ def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
 
 
 def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
-    """Raise AcrcError if an area holds no free floor at all."""
+    """Raise AcrcError if an area contains no free floor."""
     for index, area in enumerate(table.area for table in scenario.area):
         if not has_free_floor(grid, area):
             raise AcrcError(
                 f"area[{index}] {shown(area.name)} spans x {area.x0:g} to {area.x1:g} and"
-                f" y {area.y0:g} to {area.y1:g} m, where nothing is free, but must hold free floor"
+                f" y {area.y0:g} to {area.y1:g} m, where nothing is free; it must cover free floor"
             )
 
 
 def _preset(scenario: Scenario) -> str | None:
     preset, names = scenario.places.preset, scenario.places.areas
     if names is not None and preset in ("free", "listed"):
-        return f'places.areas must be left out where places.preset is "{preset}"'
+        return f'places.areas must be absent with places.preset "{preset}"'
     if preset == "areas" and not scenario.area:
-        return 'places.preset is "areas", but there is none: the scenario must hold tables [[area]]'
+        return 'places.preset is "areas", but the scenario has no [[area]] table'
     return None
 
 
 def _known(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | None:
-    """A name that no area has, or that stands there twice."""
+    """Return an error for an unknown or repeated area name."""
     known = [area.name for area in scenario.area]
     for index, name in enumerate(names or ()):
         if name in known:
             continue
         near = difflib.get_close_matches(name, known, n=1)
         if near:
-            return f"{key}[{index}] is {shown(name)}, which is no area; did you mean {shown(near[0])}?"
+            return f"{key}[{index}] is {shown(name)}, which is not an area; did you mean {shown(near[0])}?"
         right = f"one of {', '.join(map(shown, known))}" if known else "the name of an [[area]]"
         return f"{key}[{index}] is {shown(name)}, but must be {right}"
-    return _once(names or (), f"{key}[{{}}]", "each area must stand there once only")
+    return _once(names or (), f"{key}[{{}}]", "name each area once")
 
 
 def _once(names: Sequence[str], key: str, rule: str) -> str | None:
-    """A name that stands in `names` a second time; `key` has a gap for its index."""
+    """Return an error for a repeated name; `key` has a placeholder for its index."""
     for index, name in enumerate(names):
         if name in names[:index]:
-            return f"{key.format(index)} is {shown(name)} once more, but {rule}"
+            return f"{key.format(index)} is a second {shown(name)}; {rule}"
     return None
 
 
@@ -141,13 +138,13 @@ _ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
     "close": ((), lambda at: orders.CloseDoor(*at)),
     "open": ((), lambda at: orders.OpenDoor(*at)),
 }
-"""Each action of an event: what must stand beside it, and the order that both stand for."""
+"""Keys that each action requires, and the order made of its values."""
 _COMPANIONS: Final = ("to", "radius", "duration", "of", "places")
 _WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "give")
 
 
 def fault(scenario: Scenario) -> str | None:
-    """The first thing wrong with the events, in words without an end; None if nothing is."""
+    """Return the first error in the events, without a full stop; None if valid."""
     for index, event in enumerate(scenario.event):
         found = _shape(event) or _robot(event, scenario) or _instant(event, scenario)
         if found:
@@ -156,7 +153,7 @@ def fault(scenario: Scenario) -> str | None:
 
 
 def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
-    """The orders in order of their instants; those of one instant in the order of the file."""
+    """Return the orders sorted by time; orders of one instant keep the order of the file."""
     return tuple(_timed(scenario.event[index]) for index in _by_instant(scenario))
 
 
@@ -165,12 +162,12 @@ def _timed(event: EventTable) -> TimedOrder:
 
 
 def action_of(event: EventTable) -> str:
-    """Name of the event's action."""
+    """Return the name of the event's action."""
     return next(name for name in _ORDERS if getattr(event, name) is not None)
 
 
 def _shape(event: EventTable) -> str | None:
-    """Exactly one action, and beside it just what belongs to it."""
+    """Return an error unless the event has one action and exactly its keys."""
     actions = [name for name in _ORDERS if getattr(event, name) is not None]
     if len(actions) != 1:
         has = " and ".join(actions) or "no action"
@@ -180,10 +177,10 @@ def _shape(event: EventTable) -> str | None:
     for name in _COMPANIONS:
         present, belongs = getattr(event, name) is not None, name in needed
         if belongs and not present:
-            return f".{name} is missing, but {action} needs {' and '.join(needed)}"
+            return f".{name} is missing; {action} requires {' and '.join(needed)}"
         if present and not belongs:
-            needs = " and ".join(needed) or "nothing"
-            return f".{name} does not belong to {action}, which needs {needs} beside it"
+            needs = " and ".join(needed) or "no other key"
+            return f".{name} cannot be used with {action}, which takes {needs}"
     return None
 
 
@@ -204,8 +201,8 @@ def _instant(event: EventTable, scenario: Scenario) -> str | None:
 
 
 def _sequence(scenario: Scenario) -> str | None:
-    """Each robot must be in a state in which the order to it can be carried out."""
-    standing = dict.fromkeys(scenario.ids, "running")
+    """Return an error if a robot's state does not allow an order at its time."""
+    states = dict.fromkeys(scenario.ids, "running")
     restarted: dict[str, Instant] = {}
     for index in _by_instant(scenario):
         event = scenario.event[index]
@@ -215,16 +212,16 @@ def _sequence(scenario: Scenario) -> str | None:
         robot: str = getattr(event, action)
         if action != "restart" and restarted.get(robot) == boundary:
             return (
-                f"event[{index}] would {action} {robot} at {event.at:g} s, in the step in which it restarts;"
-                " that must come a step later"
+                f"event[{index}] cannot {action} {robot} at {event.at:g} s, the step of its restart;"
+                " choose a later step"
             )
         allowed, after = _TRANSITIONS[action]
-        if standing[robot] not in allowed:
+        if states[robot] not in allowed:
             return (
-                f"event[{index}] would {action} {robot} at {event.at:g} s, but it is {standing[robot]} then;"
+                f"event[{index}] cannot {action} {robot} at {event.at:g} s: it is {states[robot]} then;"
                 f" it must be {' or '.join(allowed)}"
             )
-        standing[robot] = after
+        states[robot] = after
         if action == "restart":
             restarted[robot] = boundary
     return None
@@ -236,16 +233,16 @@ _TRANSITIONS: Final = {
     "thaw": (("frozen",), "running"),
     "restart": (("running", "frozen", "killed"), "running"),
 }
-"""Action: the states it may find a robot in, and the one it leaves it in."""
+"""Robot states that allow each action, and the state after it."""
 
 
 def _by_instant(scenario: Scenario) -> list[int]:
-    """Indices of the events in order of their instants."""
+    """Return the indices of the events, sorted by time."""
     return sorted(range(len(scenario.event)), key=lambda index: seconds(scenario.event[index].at))
 
 
 def _boundary(event: EventTable, scenario: Scenario) -> Instant:
-    """The step boundary at which the event happens: the first that is not before it."""
+    """Return the first step boundary not before the event."""
     step = milliseconds(scenario.run.step_ms)
     return Instant(_timed(event).step(step) * step)
 

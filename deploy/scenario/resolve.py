@@ -1,4 +1,4 @@
-"""From a scenario to who stands where with what to do: every choice made, every random draw drawn."""
+"""Resolution of scenarios: robots, starts, places and all random draws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -29,38 +29,38 @@ from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
 class SpotError(AcrcError):
-    """Robots or places that the floor plan has no room for."""
+    """A start, place or event that does not fit the floor plan."""
 
 
 _APART: Final = 0.6
-"""From walls, and from each other, centre to centre, m: where starts, and one robot's places, are drawn. A
-robot can pass between the point and the wall."""
+"""Minimum distance of drawn starts, and of one robot's places, from walls and each other, m. A robot can
+pass between such a point and the wall."""
 _PER_ROBOT: Final = 10
-"""Places of a robot unless the scenario says (d3scomp/deeco-adaptation-testbed, GARBAGE_PER_ROBOT)."""
+"""Default number of places of a robot (d3scomp/deeco-adaptation-testbed, GARBAGE_PER_ROBOT)."""
 
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """One robot before it has a start and places."""
+    """One robot before its start and places are drawn."""
 
     own: RobotTable
-    """Its table, completed by what holds for all robots and by its model."""
+    """Its table, completed with the values of all robots and of its model."""
     radius: float
 
     @property
     def id(self) -> str:
-        """Id in its table."""
+        """Id of the robot."""
         return self.own.id
 
 
 @dataclass(frozen=True, kw_only=True)
 class Swarm:
-    """A swarm of which nothing is left open."""
+    """Complete set-ups of world, radio and robots."""
 
     world: WorldSetup
     """Floor and bodies."""
     radio: RadioSetup
-    """The air."""
+    """Radio channel and transceivers."""
     behaviour: str
     """Entry string `module:function` of the robots' behaviour."""
     adaptation: Adaptation
@@ -71,16 +71,16 @@ class Swarm:
 
 @dataclass(frozen=True, kw_only=True)
 class ResolvedScenario(Swarm):
-    """A scenario of which nothing is left open."""
+    """A scenario with all set-ups derived from it."""
 
     scenario: Scenario
-    """Means the same as the one that was given, and draws nothing: every robot has a table of its own."""
+    """Equivalent to the given scenario, without random draws: every robot has its own table."""
     grid: OccupancyGrid = field(compare=False)
     """The floor plan."""
 
 
 def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
-    """Return the set-up of one of its robots at the first start."""
+    """Return the set-up of a robot at its first start."""
     return RobotSetup(
         id=robot.id,
         epoch=0,
@@ -99,10 +99,9 @@ def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
 
 
 def resolve(scenario: Scenario) -> ResolvedScenario:
-    """Everything that the scenario leaves to be drawn or looked up, from its seed.
+    """Look up and draw everything that the scenario leaves open, from its seed.
 
-    What one robot gets depends on the robots before it only, so a larger count changes nothing for them.
-    Raises an AcrcError where anything does not exist or does not fit.
+    A robot's draws depend on earlier robots only, so a larger count does not change them. Raises AcrcError.
     """
     behaviour = entry(scenario.run.strategy)
     radio_model.preset(scenario.radio.preset)
@@ -128,7 +127,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         events=timed_orders(scenario),
         uncertainty=scenario.uncertainty,
     )
-    if world.uncertainty != Uncertainty():  # else what is said above of the map holds
+    if world.uncertainty != Uncertainty():  # without it the checks above of the map suffice
         _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
     settled = _settled(scenario, robots)
@@ -152,25 +151,25 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
 
 
 def _check_walls(grid: OccupancyGrid, scenario: Scenario) -> None:
-    """Raise AcrcError if a table [[wall]] holds nothing that is occupied."""
+    """Raise AcrcError if a [[wall]] table covers no occupied cell."""
     for index, patch in enumerate(scenario.wall):
         if not (grid.cells[inside(grid, patch)] == OCCUPIED).any():
             (x0, x1), (y0, y1) = patch.x, patch.y
             raise AcrcError(
-                f"wall[{index}] spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m, where nothing is occupied,"
-                " but must hold a wall"
+                f"wall[{index}] spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m, where nothing is occupied;"
+                " it must cover a wall"
             )
 
 
 def _check_floor(world: WorldSetup) -> None:
-    """Raise PlacementError now, and not in the world's process, if there is no such floor."""
+    """Raise PlacementError now, rather than in the world's process, if the real floor cannot be made."""
     from actors.world.body import real_floor  # noqa: PLC0415 - the physics, for few scenarios
 
     real_floor(world, [load_model(robot.model, robot.sensor) for robot in world.robots])
 
 
 def _spec(robot: str, scenario: Scenario) -> RobotSpec:
-    """The robot's own table, and what holds for all robots where that says nothing."""
+    """Return the robot's table, with missing values from [robots] and its model."""
     common = scenario.robots
     own = next((table for table in scenario.robot if table.id == robot), RobotTable(id=robot))
     name = own.model or common.model
@@ -181,9 +180,9 @@ def _spec(robot: str, scenario: Scenario) -> RobotSpec:
 
 
 def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
-    """The scenario with a table for each robot that leaves nothing to be drawn.
+    """Return the scenario with every start and place listed in [[robot]] tables.
 
-    Of the areas it keeps those of the places: robots may ask for a random point there.
+    Areas of places are kept: robots may request random points in them.
     """
     tables = tuple(RobotTable(**asdict(robot)) for robot in robots)
     presets = {name: {"preset": one, **getattr(scenario, name)} for name, one in scenario.presets.items()}
@@ -200,7 +199,7 @@ def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
 def starts(
     grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario
 ) -> list[tuple[float, float, float]]:
-    """Every robot's first pose, in order: as given, or drawn at a distance from all that are given."""
+    """Return every robot's start pose, in order: given, or drawn at a distance from all others."""
     given: dict[str, tuple[float, float, float]] = {}
     for index, spec in enumerate(specs):
         pose = spec.own.start
@@ -238,9 +237,7 @@ def _draw_start(
         )
     except PlacementError as error:
         where = "" if scenario.robots.areas is None else " in robots.areas"
-        raise SpotError(
-            f"robot {spec.id} finds no start{where} beside {len(taken)} others: {error}"
-        ) from error
+        raise SpotError(f"no start for robot {spec.id}{where} beside {len(taken)} others: {error}") from error
     return point
 
 
@@ -251,13 +248,13 @@ def _check_apart(specs: Sequence[RobotSpec], given: dict[str, tuple[float, float
             gap, needed = here.distance_to(Point(*given[other.id][:2])), spec.radius + other.radius
             if gap < needed:
                 raise SpotError(
-                    f"robots {other.id} and {spec.id} would start {gap:.3f} m apart at"
+                    f"robots {other.id} and {spec.id} start {gap:.3f} m apart at"
                     f" ({here.x:g}, {here.y:g}), but must be at least {needed:.3f} m apart"
                 )
 
 
 def check_events(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> None:
-    """Raise an AcrcError if an event puts a robot or a place into a wall."""
+    """Raise AcrcError if an event puts a robot or a place into a wall."""
     radius = {spec.id: spec.radius for spec in specs}
     for index, event in enumerate(scenario.event):
         if event.move is not None and event.to is not None:
@@ -268,7 +265,7 @@ def check_events(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scen
 
 
 def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> None:
-    """Raise SpotError for a door that there is not, or that is to close or open when it is so already."""
+    """Raise SpotError for an unknown door, or one that is already closed or open at an event."""
     doorways = Doorways(grid, max(spec.radius for spec in specs))
     closed: set[int] = set()
     for index, event in sorted(enumerate(scenario.event), key=lambda item: item[1].at):
@@ -279,17 +276,17 @@ def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scena
             door = doorways.at(Point(*point))
             doorways.closed(door)
         except DoorError as error:
-            raise SpotError(f"event[{index}].{verb} is no door: {error}") from None
+            raise SpotError(f"event[{index}].{verb}: {error}") from None
         if (door.index in closed) == (verb == "close"):
             state = "closed" if verb == "close" else "open"
-            raise SpotError(f"event[{index}] would {verb} a door at {event.at:g} s, which is {state} then")
+            raise SpotError(f"event[{index}] cannot {verb} a door at {event.at:g} s: it is {state} then")
         closed ^= {door.index}
 
 
 def places(
     grid: OccupancyGrid, spec: RobotSpec, start: tuple[float, float, float], scenario: Scenario
 ) -> tuple[tuple[float, float], ...]:
-    """The robot's places: its own, or those that the preset means."""
+    """Return the robot's places: listed in its table, or by preset."""
     if spec.own.places is not None:
         return _checked(grid, spec, spec.own.places, f"of {scenario.map}")
     index = scenario.ids.index(spec.id)
@@ -313,12 +310,12 @@ def places(
         )
     except PlacementError as error:
         where = "on all free floor" if chosen is None else "in places.areas"
-        raise SpotError(f"robot {spec.id} cannot get its {count} places {where}: {error}") from error
+        raise SpotError(f"cannot draw {count} places for robot {spec.id} {where}: {error}") from error
     return tuple(map(_to_the_millimetre, points))
 
 
 def _to_the_millimetre(point: Point) -> tuple[float, float]:
-    """So that people can read and repeat it."""
+    """Round to mm, so that people can read and repeat it."""
     return round(point.x, 3), round(point.y, 3)
 
 
@@ -334,7 +331,7 @@ def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
 def _checked(
     grid: OccupancyGrid, spec: RobotSpec, points: Sequence[tuple[float, float]], where: str
 ) -> tuple[tuple[float, float], ...]:
-    """The points; SpotError for one that is not on free floor, `where` that should be."""
+    """Return the points. Raises SpotError for one that is not on free floor; `where`: ends the sentence."""
     for index, (x, y) in enumerate(points):
         if not grid.is_free(Point(x, y)):
             raise SpotError(

@@ -1,4 +1,4 @@
-"""Scenario files: read with the command line's overrides and checked; the files and the map they name."""
+"""Scenario files: loading, overrides of the command line, checks, and the files that they name."""
 
 import difflib
 import os
@@ -32,7 +32,7 @@ DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 @dataclass(frozen=True)
 class Overrides:
-    """Values from the command line in place of the file's: a number or its text; None = as in the file."""
+    """Values from the command line in place of the file's: a number or its text; None: as in the file."""
 
     robots: int | str | None = None
     """Replaces robots.count."""
@@ -45,11 +45,11 @@ class Overrides:
     step: int | str | None = None
     """Replaces run.step_ms, ms."""
     strategy: str | None = None
-    """Replaces run.strategy; if the file names another one, its table [strategy] is left out, too."""
+    """Replaces run.strategy. If the file has another strategy, its [strategy] table is ignored."""
     navigation: str | None = None
     """Replaces navigation.preset."""
     settings: tuple[tuple[str, Any], ...] = ()
-    """Replace other keys, such as ("deeco.publish", 0.5): dotted keys, and values as the file would have."""
+    """Other keys to replace, dotted, with values as in the file, such as ("deeco.publish", 0.5)."""
 
 
 _KEYS: Final = {
@@ -61,14 +61,14 @@ _KEYS: Final = {
     "strategy": ("run", "strategy"),
     "navigation": ("navigation", "preset"),
 }
-"""Where each field of Overrides stands in the file."""
+"""Key of each field of Overrides."""
 _TEXTS: Final = {"strategy", "key", "navigation"}
 
 
 def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) -> Scenario:
-    """The scenario in the file, or the one that is shipped, with what the command line sets instead.
+    """Load a scenario file (default: the shipped `chapter`) and apply the command line's overrides.
 
-    Paths in it are absolute. Raises AcrcError, or OptionError where a value of `overrides` is wrong.
+    Paths in the result are absolute. Raises AcrcError, or OptionError for a wrong value of `overrides`.
     """
     path = DEFAULT_SCENARIO if path is None else path
     check_there(path, DEFAULT_SCENARIO.parent)
@@ -76,11 +76,10 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
-    """The scenario in the text of the file `path`, as load_scenario gives it."""
+    """Return the scenario in the text of the file `path`, like load_scenario."""
     content = toml_tables(text, path)
     if says_study(content):
-        carried_out = typed("campaign", path)
-        raise AcrcError(f"{path}: is a study, must be a scenario; to carry the study out: {carried_out}")
+        raise AcrcError(f"{path}: is a study, not a scenario; run it with: {typed('campaign', path)}")
     own_map = content.get("map")
     options = _lay_over(content, overrides)
     try:
@@ -104,9 +103,9 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
 def _on_its_map(
     scenario: Scenario, own: object, path: Path, options: Mapping[tuple[str, ...], str]
 ) -> Scenario:
-    """The scenario with its map located, and without what is of the file's `own` map if that is another.
+    """Resolve the scenario's map; drop areas of the file's `own` map if that was replaced.
 
-    Raises AcrcError or OptionError where the map cannot be drawn, or is not what starts and places are for.
+    Raises AcrcError or OptionError if the map cannot be drawn, or starts or places belong to another map.
     """
     folder, option = Path(os.path.realpath(path)).parent, options.get(("map",))
     try:
@@ -121,7 +120,7 @@ def _on_its_map(
 
 
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
-    """Set what `overrides` sets in `content`, and give the option that each such key comes from."""
+    """Apply `overrides` to `content`; return the option that set each key."""
     options: dict[tuple[str, ...], str] = {}
     if overrides.navigation == "improved":
         raise OptionError(f"--navigation: {IMPROVED_REMOVED}")
@@ -142,7 +141,7 @@ def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[st
 
 
 def _set(content: dict[str, Any], place: Sequence[str], value: object, dotted: str) -> None:
-    """Set a key in its table, which may be missing. OptionError where there is something else."""
+    """Set a key in its table, which may be missing. Raises OptionError if a parent is not a table."""
     table: Any = content
     for name in place[:-1]:
         table = table.setdefault(name, {}) if isinstance(table, dict) else None
@@ -152,9 +151,9 @@ def _set(content: dict[str, Any], place: Sequence[str], value: object, dotted: s
 
 
 def settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
-    """The settings that a command line gives, each KEY=VALUE with a value of TOML, or else a bare text.
+    """Return settings given as KEY=VALUE; a value that is not valid TOML is a text.
 
-    OptionError for what has no key.
+    Raises OptionError for a missing key or value.
     """
     given: list[tuple[str, Any]] = []
     for word in words:
@@ -170,7 +169,7 @@ def settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
 
 
 def _leave_settings_out(content: dict[str, Any], strategy: str | None) -> None:
-    """Drop the table [strategy] if it holds the settings of another strategy than the one that is wished."""
+    """Drop the table [strategy] if it belongs to another strategy than the requested one."""
     run = content.get("run")
     named = run.get("strategy") if isinstance(run, dict) else None
     if strategy is not None and named is not None and named != strategy:
@@ -178,7 +177,7 @@ def _leave_settings_out(content: dict[str, Any], strategy: str | None) -> None:
 
 
 def _number(value: float | str) -> float | str:
-    """The number that a text holds, or else the text, which the scenario's tables then refuse."""
+    """Return the number in a text, or the text itself, which decoding rejects."""
     if not isinstance(value, str):
         return value
     for kind in (int, float):
@@ -190,7 +189,7 @@ def _number(value: float | str) -> float | str:
 
 
 def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
-    """Paths as they are meant: relative to the scenario file's folder."""
+    """Resolve paths against the scenario file's folder."""
     return with_models(
         replace(scenario, run=replace(scenario.run, modules=str(folder / (scenario.run.modules or ".")))),
         lambda model: located_model(model, folder),
@@ -198,7 +197,7 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
 
 
 def with_models(scenario: Scenario, moved: Callable[[str], str]) -> Scenario:
-    """Return the scenario with other names or paths of its robot models."""
+    """Return the scenario with `moved` applied to all names and paths of robot models."""
     robots = replace(scenario.robots, model=moved(scenario.robots.model))
     own = tuple(
         robot if robot.model is None else replace(robot, model=moved(robot.model)) for robot in scenario.robot
@@ -207,19 +206,19 @@ def with_models(scenario: Scenario, moved: Callable[[str], str]) -> Scenario:
 
 
 def module_folders(scenario: Scenario) -> tuple[Path, ...]:
-    """Where a scenario says that its strategy lies."""
+    """Return the folder of a scenario's strategy modules, if it names one."""
     return (Path(scenario.run.modules),) if scenario.run.modules else ()
 
 
 def map_of(told: str, folder: Path) -> str:
-    """Return the map that the scenario file in `folder` means by a path or a name. Raises OfficesError."""
+    """Return the absolute path of a map, or the name of a drawn floor. Raises OfficesError."""
     return offices.parse(told).name if offices.is_name(told) else os.path.realpath(folder / told)
 
 
 def bound(scenario: Scenario, own: str, given: Collection[tuple[str, ...]]) -> str | None:
-    """Return the parts of a file, made for its `own` map, that do not fit the scenario's; None if all fit.
+    """Return an error if starts or places of a file belong to its `own` map, not the scenario's; else None.
 
-    `given`: the keys that were not taken from the file.
+    `given`: keys set by the command line.
     """
     robots = any(robot.start is not None or robot.places is not None for robot in scenario.robot)
     made = {
@@ -231,13 +230,13 @@ def bound(scenario: Scenario, own: str, given: Collection[tuple[str, ...]]) -> s
     if not right:
         return None
     return (
-        f"{scenario.map} is another map than the scenario's own {own}, for which its starts or places are"
-        f" made; must be set together with {' and '.join(right)}"
+        f"{scenario.map} replaces the scenario's own map {own}, for which its starts or places are"
+        f" made; also set {' and '.join(right)}"
     )
 
 
 def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
-    """The scenario with the areas of its floor: its own tables if of that floor, else a drawn one's rooms."""
+    """Return the scenario with its own areas, or with the rooms of its drawn floor."""
     tables = scenario.area if own_areas else ()
     if not tables and offices.is_name(scenario.map):
         rooms = offices.office_floor(scenario.map).rooms
@@ -253,7 +252,7 @@ def title(told: str) -> str:
 
 
 def is_scenario(path: Path) -> bool:
-    """True if a file is a scenario; False if it cannot be read."""
+    """Return whether a file is a scenario; False if it cannot be read."""
     try:
         content = toml_tables(read_text(path, "scenario"), path)
     except AcrcError:
@@ -262,20 +261,17 @@ def is_scenario(path: Path) -> bool:
 
 
 def says_study(content: Mapping[str, Any]) -> bool:
-    """True if a file with this content is a study: it must have both keys, and a scenario has neither."""
+    """Return whether content is a study's: a study has both keys, a scenario neither."""
     return "strategies" in content and "scenario" in content
 
 
 def check_there(path: Path, folder: Path) -> None:
-    """Raise AcrcError with the file of `folder`, of those that are shipped, that one who typed this may mean.
-
-    Not where the file exists, and not where none is called like it.
-    """
+    """Raise AcrcError if a file is missing and a shipped one in `folder` has a similar name."""
     if path.exists():
         return
     shipped = {file.stem: file for file in sorted(folder.glob("*.toml"))}
     for near in difflib.get_close_matches(path.stem, shipped, n=1):
-        raise AcrcError(f"{path}: there is no such file; did you mean {os.path.relpath(shipped[near])}?")
+        raise AcrcError(f"{path}: file not found; did you mean {os.path.relpath(shipped[near])}?")
 
 
 def map_files(described: Path) -> Iterator[Path]:
@@ -286,9 +282,9 @@ def map_files(described: Path) -> Iterator[Path]:
 
 
 def strategy_files(strategy: str, folder: Path) -> Iterator[Path]:
-    """The modules of a strategy of one's own, which lies in `folder`; of a package all of it.
+    """Yield the modules of a user strategy in `folder`, with all files of its package.
 
-    Nothing for what is installed. Raises AcrcError where one lies elsewhere.
+    Installed strategies yield nothing. Raises AcrcError for a module outside the folder.
     """
     for name in handover.names(strategy):
         module = name.partition(":")[0]
@@ -296,10 +292,10 @@ def strategy_files(strategy: str, folder: Path) -> Iterator[Path]:
             continue
         top = located(module.partition(".")[0], folder)
         if top is None:
-            raise AcrcError(f"{name}: its module does not lie in {folder}; must do so to be bundled")
+            raise AcrcError(f"{name}: its module is not in {folder}; move it there to bundle it")
         whole = top.name == "__init__.py" or top.is_dir()
         files = sorted((top if top.is_dir() else top.parent).rglob("*.py")) if whole else [top]
         for file in files:
             if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
-                raise AcrcError(f"{file}: leads out of {folder}, or is no file; must lie there to be bundled")
+                raise AcrcError(f"{file}: is not a file in {folder}; only those are bundled")
         yield from files

@@ -1,4 +1,4 @@
-"""A scenario on its floor, a map with its doors, a robot model with what it sees: each as a picture."""
+"""Pictures of a scenario, a map or a robot model."""
 
 import math
 from pathlib import Path
@@ -23,11 +23,11 @@ from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey
 
 _LATTICE: Final = 0.25
-"""Between the points at which radio is looked at, m."""
+"""Spacing of the points at which radio range is computed, m."""
 
 
 def draw(found: ScenarioSurvey) -> Figure:
-    """The picture."""
+    """Return the picture of a scenario."""
     figure, axes = _floor_figure(found)
     world = found.resolved.world
     few = glyphs.has_few([body.id for body in world.robots])
@@ -55,7 +55,7 @@ def draw(found: ScenarioSurvey) -> Figure:
 
 
 def write(found: MapSurvey | RobotModel, path: Path) -> None:
-    """The picture of a scenario, a map or a robot model as a PNG or SVG file."""
+    """Write the picture of a scenario, a map or a robot model to a PNG or SVG file."""
     with style.applied(style.LOOK):
         if isinstance(found, RobotModel):
             figure = draw_model(found)
@@ -74,10 +74,10 @@ def _floor_figure(found: MapSurvey) -> tuple[Figure, Axes]:
 
 def _floor_legend(found: MapSurvey) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
-        Patch(color=floor_picture.DOOR, label="narrow place: who meets there, stops")
+        Patch(color=floor_picture.DOOR, label="narrow place: robots cannot pass each other")
     ]
     if ((found.parts.labels > 0) & ~found.reached).any():
-        handles.append(Patch(color=floor_picture.SHUT, label="room for a robot, but no way there"))
+        handles.append(Patch(color=floor_picture.SHUT, label="wide enough for a robot, but no path"))
     return handles
 
 
@@ -90,7 +90,7 @@ def _add_legend(figure: Figure, handles: list[Line2D | Patch], columns: int) -> 
 
 
 def _draw_radio(axes: Axes, found: ScenarioSurvey) -> None:
-    """From each start, to where on the floor half of the longest frames arrive."""
+    """Draw the limit of each start's radio range: half of the longest frames arrive there."""
     x, y = _lattice(found.grid)
     free = np.array([[found.grid.is_free(Point(east, north)) for east in x.tolist()] for north in y.tolist()])
     look: dict[str, Any] = {"levels": [0.0], "linewidths": 1.0, "linestyles": "dotted", "zorder": 3}
@@ -100,9 +100,9 @@ def _draw_radio(axes: Axes, found: ScenarioSurvey) -> None:
 
 
 def _covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np.float64]]:
-    """For each robot, (rows, columns) of a lattice: how many dB a frame from its start has left.
+    """Return the link margin from each robot's start, dB, (rows, columns) of a lattice over the map.
 
-    At 0 half of the longest frames arrive; the lattice covers the map, its points `_LATTICE` apart.
+    At 0 half of the longest frames arrive. Lattice points are `_LATTICE` apart.
     """
     model = radio_model(resolved.radio)
     x, y = _lattice(grid)
@@ -114,7 +114,7 @@ def _covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np
 
 
 def _lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The x and the y of the points at which radio is looked at, m."""
+    """Return the x and the y of the lattice, m."""
     spans = ((grid.origin.x, grid.corner.x), (grid.origin.y, grid.corner.y))
     x, y = (np.arange(begin + _LATTICE / 2, end, _LATTICE, np.float64) for begin, end in spans)
     return x, y
@@ -126,8 +126,8 @@ def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
         Line2D([], [], marker="o", ls="", mfc="w", mec=style.INK, label="place to be cleaned"),
     ]
     if few:
-        says = "to here half of the longest frames from the start arrive"
-        handles.append(Line2D([], [], ls="dotted", lw=0.8, color=style.INK, label=says))
+        label = "half of the longest frames from the start arrive up to here"
+        handles.append(Line2D([], [], ls="dotted", lw=0.8, color=style.INK, label=label))
     if found.out_of_reach:
         handles.append(Line2D([], [], marker="X", ls="", ms=8, mfc="w", mec=style.INK, label="out of reach"))
     return [*handles, *_floor_legend(found)]
@@ -137,7 +137,7 @@ _BODY, _SEEN, _FELT = style.ROBOTS[0], "#cfe3f3", style.ROBOTS[1]
 
 
 def draw_map(found: MapSurvey) -> Figure:
-    """Floor, doors, and where a robot has room but no way leads."""
+    """Return the picture of a map: floor, doors and unreachable parts."""
     figure, axes = _floor_figure(found)
     _set_title(axes, found.name)
     _add_legend(figure, _floor_legend(found), 2)
@@ -145,7 +145,7 @@ def draw_map(found: MapSurvey) -> Figure:
 
 
 def draw_model(model: RobotModel) -> Figure:
-    """Beside each other: the body with its bumper, and all that its sensor sees."""
+    """Return the picture of a robot model: body with bumper, and field of view."""
     figure = style.new_figure(9.0, 4.8)
     near, far = figure.subplots(1, 2)
     size = 1.6 * model.footprint.circumradius
@@ -161,9 +161,9 @@ def draw_model(model: RobotModel) -> Figure:
     _set_title(near, model.name)
     _set_title(far, f"sensor {model.default_sensor}")
     handles: list[Line2D | Patch] = [
-        Patch(color=_BODY, alpha=0.35, label="body, the line straight ahead"),
+        Patch(color=_BODY, alpha=0.35, label="body; line: forward"),
         Line2D([], [], marker="^", ls="", color=style.INK, label="range sensor"),
-        Patch(color=_SEEN, label="what the sensor sees"),
+        Patch(color=_SEEN, label="field of view"),
     ]
     if model.bumper is not None:
         handles.append(Line2D([], [], lw=3, color=_FELT, label="bumper: right, centre, left"))

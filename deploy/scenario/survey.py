@@ -1,4 +1,4 @@
-"""Properties of scenarios, maps and robot models before a run, and expected failures of a run."""
+"""Properties of scenarios, maps and robot models, and expected failures of a run."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -47,33 +47,38 @@ from deploy.scenario.scenario_file import title
 
 _CYCLE_US: Final = 200_000
 _TRIED_US: Final = 60_000_000
-"""A robot whose goal is still active then, without any command, does not get away."""
+"""A robot without a command until then cannot drive off, µs."""
 _STEP: Final = 0.01
-"""Between the distances from a wall that are tried for a start, m."""
+"""Resolution of the distances from a wall that are tried, m."""
 _NAMED: Final = 3
-"""Names in a sentence; the others are counted."""
+"""Names listed in a sentence; the others are counted."""
 _FADED_DB: Final = 6.0
-"""So far below the power at which half of the longest frames arrive, no frame does, dB."""
+"""No frame arrives so far below the power at which half of the longest ones do, dB."""
 _MOST_CELLS: Final = 1_000_000
-"""Larger maps are not looked at in half cells."""
+"""Larger maps are not refined to half cells."""
 _SAMPLES: Final = 80
-"""Points of each part of the floor between which radio links are computed, at most."""
+"""Maximum number of points per part of the floor for which radio links are computed."""
 
 
 def scenario_warnings(resolved: ResolvedScenario, floor: "_Floor | None" = None) -> tuple[str, ...]:
-    """Return what will fail in a run of the scenario, a sentence each."""
+    """Return the expected failures of a run, a sentence each."""
     floor = floor or _floor(resolved, resolved.grid)
-    told = map_warnings(resolved.world.map)
-    return (*told, *_starts(floor), *_places(floor), *_closed_doors(floor), *_apart(floor))
+    return (
+        *map_warnings(resolved.world.map),
+        *_starts(floor),
+        *_places(floor),
+        *_closed_doors(floor),
+        *_apart(floor),
+    )
 
 
 class _RobotFloor(NamedTuple):
-    """Floor on which both planners of one robot's navigation find room for its body."""
+    """Floor on which both planners of one robot have room for its body."""
 
     clearance: float
-    """With which the local planner stands free at any angle, m."""
+    """Clearance that the local planner needs at any heading, m."""
     door: float
-    """Width of doors that both planners pass for certain, m."""
+    """Width of doors that both planners always pass, m."""
     parts: NDArray[np.int32]
     """(rows, columns): connected parts of the floor, from 1 on; 0 without room."""
 
@@ -82,7 +87,7 @@ class _Floor:
     """Reachable floor of every robot's navigation."""
 
     def __init__(self, resolved: ResolvedScenario, grid: OccupancyGrid, slack: float = 0.0) -> None:
-        """`slack`: the clearance may be so much less at the centre of a cell, m, than robots need."""
+        """`slack`: tolerance of the clearance at the centre of a cell, m."""
         self.slack = slack
         self.resolved, self.grid, self.robots = resolved, grid, resolved.world.robots
         self.preset = f"navigation `{resolved.scenario.presets['navigation']}`"
@@ -90,16 +95,16 @@ class _Floor:
         reach = resolved.adaptation.settings.get("reach")
         self.reach = float(reach) if isinstance(reach, int | float) else CleaningParameters().reach
         self.starts = {robot.id: self.part(robot, self.room(robot)) for robot in self.robots}
-        """The part of the floor that each robot starts in; 0 for none."""
+        """Part of the floor in which each robot starts; 0: none."""
         self.unreached = dict(self._unreached())
-        """By place that its owner does not get to: another cell from which it could be visited, if any."""
+        """Places that their owners cannot reach, with a cell from which each could be visited, if any."""
 
     def radius(self, robot: BodySetup) -> float:
         """Return the radius of the robot's body, m."""
         return self.model(robot.model, robot.sensor).footprint.circumradius
 
     def room(self, robot: BodySetup) -> _RobotFloor:
-        """Return what the robot's body needs."""
+        """Return the floor on which the robot's body fits."""
         return self._room(self.radius(robot))
 
     def _made(self, radius: float) -> _RobotFloor:
@@ -120,9 +125,9 @@ class _Floor:
         )
 
     def part(self, robot: BodySetup, room: _RobotFloor) -> int:
-        """Return the part of the floor that the robot starts in, 0 for none.
+        """Return the part of the floor in which the robot starts, 0 for none.
 
-        A start too near to a wall counts as if it were a little farther away.
+        A start too close to a wall is moved a little away from it.
         """
         at = Point(*robot.start[:2])
         cell = nearest_cell(self.grid, room.parts > 0, at, room.clearance)
@@ -140,7 +145,7 @@ class _Floor:
 
 
 def _floor(resolved: ResolvedScenario, grid: OccupancyGrid) -> _Floor:
-    """Return the floor; in half cells where it seems to fall apart, as robots may be between two cells."""
+    """Return the floor; refined to half cells if it is disconnected, as robots may be between two cells."""
     floor = _Floor(resolved, grid)
     if not floor.unreached and len(set(floor.starts.values())) == 1:
         return floor
@@ -151,7 +156,7 @@ def _floor(resolved: ResolvedScenario, grid: OccupancyGrid) -> _Floor:
 
 
 def _starts(floor: _Floor) -> Iterator[str]:
-    """Yield the robots whose local planner finds no way off the wall that they start at."""
+    """Yield a warning per robot whose local planner cannot drive off the wall that it starts at."""
     for robot in floor.robots:
         clearance, at = floor.room(robot).clearance, Point(*robot.start[:2])
         gap = floor.grid.clearance_at(at, clearance)
@@ -159,12 +164,12 @@ def _starts(floor: _Floor) -> Iterator[str]:
             needed = _needed(floor, robot, gap, clearance)
             yield (
                 f"robot {robot.id} starts {gap:.2f} m from a wall, at ({at.x:.2f}, {at.y:.2f}); the local "
-                f"planner of {floor.preset} cannot leave from there, and needs {_up(needed)} m"
+                f"planner of {floor.preset} cannot drive off from there: it needs {_up(needed)} m"
             )
 
 
 def _needed(floor: _Floor, robot: BodySetup, gap: float, most: float) -> float:
-    """Return from which distance on the robot drives off the wall that it starts at, m."""
+    """Return the distance from which on the robot drives off the wall that it starts at, m."""
     x, y, heading = robot.start
     east, north = np.gradient(floor.grid.clearance)[::-1]
     cell = floor.grid.cell(Point(x, y))
@@ -196,7 +201,7 @@ def _drives_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, floa
 
 
 def _places(floor: _Floor) -> Iterator[str]:
-    """Yield why places are not reached; one sentence for all that one door cuts off."""
+    """Yield why places are unreachable; one sentence for all places behind one door."""
     obstacles: dict[tuple[float, str | int, int], str] = {}
     behind: dict[str, list[str]] = {}
     for robot in floor.robots:
@@ -208,12 +213,12 @@ def _places(floor: _Floor) -> Iterator[str]:
                 if gap < floor.radius(robot):
                     yield (
                         f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, so "
-                        f"that the robot visits it from beside, within its reach of {floor.reach:g} m"
+                        f"that the robot visits it from a distance, within its reach of {floor.reach:g} m"
                     )
             elif (cell := floor.unreached[key]) is None:
                 yield (
-                    f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, and no "
-                    f"point within the robot's reach of {floor.reach:g} m of it has that"
+                    f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, but no "
+                    f"point within the robot's reach of {floor.reach:g} m has that much"
                 )
             else:
                 part = int(floor.room(robot).parts[cell])
@@ -225,22 +230,22 @@ def _places(floor: _Floor) -> Iterator[str]:
 
 
 def _obstacle(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
-    """Return the narrowest spot on the widest way from the robot's start to a cell, in words."""
+    """Describe the narrowest spot on the widest path from the robot's start to a cell."""
     grid, room, x, y = floor.grid, floor.room(robot), *robot.start[:2]
     parts = room.parts == floor.starts[robot.id] if floor.starts[robot.id] else None
     start = grid.cell(Point(x, y)) if parts is None else nearest_cell(grid, parts, Point(x, y))
     assert start is not None
     if not raster.flood(grid.free, *start)[goal]:
-        return f"no way leads from the start of robot {robot.id} at ({x:.2f}, {y:.2f})"
+        return f"no path leads from the start of robot {robot.id} at ({x:.2f}, {y:.2f})"
     low, high = 0.0, room.clearance
-    while high - low > grid.resolution / 8:  # the widest way's least clearance
+    while high - low > grid.resolution / 8:  # the widest path's least clearance
         middle = (low + high) / 2
         found = grid.clearance[start] >= middle and raster.flood(grid.clearance >= middle, *start)[goal]
         low, high = (middle, high) if found else (low, middle)
     costs = (grid.free & (grid.clearance >= low)).astype(np.int32)
-    costs.setflags(write=False)  # as a robot's: the kernels are compiled for that
-    way = descent(costs, potential(costs, *goal), *start)
-    row, column = way[int(np.argmin(grid.clearance[way[:, 0], way[:, 1]]))].tolist()
+    costs.setflags(write=False)  # read-only as in a robot: the kernels are compiled for that
+    path = descent(costs, potential(costs, *goal), *start)
+    row, column = path[int(np.argmin(grid.clearance[path[:, 0], path[:, 1]]))].tolist()
     at, width = grid.centre(Cell(row, column)), _width(grid, row, column)
     return (
         f"the door at ({at.x:.2f}, {at.y:.2f}), {width:.2f} m wide, is too narrow for robots of "
@@ -250,7 +255,7 @@ def _obstacle(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
 
 
 def _width(grid: OccupancyGrid, row: int, column: int) -> float:
-    """Return how wide the floor is at a free cell, along its row or along its column, m: the shorter."""
+    """Return the width of the free floor at a cell, m: the shorter of its row and column."""
     runs = []
     for line, at in ((grid.blocking[row], column), (grid.blocking[:, column], row)):
         walls = np.concatenate(([-1], np.flatnonzero(line), [line.size]))
@@ -260,7 +265,7 @@ def _width(grid: OccupancyGrid, row: int, column: int) -> float:
 
 
 def _closed_doors(floor: _Floor) -> Iterator[str]:
-    """Yield the places that become unreachable once doors are closed for good."""
+    """Yield the places that are unreachable behind doors that are never reopened."""
     grid = floor.resolved.grid
     doors = Doorways(grid, max(map(floor.radius, floor.robots)))
     closed: dict[int, float] = {}
@@ -276,13 +281,13 @@ def _closed_doors(floor: _Floor) -> Iterator[str]:
         left = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
         if names := [f"{key.owner}/{key.place}" for key in left.unreached if key not in floor.unreached]:
             yield (
-                f"no event opens the doors again that are closed by {max(closed.values()):g} s: then no way "
+                f"no event reopens the doors closed by {max(closed.values()):g} s: no path then "
                 f"leads to {_places_named(names)}"
             )
 
 
 def _apart(floor: _Floor) -> Iterator[str]:
-    """Yield robots that no way joins, and whether no radio link does either."""
+    """Yield robots with no path between them, and whether there is no radio link either."""
     room, together = floor.room(max(floor.robots, key=floor.radius)), dict[int, list[BodySetup]]()
     for robot in floor.robots:
         together.setdefault(floor.part(robot, room), []).append(robot)
@@ -290,15 +295,15 @@ def _apart(floor: _Floor) -> Iterator[str]:
     for number, robots in enumerate(groups[1:], start=1):
         others = [one for group in groups[:number] for one in group]
         names, rest = (_listed([one.id for one in group]) for group in (robots, others))
-        yield f"no way for {floor.preset} joins the parts of the floor that {names} and {rest} start in"
+        yield f"{floor.preset} finds no path between the parts of the floor where {names} and {rest} start"
         if not floor.resolved.scenario.run.strategy.startswith("none") and not _heard(
             floor, room, robots, others
         ):
-            yield f"no radio frame gets from the part of the floor of {names} to that of {rest}"
+            yield f"no radio frame reaches the floor of {rest} from that of {names}"
 
 
 def _heard(floor: _Floor, room: _RobotFloor, ones: list[BodySetup], others: list[BodySetup]) -> bool:
-    """Return whether a frame gets from any floor of some robots to any of the others'."""
+    """Return whether a frame can arrive from any floor of some robots on any floor of the others."""
     grid, model = floor.grid, radio_model(floor.resolved.radio)
     ends = []
     for robots in (ones, others):
@@ -321,13 +326,13 @@ def _places_named(names: list[str]) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    """Return the first names, and how many more there are."""
+    """Return the first names and the number of the others."""
     more = len(names) - _NAMED
     return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 WALKER: Final = "turtlebot2"
-"""The robot model for which a map is surveyed."""
+"""Robot model for which a map is surveyed."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -337,16 +342,16 @@ class MapSurvey:
     name: str
     grid: OccupancyGrid
     radius: float
-    """Radius of the robot for which it was surveyed, m; in a scenario of the largest."""
+    """Radius of the robot for which it was surveyed, m; in a scenario that of the largest robot."""
     reached: NDArray[np.bool_]
-    """(rows, columns): where the centre of such a robot gets from the starts, or in the largest part."""
+    """(rows, columns): cells that its centre can reach from the starts, or in the largest part."""
     parts: Regions
-    """The floor with room for it in regions, with the doors between them."""
+    """Regions of the floor wide enough for it, and the doors between them."""
     warnings: tuple[str, ...]
 
     @property
     def surface(self) -> float:
-        """Floor that robots get to, m²."""
+        """Reachable floor, m²."""
         return float(self.reached.sum()) * self.grid.resolution**2
 
 
@@ -356,15 +361,15 @@ class ScenarioSurvey(MapSurvey):
 
     resolved: ResolvedScenario
     out_of_reach: tuple[PlaceKey, ...]
-    """Places that their owner's navigation does not get near enough to."""
+    """Places that their owner's navigation cannot reach."""
     close: tuple[tuple[PlaceKey, PlaceKey, float], ...]
-    """Pairs of one robot's places so near to each other, m, that the first visit may tick both off."""
+    """Pairs of one robot's places, and their distance in m, so close that one visit may clean both."""
     radio_reach: float
-    """In line of sight, over which half of the longest frames arrive, m."""
+    """Distance in line of sight at which half of the longest frames arrive, m."""
 
 
 def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
-    """Look at everything. Raises an AcrcError where a file that the scenario names cannot be read."""
+    """Survey a scenario. Raises AcrcError if a file that it names cannot be read."""
     world, grid = resolved.world, resolved.grid
     radii = {body: load_model(body.model, body.sensor).footprint.circumradius for body in world.robots}
     floors = [reachable(grid, Point(*body.start[:2]), radius) for body, radius in radii.items()]
@@ -393,37 +398,37 @@ def _close(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, Plac
 
 
 def sentences(found: MapSurvey | RobotModel) -> Iterable[str]:
-    """Return what a person wants to know first."""
+    """Return the survey as sentences."""
     if isinstance(found, RobotModel):
         return _model_sentences(found)
     return _scenario_sentences(found) if isinstance(found, ScenarioSurvey) else _map_sentences(found)
 
 
 def as_json(found: MapSurvey | RobotModel) -> dict[str, Any]:
-    """Return the same for programs: m, m², s; of a robot model all that its file says."""
+    """Return the survey for programs, in m, m², s; for a robot model the content of its file."""
     if isinstance(found, RobotModel):
-        told: dict[str, Any] = msgspec.to_builtins(found)
-        sensor, name = told.pop("sensors")[found.default_sensor], told.pop("default_sensor")
-        return {"is": "robot model", **told, "sensor": sensor, "sensor_name": name}
+        content: dict[str, Any] = msgspec.to_builtins(found)
+        sensor, name = content.pop("sensors")[found.default_sensor], content.pop("default_sensor")
+        return {"is": "robot model", **content, "sensor": sensor, "sensor_name": name}
     return _scenario_as_json(found) if isinstance(found, ScenarioSurvey) else _map_as_json(found)
 
 
 def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
-    told = _scenario_as_json(found)
-    floor, count = told["floor"], told["robots"]
-    said = [
-        f"{count} robot{'s' * (count > 1)}, {told['places']} places, {told['duration_s']:g} s at most, "
-        f"strategy {told['strategy']}, seed {told['seed']}",
-        f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre gets to "
-        f"{floor['reached_m2']:.0f} m²; {told['regions']} regions, {_narrow_places(floor['narrow_places'])}",
-        f"navigation {told['navigation']}, localisation {told['localisation']}",
-        f"radio: half of the longest frames arrive over {told['radio_reach_m']:.1f} m in line of sight",
+    facts = _scenario_as_json(found)
+    floor, count = facts["floor"], facts["robots"]
+    lines = [
+        f"{count} robot{'s' * (count > 1)}, {facts['places']} places, {facts['duration_s']:g} s at most, "
+        f"strategy {facts['strategy']}, seed {facts['seed']}",
+        f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre can reach "
+        f"{floor['reached_m2']:.0f} m²; {facts['regions']} regions, {_narrow_places(floor['narrow_places'])}",
+        f"navigation {facts['navigation']}, localisation {facts['localisation']}",
+        f"radio: half of the longest frames arrive at {facts['radio_reach_m']:.1f} m in line of sight",
     ]
-    said += [
-        f"places {one} and {other} are {apart:.2f} m apart: who cleans one cleans the other"
-        for one, other, apart in (pair.values() for pair in told["close"])
+    lines += [
+        f"places {one} and {other} are {apart:.2f} m apart: one visit cleans both"
+        for one, other, apart in (pair.values() for pair in facts["close"])
     ]
-    return [*said, *(f"warning: {sentence}" for sentence in found.warnings)]
+    return [*lines, *(f"warning: {sentence}" for sentence in found.warnings)]
 
 
 def _scenario_as_json(found: ScenarioSurvey) -> dict[str, Any]:
@@ -460,7 +465,7 @@ def _name(key: PlaceKey) -> str:
 
 
 def survey_map(path: Path) -> MapSurvey:
-    """Look at a map's YAML file and its image. Raises MapError."""
+    """Survey a map's YAML file and its image. Raises MapError."""
     grid, radius = load_map(path), load_model(WALKER).footprint.circumradius
     parts = regions(grid, passable(grid, radius), grid.clearance)
     return MapSurvey(
@@ -470,21 +475,21 @@ def survey_map(path: Path) -> MapSurvey:
 
 
 def _map_sentences(found: MapSurvey) -> Iterator[str]:
-    told, origin, cell = _map_as_json(found), found.grid.origin, found.grid.resolution**2
+    facts, origin, cell = _map_as_json(found), found.grid.origin, found.grid.resolution**2
     yield (
-        f"{found.name}: {told['width_m']:.1f} m by {told['depth_m']:.1f} m in cells of {told['cell_m']:g} m, "
-        f"from ({origin.x:g}, {origin.y:g}) on; free {told['free_m2']:.0f} m², unknown "
-        f"{told['unknown_m2']:.0f} m²"
+        f"{found.name}: {facts['width_m']:.1f} m by {facts['depth_m']:.1f} m in cells "
+        f"of {facts['cell_m']:g} m, from ({origin.x:g}, {origin.y:g}) on; free {facts['free_m2']:.0f} m², "
+        f"unknown {facts['unknown_m2']:.0f} m²"
     )
-    yield from (f"warning: {told}" for told in found.warnings)
-    if not told["reached_m2"]:
-        yield f"a robot of {2 * found.radius:g} m has room nowhere"
+    yield from (f"warning: {warning}" for warning in found.warnings)
+    if not facts["reached_m2"]:
+        yield f"a robot of {2 * found.radius:g} m fits nowhere"
         return
-    narrow = _narrow_places(told["narrow_places"])
-    yield f"the centre of a robot of {2 * found.radius:g} m gets to {told['reached_m2']:.0f} m²; {narrow}"
+    narrow = _narrow_places(facts["narrow_places"])
+    yield f"the centre of a robot of {2 * found.radius:g} m can reach {facts['reached_m2']:.0f} m²; {narrow}"
     apart = ((found.parts.labels > 0) & ~found.reached).sum() * cell
     if apart >= cell:
-        yield f"{apart:.1f} m² more have room for it, but no way leads there from the largest piece"
+        yield f"{apart:.1f} m² more are wide enough, but no path leads there from the largest part"
 
 
 def _map_as_json(found: MapSurvey) -> dict[str, Any]:
@@ -503,7 +508,7 @@ def _map_as_json(found: MapSurvey) -> dict[str, Any]:
 
 
 def is_model(path: Path) -> bool:
-    """True if a file is a robot model's; False if it cannot be read."""
+    """Return whether a file is a robot model; False if it cannot be read."""
     try:
         content = read_text(path, "robot model")
         return "footprint" in toml_tables(content, path)
@@ -519,7 +524,7 @@ def _model_sentences(model: RobotModel) -> Iterator[str]:
     yield f"{model.name}: {shape}, {model.mass:g} kg; odometry {model.odometry}"
     stops = drive.speed**2 / (2 * drive.acceleration)
     yield (
-        f"{drive.kind} drive: up to {drive.speed:g} m/s, from which it stops within {stops:.2f} m, and "
+        f"{drive.kind} drive: up to {drive.speed:g} m/s, stopping distance {stops:.2f} m, "
         f"{math.degrees(drive.turn_rate):.0f}° per second; brakes {drive.watchdog:g} s after its last command"
     )
     noise = "no noise"
@@ -531,7 +536,7 @@ def _model_sentences(model: RobotModel) -> Iterator[str]:
         f"{sensor.range_min:g} to {sensor.range_max:g} m, {sensor.rate:g} Hz, {noise}"
     )
     if model.bumper is None:
-        yield "no bumper: it does not notice that it touches something"
+        yield "no bumper: contacts are not detected"
     else:
         bumper = model.bumper
         yield f"bumper: centre to {bumper.centre_deg:g}° either side, right and left to {bumper.reach_deg:g}°"

@@ -1,4 +1,4 @@
-"""The tables of a scenario file, as they stand in its TOML; lengths in m, angles in rad, times in s."""
+"""Tables of a scenario file; lengths in m, angles in rad, times in s."""
 
 import json
 import re
@@ -38,7 +38,7 @@ StepMs = Annotated[
     ),
 ]
 Parameters = Annotated[dict[str, Any], Meta(description="a table of a preset and of parameters")]
-"""As it stands in the file; what may stand there, `actors.robot.stack` says."""
+"""Content as in the file; `actors.robot.stack` checks it."""
 _Setting = Annotated[
     Scalar | Annotated[tuple[Scalar, ...], Meta(max_length=MOST_ITEMS)],
     Meta(
@@ -48,7 +48,7 @@ _Setting = Annotated[
 ]
 _StrategySettings = Annotated[
     dict[str, _Setting],
-    Meta(description="a table [strategy] with the strategy's settings; its name stands in run.strategy"),
+    Meta(description="a table [strategy] with the strategy's settings; its name is in run.strategy"),
 ]
 
 
@@ -56,20 +56,20 @@ class ConductTable(Settings, frozen=True):
     """[run]: the robots' adaptation strategy."""
 
     strategy: Annotated[Text, Meta(description='the name of a strategy, such as "none"')] = "none"
-    """Name of the strategy, or the entry "module:function" of one's own."""
+    """Name of the strategy, or the entry "module:function" of a user's one."""
     modules: Annotated[Text, Meta(description="the path of a folder, relative to this file")] | None = None
-    """Where one's own strategy is looked for, before the working directory; absent: beside the file."""
+    """Folder of a user's strategy, searched before the working directory; absent: the file's folder."""
 
 
 class RunTable(ConductTable, frozen=True):
-    """[run]: how long, in which steps, from which seed, and what the robots do when they are stuck."""
+    """[run]: duration, step, seed and strategy."""
 
     duration: Seconds = 600.0
     """Simulated time after which the run ends, s."""
     step_ms: StepMs = 100
     """Length of a step, ms."""
     seed: Seed = 1
-    """From which every random stream is derived."""
+    """Source of every random stream."""
     key: (
         Annotated[
             str,
@@ -80,86 +80,86 @@ class RunTable(ConductTable, frozen=True):
         ]
         | None
     ) = None
-    """Every random stream is derived from it, too, so that no robot that knows the seed can compute one."""
+    """Second source of every random stream, so that a robot that knows the seed cannot compute one."""
 
     def seed_of(self, part: str) -> int:
-        """The seed of what is drawn for one part of the run."""
+        """Return the seed of one part of the run."""
         return keyed_seed(self.seed, self.key or "", part)
 
 
 class RobotsTable(Settings, frozen=True):
-    """[robots]: how many, of which kind, and where they start."""
+    """[robots]: number, model and starts."""
 
     count: Annotated[int, Meta(ge=1, le=MOST_ROBOTS)] = 4
-    """They are called r1, r2, and so on."""
+    """Number of robots; their ids are r1, r2, and so on."""
     model: Model = "turtlebot2"
     """Name of a shipped robot model, or the path of a model file relative to the scenario file."""
     sensor: SensorName | None = None
-    """Which of the model's sensors is mounted; absent: the model's own choice."""
+    """Mounted sensor of the model; absent: its default."""
     odometry: OdometryKind | None = None
-    """Which errors the odometry has; absent: those of the model."""
+    """Model of odometry errors; absent: that of the robot model."""
     start: Annotated[
         tuple[StartPose, ...],
         Meta(max_length=MOST_ROBOTS, description=f"a list of at most {MOST_ROBOTS} poses [x, y, heading]"),
     ] = ()
-    """Where r1, r2, … start; robots beyond the list are put somewhere free."""
+    """Start poses of r1, r2, …; other robots get a random free one."""
     areas: Names | None = None
-    """Where they are put then: in these areas; absent: anywhere free."""
+    """Areas of random starts; absent: all free floor."""
 
 
 class PlacesTable(Settings, frozen=True):
-    """[places]: which places the robots have to clean."""
+    """[places]: the places to be cleaned."""
 
     preset: Literal["golden", "areas", "free", "listed"] | None = None
-    """areas: drawn in `areas`; free: drawn on all reachable floor; listed: every [[robot]] lists its own;
-    golden: those of the original testbed for r1 to r4, for the others as if absent. Absent: areas if the
-    scenario has any, else free."""
+    """areas: random in `areas`; free: random on all reachable floor; listed: in [[robot]] tables; golden:
+    those of the original testbed for r1 to r4, for others as if absent. Absent: areas if the scenario has
+    any, else free."""
     areas: Names | None = None
-    """In which areas, each as often as its surface says; absent: in all of the scenario's."""
+    """Areas of random places, weighted by surface; absent: all of the scenario."""
     per_robot: Annotated[int, Meta(ge=0, le=MOST_PLACES)] | None = None
-    """How many each robot gets; absent: 10, as in the original testbed."""
+    """Places of each robot; absent: 10, as in the original testbed."""
 
 
 class RobotTable(Settings, frozen=True):
-    """[[robot]]: what is different about one robot."""
+    """[[robot]]: values of one robot that differ from the others."""
 
     id: RobotId
     model: Model | None = None
     sensor: SensorName | None = None
-    """Which sensor; absent: as for all robots if the model is theirs, else the model's own choice."""
+    """Mounted sensor; absent: as in [robots] if the model is the same, else the model's default."""
     odometry: OdometryKind | None = None
     start: StartPose | None = None
     places: Places | None = None
-    """The places it has to clean, in this order."""
+    """Its places, in initial order."""
 
 
 class EventTable(Settings, frozen=True):
-    """[[event]]: something that happens at an instant: one of the actions, with what belongs to it."""
+    """[[event]]: one action at an instant, with its further keys."""
 
     at: Annotated[
         float, Meta(ge=0, le=1_000_000, description="a number of seconds from 0 to below the duration")
     ]
-    """When, s; it happens at the first step boundary from then on."""
+    """Instant, s; the action happens at the first step boundary not before it."""
     kill: RobotId | None = None
     """End the robot's process; its body stays."""
     freeze: RobotId | None = None
     """Stop the robot's process."""
     thaw: RobotId | None = None
-    """Let a frozen robot go on."""
+    """Continue a frozen robot's process."""
     restart: RobotId | None = None
     """Restart the robot's process."""
     move: RobotId | None = None
-    """Put the robot somewhere else: `to`."""
+    """Move the robot to the pose `to`."""
     to: StartPose | None = None
     jam: Place | None = None
-    """Switch a jammer on: `radius`, `duration`."""
+    """Switch a jammer on at this point, with `radius` and `duration`."""
     lose: RobotId | None = None
-    """Let the robot not receive the next frame that it would have received: `of` whom."""
+    """Drop the next frame that the robot would receive from robot `of`."""
     of: RobotId | None = None
     obstacle: Place | None = None
-    """Put a round thing on the floor: `radius`."""
+    """Put a round obstacle on the floor, with `radius`."""
     give: RobotId | None = None
-    """Give the robot further places: `places`."""
+    """Give the robot further `places`."""
     places: (
         Annotated[
             tuple[Place, ...],
@@ -172,21 +172,21 @@ class EventTable(Settings, frozen=True):
         | None
     ) = None
     close: Place | None = None
-    """Close the door that this point lies in, once it is empty."""
+    """Close the door at this point, once it is empty."""
     open: Place | None = None
-    """Open it again."""
+    """Open the door at this point again."""
     radius: Annotated[float, Meta(gt=0, le=1000, extra={"unit": "metres"})] | None = None
     duration: Seconds | None = None
 
 
 class AreaTable(Settings, frozen=True):
-    """[[area]]: a rectangle of the floor that has a name."""
+    """[[area]]: a named rectangle of the floor."""
 
     name: Annotated[Text, Meta(description='a name such as "hall"')]
     x: Span
-    """From the west edge to the east edge, m."""
+    """West and east edge, m."""
     y: Span
-    """From the south edge to the north edge, m."""
+    """South and north edge, m."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -203,14 +203,14 @@ class SwarmFile(Settings, frozen=True, kw_only=True):
     """Tables that scenario and fleet files share."""
 
     map: Annotated[Text, Meta(description="the path of a map's YAML file, relative to this file")]
-    """A map file; in a scenario also the name of a floor that `actors.floor.offices` draws: "offices:7"."""
+    """Map file; in a scenario also a drawn floor, such as "offices:7" (`actors.floor.offices`)."""
     strategy: _StrategySettings = field(default_factory=dict)
-    """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
+    """Settings of the strategy in [run]; absent ones have its defaults."""
     deeco: ExchangeSettings = ExchangeSettings()
     localisation: Parameters = field(default_factory=dict)
-    """How robots localise: a preset, and parameters where they differ from it (`actors.robot.stack`)."""
+    """Localisation: a preset and parameters that differ from it (`actors.robot.stack`)."""
     navigation: Parameters = field(default_factory=dict)
-    """The same of their navigation; the preset holds for the next three tables, too."""
+    """Navigation: likewise; its preset also applies to the next three tables."""
     planner: Parameters = field(default_factory=dict)
     local_map: Parameters = field(default_factory=dict)
     dwa: Parameters = field(default_factory=dict)
@@ -233,7 +233,7 @@ class SwarmFile(Settings, frozen=True, kw_only=True):
 
 
 class Scenario(SwarmFile, frozen=True, kw_only=True):
-    """A scenario file; all paths in it are absolute once it has been read, and `run.modules` is set."""
+    """A scenario file; once loaded, all paths are absolute and `run.modules` is set."""
 
     run: RunTable = RunTable()
     robots: RobotsTable = RobotsTable()
@@ -252,11 +252,11 @@ class Scenario(SwarmFile, frozen=True, kw_only=True):
 
 
 _BARE: Final = re.compile(r"[A-Za-z0-9_-]+")
-"""Keys that need no quotes."""
+"""Keys without quotes."""
 
 
 def document(content: Mapping[str, Any]) -> str:
-    """The file's text: values first, then tables and lists of tables; empty ones of these leave no text.
+    """Return the file's text: values, then tables and lists of tables; empty ones are omitted.
 
     Values are bool, int, finite float, str, and lists and tuples of them; floats keep every digit.
     """
@@ -271,12 +271,12 @@ def document(content: Mapping[str, Any]) -> str:
 
 
 def inline(value: object) -> str:
-    """A value on one line, as it may stand after an equals sign; tables in it as inline tables."""
+    """Return a value as TOML on one line; tables in it are inline tables."""
     match value:
         case bool():
             return "true" if value else "false"
         case str():
-            # JSON's strings are TOML's but for DEL, which TOML wants escaped
+            # JSON strings are TOML strings, except that TOML requires DEL escaped
             return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
         case Mapping():
             return "{" + ", ".join(f"{_key(name)} = {inline(part)}" for name, part in value.items()) + "}"
@@ -287,7 +287,7 @@ def inline(value: object) -> str:
 
 
 def _holds_tables(value: object) -> bool:
-    """True for a table or a list of tables; an empty list is one of tables, too."""
+    """Return whether a value is a table or a list of tables; an empty list is one."""
     items = value if isinstance(value, list | tuple) else [value]
     return all(isinstance(item, Mapping) for item in items)
 
@@ -301,12 +301,12 @@ def _key(name: str) -> str:
 
 
 def _value(value: object) -> str:
-    """A line each for a list of poses or points."""
+    """Return a value as TOML; a list of poses or points has one per line."""
     if isinstance(value, tuple) and value and all(isinstance(item, tuple) for item in value):
         return "[\n" + "".join(f"    {inline(item)},\n" for item in value) + "]"
     return inline(value)
 
 
 def to_toml(scenario: Scenario) -> str:
-    """The scenario file's text, which reads back as the very same scenario; what is absent stays absent."""
+    """Return the scenario file's text, which loads as an equal scenario."""
     return document(plain(scenario))

@@ -43,7 +43,7 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
     file.write_text('map = "[bold]"\n[run]\nsed = 1\n')
     assert acrc("run", str(file)) == (1, "", f"acrc: {file}: run.sed is not known; did you mean run.seed?\n")
     for name in ("chapter", "scenarios/chaptr.toml"):
-        sentence = f"acrc: {name}: there is no such file; did you mean scenarios/chapter.toml?\n"
+        sentence = f"acrc: {name}: file not found; did you mean scenarios/chapter.toml?\n"
         assert acrc("run", name) == (1, "", sentence)
 
 

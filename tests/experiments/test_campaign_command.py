@@ -124,9 +124,9 @@ def test_failed_runs_are_told_first_and_too_few_seeds(plain: RunResult, tmp_path
             "campaign scenarios/chapter.toml --preset chapter --out {out}",
             "--preset: is a study by itself; can",
         ),
-        ("run studies/chapter.toml", "studies/chapter.toml: is a study, must be a scenario; to carry"),
+        ("run studies/chapter.toml", "studies/chapter.toml: is a study, not a scenario; run it with"),
         ("study freeze scenarios/chapter.toml", "scenarios/chapter.toml: is a scenario, must be a study; to"),
-        ("campaign headlin", "headlin: there is no such file; did you mean studies/headline.toml?"),
+        ("campaign headlin", "headlin: file not found; did you mean studies/headline.toml?"),
     ],
 )
 def test_files_and_options_that_do_not_fit_are_refused(words: str, sentence: str, tmp_path: Path) -> None:

@@ -225,7 +225,7 @@ def test_on_another_map_starts_and_places_are_drawn_for_that_map() -> None:
     assert (maze["robots.start"], maze["places.preset"]) == ([], "free")
     offices = drawn_conditions(chapter, (("map", "offices:7"),))
     assert (offices["robots.start"], offices["places.preset"]) == ([], "areas")
-    with pytest.raises(OptionError, match=r"must be set together with places\.preset=free"):
+    with pytest.raises(OptionError, match=r"also set places\.preset=free"):
         chapter((("map", "offices:7"), ("robots.start", [])))
 
 

@@ -74,7 +74,7 @@ def test_paths_are_relative_to_the_file_wherever_one_stands(
         (robot(1, 'range = "kinect"'), 'robot[0].range is "kinect", but must be the path of a lidar\'s port'),
         (robot(1, 'listen = "tcp/0.0.0.0:7447"'), f'"tcp/0.0.0.0:7447", but must be {LISTEN}'),
         (robot(1, 'listen = "tls/a b:7447"'), f'robot[0].listen is "tls/a b:7447", but must be {LISTEN}'),
-        (robot(1) + robot(1, "address = 2"), 'robot[1].id is "r1" once more, but each robot must have an id'),
+        (robot(1) + robot(1, "address = 2"), 'robot[1].id is a second "r1"; each robot must have its own id'),
         (robot(1) + robot(2, "address = 1"), "robot[1].address is 1 as that of r1, but each robot must"),
         (robot(1, 'range = "/dev/kobuki"'), 'robot[0].range is "/dev/kobuki" as robot[0].base, but each'),
         ("[deeco]\nhop_limit = 16" + ROBOT, "deeco.hop_limit is 16, but must be a whole number from 1 to 15"),
@@ -90,7 +90,7 @@ def test_a_file_that_is_not_there_or_no_toml_is_named(tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match=f"{file}: the fleet file cannot be read: No such file or directory"):
         load_fleet(file)
     file.write_text(HEAD + "= 3")
-    with pytest.raises(AcrcError, match=rf"{file}: this is no TOML: Invalid statement \(at line 2, column 1"):
+    with pytest.raises(AcrcError, match=rf"{file}: invalid TOML: Invalid statement \(at line 2, column 1"):
         load_fleet(file)
     assert fault(ROBOT, head="").startswith("map is missing, but must be the path of a map's YAML file")
 

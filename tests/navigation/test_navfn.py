@@ -186,7 +186,7 @@ def test_robots_have_the_costs_of_the_method_that_they_plan_by() -> None:
     assert common_ground(TWO_ROOMS, model, Stack(planner=PLANNER_PRESETS["robust"])).costs is None
 
 
-IDLE = ', but must be left out where planner.method is "{}", which does not use it'
+IDLE = ', but must be absent where planner.method is "{}", which does not use it'
 
 
 @pytest.mark.parametrize(

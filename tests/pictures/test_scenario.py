@@ -44,10 +44,10 @@ def test_the_chapters_scenario_in_words_and_as_a_picture(tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
         "4 robots, 40 places, 600 s at most, strategy chapter, seed 42",
-        "floor: 29.4 m by 14.8 m, of which a robot's centre gets to 120 m²; 7 regions, 5 narrow places",
+        "floor: 29.4 m by 14.8 m, of which a robot's centre can reach 120 m²; 7 regions, 5 narrow places",
         "navigation chapter, localisation chapter",
-        "radio: half of the longest frames arrive over 10.0 m in line of sight",
-        "places r2/1 and r2/9 are 0.16 m apart: who cleans one cleans the other",
+        "radio: half of the longest frames arrive at 10.0 m in line of sight",
+        "places r2/1 and r2/9 are 0.16 m apart: one visit cleans both",
         str(picture),
     ]
     with Image.open(picture) as image:
@@ -60,11 +60,11 @@ def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
     assert found.out_of_reach == (PlaceKey("r1", 1),)
     assert found.parts.doors == ()
     done = acrc("scenario", file)
-    assert "warning: no way leads from the start of robot r1 at (1.00, 1.00) to place r1/1" in done.stdout
+    assert "warning: no path leads from the start of robot r1 at (1.00, 1.00) to place r1/1" in done.stdout
     labels = [
         handle.get_label() for handle in scenario_picture.draw(found).legends[0].legend_handles if handle
     ]
-    assert {"out of reach", "room for a robot, but no way there"} <= set(labels)
+    assert {"out of reach", "wide enough for a robot, but no path"} <= set(labels)
 
 
 def test_radio_has_nothing_left_at_its_reach_and_behind_walls() -> None:
@@ -98,15 +98,15 @@ def test_a_map_and_a_robot_model_are_checked_and_drawn_alone(tmp_path: Path) -> 
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
         "room.yaml: 6.0 m by 2.0 m in cells of 0.05 m, from (0, 0) on; free 11 m², unknown 0 m²",
-        "the centre of a robot of 0.354 m gets to 4 m²; no narrow place",
-        "3.8 m² more have room for it, but no way leads there from the largest piece",
+        "the centre of a robot of 0.354 m can reach 4 m²; no narrow place",
+        "3.8 m² more are wide enough, but no path leads there from the largest part",
         str(tmp_path / "map.png"),
     ]
     model = ROOT / "actors" / "models" / "omnibox.toml"
     done = acrc("scenario", model, "--png", tmp_path / "omnibox.png")
     assert done.stdout.splitlines()[:4] == [
         "Omnibox: a polygon within 0.56 m, 0.38 m at its narrowest, 22 kg; odometry stage",
-        "omnidirectional drive: up to 0.8 m/s, from which it stops within 0.21 m, and 115° per second; "
+        "omnidirectional drive: up to 0.8 m/s, stopping distance 0.21 m, 115° per second; "
         "brakes 0.3 s after its last command",
         "sensor kinect: 640 rays over 58°, 0.45 to 6.5 m, 10 Hz, noise of 0 mm, 68 mm at its farthest",
         "bumper: centre to 40° either side, right and left to 100°",

@@ -150,7 +150,7 @@ def test_a_sentence_about_a_file_begins_with_its_name(tmp_path: Path) -> None:
     file = tmp_path / "cart.toml"
     for text, sentence in (
         ("length = 2", "name is missing, but must be a text"),
-        ("[x", "this is no TOML: Expected ']' at the end of a table declaration (at end of document)"),
+        ("[x", "invalid TOML: Expected ']' at the end of a table declaration (at end of document)"),
     ):
         file.write_text(text)
         with pytest.raises(AcrcError) as caught:

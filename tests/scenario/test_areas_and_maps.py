@@ -87,9 +87,9 @@ def test_an_area_must_hold_free_floor_also_if_nobody_uses_it() -> None:
     narrow = '[[area]]\nname = "edge"\nx = [11.5, 13.5]\ny = [0.9, 1.0]\n'
     room = "area 'edge' has no reachable point at least 0.6 m from walls; a place must be free floor."
     assert refusal(f'[robots]\nareas = ["edge"]\n{narrow}') == (
-        f"robot r1 finds no start in robots.areas beside 0 others: {room}"
+        f"no start for robot r1 in robots.areas beside 0 others: {room}"
     )
-    assert refusal(narrow) == f"robot r1 cannot get its 10 places in places.areas: {room}"
+    assert refusal(narrow) == f"cannot draw 10 places for robot r1 in places.areas: {room}"
 
 
 def test_a_drawn_floor_has_its_rooms_as_areas_unless_the_scenario_has_its_own() -> None:
@@ -130,12 +130,12 @@ def test_starts_and_places_of_the_own_map(tmp_path: Path) -> None:
         (FREE[:1], "places.preset=free"),
         (FREE[1:], "robots.start=[]"),
     ):
-        with pytest.raises(OptionError, match=f"must be set together with {re.escape(missing)}$"):
+        with pytest.raises(OptionError, match=f"also set {re.escape(missing)}$"):
             chapter(("map", "offices:7"), *settings)
     file = tmp_path / "scenario.toml"
     maze = SHIPPED / "maps" / "maze.yaml"
     file.write_text(f'map = "{maze}"\n[[robot]]\nid = "r1"\nstart = [0.6, 1.0, 0.0]\n')
-    with pytest.raises(OptionError, match=r"must be set together with robot=\[\]$"):
+    with pytest.raises(OptionError, match=r"also set robot=\[\]$"):
         load_scenario(file, Overrides(settings=(("map", "offices:7"),)))
     assert load_scenario(file, Overrides(settings=(("map", "offices:7"), ("robot", [])))).robot == ()
 

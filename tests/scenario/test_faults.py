@@ -21,7 +21,7 @@ SPAN = "but must be two numbers [from, to] in m, the first below the second"
 ACTIONS = "kill, freeze, thaw, restart, move, jam, lose, obstacle, give, close, open"
 AREA = '[[area]]\nname = "Office1"\nx = [11.5, 13.5]\ny = [1, 7]\n'
 OFFICES = f'{AREA}[[area]]\nname = "Office2"\nx = [16.5, 18.25]\ny = [1, 7]\n'
-TABLE = "but must be a table [strategy] with the strategy's settings; its name stands in run.strategy"
+TABLE = "but must be a table [strategy] with the strategy's settings; its name is in run.strategy"
 
 VALUES = {
     "run.duration = nan": "run.duration is NaN, but must be a number of seconds above 0 and at most 1000000",
@@ -62,46 +62,46 @@ TOGETHER = {
         'robot[1].id is "r5", but must be one of the robots r1 to r4',
     '[robots]\ncount = 1\n[[robot]]\nid = "r2"': 'robot[0].id is "r2", but must be the only robot, r1',
     '[[robot]]\nid = "r2"\n[[robot]]\nid = "r2"':
-        'robot[1].id is "r2" once more, but each robot must have one table only',
+        'robot[1].id is a second "r2"; give each robot one table',
     '[places]\npreset = "listed"\n[[robot]]\nid = "r1"\nplaces = []':
-        'places.preset is "listed", but r2 lists none: a [[robot]] table must hold its places',
+        'places.preset is "listed", but r2 has no places; list them in its [[robot]] table',
     '[places]\npreset = "listed"\nper_robot = 3':
-        'places.per_robot is 3, but must be left out where places.preset is "listed"',
+        'places.per_robot is 3, but must be absent with places.preset "listed"',
     f'{OFFICES}[robots]\nareas = ["Office1", "office2"]':
-        'robots.areas[1] is "office2", which is no area; did you mean "Office2"?',
+        'robots.areas[1] is "office2", which is not an area; did you mean "Office2"?',
     f'{OFFICES}[places]\nareas = ["Kitchen"]':
         'places.areas[0] is "Kitchen", but must be one of "Office1", "Office2"',
     f'{OFFICES}[robots]\nareas = ["Office1", "Office1"]':
-        'robots.areas[1] is "Office1" once more, but each area must stand there once only',
+        'robots.areas[1] is a second "Office1"; name each area once',
     f'{OFFICES}[places]\npreset = "free"\nareas = ["Office1"]':
-        'places.areas must be left out where places.preset is "free"',
-    AREA + AREA: 'area[1].name is "Office1" once more, but each area must have a name of its own',
+        'places.areas must be absent with places.preset "free"',
+    AREA + AREA: 'area[1].name is a second "Office1"; each area must have its own name',
     'robots.areas = ["Office1"]': 'robots.areas[0] is "Office1", but must be the name of an [[area]]',
     'places.preset = "areas"':
-        'places.preset is "areas", but there is none: the scenario must hold tables [[area]]',
+        'places.preset is "areas", but the scenario has no [[area]] table',
 }  # fmt: skip
 EVENTS = {
     "at = 1": f"event[0] has no action, but must have exactly one of {ACTIONS}",
     'at = 1\nkill = "r1"\nthaw = "r1"':
         f"event[0] has kill and thaw, but must have exactly one of {ACTIONS}",
-    'at = 1\nmove = "r1"': "event[0].to is missing, but move needs to",
-    "at = 1\njam = [1, 2]\nradius = 1": "event[0].duration is missing, but jam needs radius and duration",
+    'at = 1\nmove = "r1"': "event[0].to is missing; move requires to",
+    "at = 1\njam = [1, 2]\nradius = 1": "event[0].duration is missing; jam requires radius and duration",
     'at = 1\nlose = "r1"\nof = "r1"':
         'event[0].of is "r1", but must be one of the robots r1 to r4, and not r1',
     "at = 1\nobstacle = [1, 2]\nradius = 1\nduration = 2":
-        "event[0].duration does not belong to obstacle, which needs radius beside it",
+        "event[0].duration cannot be used with obstacle, which takes radius",
     'at = 1\ngive = "r1"\nplaces = []':
         "event[0].places is [], but must be a list of 1 to 1000 points [x, y] in m",
     'at = 1\nkill = "r9"': 'event[0].kill is "r9", but must be one of the robots r1 to r4',
     'at = 59.91\nkill = "r1"':
         "event[0].at is 59.91, but must be from 0 to 59.9 s, where the last step begins",
-    'at = 1\nthaw = "r1"': "event[0] would thaw r1 at 1 s, but it is running then; it must be frozen",
+    'at = 1\nthaw = "r1"': "event[0] cannot thaw r1 at 1 s: it is running then; it must be frozen",
     'at = 2\nfreeze = "r1"\n[[event]]\nat = 1\nkill = "r1"':
-        "event[0] would freeze r1 at 2 s, but it is killed then; it must be running",
+        "event[0] cannot freeze r1 at 2 s: it is killed then; it must be running",
     'at = 1\nkill = "r1"\n[[event]]\nat = 2\nkill = "r1"':
-        "event[1] would kill r1 at 2 s, but it is killed then; it must be running or frozen",
+        "event[1] cannot kill r1 at 2 s: it is killed then; it must be running or frozen",
     'at = 1.01\nrestart = "r1"\n[[event]]\nat = 1.1\nfreeze = "r1"':
-        "event[1] would freeze r1 at 1.1 s, in the step in which it restarts; that must come a step later",
+        "event[1] cannot freeze r1 at 1.1 s, the step of its restart; choose a later step",
 }  # fmt: skip
 MINUTE = "[run]\nduration = 60.0\n[[event]]\n"
 
@@ -130,7 +130,7 @@ def test_a_missing_map_several_maps_and_text_that_is_not_toml() -> None:
             f"some.toml: map is {is_wrong}, but must be the path of a map's YAML file, relative to this file"
         )
     assert fault("[run", head="") == (
-        "some.toml: this is no TOML: Expected ']' at the end of a table declaration (at end of document)"
+        "some.toml: invalid TOML: Expected ']' at the end of a table declaration (at end of document)"
     )
 
 
@@ -172,7 +172,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
         (tmp_path / "none.toml", "the scenario file cannot be read: No such file or directory"),
         (tmp_path, "the scenario file cannot be read: Is a directory"),
         (binary, "byte 7 of the scenario file is not UTF-8"),
-        (huge, "the scenario file may have at most 1000000 bytes, but has more"),
+        (huge, "the scenario file is larger than 1000000 bytes"),
     ):
         with pytest.raises(AcrcError, match=f"^{path}: {sentence}$"):
             load_scenario(path)

@@ -126,17 +126,17 @@ REFUSED = {
     "[robots]\ncount = 1\nstart = [[5, 12.5, 0]]":
         "robot 'r1' at (5.00, 12.50) is not on free floor, but must be at least 0.177 m from walls;",
     "[robots]\ncount = 2\nstart = [[12, 5, 0], [12.3, 5, 0]]":
-        "robots r1 and r2 would start 0.300 m apart at (12.3, 5), but must be at least 0.354 m apart",
+        "robots r1 and r2 start 0.300 m apart at (12.3, 5), but must be at least 0.354 m apart",
     '[[event]]\nat = 1\nmove = "r2"\nto = [-3, 0, 0]': "robot 'r2' at (-3.00, 0.00) is outside the ",
     '[[event]]\nat = 1\ngive = "r2"\nplaces = [[5, 12.5]]': "event[0].places has (5, 12.5), but must be",
     "[[event]]\nat = 1\nclose = [9, 12]":
-        "event[0].close is no door: (9, 12) is in no door of the map; its doors are at (12.52, 9.48), ",
-    "[[event]]\nat = 1\nopen = [12.4, 9.4]": "event[0] would open a door at 1 s, which is open then",
+        "event[0].close: (9, 12) is in no door of the map; its doors are at (12.52, 9.48), ",
+    "[[event]]\nat = 1\nopen = [12.4, 9.4]": "event[0] cannot open a door at 1 s: it is open then",
     '[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]': "place 1 of robot r2 is at (5, 12.5), ",
     '[places]\npreset = "golden"\nper_robot = 11': "places.per_robot is 11, but must be at most 10 wh",
     '[run]\nstrategy = "prayer"': "strategy 'prayer' is not known; it should be one of ",
     '[radio]\npreset = "ether"': "Radio preset 'ether' is unknown; known are chapter, ",
-    '[robots]\nmodel = "tank"': 'the robot model is "tank", but must be "omnibox", ',
+    '[robots]\nmodel = "tank"': 'unknown robot model "tank"; must be "omnibox", ',
     '[robots]\nsensor = "eye"': 'turtlebot2.toml: the sensor is "eye", but must be ',
 }  # fmt: skip
 
@@ -169,11 +169,11 @@ def test_more_robots_or_places_than_there_is_room_for(tmp_path: Path) -> None:
     too_many = refusal("[robots]\ncount = 9\n[places]\nper_robot = 0", head)
     beginning, _, end = too_many.partition(" others: ")
     number = int(beginning.rpartition(" ")[2])
-    assert 0 < number < 9 and beginning == f"robot r{number + 1} finds no start beside {number}"
+    assert 0 < number < 9 and beginning == f"no start for robot r{number + 1} beside {number}"
     assert end.startswith(
         "there is room for 0 of 1 points at least 0.6 m from walls and 0.6 m from each other"
     )
     assert refusal('[robots]\ncount = 1\n[places]\npreset = "free"', head).startswith(
-        "robot r1 cannot get its 10 places on all free floor: there is room for "
+        "cannot draw 10 places for robot r1 on all free floor: there is room for "
     )
     assert len(resolve(scenario("[robots]\ncount = 1\n[places]\nper_robot = 0", head=head)).world.robots) == 1

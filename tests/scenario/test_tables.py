@@ -146,7 +146,7 @@ def test_the_radio_is_told_what_the_tables_say() -> None:
     text = to_toml(resolve(scenario(AIR)).scenario)
     assert resolve(parse(text, Path("settled.toml"))).radio == told
     wall = '[[wall]]\nmaterial = "glass"\nx = [12.0, 12.5]\ny = [5.0, 5.5]'
-    with pytest.raises(AcrcError, match="where nothing is occupied, but must hold a wall"):
+    with pytest.raises(AcrcError, match="where nothing is occupied; it must cover a wall"):
         resolve(scenario(wall))
 
 
@@ -178,11 +178,11 @@ def test_who_names_improved_is_told_the_keys_that_drive_as_it_did() -> None:
 
 
 STACK_FAULTS = {
-    'localisation = { preset = "odometry", beams = 60 }': "localisation.beams is set, but must be left",
+    'localisation = { preset = "odometry", beams = 60 }': "localisation.beams is set, but must be absent",
     "navigation.replanning = -1": "navigation.replanning is -1, but must be a number of seconds",
     "navigation.recoveries = -1": "navigation.recoveries is -1, but must be a whole number of at least 0",
-    "navigation.preset = 'chapter'\nplanner.cell = 0.1": "planner.cell is 0.1, but must be left",
-    "navigation.preset = 'chapter'\ndwa.escape = 0.1": "dwa.escape is 0.1, but must be left out",
+    "navigation.preset = 'chapter'\nplanner.cell = 0.1": "planner.cell is 0.1, but must be absent",
+    "navigation.preset = 'chapter'\ndwa.escape = 0.1": "dwa.escape is 0.1, but must be absent",
     "dwa.granularity = 0.0001\ndwa.sim_time = 3": "dwa.sim_time is 3, but must be such that a traj",
 }
 

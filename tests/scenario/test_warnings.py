@@ -68,7 +68,7 @@ def test_a_start_that_the_local_planner_cannot_leave(
     assert result.places_done == (0 if needed else 1)
     assert result.warnings == warned(settled) == ((
         f"robot r1 starts {start[0]:.2f} m from a wall, at ({start[0]:.2f}, 2.00); the local planner of "
-        f"navigation `chapter` cannot leave from there, and needs {needed} m",
+        f"navigation `chapter` cannot drive off from there: it needs {needed} m",
     ) if needed else ())  # fmt: skip
 
 
@@ -77,13 +77,13 @@ def test_a_place_that_the_robot_only_comes_near_or_not_even_that(tmp_path: Path)
     settled = scenario(tmp_path, [(1.0, 1.0, 0.0)], [[(5.85, 2.0)]])
     assert warned(settled) == (
         "place r1/0 is 0.15 m from a wall; navigation `robust` needs 0.26 m, so that the robot visits it "
-        "from beside, within its reach of 0.5 m",
+        "from a distance, within its reach of 0.5 m",
     )
     assert record(tmp_path / "out", settled).places_done == 1
     near = scenario(tmp_path, [(1.0, 1.0, 0.0)], [[(5.9, 2.0)]], "[strategy]\nreach = 0.1\n", "chapter")
     assert warned(near) == (
-        "place r1/0 is 0.10 m from a wall; navigation `chapter` needs 0.27 m, and no point within the "
-        "robot's reach of 0.1 m of it has that",
+        "place r1/0 is 0.10 m from a wall; navigation `chapter` needs 0.27 m, but no point within the "
+        "robot's reach of 0.1 m has that much",
     )
 
 
@@ -115,15 +115,15 @@ def test_rooms_that_no_way_and_no_frame_joins(tmp_path: Path) -> None:
     apart = [(1.5, 2.0, 0.0), (5.0, 1.0, 0.0)]
     settled = scenario(tmp_path, apart, [[(5.0, 2.0)], [(4.0, 1.0)]], strategy="chapter")
     assert warned(settled) == (
-        "no way leads from the start of robot r1 at (1.50, 2.00) to place r1/0",
-        "no way for navigation `robust` joins the parts of the floor that r2 and r1 start in",
+        "no path leads from the start of robot r1 at (1.50, 2.00) to place r1/0",
+        "navigation `robust` finds no path between the parts of the floor where r2 and r1 start",
     )
     rooms(tmp_path, door=0.0, thick=1.0)
     walls = '[radio]\nwalls = "concrete"\n'
     inside = scenario(tmp_path, apart, [[(1.0, 1.0)], [(5.0, 2.0)]], walls, strategy="chapter")
     assert warned(inside) == (
-        "no way for navigation `robust` joins the parts of the floor that r2 and r1 start in",
-        "no radio frame gets from the part of the floor of r2 to that of r1",
+        "navigation `robust` finds no path between the parts of the floor where r2 and r1 start",
+        "no radio frame reaches the floor of r1 from that of r2",
     )
 
 
@@ -132,7 +132,7 @@ def test_a_door_that_an_event_closes_for_good(tmp_path: Path) -> None:
     closes = "[[event]]\nat = 5.0\nclose = [3.1, 2.0]\n"
     places = [[(5.0, 2.0), (1.0, 3.0)]]
     settled = scenario(tmp_path, [(1.5, 2.0, 0.0)], places, closes)
-    sentence = "no event opens the doors again that are closed by 5 s: then no way leads to place r1/0"
+    sentence = "no event reopens the doors closed by 5 s: no path then leads to place r1/0"
     assert warned(settled) == (sentence,)
     found = survey(resolve(settled))
     assert as_json(found)["warnings"] == (sentence,) and f"warning: {sentence}" in sentences(found)

@@ -207,9 +207,9 @@ def test_rays_point_within_the_circle_at_equal_angles(heading: float, view: floa
         ('default_sensor = "kinect"', 'default_sensor = "sonar"',
          'default_sensor is "sonar", but must be "kinect" or "lidar"'),
         ("vertices = [", "radius = 0.2\nvertices = [",
-         "footprint must hold either radius or vertices, but has both"),
+         "footprint must have either radius or vertices, but has both"),
         ("[0.19, 0.19]", "[0.0, 0.15]",
-         "footprint must hold the vertices of a convex polygon round (0, 0), but it does not bend "
+         "footprint must have the vertices of a convex polygon round (0, 0), but it does not bend "
          "outward at (0, 0.15)"),
         ("[0.19, 0.19]", "[0.19, true]",
          "footprint.vertices[2] is [0.19, true], but must be a point [x, y] in m"),
@@ -224,7 +224,7 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path: Path, old: str, new: 
 
 def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None:
     with refused(
-        'the robot model is "turtlebot9", but must be "omnibox", "turtlebot2" or the path of a .toml file'
+        'unknown robot model "turtlebot9"; must be "omnibox", "turtlebot2" or the path of a .toml file'
     ):
         load_model("turtlebot9")
     with refused('turtlebot2.toml: the sensor is "sonar", but must be "chapter", "kinect" or "written"'):

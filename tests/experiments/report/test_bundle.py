@@ -129,7 +129,7 @@ def test_a_strategy_of_one_s_own_is_an_input(tmp_path: Path) -> None:
     )
     assert sorted(inputs(study).files) == ["corridor.png", "corridor.yaml", "mine.py", "s.toml"]
     elsewhere = msgspec.structs.replace(study, strategies=("nowhere_at_all:behaviour",))
-    with pytest.raises(AcrcError, match="nowhere_at_all:behaviour: its module does not lie in"):
+    with pytest.raises(AcrcError, match="nowhere_at_all:behaviour: its module is not in"):
         inputs(elsewhere)
 
 
