@@ -198,8 +198,17 @@ def _together(
     own = [run for row in its for run in ours[row.log][preset]]
     their = [run for row in its for run in others[row.log].runs]
     mean, other, ratio = np.exp(logs.mean(axis=0)).tolist()
+    lost = f"{_lost(own)}, {_lost(their)}"
     return PairedRow(
-        f"all {len(its)}", preset, mean, other, ratio, low, high, f"{_lost(own)}, {_lost(their)}", ""
+        f"all {len(its)}",
+        preset,
+        ours=mean,
+        theirs=other,
+        ratio=ratio,
+        low=low,
+        high=high,
+        lost=lost,
+        nees="",
     )
 
 

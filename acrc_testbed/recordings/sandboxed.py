@@ -91,7 +91,7 @@ class Bounds:
     slower than real time can be replayed, too."""
 
 
-class Answer(NamedTuple):
+class ProgramOutput(NamedTuple):
     """Result of a program: data or a fault."""
 
     data: bytes | None
@@ -103,7 +103,7 @@ class Answer(NamedTuple):
 
 def ask(
     out: Path, module: str, actor: str, words: Sequence[str], bounds: Bounds, *, permit: Permit, isolate: bool
-) -> Answer:
+) -> ProgramOutput:
     """Run a program with a robot's recorded code; `words`: further arguments.
 
     `isolate`: see `actors.runtime.isolation.sandbox`. Raises AcrcError for code that the permit does not
@@ -145,7 +145,9 @@ def ask(
             last = " ".join(printed.split())[-_SHOWN:]
             why = f"exit code {child.exit_code}" + (f"; the last that it said: {last}" if last else "")
             fault = f"could not be replayed ({why})"
-        return Answer(None, f"{actor}: {fault}", printed) if fault else Answer(data, None, printed)
+        return (
+            ProgramOutput(None, f"{actor}: {fault}", printed) if fault else ProgramOutput(data, None, printed)
+        )
 
 
 BOUNDS: Final = Bounds(1 << 16)
@@ -153,7 +155,7 @@ BOUNDS: Final = Bounds(1 << 16)
 
 
 class ReplayAnswer(msgspec.Struct, frozen=True):
-    """Answer of a replay: one of the two."""
+    """ProgramOutput of a replay: one of the two."""
 
     report: ReplayReport | None = None
     fault: str | None = None

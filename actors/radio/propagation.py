@@ -106,7 +106,7 @@ class ShadowingParameters:
     needs no new sines. Default: own choice; the step from one to the next is about 1/4 sigma."""
 
 
-class Waves(NamedTuple):
+class ShadowingWaves(NamedTuple):
     """The sinusoids of one seed; made by `waves`."""
 
     first: Floats
@@ -117,16 +117,16 @@ class Waves(NamedTuple):
     """(sinusoids,): rad."""
 
 
-def waves(parameters: ShadowingParameters, rng: Generator) -> Waves:
+def waves(parameters: ShadowingParameters, rng: Generator) -> ShadowingWaves:
     """Draw the sinusoids."""
     n = parameters.sinusoids
     vectors = normals(rng, (2, n, 2)) / np.abs(normals(rng, (2, n, 1)))
     first, second = vectors / parameters.correlation_distance
-    return Waves(first, second, uniforms(rng, -math.pi, math.pi, n))
+    return ShadowingWaves(first, second, uniforms(rng, -math.pi, math.pi, n))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _phasors(column: int, row: int, grain: float, waves: Waves, phasors: Floats) -> None:
+def _phasors(column: int, row: int, grain: float, waves: ShadowingWaves, phasors: Floats) -> None:
     """Write the phasors, (4, sinusoids), of a square: as the first end, and as the second."""
     first, second, phase = waves
     x, y = (column + 0.5) * grain, (row + 0.5) * grain
@@ -138,7 +138,9 @@ def _phasors(column: int, row: int, grain: float, waves: Waves, phasors: Floats)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def refresh(places: Floats, grain: float, waves: Waves, cells: NDArray[np.int64], phasors: Floats) -> None:
+def refresh(
+    places: Floats, grain: float, waves: ShadowingWaves, cells: NDArray[np.int64], phasors: Floats
+) -> None:
     """Bring the phasors, (4, sinusoids, n), of those who have come into another square up to date.
 
     places (n, 2), m; cells (n, 2): the squares that the phasors are of, written.
@@ -157,7 +159,7 @@ def add_shadowing(
     sigma_db: float,
     correlation_distance: float,
     grain: float,
-    waves: Waves,
+    waves: ShadowingWaves,
     cells: NDArray[np.int64],
     phasors: Floats,
     loss_db: Floats,
@@ -225,7 +227,7 @@ class IndoorPropagation:
         self._coefficients = parameters.path_loss.coefficients()
         self._floor = floor if floor is not None and (floor.crossing_db + floor.per_metre_db).any() else None
         self._shadowing = parameters.shadowing
-        self._waves: Waves | None = None
+        self._waves: ShadowingWaves | None = None
         if parameters.shadowing.sigma_db > 0:
             assert rng is not None, "shadowing is drawn"
             self._waves = waves(parameters.shadowing, rng)
@@ -249,7 +251,7 @@ class IndoorPropagation:
             _losses(senders, receivers, self._coefficients, floor, most_db, loss)
         return loss
 
-    def _add_shadowing(self, waves: Waves, senders: Floats, receivers: Floats, loss: Floats) -> None:
+    def _add_shadowing(self, waves: ShadowingWaves, senders: Floats, receivers: Floats, loss: Floats) -> None:
         """Phasors are kept by row of `receivers`: those who have not moved need none anew."""
         p = self._shadowing
         if len(self._cells) != len(receivers):

@@ -26,7 +26,7 @@ from firmware_bridge.onboard.motion_checks import (
     MotionChecks,
     Movement,
     PoseTrack,
-    Suspect,
+    SuspectSensor,
     direction,
     pose_track,
 )
@@ -52,7 +52,7 @@ class Hypothesis(NamedTuple):
     """A fault, and how scans are to be placed if it is there."""
 
     cause: HoldCause | None = None
-    suspect: Suspect = Suspect.NONE
+    suspect: SuspectSensor = SuspectSensor.NONE
     turned: float = 0.0
     """How the sensor is turned on its mount, rad, counter-clockwise."""
     mirrored: bool = False
@@ -98,7 +98,7 @@ def placed(
 def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return how far each point is from the walls that neighbouring points of the room make: (n,), m."""
     begins, along = room[:-1], np.diff(room)
-    squares = np.abs(along) ** 2
+    squares = along.real * along.real + along.imag * along.imag
     joined = (squares > 0) & (squares <= _GAP * _GAP)
     offsets = points[:, None] - begins
     shares = (offsets * along.conj()).real * np.where(joined, 1.0 / np.where(joined, squares, 1.0), 0.0)
@@ -148,8 +148,8 @@ _TOUCHES: Final = 0.3
 """What is so near to the body's middle, m, may be touched: its radius, and a decimetre. Own choice."""
 _STILL: Final = Hypothesis(HoldCause.SCAN_STILL)
 _HYPOTHESES: Final = (
-    Hypothesis(HoldCause.WHEELS, Suspect.WHEELS),
-    Hypothesis(HoldCause.GYRO, Suspect.GYRO),
+    Hypothesis(HoldCause.WHEELS, SuspectSensor.WHEELS),
+    Hypothesis(HoldCause.GYRO, SuspectSensor.GYRO),
     *(Hypothesis(HoldCause.SCAN_TURNED, turned=turned) for turned in headings(15)),
     *(Hypothesis(HoldCause.SCAN_MIRRORED, turned=turned, mirrored=True) for turned in (0.0, *headings(90))),
     *(Hypothesis(HoldCause.SCAN_LATE, late_us=late) for late in (250_000, 500_000, 750_000, 1_000_000)),
@@ -200,20 +200,20 @@ class ScanChecks:
             self._sweeps.popleft()
         if len(self._sweeps) < 2:
             return None
-        suspect = self._judge({one: pose_track(moves, one) for one in Suspect})
+        suspect = self._judge({one: pose_track(moves, one) for one in SuspectSensor})
         if suspect is None or suspect is not self._suspect:
             self._in_a_row = 0
         self._suspect = suspect
         self._in_a_row += suspect is not None
         return suspect if self._in_a_row >= _IN_A_ROW else None
 
-    def _judge(self, tracks: Mapping[Suspect, PoseTrack]) -> HoldCause | None:
+    def _judge(self, tracks: Mapping[SuspectSensor, PoseTrack]) -> HoldCause | None:
         """Return the fault that makes the last scans consistent; None: there is none, or it is not clear."""
         for way, turn in zip(_WAYS, _TURNS, strict=True):
             earlier = self._earlier(tracks, way, turn)
             if earlier is None:
                 return None
-            told = self._misfit(earlier, tracks[Suspect.NONE], Hypothesis())
+            told = self._misfit(earlier, tracks[SuspectSensor.NONE], Hypothesis())
             if told.size >= _FEWEST and np.count_nonzero(told > _OFF) >= _ODD_SHARE * told.size:
                 cause = self._best(earlier, tracks, told)
                 if cause is not None:
@@ -221,10 +221,10 @@ class ScanChecks:
         return None
 
     def _best(
-        self, earlier: SensorSweep, tracks: Mapping[Suspect, PoseTrack], told: NDArray[np.float64]
+        self, earlier: SensorSweep, tracks: Mapping[SuspectSensor, PoseTrack], told: NDArray[np.float64]
     ) -> HoldCause | None:
         """Return the cause of the hypothesis that explains most, if any does."""
-        track = tracks[Suspect.NONE]
+        track = tracks[SuspectSensor.NONE]
         known = earlier.stamps[0] - track.instants[0]
         found = [
             (one, self._misfit(earlier, tracks[one.suspect], one))
@@ -238,7 +238,9 @@ class ScanChecks:
         most, cause = max(points, key=lambda one: one[0])
         return cause if most > 0 else None
 
-    def _earlier(self, tracks: Mapping[Suspect, PoseTrack], way: float, turned: float) -> SensorSweep | None:
+    def _earlier(
+        self, tracks: Mapping[SuspectSensor, PoseTrack], way: float, turned: float
+    ) -> SensorSweep | None:
         """Return the last sweep since which the robot has moved enough, by any track."""
         last = self._sweeps[-1]
         for earlier in list(self._sweeps)[-2::-1]:

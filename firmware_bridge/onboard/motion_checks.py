@@ -20,7 +20,7 @@ from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import Basic
 
 
-class Suspect(Enum):
+class SuspectSensor(Enum):
     """The sensor that is assumed to be faulty."""
 
     NONE = auto()
@@ -71,11 +71,11 @@ def direction(angles: NDArray[np.float64]) -> NDArray[np.complex128]:
     return units
 
 
-def pose_track(moves: Sequence[Movement], suspect: Suspect) -> PoseTrack:
+def pose_track(moves: Sequence[Movement], suspect: SuspectSensor) -> PoseTrack:
     """Return the track of these movements without the sensor that is suspected."""
     instants, time, left, right, turn, v, _ = np.array(moves, np.float64).T
-    forward = v * time * 1e-6 if suspect is Suspect.WHEELS else (left + right) / 2
-    if suspect is Suspect.GYRO:
+    forward = v * time * 1e-6 if suspect is SuspectSensor.WHEELS else (left + right) / 2
+    if suspect is SuspectSensor.GYRO:
         turn = (right - left) / TRACK
     heading = np.cumsum(turn)
     position = np.cumsum(forward * direction(heading - turn / 2))

@@ -29,7 +29,7 @@ class SensorSweep(NamedTuple):
     """(n,), m; inf = no echo."""
 
 
-class Rays:
+class ScanRays:
     """The rays of a sensor's model, and how samples at any other angles become their ranges."""
 
     def __init__(self, model: RangeSensor, reach: float = REACH) -> None:
@@ -94,7 +94,7 @@ class RangeReader(ABC):
     """The newest scan and sweep of a range sensor; base of the drivers of lidar and depth camera."""
 
     def __init__(self, model: RangeSensor) -> None:
-        self.rays = Rays(model)
+        self.rays = ScanRays(model)
         self._scan: Scan | None = None
         self._sweep: SensorSweep | None = None
 

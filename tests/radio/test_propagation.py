@@ -17,7 +17,7 @@ from actors.radio.propagation import (
     PathLossParameters,
     PropagationParameters,
     ShadowingParameters,
-    Waves,
+    ShadowingWaves,
     waves,
 )
 from actors.radio.walls import (
@@ -192,7 +192,7 @@ def over_seeds(senders: Floats, receivers: Floats, seeds: int = 3000) -> Floats:
     return np.array([propagation(seed).loss_db(senders, receivers).ravel() - 100.0 for seed in range(seeds)])
 
 
-def plain(field: Waves, one: Floats, other: Floats, parameters: ShadowingParameters) -> float:
+def plain(field: ShadowingWaves, one: Floats, other: Floats, parameters: ShadowingParameters) -> float:
     p, q = ((np.floor(end / parameters.grain) + 0.5) * parameters.grain for end in (one, other))
     total = sum(
         math.cos(k @ p + m @ q + phase) + math.cos(k @ q + m @ p + phase)

@@ -26,7 +26,7 @@ from firmware_bridge.range_sensors.rplidar import (
     SampleReader,
 )
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
-from firmware_bridge.range_sensors.sensor import Rays
+from firmware_bridge.range_sensors.sensor import ScanRays
 from tests.kobuki.rig import Room
 
 CHAPTER = load_model("turtlebot2", "chapter").sensor
@@ -115,7 +115,7 @@ def test_it_starts_and_sees_the_room_along_the_models_rays() -> None:
     rig.run(3.0)
     assert rig.lidar.health == Health(0)
     assert 14 <= len(rig.scans) <= 16  # 5.5 turns a second, the first not whole
-    truth = room(Rays(CHAPTER).angles)
+    truth = room(ScanRays(CHAPTER).angles)
     seen = metres(rig.scans[-1])
     within = truth < 6.4
     assert np.isfinite(seen[within]).all()  # 364 samples reach all 640 rays
@@ -137,7 +137,7 @@ def test_it_sees_a_thing_on_the_left_at_the_rays_that_look_there() -> None:
 
     rig = Rig(post)
     rig.run(1.5)
-    rays = np.degrees(Rays(CHAPTER).angles)
+    rays = np.degrees(ScanRays(CHAPTER).angles)
     hit = rays[np.isfinite(metres(rig.scans[-1]))]
     assert hit.mean() == pytest.approx(60.0, abs=0.6)
     assert hit.max() - hit.min() < 6
@@ -154,7 +154,7 @@ def test_noise_costs_samples_but_no_scan() -> None:
     assert len(rig.scans) > 50
     assert rig.lidar.samples.skipped > 50
     assert rig.lidar.counts.starts == 1
-    truth = room(Rays(CHAPTER).angles)
+    truth = room(ScanRays(CHAPTER).angles)
     assert np.nanmedian(np.abs(metres(rig.scans[-1]) - truth)) < 0.01
 
 
@@ -231,7 +231,7 @@ NONE = NO_ECHO_MM
 def seen(model: SensorModel, samples: Sequence[tuple[float, float]]) -> list[int]:
     """The ranges that samples at (degrees, m) make."""
     angles, ranges = np.array(samples, np.float64).reshape(-1, 2).T
-    scan = Rays(model, math.radians(1.0)).scan(Instant(5), np.radians(angles), ranges)
+    scan = ScanRays(model, math.radians(1.0)).scan(Instant(5), np.radians(angles), ranges)
     assert scan.stamp == 5
     found: list[int] = np.frombuffer(scan.ranges_mm, "<u2").tolist()
     return found
@@ -239,9 +239,9 @@ def seen(model: SensorModel, samples: Sequence[tuple[float, float]]) -> list[int
 
 @pytest.mark.parametrize("model", [CIRCLE, VIEW, sensor(360.0, 7)])
 def test_the_rays_are_those_of_the_model(model: SensorModel) -> None:
-    turned: NDArray[np.float64] = Rays(model).angles - scan_angles(model)
+    turned: NDArray[np.float64] = ScanRays(model).angles - scan_angles(model)
     assert np.abs(np.sin(turned / 2)).max() < 1e-12
-    one_each = [(math.degrees(angle), 1.0 + k) for k, angle in enumerate(Rays(model).angles.tolist())]
+    one_each = [(math.degrees(angle), 1.0 + k) for k, angle in enumerate(ScanRays(model).angles.tolist())]
     wanted = [1000 * (1 + k) if 1 + k <= 5 else NONE for k in range(model.rays)]
     assert seen(model, one_each) == wanted
     shifted = [(degrees - 720.0, metres) for degrees, metres in one_each]
@@ -262,7 +262,7 @@ def test_what_is_too_near_hides_what_is_behind_it() -> None:
 def by_hand(model: SensorModel, samples: list[tuple[float, float]], reach: float) -> list[int]:
     """The same, ray by ray, in the plainest words."""
     found = []
-    for ray in Rays(model).angles.tolist():
+    for ray in ScanRays(model).angles.tolist():
         aside = [(abs(math.remainder(angle - ray, math.tau)), metres) for angle, metres in samples]
         own = [metres for angle, metres in aside if angle < model.increment / 2]
         angle, nearest = min(aside)
@@ -278,6 +278,6 @@ def by_hand(model: SensorModel, samples: list[tuple[float, float]], reach: float
 def test_any_samples_give_what_they_give_by_hand(model: SensorModel, seed: int) -> None:
     rng = np.random.default_rng(seed)
     samples = np.column_stack((rng.uniform(-7, 7, 60), rng.uniform(0.01, 6.0, 60)))
-    scan = Rays(model, reach=0.05).scan(Instant(0), samples[:, 0], samples[:, 1])
+    scan = ScanRays(model, reach=0.05).scan(Instant(0), samples[:, 0], samples[:, 1])
     pairs = [(angle, metres) for angle, metres in samples.tolist()]
     assert np.frombuffer(scan.ranges_mm, "<u2").tolist() == by_hand(model, pairs, 0.05)

@@ -123,7 +123,7 @@ FAULTS: Final = (McapError, struct.error, zlib.error, LookupError, ValueError, R
 """What reading damaged bytes may raise."""
 
 
-class _Step(msgspec.Struct, array_like=True):
+class _RecordedStep(msgspec.Struct, array_like=True):
     """The beginning of every message."""
 
     step: int
@@ -132,7 +132,7 @@ class _Step(msgspec.Struct, array_like=True):
 _DIRECTIONS: Final[dict[str, Direction]] = {"in": "in", "out": "out"}
 _STEP: Final = 8
 """Bytes of the step that a seal ends with."""
-_STEPS: Final = msgspec.msgpack.Decoder(_Step)
+_STEPS: Final = msgspec.msgpack.Decoder(_RecordedStep)
 _REPORTED: Final[set[Path]] = set()
 """Files whose damage this process has reported on standard error."""
 
