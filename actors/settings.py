@@ -77,10 +77,10 @@ PositiveInterval = Annotated[Duration, Meta(gt=0, le=seconds(LONGEST_S))]
 class ParameterError(AcrcError, ValueError):
     """An unknown setting, or one with an invalid value."""
 
-    def __init__(self, key: str, value: object, right: str, sentence: str = "") -> None:
-        """`right`: continues "must be"; `sentence`: replaces the default sentence."""
-        super().__init__(sentence or f"{key} is {wording.shown(value)}, but must be {right}")
-        self.key, self.value, self.right = key, value, right
+    def __init__(self, key: str, value: object, expected: str, sentence: str = "") -> None:
+        """`expected`: continues "must be"; `sentence`: replaces the default sentence."""
+        super().__init__(sentence or f"{key} is {wording.shown(value)}, but must be {expected}")
+        self.key, self.value, self.expected = key, value, expected
 
 
 class RuleError(AcrcError, ValueError):
@@ -93,14 +93,14 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         for name, metas, choices in _bounds(type(self)):
             value = getattr(self, name)
-            if value is not None and not (_fits(value, metas) and (not choices or value in choices)):
+            if value is not None and not (_is_within(value, metas) and (not choices or value in choices)):
                 raise self.wrong(name)
 
-    def wrong(self, name: str, right: str = "") -> ParameterError:
-        """Return the error for a field's value; `right`: continues "must be", default: by its type."""
+    def wrong(self, name: str, expected: str = "") -> ParameterError:
+        """Return the error for a field's value; `expected`: continues "must be", default: by its type."""
         key = f"{type(self).__name__}.{name}"
         return ParameterError(
-            key, getattr(self, name), right or words(fields_of(type(self))[name].hint, name)
+            key, getattr(self, name), expected or words(fields_of(type(self))[name].hint, name)
         )
 
     def check_unused(self, names: Collection[str], where: str) -> None:
@@ -225,16 +225,16 @@ def decode(
             raise ParameterError(_joined(key, name), value, "", wording.unknown_key(key, name, known))
     for name, field in fields.items():
         if base is None and field.required and name not in values:
-            right = words(field.hint, _joined(key, name))
-            sentence = f"{_joined(key, name)} is missing, but must be {right}"
-            raise ParameterError(_joined(key, name), None, right, sentence)
+            expected = words(field.hint, _joined(key, name))
+            sentence = f"{_joined(key, name)} is missing, but must be {expected}"
+            raise ParameterError(_joined(key, name), None, expected, sentence)
     try:
         made: T = table(**values) if base is None else msgspec.structs.replace(start, **values)
     except RuleError as error:
         raise AcrcError(f"{key or 'the file'} must {error}") from None
     except ParameterError as error:
         name = error.key.rpartition(".")[2]
-        raise ParameterError(_joined(key, name), content.get(name, error.value), error.right) from None
+        raise ParameterError(_joined(key, name), content.get(name, error.value), error.expected) from None
     return made
 
 
@@ -243,7 +243,7 @@ def plain(value: Any) -> Any:
     if not isinstance(value, msgspec.Struct):
         return tuple(map(plain, value)) if isinstance(value, tuple) else value
     return {
-        name: in_seconds(one) if _stripped(field.hint)[0] is Duration else plain(one)
+        name: in_seconds(one) if _unannotated(field.hint)[0] is Duration else plain(one)
         for name, field in fields_of(type(value)).items()
         if (one := getattr(value, name)) is not None
     }
@@ -279,14 +279,14 @@ def _bounds(kind: Any) -> list[tuple[str, Sequence[Meta], Sequence[Any]]]:
     for name, field in fields_of(kind).items():
         is_union = get_origin(field.hint) in {Union, UnionType}
         arms = [one for one in get_args(field.hint) if one is not NoneType] if is_union else [field.hint]
-        plain_kind, metas = _stripped(arms[0])
+        plain_kind, metas = _unannotated(arms[0])
         choices = get_args(plain_kind) if get_origin(plain_kind) is Literal else ()
         if len(arms) == 1 and (choices or (metas and plain_kind in {int, float, Duration})):
             found.append((name, metas, choices))
     return found
 
 
-def _stripped(hint: Any) -> tuple[Any, Sequence[Meta]]:
+def _unannotated(hint: Any) -> tuple[Any, Sequence[Meta]]:
     """Return a type without Annotated, and its bounds."""
     if get_origin(hint) is not Annotated:
         return hint, ()
@@ -305,22 +305,22 @@ def _field(hint: Any, value: object, key: str) -> Any:
 
 
 def _value(hint: Any, value: Any, key: str) -> Any:
-    kind, metas = _stripped(hint)
+    kind, metas = _unannotated(hint)
     try:
-        found = _of_kind(kind, value, key)
-        if not _fits(found, metas):
+        found = _converted(kind, value, key)
+        if not _is_within(found, metas):
             raise _WrongError
     except _WrongError:
-        if right := _described(metas):
-            raise ParameterError(key, value, right) from None
+        if expected := _description(metas):
+            raise ParameterError(key, value, expected) from None
         raise
     return found
 
 
-def _of_kind(kind: Any, value: Any, key: str) -> Any:
+def _converted(kind: Any, value: Any, key: str) -> Any:
     origin, args = get_origin(kind), get_args(kind)
     if origin in {Union, UnionType}:
-        return _of_some_kind(args, value, key)
+        return _converted_union(args, value, key)
     if origin is tuple:
         return _items(args, value, key)
     if origin in {dict, Mapping} and isinstance(value, Mapping):
@@ -330,7 +330,7 @@ def _of_kind(kind: Any, value: Any, key: str) -> Any:
     return _scalar(kind, args if origin is Literal else (), value)
 
 
-def _of_some_kind(kinds: Sequence[Any], value: Any, key: str) -> Any:
+def _converted_union(kinds: Sequence[Any], value: Any, key: str) -> Any:
     wrong: Exception = _WrongError()
     for kind in kinds:
         if kind is not NoneType:
@@ -385,7 +385,7 @@ _TESTS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
 }
 
 
-def _fits(value: Any, metas: Sequence[Meta]) -> bool:
+def _is_within(value: Any, metas: Sequence[Meta]) -> bool:
     """Return whether a value is finite and within bounds."""
     return not (isinstance(value, float) and not math.isfinite(value)) and all(
         test(value, bound)
@@ -399,14 +399,14 @@ def _is_table(kind: Any) -> bool:
     return isinstance(kind, type) and (issubclass(kind, msgspec.Struct) or dataclasses.is_dataclass(kind))
 
 
-def _described(metas: Sequence[Meta]) -> str:
+def _description(metas: Sequence[Meta]) -> str:
     return next((one.description for one in reversed(metas) if one.description), "")
 
 
 def words(hint: Any, key: str) -> str:
     """Describe a type's valid values, to follow "must be"; empty if no file can set it."""
-    kind, metas = _stripped(hint)
-    return _described(metas) or _table_words(kind, key) or _number_words(kind, metas)
+    kind, metas = _unannotated(hint)
+    return _description(metas) or _table_words(kind, key) or _number_words(kind, metas)
 
 
 def _table_words(kind: Any, key: str) -> str:

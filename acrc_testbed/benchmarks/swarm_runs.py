@@ -37,7 +37,7 @@ from actors.runtime.shell import MemoryBus, Shell, run_shells
 from deploy.run import memory_swarm, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
-from deploy.scenario.resolve import SpotError
+from deploy.scenario.resolve import LayoutError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 
@@ -205,7 +205,7 @@ def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
         scenario = load_scenario(task.scenario, overrides)
         try:
             plan = swarm.plan(scenario, options)
-        except SpotError:  # the scenario draws starts 0.6 m apart: the corridor holds some 140
+        except LayoutError:  # the scenario draws starts 0.6 m apart: the corridor holds some 140
             plan = swarm.plan(_dense(scenario, count), options)
         yield plan
 

@@ -270,7 +270,7 @@ def scenario(
     from deploy.run.swarm import preflight_here
     from deploy.scenario import survey
     from deploy.scenario.resolve import resolve
-    from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
+    from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, parse_settings
 
     if png is not None:
         output_file("--png", png, ".png", ".svg")
@@ -283,7 +283,7 @@ def scenario(
         _answer_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
         return
     permit = permit_of(modules, trust=trust)
-    overrides = Overrides(robots, seed, settings=settings(setting or ()))
+    overrides = Overrides(robots, seed, settings=parse_settings(setting or ()))
     settled = resolve(load_scenario(file, overrides))
     _answer_survey(survey.survey(settled), png, json=json)
     folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)

@@ -154,7 +154,7 @@ def run(
     from deploy.hosts.address import plain
     from deploy.run.options import RunOptions, folder_name
     from deploy.run.start import claimed, prepare_run, start_run
-    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, settings
+    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, parse_settings
 
     overrides = Overrides(
         robots=robots,
@@ -164,7 +164,7 @@ def run(
         step=step,
         strategy=strategy,
         navigation=navigation,
-        settings=settings(setting or ()),
+        settings=parse_settings(setting or ()),
     )
     file = scenario or DEFAULT_SCENARIO
     options = RunOptions(

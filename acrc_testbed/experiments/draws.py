@@ -21,8 +21,14 @@ from actors.robot_model import OdometryKind, load_model
 from actors.settings import plain
 from cleaning.place import GOLDEN
 from cleaning.strategies import entry
-from deploy.scenario.events import for_places
-from deploy.scenario.scenario_file import Overrides, is_scenario, load_scenario, module_folders, settings
+from deploy.scenario.events import place_areas
+from deploy.scenario.scenario_file import (
+    Overrides,
+    is_scenario,
+    load_scenario,
+    module_folders,
+    parse_settings,
+)
 from deploy.scenario.tables import Scenario
 
 SHADOWING_DB: Final = 6.0
@@ -211,7 +217,7 @@ def _closures(draw: _Draw) -> list[Event]:
 def _tasks(draw: _Draw) -> list[Event]:
     scenario = draw.scenario
     points = draw_points(
-        load_map(scenario.map), draw.whole(), rng=draw.rng, passage=draw.radius, areas=for_places(scenario)
+        load_map(scenario.map), draw.whole(), rng=draw.rng, passage=draw.radius, areas=place_areas(scenario)
     )
     return [
         {
@@ -308,10 +314,10 @@ def understood(wishes: StudyOptions) -> tuple[StudyOptions, tuple[str, ...]]:
 
 def study_of(wishes: StudyOptions) -> Study:
     """Return the study in the file with the options of the command line, or the study of these alone."""
-    own: list[tuple[str, Any]] = list(settings(wishes.settings))
+    own: list[tuple[str, Any]] = list(parse_settings(wishes.settings))
     for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
         if text is not None:
-            own += settings((f"{key}={text}",))
+            own += parse_settings((f"{key}={text}",))
     path = path_of(wishes)
     if path is not None:
         study = load_study(path, tuning=wishes.tuning)

@@ -19,7 +19,7 @@ from actors.randomness import generator
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.settings import Place, RuleError, Settings, Text
-from deploy.scenario.scenario_file import check_there, is_scenario
+from deploy.scenario.scenario_file import check_exists, is_scenario
 
 FIRST_SEED: Final = 1
 FIRST_TUNING_SEED: Final = 1_000_001
@@ -351,7 +351,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
     """The study in a file, also in one that a campaign has written (`study.json`). Raises AcrcError."""
     if path.suffix == ".json":
         return _written(path)
-    check_there(path, SHIPPED / "studies")
+    check_exists(path, SHIPPED / "studies")
     if is_scenario(path):
         compared = typed("campaign", path)
         raise AcrcError(f"{path}: is a scenario, must be a study; to compare strategies in it: {compared}")

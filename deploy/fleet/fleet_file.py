@@ -53,7 +53,7 @@ class AirTable(Settings, frozen=True):
         try:
             power_setting(self.power_db)
         except ParameterError as error:
-            raise self.wrong("power_db", error.right) from None
+            raise self.wrong("power_db", error.expected) from None
 
 
 class FleetRobot(RobotDescription, frozen=True, kw_only=True):

@@ -38,8 +38,7 @@ from deploy.run.change import place as place_of
 from deploy.run.options import RunOptions, checked, folder_name
 from deploy.run.start import output_folder
 from deploy.run.swarm_replay import SCENARIO, Divergence, divergence
-from deploy.scenario.scenario_file import load_scenario, module_folders
-from deploy.scenario.scenario_file import settings as settings_of
+from deploy.scenario.scenario_file import load_scenario, module_folders, parse_settings
 from deploy.scenario.tables import Scenario
 
 
@@ -173,7 +172,7 @@ def continue_run(
     """Carry the branch out and say what came of it."""
     origin, at_s = place_of(place)
     try:
-        changed = strategy_settings(settings_of(settings), origin / SCENARIO)
+        changed = strategy_settings(parse_settings(settings), origin / SCENARIO)
         change = Change(at_s, strategy, changed, tuple(event(text, at_s) for text in events))
         typed = "" if strategy is None else entry(strategy)
     except StrategyError as error:

@@ -19,10 +19,10 @@ from deploy.scenario.tables import AreaTable, EventTable, Scenario
 
 def robot_fault(scenario: Scenario) -> str | None:
     """Return an error in the [[robot]] and [places] tables, without a full stop; None if valid."""
-    return _ids(scenario) or _places(scenario)
+    return _id_fault(scenario) or _place_fault(scenario)
 
 
-def _ids(scenario: Scenario) -> str | None:
+def _id_fault(scenario: Scenario) -> str | None:
     seen: set[str] = set()
     for index, robot in enumerate(scenario.robot):
         if robot.id not in scenario.ids:
@@ -33,7 +33,7 @@ def _ids(scenario: Scenario) -> str | None:
     return None
 
 
-def _places(scenario: Scenario) -> str | None:
+def _place_fault(scenario: Scenario) -> str | None:
     if scenario.places.preset != "listed":
         return None
     if scenario.places.per_robot is not None:
@@ -56,25 +56,27 @@ def known_robots(scenario: Scenario) -> str:
 def area_fault(scenario: Scenario) -> str | None:
     """Return an error in the areas or their use, without a full stop; None if valid."""
     return (
-        _once([area.name for area in scenario.area], "area[{}].name", "each area must have its own name")
-        or _known(scenario.robots.areas, "robots.areas", scenario)
-        or _preset(scenario)
-        or _known(scenario.places.areas, "places.areas", scenario)
+        _repetition(
+            [area.name for area in scenario.area], "area[{}].name", "each area must have its own name"
+        )
+        or _unknown_area(scenario.robots.areas, "robots.areas", scenario)
+        or _preset_fault(scenario)
+        or _unknown_area(scenario.places.areas, "places.areas", scenario)
     )
 
 
-def for_starts(scenario: Scenario) -> tuple[Area, ...] | None:
+def start_areas(scenario: Scenario) -> tuple[Area, ...] | None:
     """Return the areas in which starts are drawn; None: on all free floor."""
     names = scenario.robots.areas
     return None if names is None else areas_named(tuple(table.area for table in scenario.area), names)
 
 
-def for_places(scenario: Scenario) -> tuple[Area, ...] | None:
+def place_areas(scenario: Scenario) -> tuple[Area, ...] | None:
     """Return the areas in which places are drawn; None: on all free floor."""
-    return tuple(table.area for table in of_places(scenario)) or None
+    return tuple(table.area for table in place_area_tables(scenario)) or None
 
 
-def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
+def place_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
     """Return the tables of the areas in which places are drawn; empty: on all free floor."""
     if scenario.places.preset == "free":
         return ()
@@ -94,7 +96,7 @@ def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
             )
 
 
-def _preset(scenario: Scenario) -> str | None:
+def _preset_fault(scenario: Scenario) -> str | None:
     preset, names = scenario.places.preset, scenario.places.areas
     if names is not None and preset in ("free", "listed"):
         return f'places.areas must be absent with places.preset "{preset}"'
@@ -103,7 +105,7 @@ def _preset(scenario: Scenario) -> str | None:
     return None
 
 
-def _known(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | None:
+def _unknown_area(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | None:
     """Return an error for an unknown or repeated area name."""
     known = [area.name for area in scenario.area]
     for index, name in enumerate(names or ()):
@@ -114,10 +116,10 @@ def _known(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | N
             return f"{key}[{index}] is {shown(name)}, which is not an area; did you mean {shown(near[0])}?"
         right = f"one of {', '.join(map(shown, known))}" if known else "the name of an [[area]]"
         return f"{key}[{index}] is {shown(name)}, but must be {right}"
-    return _once(names or (), f"{key}[{{}}]", "name each area once")
+    return _repetition(names or (), f"{key}[{{}}]", "name each area once")
 
 
-def _once(names: Sequence[str], key: str, rule: str) -> str | None:
+def _repetition(names: Sequence[str], key: str, rule: str) -> str | None:
     """Return an error for a repeated name; `key` has a placeholder for its index."""
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -139,22 +141,22 @@ _ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
     "open": ((), lambda at: orders.OpenDoor(*at)),
 }
 """Keys that each action requires, and the order made of its values."""
-_COMPANIONS: Final = ("to", "radius", "duration", "of", "places")
-_WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "give")
+_FURTHER_KEYS: Final = ("to", "radius", "duration", "of", "places")
+_ROBOT_ACTIONS: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "give")
 
 
-def fault(scenario: Scenario) -> str | None:
+def event_fault(scenario: Scenario) -> str | None:
     """Return the first error in the events, without a full stop; None if valid."""
     for index, event in enumerate(scenario.event):
-        found = _shape(event) or _robot(event, scenario) or _instant(event, scenario)
+        found = _action_fault(event) or _robot_fault(event, scenario) or _instant_fault(event, scenario)
         if found:
             return f"event[{index}]{found}"
-    return _sequence(scenario)
+    return _sequence_fault(scenario)
 
 
 def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
     """Return the orders sorted by time; orders of one instant keep the order of the file."""
-    return tuple(_timed(scenario.event[index]) for index in _by_instant(scenario))
+    return tuple(_timed(scenario.event[index]) for index in _sorted_indices(scenario))
 
 
 def _timed(event: EventTable) -> TimedOrder:
@@ -166,7 +168,7 @@ def action_of(event: EventTable) -> str:
     return next(name for name in _ORDERS if getattr(event, name) is not None)
 
 
-def _shape(event: EventTable) -> str | None:
+def _action_fault(event: EventTable) -> str | None:
     """Return an error unless the event has one action and exactly its keys."""
     actions = [name for name in _ORDERS if getattr(event, name) is not None]
     if len(actions) != 1:
@@ -174,7 +176,7 @@ def _shape(event: EventTable) -> str | None:
         return f" has {has}, but must have exactly one of {', '.join(_ORDERS)}"
     (action,) = actions
     needed, _ = _ORDERS[action]
-    for name in _COMPANIONS:
+    for name in _FURTHER_KEYS:
         present, belongs = getattr(event, name) is not None, name in needed
         if belongs and not present:
             return f".{name} is missing; {action} requires {' and '.join(needed)}"
@@ -184,29 +186,29 @@ def _shape(event: EventTable) -> str | None:
     return None
 
 
-def _robot(event: EventTable, scenario: Scenario) -> str | None:
+def _robot_fault(event: EventTable, scenario: Scenario) -> str | None:
     action = action_of(event)
-    if action in _WITH_ROBOT and getattr(event, action) not in scenario.ids:
+    if action in _ROBOT_ACTIONS and getattr(event, action) not in scenario.ids:
         return f'.{action} is "{getattr(event, action)}", but must be {known_robots(scenario)}'
     if event.lose is not None and (event.of not in scenario.ids or event.of == event.lose):
         return f'.of is "{event.of}", but must be {known_robots(scenario)}, and not {event.lose}'
     return None
 
 
-def _instant(event: EventTable, scenario: Scenario) -> str | None:
-    if _boundary(event, scenario) < seconds(scenario.run.duration):
+def _instant_fault(event: EventTable, scenario: Scenario) -> str | None:
+    if _step_boundary(event, scenario) < seconds(scenario.run.duration):
         return None
-    last = in_seconds(_last_boundary(scenario))
+    last = in_seconds(_last_step(scenario))
     return f".at is {event.at:g}, but must be from 0 to {last:g} s, where the last step begins"
 
 
-def _sequence(scenario: Scenario) -> str | None:
+def _sequence_fault(scenario: Scenario) -> str | None:
     """Return an error if a robot's state does not allow an order at its time."""
     states = dict.fromkeys(scenario.ids, "running")
     restarted: dict[str, Instant] = {}
-    for index in _by_instant(scenario):
+    for index in _sorted_indices(scenario):
         event = scenario.event[index]
-        action, boundary = action_of(event), _boundary(event, scenario)
+        action, boundary = action_of(event), _step_boundary(event, scenario)
         if action not in ("kill", "freeze", "thaw", "restart"):
             continue
         robot: str = getattr(event, action)
@@ -236,18 +238,18 @@ _TRANSITIONS: Final = {
 """Robot states that allow each action, and the state after it."""
 
 
-def _by_instant(scenario: Scenario) -> list[int]:
+def _sorted_indices(scenario: Scenario) -> list[int]:
     """Return the indices of the events, sorted by time."""
     return sorted(range(len(scenario.event)), key=lambda index: seconds(scenario.event[index].at))
 
 
-def _boundary(event: EventTable, scenario: Scenario) -> Instant:
+def _step_boundary(event: EventTable, scenario: Scenario) -> Instant:
     """Return the first step boundary not before the event."""
     step = milliseconds(scenario.run.step_ms)
     return Instant(_timed(event).step(step) * step)
 
 
-def _last_boundary(scenario: Scenario) -> Instant:
+def _last_step(scenario: Scenario) -> Instant:
     step = milliseconds(scenario.run.step_ms)
     return Instant(math.ceil(seconds(scenario.run.duration) / step - 1) * step)
 

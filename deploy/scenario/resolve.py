@@ -24,15 +24,15 @@ from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.place import GOLDEN
 from cleaning.strategies import entry
-from deploy.scenario.events import check_areas, for_places, for_starts, of_places, timed_orders
+from deploy.scenario.events import check_areas, place_area_tables, place_areas, start_areas, timed_orders
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
-class SpotError(AcrcError):
+class LayoutError(AcrcError):
     """A start, place or event that does not fit the floor plan."""
 
 
-_APART: Final = 0.6
+_SPACING: Final = 0.6
 """Minimum distance of drawn starts, and of one robot's places, from walls and each other, m. A robot can
 pass between such a point and the wall."""
 _PER_ROBOT: Final = 10
@@ -43,14 +43,14 @@ _PER_ROBOT: Final = 10
 class RobotSpec:
     """One robot before its start and places are drawn."""
 
-    own: RobotTable
+    table: RobotTable
     """Its table, completed with the values of all robots and of its model."""
     radius: float
 
     @property
     def id(self) -> str:
         """Id of the robot."""
-        return self.own.id
+        return self.table.id
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +113,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     check_events(grid, specs, scenario)
     check_doors(grid, specs, scenario)
     robots = tuple(
-        BodySetup(**asdict(spec.own) | {"start": start, "places": places(grid, spec, start, scenario)})
+        BodySetup(**asdict(spec.table) | {"start": start, "places": places(grid, spec, start, scenario)})
         for spec, start in zip(specs, poses, strict=True)
     )
     run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
@@ -130,9 +130,9 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     if world.uncertainty != Uncertainty():  # without it the checks above of the map suffice
         _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
-    settled = _settled(scenario, robots)
+    explicit = _explicit(scenario, robots)
     return ResolvedScenario(
-        scenario=settled,
+        scenario=explicit,
         grid=grid,
         world=world,
         radio=RadioSetup(
@@ -145,8 +145,8 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
             wifi=scenario.wifi,
         ),
         behaviour=behaviour,
-        adaptation=settled.adaptation,
-        stack=settled.stack,
+        adaptation=explicit.adaptation,
+        stack=explicit.stack,
     )
 
 
@@ -179,7 +179,7 @@ def _spec(robot: str, scenario: Scenario) -> RobotSpec:
     return RobotSpec(own, model.footprint.circumradius)
 
 
-def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
+def _explicit(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
     """Return the scenario with every start and place listed in [[robot]] tables.
 
     Areas of places are kept: robots may request random points in them.
@@ -190,7 +190,7 @@ def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
         scenario,
         robots=replace(scenario.robots, start=(), areas=None),
         places=PlacesTable(preset="listed"),
-        area=of_places(scenario),
+        area=place_area_tables(scenario),
         robot=tables,
         **presets,
     )
@@ -202,7 +202,7 @@ def starts(
     """Return every robot's start pose, in order: given, or drawn at a distance from all others."""
     given: dict[str, tuple[float, float, float]] = {}
     for index, spec in enumerate(specs):
-        pose = spec.own.start
+        pose = spec.table.start
         if pose is None and index < len(scenario.robots.start):
             pose = scenario.robots.start[index]
         if pose is not None:
@@ -216,7 +216,7 @@ def starts(
             continue
         point = _draw_start(grid, spec, scenario, taken, floor)
         taken.append(point)
-        given[spec.id] = (*_to_the_millimetre(point), 0.0)
+        given[spec.id] = (*_rounded(point), 0.0)
     return [given[spec.id] for spec in specs]
 
 
@@ -228,16 +228,18 @@ def _draw_start(
             grid,
             1,
             rng=generator(scenario.run.seed_of("placement"), "start", spec.id),
-            clearance=max(_APART, spec.radius),
-            apart=max(_APART, 2 * spec.radius),
+            clearance=max(_SPACING, spec.radius),
+            apart=max(_SPACING, 2 * spec.radius),
             keep_off=taken,
             start=floor,
             passage=spec.radius,
-            areas=for_starts(scenario),
+            areas=start_areas(scenario),
         )
     except PlacementError as error:
         where = "" if scenario.robots.areas is None else " in robots.areas"
-        raise SpotError(f"no start for robot {spec.id}{where} beside {len(taken)} others: {error}") from error
+        raise LayoutError(
+            f"no start for robot {spec.id}{where} beside {len(taken)} others: {error}"
+        ) from error
     return point
 
 
@@ -247,7 +249,7 @@ def _check_apart(specs: Sequence[RobotSpec], given: dict[str, tuple[float, float
         for other in specs[:index]:
             gap, needed = here.distance_to(Point(*given[other.id][:2])), spec.radius + other.radius
             if gap < needed:
-                raise SpotError(
+                raise LayoutError(
                     f"robots {other.id} and {spec.id} start {gap:.3f} m apart at"
                     f" ({here.x:g}, {here.y:g}), but must be at least {needed:.3f} m apart"
                 )
@@ -261,11 +263,11 @@ def check_events(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scen
             check_pose(grid, Point(*event.to[:2]), radius[event.move], event.move)
         for x, y in event.places or ():
             if not grid.is_free(Point(x, y)):
-                raise SpotError(f"event[{index}].places has ({x:g}, {y:g}), but must be on free floor")
+                raise LayoutError(f"event[{index}].places has ({x:g}, {y:g}), but must be on free floor")
 
 
 def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> None:
-    """Raise SpotError for an unknown door, or one that is already closed or open at an event."""
+    """Raise LayoutError for an unknown door, or one that is already closed or open at an event."""
     doorways = Doorways(grid, max(spec.radius for spec in specs))
     closed: set[int] = set()
     for index, event in sorted(enumerate(scenario.event), key=lambda item: item[1].at):
@@ -276,10 +278,10 @@ def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scena
             door = doorways.at(Point(*point))
             doorways.closed(door)
         except DoorError as error:
-            raise SpotError(f"event[{index}].{verb}: {error}") from None
+            raise LayoutError(f"event[{index}].{verb}: {error}") from None
         if (door.index in closed) == (verb == "close"):
             state = "closed" if verb == "close" else "open"
-            raise SpotError(f"event[{index}] cannot {verb} a door at {event.at:g} s: it is {state} then")
+            raise LayoutError(f"event[{index}] cannot {verb} a door at {event.at:g} s: it is {state} then")
         closed ^= {door.index}
 
 
@@ -287,34 +289,34 @@ def places(
     grid: OccupancyGrid, spec: RobotSpec, start: tuple[float, float, float], scenario: Scenario
 ) -> tuple[tuple[float, float], ...]:
     """Return the robot's places: listed in its table, or by preset."""
-    if spec.own.places is not None:
-        return _checked(grid, spec, spec.own.places, f"of {scenario.map}")
+    if spec.table.places is not None:
+        return _require_free(grid, spec, spec.table.places, f"of {scenario.map}")
     index = scenario.ids.index(spec.id)
     count = _PER_ROBOT if scenario.places.per_robot is None else scenario.places.per_robot
     if scenario.places.preset == "golden" and index < len(GOLDEN):
         where = f'of {scenario.map}; places.preset "golden" is made for the map corridor'
-        return _checked(grid, spec, _golden(index, count), where)
+        return _require_free(grid, spec, _golden(index, count), where)
     if count == 0:
         return ()
-    chosen = for_places(scenario)
+    chosen = place_areas(scenario)
     try:
         points = draw_points(
             grid,
             count,
             rng=generator(scenario.run.seed_of("placement"), "places", spec.id),
-            clearance=_APART,
-            apart=_APART,
+            clearance=_SPACING,
+            apart=_SPACING,
             start=Point(*start[:2]),
             passage=spec.radius,
             areas=chosen,
         )
     except PlacementError as error:
         where = "on all free floor" if chosen is None else "in places.areas"
-        raise SpotError(f"cannot draw {count} places for robot {spec.id} {where}: {error}") from error
-    return tuple(map(_to_the_millimetre, points))
+        raise LayoutError(f"cannot draw {count} places for robot {spec.id} {where}: {error}") from error
+    return tuple(map(_rounded, points))
 
 
-def _to_the_millimetre(point: Point) -> tuple[float, float]:
+def _rounded(point: Point) -> tuple[float, float]:
     """Round to mm, so that people can read and repeat it."""
     return round(point.x, 3), round(point.y, 3)
 
@@ -322,19 +324,19 @@ def _to_the_millimetre(point: Point) -> tuple[float, float]:
 def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
     points = GOLDEN[index]
     if count > len(points):
-        raise SpotError(
+        raise LayoutError(
             f'places.per_robot is {count}, but must be at most {len(points)} where places.preset is "golden"'
         )
     return points[:count]
 
 
-def _checked(
+def _require_free(
     grid: OccupancyGrid, spec: RobotSpec, points: Sequence[tuple[float, float]], where: str
 ) -> tuple[tuple[float, float], ...]:
-    """Return the points. Raises SpotError for one that is not on free floor; `where`: ends the sentence."""
+    """Return the points. Raises LayoutError for one that is not on free floor; `where`: ends the sentence."""
     for index, (x, y) in enumerate(points):
         if not grid.is_free(Point(x, y)):
-            raise SpotError(
+            raise LayoutError(
                 f"place {index} of robot {spec.id} is at ({x:g}, {y:g}), but must be on free floor {where}"
             )
     return tuple((x, y) for x, y in points)

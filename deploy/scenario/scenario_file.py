@@ -23,8 +23,7 @@ from actors.robot.stack import IMPROVED_REMOVED
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import located_model
 from actors.settings import ParameterError, decode, loads, read_text, toml_tables
-from deploy.scenario import events
-from deploy.scenario.events import area_fault, robot_fault
+from deploy.scenario.events import area_fault, event_fault, robot_fault
 from deploy.scenario.tables import AreaTable, Scenario
 
 DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
@@ -71,27 +70,27 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
     Paths in the result are absolute. Raises AcrcError, or OptionError for a wrong value of `overrides`.
     """
     path = DEFAULT_SCENARIO if path is None else path
-    check_there(path, DEFAULT_SCENARIO.parent)
+    check_exists(path, DEFAULT_SCENARIO.parent)
     return parse(read_text(path, "scenario"), path, overrides)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """Return the scenario in the text of the file `path`, like load_scenario."""
     content = toml_tables(text, path)
-    if says_study(content):
+    if is_study(content):
         raise AcrcError(f"{path}: is a study, not a scenario; run it with: {typed('campaign', path)}")
     own_map = content.get("map")
-    options = _lay_over(content, overrides)
+    options = _apply_overrides(content, overrides)
     try:
         scenario = decode(Scenario, content)
     except ParameterError as error:
         option = options.get(tuple(error.key.split(".")))
-        if option is not None and error.right:
-            raise wrong_value(option, error.value, error.right) from None
+        if option is not None and error.expected:
+            raise wrong_value(option, error.value, error.expected) from None
         raise (OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: {error}")) from None
-    scenario = _on_its_map(scenario, own_map, path, options)
+    scenario = _with_map(scenario, own_map, path, options)
     try:
-        fault = robot_fault(scenario) or area_fault(scenario) or events.fault(scenario)
+        fault = robot_fault(scenario) or area_fault(scenario) or event_fault(scenario)
         _ = scenario.stack
     except AcrcError as error:
         fault = str(error)
@@ -100,7 +99,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     return _with_absolute_paths(scenario, Path(os.path.realpath(path)).parent)
 
 
-def _on_its_map(
+def _with_map(
     scenario: Scenario, own: object, path: Path, options: Mapping[tuple[str, ...], str]
 ) -> Scenario:
     """Resolve the scenario's map; drop areas of the file's `own` map if that was replaced.
@@ -109,24 +108,24 @@ def _on_its_map(
     """
     folder, option = Path(os.path.realpath(path)).parent, options.get(("map",))
     try:
-        there = map_of(scenario.map, folder)
-        moved = isinstance(own, str) and map_of(own, folder) != there
+        there = located_map(scenario.map, folder)
+        moved = isinstance(own, str) and located_map(own, folder) != there
     except OfficesError as error:
         raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: map {error}") from None
-    if moved and (fault := bound(scenario, str(own), options)):
+    if moved and (fault := map_conflict(scenario, str(own), options)):
         raise OptionError(f"{option}: {fault}")
     scenario = replace(scenario, map=there)
     return with_areas(scenario, own_areas=not moved or ("area",) in options)
 
 
-def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
+def _apply_overrides(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
     """Apply `overrides` to `content`; return the option that set each key."""
     options: dict[tuple[str, ...], str] = {}
     if overrides.navigation == "improved":
         raise OptionError(f"--navigation: {IMPROVED_REMOVED}")
     if overrides.navigation not in {None, *NAVIGATION_PRESETS}:
         raise wrong_value("--navigation", overrides.navigation, wording.one_of(tuple(NAVIGATION_PRESETS)))
-    _leave_settings_out(content, overrides.strategy)
+    _drop_other_settings(content, overrides.strategy)
     for dotted, value in overrides.settings:
         place = tuple(dotted.split("."))
         _set(content, place, value, dotted)
@@ -150,7 +149,7 @@ def _set(content: dict[str, Any], place: Sequence[str], value: object, dotted: s
     table[place[-1]] = value
 
 
-def settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
+def parse_settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
     """Return settings given as KEY=VALUE; a value that is not valid TOML is a text.
 
     Raises OptionError for a missing key or value.
@@ -168,7 +167,7 @@ def settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
     return tuple(given)
 
 
-def _leave_settings_out(content: dict[str, Any], strategy: str | None) -> None:
+def _drop_other_settings(content: dict[str, Any], strategy: str | None) -> None:
     """Drop the table [strategy] if it belongs to another strategy than the requested one."""
     run = content.get("run")
     named = run.get("strategy") if isinstance(run, dict) else None
@@ -210,12 +209,12 @@ def module_folders(scenario: Scenario) -> tuple[Path, ...]:
     return (Path(scenario.run.modules),) if scenario.run.modules else ()
 
 
-def map_of(told: str, folder: Path) -> str:
+def located_map(told: str, folder: Path) -> str:
     """Return the absolute path of a map, or the name of a drawn floor. Raises OfficesError."""
     return offices.parse(told).name if offices.is_name(told) else os.path.realpath(folder / told)
 
 
-def bound(scenario: Scenario, own: str, given: Collection[tuple[str, ...]]) -> str | None:
+def map_conflict(scenario: Scenario, own: str, given: Collection[tuple[str, ...]]) -> str | None:
     """Return an error if starts or places of a file belong to its `own` map, not the scenario's; else None.
 
     `given`: keys set by the command line.
@@ -246,7 +245,7 @@ def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
     return scenario if tables == scenario.area else replace(scenario, area=tables)
 
 
-def title(told: str) -> str:
+def map_title(told: str) -> str:
     """Return the map's short name."""
     return Path(told).name.removesuffix(".yaml")
 
@@ -257,15 +256,15 @@ def is_scenario(path: Path) -> bool:
         content = toml_tables(read_text(path, "scenario"), path)
     except AcrcError:
         return False
-    return "map" in content and not says_study(content)
+    return "map" in content and not is_study(content)
 
 
-def says_study(content: Mapping[str, Any]) -> bool:
+def is_study(content: Mapping[str, Any]) -> bool:
     """Return whether content is a study's: a study has both keys, a scenario neither."""
     return "strategies" in content and "scenario" in content
 
 
-def check_there(path: Path, folder: Path) -> None:
+def check_exists(path: Path, folder: Path) -> None:
     """Raise AcrcError if a file is missing and a shipped one in `folder` has a similar name."""
     if path.exists():
         return

@@ -133,7 +133,7 @@ def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
     return [*handles, *_floor_legend(found)]
 
 
-_BODY, _SEEN, _FELT = style.ROBOTS[0], "#cfe3f3", style.ROBOTS[1]
+_BODY, _VIEW, _CONTACT = style.ROBOTS[0], "#cfe3f3", style.ROBOTS[1]
 
 
 def draw_map(found: MapSurvey) -> Figure:
@@ -150,7 +150,7 @@ def draw_model(model: RobotModel) -> Figure:
     near, far = figure.subplots(1, 2)
     size = 1.6 * model.footprint.circumradius
     for axes, half in ((near, size), (far, model.sensor.range_max + 2 * size)):
-        _draw_seen(axes, model)
+        _draw_view(axes, model)
         _draw_body(axes, model)
         axes.set_xlim(-half, half)
         axes.set_ylim(-half, half)
@@ -163,10 +163,10 @@ def draw_model(model: RobotModel) -> Figure:
     handles: list[Line2D | Patch] = [
         Patch(color=_BODY, alpha=0.35, label="body; line: forward"),
         Line2D([], [], marker="^", ls="", color=style.INK, label="range sensor"),
-        Patch(color=_SEEN, label="field of view"),
+        Patch(color=_VIEW, label="field of view"),
     ]
     if model.bumper is not None:
-        handles.append(Line2D([], [], lw=3, color=_FELT, label="bumper: right, centre, left"))
+        handles.append(Line2D([], [], lw=3, color=_CONTACT, label="bumper: right, centre, left"))
     _add_legend(figure, handles, 4)
     return figure
 
@@ -184,13 +184,13 @@ def _draw_body(axes: Axes, model: RobotModel) -> None:
         for begin, end in ((-side, -centre), (-centre, centre), (centre, side)):
             angles = np.radians(np.linspace(begin + 1.0, end - 1.0, 30))
             ring = 1.05 * ahead * np.array([np.cos(angles), np.sin(angles)])
-            axes.plot(*ring, color=_FELT, lw=3, zorder=5)
+            axes.plot(*ring, color=_CONTACT, lw=3, zorder=5)
 
 
-def _draw_seen(axes: Axes, model: RobotModel) -> None:
+def _draw_view(axes: Axes, model: RobotModel) -> None:
     sensor, mount = model.sensor, model.sensor.mount
     half, ahead = sensor.field_of_view_deg / 2, math.degrees(mount.heading)
     width = sensor.range_max - sensor.range_min
-    seen = Wedge((mount.x, mount.y), sensor.range_max, ahead - half, ahead + half, width=width, color=_SEEN)
+    seen = Wedge((mount.x, mount.y), sensor.range_max, ahead - half, ahead + half, width=width, color=_VIEW)
     axes.add_patch(seen)
     axes.plot(mount.x, mount.y, marker="^", ms=5, color=style.INK, zorder=6)

@@ -43,14 +43,14 @@ from actors.world.sensing import RangeSensors
 from actors.world.world_setup import BodySetup
 from cleaning.parameters import CleaningParameters
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.scenario_file import title
+from deploy.scenario.scenario_file import map_title
 
 _CYCLE_US: Final = 200_000
-_TRIED_US: Final = 60_000_000
+_TRIAL_US: Final = 60_000_000
 """A robot without a command until then cannot drive off, µs."""
 _STEP: Final = 0.01
 """Resolution of the distances from a wall that are tried, m."""
-_NAMED: Final = 3
+_MOST_NAMES: Final = 3
 """Names listed in a sentence; the others are counted."""
 _FADED_DB: Final = 6.0
 """No frame arrives so far below the power at which half of the longest ones do, dB."""
@@ -68,7 +68,7 @@ def scenario_warnings(resolved: ResolvedScenario, floor: "_Floor | None" = None)
         *_starts(floor),
         *_places(floor),
         *_closed_doors(floor),
-        *_apart(floor),
+        *_disconnected(floor),
     )
 
 
@@ -91,7 +91,7 @@ class _Floor:
         self.slack = slack
         self.resolved, self.grid, self.robots = resolved, grid, resolved.world.robots
         self.preset = f"navigation `{resolved.scenario.presets['navigation']}`"
-        self.model, self._room = cache(load_model), cache(self._made)
+        self.model, self._room = cache(load_model), cache(self._room_of_radius)
         reach = resolved.adaptation.settings.get("reach")
         self.reach = float(reach) if isinstance(reach, int | float) else CleaningParameters().reach
         self.starts = {robot.id: self.part(robot, self.room(robot)) for robot in self.robots}
@@ -107,7 +107,7 @@ class _Floor:
         """Return the floor on which the robot's body fits."""
         return self._room(self.radius(robot))
 
-    def _made(self, radius: float) -> _RobotFloor:
+    def _room_of_radius(self, radius: float) -> _RobotFloor:
         stack, grid = self.resolved.stack, self.grid
         clearance, cell = room_needed(radius, stack.local_map), self.resolved.grid.resolution
         if stack.planner.method == "navfn":
@@ -160,11 +160,11 @@ def _starts(floor: _Floor) -> Iterator[str]:
     for robot in floor.robots:
         clearance, at = floor.room(robot).clearance, Point(*robot.start[:2])
         gap = floor.grid.clearance_at(at, clearance)
-        if gap < clearance and robot.places and not _drives_off(floor, robot, robot.start):
+        if gap < clearance and robot.places and not _can_drive_off(floor, robot, robot.start):
             needed = _needed(floor, robot, gap, clearance)
             yield (
                 f"robot {robot.id} starts {gap:.2f} m from a wall, at ({at.x:.2f}, {at.y:.2f}); the local "
-                f"planner of {floor.preset} cannot drive off from there: it needs {_up(needed)} m"
+                f"planner of {floor.preset} cannot drive off from there: it needs {_rounded_up(needed)} m"
             )
 
 
@@ -176,12 +176,12 @@ def _needed(floor: _Floor, robot: BodySetup, gap: float, most: float) -> float:
     away = math.atan2(north[cell], east[cell])
     for step in range(1, math.ceil((most - gap) / _STEP)):
         pose = x + step * _STEP * math.cos(away), y + step * _STEP * math.sin(away), heading
-        if _drives_off(floor, robot, pose):
+        if _can_drive_off(floor, robot, pose):
             return gap + step * _STEP
     return most
 
 
-def _drives_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, float]) -> bool:
+def _can_drive_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, float]) -> bool:
     """Return whether the robot's navigation finds a first command towards its first place."""
     model, grid = floor.model(robot.model, robot.sensor), floor.resolved.grid
     stack = msgspec.structs.replace(floor.resolved.stack, localisation=None)
@@ -191,7 +191,7 @@ def _drives_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, floa
     ranges.setflags(write=False)
     here = Pose(0.0, 0.0, 0.0)
     driver.take(Point(*robot.places[0]))
-    for instant in range(0, _TRIED_US, _CYCLE_US):
+    for instant in range(0, _TRIAL_US, _CYCLE_US):
         driver.sense(Instant(instant), here, Sweep(ranges, here))
         if driver.advance(Instant(instant), here, Pose(*start), STILL) != STILL:
             return True
@@ -209,27 +209,25 @@ def _places(floor: _Floor) -> Iterator[str]:
         for index, place in enumerate(robot.places):
             key, at = PlaceKey(robot.id, index), Point(*place)
             gap, name = floor.grid.clearance_at(at, needed), f"{robot.id}/{index}"
+            wall = f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_rounded_up(needed)} m"
             if key not in floor.unreached:
                 if gap < floor.radius(robot):
                     yield (
-                        f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, so "
-                        f"that the robot visits it from a distance, within its reach of {floor.reach:g} m"
+                        f"{wall}, so that the robot visits it from a distance, within its reach of "
+                        f"{floor.reach:g} m"
                     )
             elif (cell := floor.unreached[key]) is None:
-                yield (
-                    f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_up(needed)} m, but no "
-                    f"point within the robot's reach of {floor.reach:g} m has that much"
-                )
+                yield f"{wall}, but no point within the robot's reach of {floor.reach:g} m has that much"
             else:
                 part = int(floor.room(robot).parts[cell])
                 ends = floor.radius(robot), floor.starts[robot.id] or robot.id, part
-                why = obstacles.get(ends) or obstacles.setdefault(ends, _obstacle(floor, robot, cell))
+                why = obstacles.get(ends) or obstacles.setdefault(ends, _bottleneck(floor, robot, cell))
                 behind.setdefault(why, []).append(name)
     for why, names in behind.items():
-        yield f"{why} to {_places_named(names)}"
+        yield f"{why} to {_place_names(names)}"
 
 
-def _obstacle(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
+def _bottleneck(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
     """Describe the narrowest spot on the widest path from the robot's start to a cell."""
     grid, room, x, y = floor.grid, floor.room(robot), *robot.start[:2]
     parts = room.parts == floor.starts[robot.id] if floor.starts[robot.id] else None
@@ -250,7 +248,7 @@ def _obstacle(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
     return (
         f"the door at ({at.x:.2f}, {at.y:.2f}), {width:.2f} m wide, is too narrow for robots of "
         f"{2 * floor.radius(robot):g} m with {floor.preset}, which needs "
-        f"{_up(max(room.door, width + 0.01))} m: robots may not get"
+        f"{_rounded_up(max(room.door, width + 0.01))} m: robots may not get"
     )
 
 
@@ -282,11 +280,11 @@ def _closed_doors(floor: _Floor) -> Iterator[str]:
         if names := [f"{key.owner}/{key.place}" for key in left.unreached if key not in floor.unreached]:
             yield (
                 f"no event reopens the doors closed by {max(closed.values()):g} s: no path then "
-                f"leads to {_places_named(names)}"
+                f"leads to {_place_names(names)}"
             )
 
 
-def _apart(floor: _Floor) -> Iterator[str]:
+def _disconnected(floor: _Floor) -> Iterator[str]:
     """Yield robots with no path between them, and whether there is no radio link either."""
     room, together = floor.room(max(floor.robots, key=floor.radius)), dict[int, list[BodySetup]]()
     for robot in floor.robots:
@@ -296,13 +294,13 @@ def _apart(floor: _Floor) -> Iterator[str]:
         others = [one for group in groups[:number] for one in group]
         names, rest = (_listed([one.id for one in group]) for group in (robots, others))
         yield f"{floor.preset} finds no path between the parts of the floor where {names} and {rest} start"
-        if not floor.resolved.scenario.run.strategy.startswith("none") and not _heard(
+        if not floor.resolved.scenario.run.strategy.startswith("none") and not _has_radio_link(
             floor, room, robots, others
         ):
             yield f"no radio frame reaches the floor of {rest} from that of {names}"
 
 
-def _heard(floor: _Floor, room: _RobotFloor, ones: list[BodySetup], others: list[BodySetup]) -> bool:
+def _has_radio_link(floor: _Floor, room: _RobotFloor, ones: list[BodySetup], others: list[BodySetup]) -> bool:
     """Return whether a frame can arrive from any floor of some robots on any floor of the others."""
     grid, model = floor.grid, radio_model(floor.resolved.radio)
     ends = []
@@ -316,22 +314,22 @@ def _heard(floor: _Floor, room: _RobotFloor, ones: list[BodySetup], others: list
     return bool((model.propagation.loss_db(ends[0], ends[1]) <= budget + _FADED_DB).any())
 
 
-def _up(length: float) -> str:
+def _rounded_up(length: float) -> str:
     """Return a length in m, rounded up to centimetres."""
     return f"{math.ceil(length * 100 - 1e-6) / 100:.2f}"
 
 
-def _places_named(names: list[str]) -> str:
+def _place_names(names: list[str]) -> str:
     return f"place{'s' if len(names) > 1 else ''} {_listed(names)}"
 
 
 def _listed(names: list[str]) -> str:
     """Return the first names and the number of the others."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-WALKER: Final = "turtlebot2"
+REFERENCE_MODEL: Final = "turtlebot2"
 """Robot model for which a map is surveyed."""
 
 
@@ -375,7 +373,7 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
     floors = [reachable(grid, Point(*body.start[:2]), radius) for body, radius in radii.items()]
     radius, floor = max(radii.values()), _floor(resolved, grid)
     return ScenarioSurvey(
-        name=title(resolved.scenario.map),
+        name=map_title(resolved.scenario.map),
         resolved=resolved,
         grid=grid,
         radius=radius,
@@ -383,12 +381,12 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
         parts=regions(grid, passable(grid, radius), grid.clearance),
         out_of_reach=tuple(floor.unreached),
         warnings=scenario_warnings(resolved, floor),
-        close=tuple(_close(resolved, CleaningParameters().reach)),
+        close=tuple(_close_pairs(resolved, CleaningParameters().reach)),
         radio_reach=reach(radio_model(resolved.radio).parameters),
     )
 
 
-def _close(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, PlaceKey, float]]:
+def _close_pairs(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, PlaceKey, float]]:
     return [
         (PlaceKey(body.id, one), PlaceKey(body.id, other), apart)
         for body in resolved.world.robots
@@ -466,7 +464,7 @@ def _name(key: PlaceKey) -> str:
 
 def survey_map(path: Path) -> MapSurvey:
     """Survey a map's YAML file and its image. Raises MapError."""
-    grid, radius = load_map(path), load_model(WALKER).footprint.circumradius
+    grid, radius = load_map(path), load_model(REFERENCE_MODEL).footprint.circumradius
     parts = regions(grid, passable(grid, radius), grid.clearance)
     return MapSurvey(
         name=path.name, grid=grid, radius=radius, reached=largest_region(grid, radius), parts=parts,

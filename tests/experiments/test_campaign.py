@@ -35,7 +35,7 @@ from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario, settings
+from deploy.scenario.scenario_file import Overrides, load_scenario, parse_settings
 from tests.in_process import acrc
 
 pytestmark = pytest.mark.usefixtures("forked_servers")
@@ -111,7 +111,7 @@ def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_pa
     typed = shlex.split(str(row["command"]))
     assert typed[:3] == ["acrc", "run", done.study.scenario]
     words = [word for flag, word in pairwise(typed) if flag == "--set"]
-    overrides = Overrides(seed=1, strategy="chapter", settings=settings(words))
+    overrides = Overrides(seed=1, strategy="chapter", settings=parse_settings(words))
     scenario = load_scenario(Path(done.study.scenario), overrides)
     plan = swarm.plan(scenario, RunOptions(tmp_path / "alone", bus="memory"))
     assert swarm.run_in_memory(plan, lambda progress: None).digest == record.result.digest

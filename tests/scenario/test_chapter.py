@@ -12,7 +12,7 @@ from actors.settings import Settings
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import GOLDEN
 from cleaning.settings import from_settings
-from deploy.scenario.events import for_places
+from deploy.scenario.events import place_areas
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario
 
@@ -77,7 +77,7 @@ def java_doubles(seed: int) -> Iterator[float]:
 
 def test_the_golden_places_are_what_the_testbed_drew() -> None:
     assert next(java_doubles(42)) == 0.7275636800328681, "as Java prints it"
-    numbers, areas = java_doubles(42), for_places(load_scenario()) or ()
+    numbers, areas = java_doubles(42), place_areas(load_scenario()) or ()
     total = sum(area.surface for area in areas)
     for places in GOLDEN:
         for place in places:

@@ -24,13 +24,13 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.place import GOLDEN
-from deploy.scenario.events import for_places
+from deploy.scenario.events import place_areas
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import MAP, scenario
 
 CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"
-AREAS = for_places(load_scenario(CORRIDOR)) or ()
+AREAS = place_areas(load_scenario(CORRIDOR)) or ()
 MOST_ROUNDING = 0.001
 """Drawn points are given to the millimetre, m."""
 
