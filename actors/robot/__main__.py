@@ -1,11 +1,8 @@
-"""A robot as a program: `python -m actors.robot SETUP`.
-
-The same whoever sends it Senses: time arrives in messages.
-"""
+"""Program of a robot's process: `python -m actors.robot SETUP`, in simulation and on hardware."""
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a single-threaded process
 
 import faulthandler
 import sys
@@ -27,7 +24,7 @@ from actors.runtime.recording import Recorder
 
 
 def preflight(make: Callable[[], ActorProcess], recorder: Recorder, patience_s: float) -> int:
-    """Make the robot and no more; the recording's first record, or its last, says what came of it."""
+    """Create the robot without running it and record the outcome; return the exit code."""
     faulthandler.dump_traceback_later(patience_s, exit=True)
     with recorder:
         try:
@@ -38,42 +35,44 @@ def preflight(make: Callable[[], ActorProcess], recorder: Recorder, patience_s: 
     return 0
 
 
-def _robot(told: program.RobotProgram, folder: Path) -> ActorProcess:
-    """What its code prints goes to the log, with simulated time."""
-    printed = prints.on(sys.stdout, told.actor.step_us)
-    with printed.during(told.actor.first_step):
-        return replace(program.part(told, folder), prints=printed)
+def _robot(setup: program.RobotProgram, folder: Path) -> ActorProcess:
+    """Create the robot; output of user code goes to the log with simulated time."""
+    printed = prints.on(sys.stdout, setup.actor.step_us)
+    with printed.during(setup.actor.first_step):
+        return replace(program.part(setup, folder), prints=printed)
 
 
 def main(argv: Sequence[str]) -> int:
-    """Be one robot until told to halt; the exit code."""
+    """Run one robot until a halt message; return the exit code."""
     parent, threads = os.getppid(), threading.enumerate()
     answer_where()
     try:
-        parser = setup_parser("actors.robot", "One robot.")
-        parser.add_argument("--preflight", type=float, metavar="S", help="only make the robot, within S s")
+        parser = setup_parser("actors.robot", "Run one robot.")
+        parser.add_argument(
+            "--preflight", type=float, metavar="S", help="create the robot within S s and exit"
+        )
         options = parser.parse_args(argv)
-        told, folder = program.load_setup(options.setup), options.setup.parent
-        process, step_us = told.process, told.actor.step_us
+        setup, folder = program.load_setup(options.setup), options.setup.parent
+        process, step_us = setup.process, setup.actor.step_us
         assembly.kernels()
         kind = SparingRecorder if process.spares_record else Recorder
         recorder = kind(folder / process.record, step_us, RECORDING if process.isolate else None)
         failure.hold(own_folder(folder) if process.isolate else folder)
-        if process.with_parent and not process.isolate:  # else its keeper sees to that
+        if process.with_parent and not process.isolate:  # otherwise the sandbox ends the process
             die_with_parent(parent)
-        debugger.answer_breakpoints(process.debugger, told.actor.id)
+        debugger.answer_breakpoints(process.debugger, setup.actor.id)
         if process.limits is not None:
             enforce(process.limits, isolated=process.isolate)
         if options.preflight is not None:
-            return preflight(lambda: program.part(told, folder), recorder, options.preflight)
+            return preflight(lambda: program.part(setup, folder), recorder, options.preflight)
         config = client_config(folder / process.credentials, process.endpoint(folder))
         try:
-            robot = _robot(told, folder)
+            robot = _robot(setup, folder)
         except AcrcError:
             raise
         except BaseException as error:
             with recorder:
-                tell(recorder, told.actor.id, told.actor.first_step, error)
+                tell(recorder, setup.actor.id, setup.actor.first_step, error)
             return 1
         return play(robot, recorder, config, threads=threads, patience_s=process.patience_s)
     except AcrcError as error:

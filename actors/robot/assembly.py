@@ -1,4 +1,4 @@
-"""A robot from its parts: which localiser, which local planner, whose behaviour."""
+"""Assembly of a robot: localisation, navigation and behaviour from its set-up."""
 
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -43,51 +43,51 @@ KERNELS: Final = (
 
 
 class RobotSetup(RobotDescription, frozen=True, kw_only=True):
-    """Everything that makes up one robot, whatever process it runs in.
+    """Complete description of a robot, independent of its process.
 
-    Paths are relative to the folder of the set-up, and may be absolute.
+    Paths are absolute or relative to the folder of the set-up.
     """
 
     epoch: Count
-    """How often it has been restarted."""
+    """Number of restarts."""
     first_step: Count
     seed: Count
-    """The robot's own, not the run's: from that, and the scenario, it could compute where its peers are."""
+    """Seed of this robot; the run's seed and the scenario would reveal the positions of its peers."""
     step_us: Annotated[int, msgspec.Meta(ge=1)]
     address: Count
-    """On the radio."""
+    """Address on the radio."""
     behaviour: str
     """Entry string `module:function`."""
     map: str = "map.yaml"
-    """The floor plan."""
+    """Path of the floor plan."""
     adaptation: Adaptation = Adaptation()
     stack: Stack = Stack()
     doubt: Annotated[float, msgspec.Meta(gt=0, le=100)] | None = None
-    """Standard deviation of `start`, m and rad: it stands until it has been located; None: it knows."""
+    """Standard deviation of `start`, m and rad; the robot stands until located. None: exact."""
     detail: RecordDetail = "lean"
-    """How much it records."""
+    """Level of detail of the recording."""
 
     @property
     def pose(self) -> Pose:
-        """Where it starts."""
+        """Start pose."""
         x, y, heading = self.start
         return Pose(x, y, wrap(heading))
 
 
 @dataclass(frozen=True, eq=False)
 class CommonGround:
-    """What follows from map, model and stack: the same for all robots that have the same of these."""
+    """Data derived from map, model and stack, shared by all robots with equal ones."""
 
     plan: OccupancyGrid
     floor: Ground
     field: LikelihoodField | None
     """None without localisation."""
     costs: GlobalCosts | None
-    """None where plans are made by another method than navfn."""
+    """None unless the planner is navfn."""
 
 
 def common_ground(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> CommonGround:
-    """All that robots of this model and stack share: made once for as long as it is held, see `Shared`."""
+    """Return the data shared by robots of this model and stack; cached while referenced, see `Shared`."""
     field, costs = None, None
     if stack.localisation is not None:
         field = likelihood_field(plan, stack.localisation.max_distance)
@@ -97,13 +97,13 @@ def common_ground(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Commo
 
 
 def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Ground:
-    """The floor plan for the model's body; may be shared by all robots of a process."""
+    """Return the floor plan for the model's body; may be shared by all robots of a process."""
     return ground(plan, model.footprint.circumradius, stack.planner)
 
 
 def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
-    """What the robot's behaviour is told before its first step."""
-    own, told = generator(setup.seed, "behaviour", setup.id, setup.epoch), setup.adaptation
+    """Return the initial data of the robot's behaviour."""
+    own, adaptation = generator(setup.seed, "behaviour", setup.id, setup.epoch), setup.adaptation
     return Start(
         robot=setup.id,
         address=setup.address,
@@ -111,14 +111,14 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
         pose=setup.pose,
         places=tuple(Point(*place) for place in setup.places),
         generator=own,
-        settings=MappingProxyType(dict(told.settings)),
-        exchange=told.exchange,
-        floor=ReachableFloor(floor, model.footprint.circumradius, setup.pose.point, told.areas, own),
+        settings=MappingProxyType(dict(adaptation.settings)),
+        exchange=adaptation.exchange,
+        floor=ReachableFloor(floor, model.footprint.circumradius, setup.pose.point, adaptation.areas, own),
     )
 
 
 def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCore:
-    """The core of a robot that has this floor plan. Raises an AcrcError for what does not fit."""
+    """Return the core of a robot with this floor plan. Raises AcrcError for invalid parts."""
     stack = setup.stack
     common = common_ground(plan, model, stack)
     localisation, navigation = _localisation(setup, model, common.field), navigator(common, model, stack)
@@ -134,7 +134,7 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
 
 
 def navigator(common: CommonGround, model: RobotModel, stack: Stack) -> Navigator:
-    """Return what drives a robot of this model and stack."""
+    """Return the navigation of a robot with this model and stack."""
     local = CostMap(model.sensor, model.footprint.circumradius, stack.local_map)
     return Navigator(_planner(common, stack), local, _local_planner(local, model, stack), stack.navigation)
 
@@ -160,9 +160,6 @@ def _localisation(setup: RobotSetup, model: RobotModel, field: LikelihoodField |
 
 
 def kernels() -> dict[str, str]:
-    """Fingerprint of every numeric kernel that a robot computes with, by module; also compiles them all.
-
-    And those by which its recorder packs, which have no part in what it does.
-    """
+    """Compile all kernels of a robot and its recorder; return the fingerprints of the robot's, by module."""
     scans.fingerprint()
     return fingerprints(KERNELS)

@@ -1,9 +1,8 @@
-"""The robot without I/O: it localises, drives, lets the behaviour decide, and sends what follows.
+"""The robot without I/O: localisation, navigation and behaviour, step by step.
 
-One step: Senses (and Received, if Senses counts events) in; Transmit (if there are frames) and Drive out.
-Transmit goes first, so that it is under way when Drive lets the world, and after it the radio, go on.
-The order within: localisation, navigation, behaviour. What the behaviour decides lies after the step's start,
-so a new goal moves the base from the next step on.
+Inputs of a step: Senses, and Received if Senses counts events; outputs: Transmit if there are frames, and
+Drive. Transmit is sent first, so that it precedes the Drive that lets world and radio continue. Order in a
+step: localisation, navigation, behaviour; a new goal moves the base from the next step on.
 """
 
 from collections.abc import Sequence
@@ -40,9 +39,9 @@ _LIMITS: Final = RobotLimits()
 
 
 _SPEED: Final = 0.01
-"""Above this speed, m/s, or ..."""
+"""Speed above which a base counts as moving, m/s; own choice, above the noise of wheel encoders."""
 _TURN_RATE: Final = 0.02
-"""... this turn rate, rad/s, a base counts as moving; own choices, above the noise of wheel encoders."""
+"""Turn rate above which it counts as moving, rad/s; own choice as above."""
 
 
 def _is_moving(velocity: Twist) -> bool:
@@ -52,7 +51,7 @@ def _is_moving(velocity: Twist) -> bool:
 
 @dataclass(frozen=True)
 class RobotParts:
-    """What a robot is made of."""
+    """Components of a robot."""
 
     sweeps: Sweeps
     localisation: Localisation
@@ -63,7 +62,7 @@ class RobotParts:
 
 
 class RobotCore:
-    """One robot, from its first step on: 0, or that of a restart."""
+    """One robot, from step 0 or from the step of its restart."""
 
     def __init__(
         self,
@@ -79,9 +78,9 @@ class RobotCore:
         self.localisation, self.navigation = parts.localisation, parts.navigation
         self.behaviour = parts.behaviour
         self.step = first_step
-        """The step that the robot is in."""
+        """Number of the current step."""
         self.finished = False
-        """True once Senses with `halt` has been taken in."""
+        """True after Senses with `halt`."""
         self._robot, self._entry, self._limits = robot, entry, limits
         self._step_us = step_us
         self._sweeps, self._introspector = parts.sweeps, parts.introspector
@@ -90,11 +89,11 @@ class RobotCore:
         self._introspection = at(INTROSPECTION, robot)
 
     def listens(self) -> Sequence[Address]:
-        """Every address that a message may come in on."""
+        """Return the addresses of all inputs."""
         return (self._senses, self._received)
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """Senses, and then Received if Senses counts events."""
+        """Return the addresses of missing inputs: Senses, then Received if Senses counts events."""
         if self._senses.key not in have:
             return (self._senses,)
         senses: Senses = have[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
@@ -103,7 +102,7 @@ class RobotCore:
         return ()
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Take one step."""
+        """Process one step."""
         senses: Senses = inputs[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
         self._catch_up(senses)
         events: tuple[RadioEvent, ...] = ()
@@ -118,23 +117,23 @@ class RobotCore:
         if self._introspector is None:
             outputs = self._outputs(*self._act(senses, events))
         else:
-            with looking_on(self._introspector):  # a successor's node is made in a later step
+            with looking_on(self._introspector):  # the node of a later behaviour is created in a step
                 outputs = self._outputs(*self._act(senses, events))
-            told = self._introspector.end(self.step, self.behaviour)
-            outputs += () if told is None else (Output(self._introspection, told),)
+            record = self._introspector.end(self.step, self.behaviour)
+            outputs += () if record is None else (Output(self._introspection, record),)
         self.step += 1
         return outputs
 
     def outcome(self) -> dict[str, object]:
-        """Return results of the run by subject: the robot's own, and what its behaviour adds."""
+        """Return results of the run by subject: the robot's and its behaviour's."""
         own: dict[str, object] = {
             "localisation": self.localisation.outcome(),
             "navigation": self.navigation.report(),
         }
-        say = getattr(self.behaviour, "outcome", None)
-        if say is None:
+        behaviour_outcome = getattr(self.behaviour, "outcome", None)
+        if behaviour_outcome is None:
             return own
-        outcome = say()
+        outcome = behaviour_outcome()
         if wrong := outcome_fault(outcome, tuple(own)):
             raise BehaviourError(f"step {self.step}: behaviour {self._entry!r} of {self._robot} {wrong}")
         return own | cast(dict[str, object], outcome)
@@ -156,7 +155,7 @@ class RobotCore:
         velocity = made(Twist, (odometry.vx, odometry.vy, odometry.omega))
         navigation.sense(instant, here, sweep)
         twist = STILL
-        if estimate.located:  # else it stands: navigation waits, too
+        if estimate.located:  # otherwise the robot stands and navigation waits
             twist = navigation.advance(instant, here, estimate.pose, velocity, senses.bumper != 0)
         view = View(
             instant=instant,
@@ -192,32 +191,32 @@ class RobotCore:
         return f"step {self.step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
 
     def _outputs(self, decision: Decision, twist: Twist, pose: Pose | None) -> list[Output]:
-        said = (decision.reports, decision.given_up, decision.route)
+        places = (decision.reports, decision.given_up, decision.route)
         frames = len(decision.frames)
         drive = Drive(
-            self.step, *twist, frames, *said, None if pose is None else (pose.x, pose.y, pose.heading)
+            self.step, *twist, frames, *places, None if pose is None else (pose.x, pose.y, pose.heading)
         )
         if not frames:
             return [Output(self._drive, drive)]
         return [Output(self._transmit, Transmit(self.step, decision.frames)), Output(self._drive, drive)]
 
     def _catch_up(self, senses: Senses) -> None:
-        """Take the step's number from the world: steps are missing while the robot is frozen."""
+        """Take the step number from the world: a frozen robot misses steps."""
         if senses.step < self.step:
             raise AcrcError(
-                f"step {self.step}: {self._robot} got Senses of step {senses.step}; "
+                f"step {self.step}: {self._robot} received Senses of step {senses.step}; "
                 f"it should be of step {self.step} or later"
             )
         self.step = senses.step
 
     def _check_received(self, received: Received, events: int) -> None:
-        if received.step > self.step:  # an earlier one was kept while the robot was frozen
+        if received.step > self.step:  # earlier ones were queued while the robot was frozen
             raise AcrcError(
-                f"step {self.step}: {self._robot} got Received of step {received.step}; "
+                f"step {self.step}: {self._robot} received Received of step {received.step}; "
                 f"it should be of step {self.step} or earlier"
             )
         if len(received.events) != events:
             raise AcrcError(
-                f"step {self.step}: {self._robot} got {len(received.events)} radio events; "
+                f"step {self.step}: {self._robot} received {len(received.events)} radio events; "
                 f"Senses counts {events}"
             )

@@ -1,7 +1,7 @@
-"""Records what a robot computes: reads, draws no random number and changes nothing.
+"""Introspection records of a robot's internal state, without side effects or random numbers.
 
-Its messages are outputs of the robot's core that only the robot's own recording has. A strategy whose
-knowledge cannot be shown loses those rows, never the robot.
+The records are outputs of the robot's core that go to its recording only. Values that cannot be converted
+are omitted; the robot continues.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -47,9 +47,7 @@ ACTIVITIES: Final = (
     "driving", "planning", "no trajectory", "backing out", "blocked", "adopted", "elsewhere", "paused",
     "aborted", "idle",
 )  # fmt: skip
-"""Activities of a robot. "adopted": it drives to a place that was another's; "elsewhere": to a point that is
-nobody's place; "no trajectory": navigation has a plan and finds no trajectory along it; "blocked": its
-component considers it blocked; "aborted": navigation has given up; "idle": it has no goal."""
+"""Activities of a robot, defined in docs/concepts.md."""
 _PHASES: Final = {
     GoalPhase.PLANNING: "planning",
     GoalPhase.CONTROLLING: "driving",
@@ -58,27 +56,27 @@ _PHASES: Final = {
     GoalPhase.PAUSED: "paused",
 }
 _PARTICLES: Final = 300
-"""Particles in a sample; more would be a blot."""
+"""Maximum number of recorded particles; enough for pictures."""
 _PLAN_STRIDE: Final = 4
-"""Every fourth point of a plan is kept: they are a cell apart."""
+"""Record every fourth point of a plan (points are one cell apart)."""
 _LONGEST: Final = 160
-"""Characters of a value in words."""
+"""Maximum length of a value as text, characters."""
 _LONGEST_JSON: Final = 20_000
-"""Characters of a value as JSON."""
+"""Maximum length of a value as JSON, characters."""
 _ROOM: Final = 1_000_000
-"""Characters of values in one message, far below the largest record."""
+"""Maximum length of all values in a message, characters; far below the largest record."""
 _MOST_SHOWN: Final = 10_000
-"""Values of last changes that are remembered, so that they are not recorded twice."""
+"""Number of remembered values, so that the old value of a change is not recorded again."""
 _MOST_COMMITS: Final = 10_000
-"""Changes of knowledge in one message."""
+"""Maximum number of commits in a message."""
 _MOST_CHANGES: Final = 500
-"""Changed values of one commit."""
+"""Maximum number of changed values of a commit."""
 _DEEPEST: Final = 3
-"""Values nested deeper are left out of words."""
+"""Nesting depth from which values are omitted from text."""
 
 
 class _Step(NamedTuple):
-    """State of the robot after a step, and what its node did in it."""
+    """State of the robot after a step, and commits of its node."""
 
     number: int
     estimate: Estimate
@@ -89,10 +87,10 @@ class _Step(NamedTuple):
 
 
 class Introspector:
-    """Collects what one robot computes; told by its node of commits and replicas.
+    """Recorder of one robot's internal state, notified by its node of commits and replicas.
 
-    A step only keeps references. They are compared and encoded once per PERIOD, when all of that is in the
-    processor's caches.
+    A step stores references only. They are compared and encoded once per PERIOD, which is faster because of
+    the processor's caches.
     """
 
     def __init__(
@@ -114,46 +112,46 @@ class Introspector:
         self._particles = b""
         self._goal: Goal | None = navigation.goal
         self._acted: object = self
-        """The goal by which the activity was told last."""
+        """Goal of the activity recorded last."""
         self._knowledge: Any = None
         self._activity: tuple[str, PlaceKey | None, Point | None] | None = None
         self._peers: set[str] = set()
-        """Of which there are replicas."""
+        """Peers with a replica."""
         self._news: dict[str, int | None] = {}
         self._room = _ROOM
         self._shown: dict[tuple[str, str], object] = {}
-        """By component and path the value that a change brought last."""
+        """Last recorded value by component and path."""
         self._commits: list[tuple[Commit, Replica | None]] = []
         self._steps: list[_Step] = []
-        """Since the last message."""
+        """Steps since the last message."""
         self._values: dict[str, object] = {}
         self._words: dict[str, str] = {}
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
-        """See `deeco.node.Onlooker`, as for the next ones."""
+        """Forward the event; see `deeco.node.Onlooker` for this and the next methods."""
         if self._outer is not None:
             self._outer.deployed(component, now)
 
     def committed(self, commit: Commit, replica: Replica | None) -> None:
-        """A component has other knowledge."""
+        """Record a change of a component's knowledge."""
         self._commits.append((commit, replica))
         if self._outer is not None:
             self._outer.committed(commit, replica)
 
     def heard(self, component: str, replica: Replica, now: Instant) -> None:
-        """The node has a newer replica."""
+        """Record a newer replica."""
         self._news[replica.id] = int(replica.heard)
         if self._outer is not None:
             self._outer.heard(component, replica, now)
 
     def begin(self, instant: Instant, estimate: Estimate, sweep: Sweep | None) -> None:
-        """A step begins. `sweep`: the last scan since the last step."""
+        """Record the inputs of a step. `sweep`: the last scan since the last step."""
         self._instant, self._estimate = instant, estimate
         if sweep is not None:
             self._sweep = sweep
 
     def end(self, step: int, behaviour: Behaviour) -> Introspection | None:
-        """Note a step; return what changed since the last message once per PERIOD, otherwise None."""
+        """Record the end of a step; return changes once per PERIOD, otherwise None."""
         node = node_of(behaviour)
         knowledge = None if node is None else _knowledge(node, self._robot)
         contacts = {} if node is None else self._contacts(node)
@@ -166,7 +164,7 @@ class Introspector:
         return Introspection(step, self._step_records(), self._sample(), words)
 
     def rest(self, step: int) -> Introspection | None:
-        """Return what changed since the last message, at the robot's end; None if it took no step."""
+        """Return changes since the last message at the robot's end; None if there was no step."""
         return Introspection(step, self._step_records()) if self._steps else None
 
     def _step_records(self) -> tuple[StepRecord, ...]:
@@ -206,7 +204,7 @@ class Introspector:
         return goal_state(goal)
 
     def _contacts(self, node: Node) -> dict[str, int | None]:
-        """Take out the news of replicas, with None for those that are forgotten."""
+        """Return changed replicas since the last step, with None for forgotten ones."""
         news, self._news, replicas = self._news, {}, node.replicas
         self._peers.update(news)
         if len(replicas) == len(self._peers):
@@ -251,7 +249,7 @@ class Introspector:
         try:
             for path, before, after in differences(commit.before, commit.after):
                 if len(found) == _MOST_CHANGES or self._room < 0:
-                    found.append(ValueChange("", None, '"more changes have no room here"'))
+                    found.append(ValueChange("", None, '"further changes omitted"'))
                     break
                 known = shown.get((component, path), self) is before
                 if len(shown) == _MOST_SHOWN:
@@ -260,12 +258,12 @@ class Introspector:
                 change = ValueChange(path, "" if known else as_json(before), as_json(after))
                 self._room -= len(change.before or "") + len(change.after or "")
                 found.append(change)
-        except Exception as error:  # comparing and showing values calls the user's code
+        except Exception as error:  # comparing and encoding values calls user code
             found.append(ValueChange("", None, f'"cannot be shown: {type(error).__name__}"'))
         return tuple(found)
 
     def _changed_words(self, knowledge: Knowledge) -> tuple[tuple[str, str], ...]:
-        """Return names and values of the fields that read otherwise than before, but for the parameters."""
+        """Return names and texts of changed fields, except parameters."""
         found = []
         kind: Any = type(knowledge)
         for name in _field_names(kind):
@@ -317,12 +315,12 @@ def _triple(pose: Pose) -> tuple[float, float, float]:
 
 
 def cell_type(side: int) -> str:
-    """Return the type of the cells' indices in a window of so many rows and columns."""
+    """Return the dtype of cell indices in a window of `side` rows and columns."""
     return "<u2" if side * side <= 65_536 else "<u4"
 
 
 def _knowledge(node: Node, robot: str) -> Any:
-    """Return the robot's component's knowledge; None for a component of another name."""
+    """Return the knowledge of the robot's component; None if its id differs from the robot's."""
     try:
         return node.knowledge(robot)
     except KeyError:
@@ -335,14 +333,14 @@ def _is_blocked(knowledge: Any) -> bool:
         return False
     try:
         return bool(blocked())
-    except Exception:  # the user's code, which nobody but this asks here
+    except Exception:  # user code, called for introspection only
         return False
 
 
 def _activity(
     robot: str, goal: Goal | None, destination: PlaceKey | None, elsewhere: bool, blocked: bool
 ) -> str:
-    """Return the activity; of several that hold, the one that matters most to a person who looks on."""
+    """Return the activity; if several apply, the most relevant one for an observer."""
     if blocked:
         return "blocked"
     if goal is None or goal.status is GoalStatus.SUCCEEDED:
@@ -371,7 +369,7 @@ def _use(replica: Replica, now: Instant) -> ReplicaUse:
 
 
 def decision(commit: Commit) -> DecisionRecord | None:
-    """Return what a commit decided, as `actors.robot.behaviour.decisions` has it; None if nothing."""
+    """Return the decision of a commit, as in `actors.robot.behaviour.decisions`; None if there is none."""
     before: Any = commit.before
     after: Any = commit.after
     if not (commit.adaptation and isinstance(after, Deciding)):
@@ -384,11 +382,11 @@ def decision(commit: Commit) -> DecisionRecord | None:
 
 
 ABSENT: Final = object()
-"""Stands where a mapping has no such key."""
+"""Value of a missing key."""
 
 
 class PathDifference(NamedTuple):
-    """A part of knowledge with two values."""
+    """A changed part of knowledge."""
 
     path: str
     before: object
@@ -397,16 +395,16 @@ class PathDifference(NamedTuple):
 
 @cache
 def _field_names(kind: Hashable) -> tuple[str, ...]:
-    """Return the names of a dataclass's fields; none of another type."""
+    """Return the field names of a dataclass; empty for other types."""
     return tuple(one.name for one in fields(kind)) if is_dataclass(kind) else ()
 
 
 _ATOMS: Final = frozenset({bool, int, float, str, bytes, tuple, Point, Pose})
-"""Types whose values have no parts that are compared one by one."""
+"""Types compared as a whole."""
 
 
 def differences(before: object, after: object, path: str = "") -> Iterator[PathDifference]:
-    """Yield where two values differ: by field and key, as deep as both are of one kind; tuples as a whole."""
+    """Yield differences of two values by field and key, recursively for equal types; tuples as a whole."""
     if before is after:
         return
     kind: Any = type(after)
@@ -433,7 +431,7 @@ _JSON: Final = msgspec.json.Encoder(enc_hook=repr, order="deterministic")
 
 
 def as_json(value: object) -> str | None:
-    """Return a value of knowledge as JSON, at most so long; None for ABSENT."""
+    """Return a value of knowledge as JSON of limited length; None for ABSENT."""
     if value is ABSENT:
         return None
     text = _JSON.encode(value).decode()
@@ -443,16 +441,16 @@ def as_json(value: object) -> str | None:
 
 
 def short_words(value: object) -> str:
-    """Return a value in words, at most so long, whatever it is."""
+    """Return any value as text of limited length."""
     try:
         text = printable(in_words(value))
-    except Exception as error:  # its own code failed
+    except Exception as error:  # user code failed
         return f"cannot be shown: {type(error).__name__}"
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def in_words(value: Any, deep: int = 0) -> str:
-    """Return a value as short as it can be told: a place as "r1/3", a point by its coordinates."""
+    """Return a short text of a value: a place as "r1/3", a point as its coordinates."""
     key = value if isinstance(value, PlaceKey) else getattr(value, "key", None)
     if isinstance(key, PlaceKey):
         return f"{key.owner}/{key.place}"
@@ -466,7 +464,7 @@ def in_words(value: Any, deep: int = 0) -> str:
 
 
 def _composed(value: Any, deep: int) -> str:
-    """Return a value in words that may be made of others."""
+    """Return a short text of a composed value."""
     if is_dataclass(value):
         parts = [getattr(value, one.name) for one in fields(value)]
     elif isinstance(value, tuple | list | frozenset):
@@ -475,7 +473,7 @@ def _composed(value: Any, deep: int) -> str:
         return str(value)
     if deep == _DEEPEST:
         return "…"
-    told = [in_words(one, deep + 1) for one in parts]
+    words = [in_words(one, deep + 1) for one in parts]
     if isinstance(value, frozenset):
-        told.sort()
-    return (", " if is_dataclass(value) or hasattr(value, "_fields") else " ").join(told)
+        words.sort()
+    return (", " if is_dataclass(value) or hasattr(value, "_fields") else " ").join(words)

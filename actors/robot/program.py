@@ -1,4 +1,4 @@
-"""The robot's process: its set-up, its core, and the core's connections."""
+"""Construction of a robot's process from its set-up file."""
 
 from pathlib import Path
 
@@ -19,40 +19,39 @@ from actors.runtime.processor import combined
 
 
 class RobotProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
-    """A robot's place in a run."""
+    """Process settings of a robot in a run."""
 
     code: tuple[str, ...] = ()
-    """Folders to look for the behaviour's module in, the first one first, behind Python's own."""
+    """Folders with modules of the behaviour, in order, searched after Python's path."""
     limits: ProcessLimits | None = None
-    """What its process may have; None: whatever there is."""
+    """Resource limits; None: unlimited."""
     isolate: bool = False
-    """The process is shut off from everything but the router, and its recording is open (see `sandbox`)."""
+    """Run in a sandbox: only the router is reachable, and the recording is already open."""
     debugger: str | None = None
-    """The terminal at which breakpoints stop; empty: they do nothing; None: they fail."""
+    """Terminal for breakpoints; empty: breakpoints do nothing; None: they fail."""
     spares_record: bool = False
-    """Go on where the disk takes no record any more: on board, where stopping would cost more."""
+    """Continue without recording if the disk is full; for robots on hardware."""
 
 
 RobotProgram = ActorSetup[RobotSetup, RobotProcess]
-"""What a robot's process reads."""
+"""Set-up file of a robot's process."""
 
 
 def load_setup(path: Path) -> RobotProgram:
-    """What a robot's process is told in a file; its files are called as in there. Raises AcrcError."""
+    """Read the set-up file of a robot's process. Raises AcrcError."""
     return read_setup(path, RobotProgram, "a robot")
 
 
 def build(setup: RobotSetup, folder: Path) -> RobotCore:
-    """The core of a robot whose set-up lies in `folder`. Raises an AcrcError for what does not fit."""
+    """Return the core of a robot whose files are in `folder`. Raises AcrcError for invalid parts."""
     model = load_model(located_model(setup.model, folder), setup.sensor)
     return robot(setup, model, load_map(folder / setup.map))
 
 
 def share(map_file: str, model: str, sensor: str, stack: str) -> CommonGround:
-    """What robots with this map, model, sensor ("": the model's own) and stack, as JSON, have in common.
+    """Compute the data shared by robots with this map, model, sensor ("": the model's) and stack (JSON).
 
-    Those that are made while it is held, in this process or one forked from it, make none of it anew. An
-    AcrcError for what does not fit.
+    While the result is referenced, robots created in this process or its forks reuse it. Raises AcrcError.
     """
     parameters = msgspec.json.decode(stack, type=Stack)
     common = common_ground(load_map(map_file), load_model(model, sensor or None), parameters)
@@ -61,15 +60,15 @@ def share(map_file: str, model: str, sensor: str, stack: str) -> CommonGround:
     return common
 
 
-def part(told: RobotProgram, folder: Path) -> ActorProcess:
-    """The robot of a set-up in `folder`, with its connections. Raises an AcrcError if anything is wrong."""
-    process = told.process
+def part(program: RobotProgram, folder: Path) -> ActorProcess:
+    """Return the process of a robot whose files are in `folder`. Raises AcrcError for invalid parts."""
+    process = program.process
     loading.look_in([folder / path for path in process.code])
-    return part_of(told.actor, folder, Path(process.record).stem, process.commit)
+    return part_of(program.actor, folder, Path(process.record).stem, process.commit)
 
 
 def part_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorProcess:
-    """As `part`, with a recording of that name; its code is looked for where this process looks."""
+    """Return a robot's process with a recording of that name, without changing the module folders."""
     core, prints = build(setup, folder), kernels()
     run = run_note(name, setup, commit, seed=setup.seed, kernels=prints)
     run = msgspec.structs.replace(run, code=loading.FOLDERS.hashes() or None)

@@ -1,4 +1,4 @@
-"""What a robot is told of the tables of a scenario or of a fleet: localisation and navigation, adaptation.
+"""Parameters of localisation, navigation and adaptation from the tables of a scenario or fleet file.
 
     [localisation]
     preset = "robust"      # the default; or "chapter", or "odometry": no localisation
@@ -7,7 +7,7 @@
     [navigation]
     preset = "robust"      # the default; or "chapter": for this table, [planner], [local_map] and [dwa]
 
-Beside the presets, any field of the parameters may be set; durations in s.
+Every field of the parameters may be set; durations in s.
 """
 
 from collections.abc import Mapping
@@ -27,11 +27,11 @@ from actors.runtime.errors import AcrcError
 from actors.settings import ParameterError, decode
 
 DEFAULT_PRESET: Final = "robust"
-"""Preset of localisation and of navigation where a file names none: the best one that is shipped."""
+"""Default preset of localisation and navigation: the best one."""
 ODOMETRY: Final = "odometry"
-"""The preset of [localisation] that trusts the odometry alone."""
+"""The preset of [localisation] that uses odometry alone."""
 IMPROVED_REMOVED: Final = (
-    '"improved", which was removed, but must be "robust", or, to drive as that did, "chapter" with '
+    '"improved", which was removed; use "robust", or, for the same driving, "chapter" with '
     'navigation.reset_distance = 3.0, planner.method = "grid", planner.factor = 3.0, '
     'local_map.body = "disc", local_map.allowance = 0.0, local_map.padding = 0.045, '
     'local_map.inf_is_valid = true, dwa.rules = "disc" and dwa.granularity = 0.05'
@@ -40,20 +40,20 @@ IMPROVED_REMOVED: Final = (
 
 
 class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The strategy's settings, the exchange of knowledge, and areas."""
+    """Settings of the strategy, exchange of knowledge, and areas."""
 
     settings: dict[str, Setting] = {}
-    """The strategy's, by name; what they are, the strategy says itself (`cleaning.settings`)."""
+    """Settings of the strategy by name, checked by the strategy (`cleaning.settings`)."""
     exchange: ExchangeSettings = ExchangeSettings()
     areas: tuple[Area, ...] = ()
-    """Where places lie; none: anywhere."""
+    """Areas that contain places; empty: no restriction."""
 
 
 class Stack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of localisation and navigation."""
 
     localisation: AmclParameters | None = PRESETS[DEFAULT_PRESET]
-    """None: no localisation, the odometry is trusted."""
+    """None: odometry alone."""
     navigation: NavigationParameters = NAVIGATION_PRESETS[DEFAULT_PRESET]
     planner: PlanningParameters = PLANNER_PRESETS[DEFAULT_PRESET]
     local_map: CostMapParameters = LOCAL_MAP_PRESETS[DEFAULT_PRESET]
@@ -67,12 +67,12 @@ _TABLES: Final[Mapping[str, Mapping[str, Any]]] = {
     "local_map": LOCAL_MAP_PRESETS,
     "dwa": DWA_PRESETS,
 }
-"""Presets of each table. That of [navigation] holds for those after it."""
+"""Presets of each table; the preset of [navigation] also selects those of the tables after it."""
 TABLES: Final = tuple(_TABLES)
 
 
 def presets(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
-    """Return the presets of localisation and of navigation, by table. Raises AcrcError for an unknown one."""
+    """Return the presets of localisation and navigation, by table. Raises AcrcError for an unknown one."""
     found = {}
     for name in ("localisation", "navigation"):
         found[name] = preset = tables.get(name, {}).get("preset", DEFAULT_PRESET)
@@ -84,7 +84,7 @@ def presets(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
 
 
 def stack(tables: Mapping[str, Mapping[str, Any]]) -> Stack:
-    """Return the parameters that the tables give; where they name no preset, DEFAULT_PRESET holds.
+    """Return the parameters of the tables; the preset is DEFAULT_PRESET if none is named.
 
     Raises AcrcError.
     """

@@ -1,4 +1,4 @@
-"""Scans with the pose that they were made at: the odometry's, at the scan's own stamp."""
+"""Scans with the odometry pose at their stamp."""
 
 from collections import deque
 from typing import Final
@@ -14,39 +14,39 @@ from actors.robot_model import RangeSensor
 from actors.runtime.errors import AcrcError
 
 _KEPT: Final = 128
-"""So many poses are remembered: more than a second at the shortest step."""
+"""Number of stored poses: more than a second at the shortest step."""
 
 
 class Sweep(msgspec.Struct, frozen=True, gc=False):
-    """One scan, and where it was made."""
+    """A scan and its odometry pose."""
 
     ranges_mm: NDArray[np.uint16]
-    """(rays,), read-only, mm; NO_ECHO_MM where a ray met nothing."""
+    """(rays,), read-only, mm; NO_ECHO_MM for rays without echo."""
     pose: Pose
-    """The body's when the scan was made, m and rad, odometry frame."""
+    """Pose of the body at the time of the scan, m and rad, odometry frame."""
 
 
 class Sweeps:
-    """Gives each scan the pose of its stamp, between those that the odometry gave before and after it."""
+    """Buffer of odometry poses that interpolates the pose of each scan."""
 
     def __init__(self, sensor: RangeSensor) -> None:
         self._rays = sensor.rays
         self._track: deque[tuple[Instant, Pose]] = deque(maxlen=_KEPT)
 
     def take(self, instant: Instant, here: Pose, scan: Scan | None) -> Sweep | None:
-        """The odometry's pose, and the scan if one did, that arrived at a step's start: see `placed`."""
+        """Store the odometry pose of a step's start; return the scan that arrived, with its pose."""
         self._track += ((instant, here),)
         return None if scan is None else self.placed(scan)
 
     def placed(self, scan: Scan) -> Sweep:
-        """A scan with its pose. Raises AcrcError for a wrong number of rays.
+        """Return a scan with its pose. Raises AcrcError for a wrong number of rays.
 
-        A stamp beyond what is remembered, or in the future, gets the nearest pose that is known.
+        A stamp outside of the buffer gets the nearest pose.
         """
         if len(scan.ranges_mm) != 2 * self._rays:
             raise AcrcError(
-                f"a scan of {len(scan.ranges_mm)} bytes arrived; the {self._rays} rays of the robot's "
-                f"range sensor give {2 * self._rays}"
+                f"received a scan of {len(scan.ranges_mm)} bytes; the robot's range sensor with "
+                f"{self._rays} rays should send {2 * self._rays}"
             )
         newest, pose = self._track[-1]
         if scan.stamp < newest:

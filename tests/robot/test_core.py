@@ -100,16 +100,18 @@ def test_halt_is_taken_in_without_an_answer(events: tuple[Heard, ...]) -> None:
 def test_messages_of_another_step_or_sensor_are_refused() -> None:
     robot = Robot(first_step=7)
     assert refusal(robot, senses=robot.base.senses(6)) == (
-        "step 7: r1 got Senses of step 6; it should be of step 7 or later"
+        "step 7: r1 received Senses of step 6; it should be of step 7 or later"
     )
     assert refusal(robot, senses=robot.base.senses(7, 1), received=Received(8, (HEARD,))) == (
-        "step 7: r1 got Received of step 8; it should be of step 7 or earlier"
+        "step 7: r1 received Received of step 8; it should be of step 7 or earlier"
     )
     assert refusal(robot, senses=robot.base.senses(7, 1), received=Received(7, (HEARD, HEARD))) == (
-        "step 7: r1 got 2 radio events; Senses counts 1"
+        "step 7: r1 received 2 radio events; Senses counts 1"
     )
     scan = Scan(0, b"\0" * 7)
-    assert refusal(robot, senses=replace(robot.base.senses(7), scan=scan)).startswith("a scan of 7 bytes")
+    assert refusal(robot, senses=replace(robot.base.senses(7), scan=scan)).startswith(
+        "received a scan of 7 bytes"
+    )
 
 
 def test_a_robot_that_was_frozen_goes_on_with_the_step_that_the_world_is_in() -> None:
@@ -310,5 +312,5 @@ def test_heading_goes_the_short_way_round() -> None:
     latest = sweeps.take(Instant(200), Pose(2.0, 0.0, 0.0), Scan(200, RANGES))
     assert latest is not None and latest.pose.x == 2.0
     assert sweeps.placed(Scan(150, RANGES)).pose.x == 1.5
-    with refused("a scan of 18 bytes arrived; the 8 rays of the robot's range sensor give 16"):
+    with refused("received a scan of 18 bytes; the robot's range sensor with 8 rays should send 16"):
         Sweeps(KIND.sensor).take(Instant(0), Pose(0.0, 0.0, 0.0), Scan(0, RANGES + b"12"))

@@ -113,7 +113,7 @@ def test_knowledge_of_any_size_stays_within_a_record() -> None:
     ((*_, commits),) = map(msgspec.structs.astuple, told.steps)
     size = len(msgspec.msgpack.encode(commits))
     assert 500_000 < size < LARGEST_RECORD / 4
-    assert commits[-1].changed[-1].after == '"more changes have no room here"'
+    assert commits[-1].changed[-1].after == '"further changes omitted"'
     assert introspector.rest(2) is None
 
 
