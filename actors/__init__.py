@@ -3,6 +3,6 @@
 import os
 import sys
 
-# Packages of this environment come before those on PYTHONPATH, such as a sourced ROS's.
+# Search this environment's packages before those on PYTHONPATH, such as those of a sourced ROS.
 _ADDED = [os.path.abspath(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep)]  # noqa: PTH100
 sys.path.sort(key=_ADDED.__contains__)

@@ -1,4 +1,4 @@
-"""Names for numpy arrays by the type of their elements; shapes are in docstrings."""
+"""Aliases of numpy arrays by element type; docstrings state the shapes."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What people read in a terminal: words as they are, and tables in which no word is broken."""
+"""Terminal output: plain text, and tables that never break a word."""
 
 from collections.abc import Iterable
 
@@ -7,14 +7,14 @@ from rich.measure import Measurement
 from rich.table import Table
 
 _ENDLESS = 100_000
-"""Characters; no table is as wide."""
+"""Characters; wider than any table."""
 
 
 def screen(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = None) -> Console:
-    """A console that shows what it is given: no colons become pictures, no brackets colours.
+    """Return a console that prints text literally, without emoji codes or markup.
 
-    `soft_wrap`: the terminal wraps lines; not for what is drawn again and again, such as a bar. `width`:
-    characters; None: as many as the terminal has.
+    `soft_wrap`: let the terminal wrap lines; False for output that is redrawn, such as a progress bar.
+    `width`: characters; None: the terminal's width.
     """
     return Console(
         stderr=stderr, soft_wrap=soft_wrap, width=width, highlight=False, markup=False, emoji=False
@@ -22,7 +22,7 @@ def screen(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = 
 
 
 def show(parts: Iterable[str | Table], width: int | None = None) -> None:
-    """Print sentences and tables on standard output, in their order."""
+    """Print sentences and tables to standard output, in this order."""
     console = screen(width=width)
     for part in parts:
         if isinstance(part, str):
@@ -32,7 +32,7 @@ def show(parts: Iterable[str | Table], width: int | None = None) -> None:
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table; where its columns do not fit beside one another with every word whole, row by row."""
+    """Print a table; row by row if its columns do not fit side by side without breaking words."""
     wide = console.options.update(max_width=_ENDLESS)
     columns = [
         [Measurement.get(console, wide, cell) for cell in (column.header, *column.cells)]
@@ -55,7 +55,7 @@ def _total(widths: list[int]) -> int:
 
 
 def _narrowed(widths: list[int], least: list[int], room: int) -> list[int]:
-    """Widths that fit, the widest made narrower first, none less than it must be."""
+    """Return widths that fit: the widest columns shrink first, none below its minimum."""
     fitting = list(widths)
     while _total(fitting) > room:
         _, place = max((width, place) for place, width in enumerate(fitting) if width > least[place])
@@ -64,12 +64,12 @@ def _narrowed(widths: list[int], least: list[int], room: int) -> list[int]:
 
 
 def _print_rows(console: Console, table: Table) -> None:
-    """Each row's first cell, and below it all others, each behind the title of its column."""
+    """Print each row's first cell, then its other cells below, each after its column title."""
     if table.title:
         console.print(table.title)
     heads = [str(column.header) for column in table.columns]
     for first, *others in zip(*(column.cells for column in table.columns), strict=True):
         console.print(first)
         for head, cell in zip(heads[1:], others, strict=True):
-            if told := str(cell).replace("\n", "\n    "):
-                console.print(f"  {head}: {told}" if head else f"  {told}")
+            if text := str(cell).replace("\n", "\n    "):
+                console.print(f"  {head}: {text}" if head else f"  {text}")

@@ -1,6 +1,6 @@
-"""Geometry in the plane: points, poses, convex polygons, and the door of a floor.
+"""Plane geometry: points, poses, convex polygons and doors.
 
-x points east, y north; angles lie in (−π, π]; metres and radians (REP 103).
+x points east, y north; angles lie in (−π, π]; units are metres and radians (REP 103).
 """
 
 import math
@@ -15,29 +15,29 @@ from actors.portable import atan2, cos_sin, hypot
 from deeco.knowledge import made
 
 GREATEST_COORDINATE: Final = 1e5
-"""Of a point, either way, m. A velocity, m/s, and an angle, rad, have the same limit in messages."""
+"""Largest magnitude of a coordinate, m, and in messages of a velocity, m/s, and an angle, rad."""
 Coordinate = Annotated[float, msgspec.Meta(ge=-GREATEST_COORDINATE, le=GREATEST_COORDINATE)]
-"""A finite coordinate, velocity or angle; msgspec refuses others where it decodes."""
+"""Finite coordinate, velocity or angle; msgspec rejects other values when decoding."""
 
 
 class Point(NamedTuple):
-    """A point of the map frame, m."""
+    """A point in the map frame, m."""
 
     x: float
     y: float
 
     def distance_to(self, other: "Point") -> float:
-        """Euclidean distance, m."""
+        """Return the Euclidean distance, m."""
         return hypot(self.x - other.x, self.y - other.y)
 
     def is_nearer(self, to: "Point", distance: float) -> bool:
-        """True if the other point is less than `distance` away, m: by squares, which is quicker."""
+        """Return True if `to` is less than `distance` away, m (compares squares: faster)."""
         x, y = self.x - to.x, self.y - to.y
         return x * x + y * y < distance * distance
 
 
 class Pose(NamedTuple):
-    """A position, m, and the direction faced, rad in (−π, π]."""
+    """A position, m, and a heading, rad in (−π, π]."""
 
     x: float
     y: float
@@ -45,11 +45,11 @@ class Pose(NamedTuple):
 
     @property
     def point(self) -> Point:
-        """Where the pose is."""
+        """The position."""
         return made(Point, self[:2])
 
     def compose(self, local: "Pose") -> "Pose":
-        """The pose, in this pose's parent frame, of something at `local` in this pose's own frame."""
+        """Transform `local` from this pose's frame to this pose's parent frame."""
         c, s = cos_sin(self.heading)
         x, y, heading = local
         turned = self.heading + heading
@@ -58,7 +58,7 @@ class Pose(NamedTuple):
         return made(Pose, (self.x + c * x - s * y, self.y + s * x + c * y, turned))
 
     def relative(self, other: "Pose") -> "Pose":
-        """`other`, given in this pose's parent frame, as seen from this pose: the inverse of `compose`."""
+        """Transform `other` from this pose's parent frame to this pose's frame: the inverse of `compose`."""
         c, s = cos_sin(self.heading)
         dx, dy = other.x - self.x, other.y - self.y
         turned = other.heading - self.heading
@@ -67,7 +67,7 @@ class Pose(NamedTuple):
         return made(Pose, (c * dx + s * dy, c * dy - s * dx, turned))
 
     def frame(self, local: "Pose") -> "Pose":
-        """The frame in which this pose is `local`, as a pose in this one's parent frame."""
+        """Return the frame, in this pose's parent frame, in which this pose has the coordinates `local`."""
         return self.compose(local.relative(ORIGIN))
 
 
@@ -75,12 +75,12 @@ ORIGIN: Final = Pose(0.0, 0.0, 0.0)
 
 
 Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
-"""Of x, y and heading, row by row: m², m·rad, rad²."""
+"""Covariance of x, y and heading, row by row: m², m·rad, rad²."""
 CERTAIN: Final[Covariance] = (0.0,) * 9
 
 
 class Twist(NamedTuple):
-    """A velocity in the robot's own frame: forward and leftward, m/s, and counter-clockwise, rad/s."""
+    """A velocity in the body frame: forward and left, m/s, and counter-clockwise, rad/s."""
 
     vx: float
     vy: float
@@ -91,7 +91,7 @@ STILL = Twist(0.0, 0.0, 0.0)
 
 
 def between(first: Pose, second: Pose, share: float) -> Pose:
-    """The pose at a share, 0 to 1, of the straight way from the first to the second."""
+    """Interpolate linearly between two poses; `share` is 0 at the first, 1 at the second."""
     turn = wrap(second.heading - first.heading)
     return Pose(
         first.x + share * (second.x - first.x),
@@ -101,7 +101,7 @@ def between(first: Pose, second: Pose, share: float) -> Pose:
 
 
 def wrap(angle: float) -> float:
-    """The same angle in (−π, π]."""
+    """Return the same angle in (−π, π]."""
     if -math.pi < angle <= math.pi:
         return float(angle)  # a scenario may have whole numbers
     wrapped = math.remainder(angle, math.tau)
@@ -112,35 +112,35 @@ Vertex = tuple[float, float]
 
 
 def polygon_fault(vertices: Sequence[Vertex]) -> str:
-    """Why the vertices do not go once round a strictly convex polygon with (0, 0) inside; "" if they do.
+    """Return why the vertices are not a strictly convex polygon around (0, 0); "" if they are.
 
-    Either direction is good.
+    Clockwise and counter-clockwise order are valid.
     """
     ring = counter_clockwise(vertices)
     for (ax, ay), (bx, by), (cx, cy) in zip(ring, (*ring[1:], ring[0]), (*ring[2:], *ring[:2]), strict=True):
         if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) <= 0:
-            return f"it does not bend outward at ({bx:g}, {by:g})"
+            return f"it is not convex at ({bx:g}, {by:g})"
     if not math.isclose(_turning(ring), math.tau, rel_tol=1e-6):
-        return "its border goes round more than once"
+        return "its border goes around more than once"
     for (ax, ay), (bx, by) in _edges(ring):
         if ax * by - ay * bx <= 0:
-            return f"(0, 0) is not inside of the edge from ({ax:g}, {ay:g}) to ({bx:g}, {by:g})"
+            return f"(0, 0) is not inside the edge from ({ax:g}, {ay:g}) to ({bx:g}, {by:g})"
     return ""
 
 
 def counter_clockwise(vertices: Sequence[Vertex]) -> tuple[Vertex, ...]:
-    """The same polygon with its area on the left of its border."""
+    """Return the polygon with its vertices in counter-clockwise order."""
     area = math.fsum(ax * by - ay * bx for (ax, ay), (bx, by) in _edges(vertices))
     return tuple(vertices) if area > 0 else tuple(reversed(vertices))
 
 
 def distance_to_border(vertices: Sequence[Vertex]) -> float:
-    """How far (0, 0), inside a convex polygon, is from its border."""
+    """Return the distance from (0, 0), inside a convex polygon, to its border."""
     return min(abs(ax * by - ay * bx) / hypot(bx - ax, by - ay) for (ax, ay), (bx, by) in _edges(vertices))
 
 
 def moment(vertices: Sequence[Vertex], mass: float) -> float:
-    """Moment of inertia about (0, 0) of a polygon of evenly spread mass: kg m² if given kg and m."""
+    """Return the moment of inertia about (0, 0) of a polygon with uniform density; kg m² for kg and m."""
     weight = area = 0.0
     for (ax, ay), (bx, by) in _edges(vertices):
         cross = ax * by - ay * bx
@@ -150,7 +150,7 @@ def moment(vertices: Sequence[Vertex], mass: float) -> float:
 
 
 def _turning(ring: Sequence[Vertex]) -> float:
-    """Sum of the angles between successive edges, rad."""
+    """Return the sum of the angles between consecutive edges, rad."""
     headings = [atan2(by - ay, bx - ax) for (ax, ay), (bx, by) in _edges(ring)]
     return math.fsum((b - a) % math.tau for a, b in pairwise((*headings, headings[0])))
 
@@ -161,11 +161,11 @@ def _edges(ring: Sequence[Vertex]) -> list[tuple[Vertex, Vertex]]:
 
 @dataclass(frozen=True)
 class Door:
-    """A narrow place between regions."""
+    """A narrow passage between regions."""
 
     index: int
-    """Its place in the map's list of doors."""
+    """Index in the map's list of doors."""
     middle: Point
-    """A point of it with the most room, m."""
+    """Point of the door with the most clearance, m."""
     regions: tuple[int, ...]
-    """The regions that it joins, two or more, ascending."""
+    """Indices of the regions that it connects, two or more, ascending."""

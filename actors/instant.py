@@ -1,4 +1,4 @@
-"""Instants and durations of the run; the types are the component model's."""
+"""Instants and durations of a run, with the types of the component model."""
 
 from typing import Final
 
@@ -7,4 +7,4 @@ from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, se
 __all__ = ["LATEST", "START", "Duration", "Instant", "in_seconds", "milliseconds", "seconds"]
 
 LATEST: Final = 10**16
-"""Later instants are damage: the year 2286, µs since 1970, from which a base on board counts."""
+"""Latest valid instant: the year 2286 in µs since 1970, the epoch of a base on hardware."""

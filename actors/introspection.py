@@ -1,7 +1,7 @@
-"""What a robot computed, in messages that only its own recording has: one per PERIOD, and one at its end.
+"""Introspection messages: a robot's internal state, only in its own recording, every PERIOD and at the end.
 
-Only changes are there. Arrays are bytes, little-endian. What the recording says elsewhere is not repeated:
-the estimated pose is that of Drive, ranges and instants of steps are those of Senses.
+Only changes are recorded; arrays are little-endian bytes. The estimated pose is in Drive; ranges and instants
+of steps are in Senses.
 """
 
 from typing import Final
@@ -10,59 +10,58 @@ from actors.instant import milliseconds
 from actors.topic import Message, MessagePart
 
 PERIOD: Final = milliseconds(500)
-"""Between two messages: as often as a person can follow."""
+"""Interval between two messages; own choice: fast enough for human viewers."""
 
 
 class EstimateQuality(MessagePart, frozen=True):
-    """How far the robot trusts its estimate."""
+    """Uncertainty of the pose estimate."""
 
     covariance: tuple[float, ...]
-    """3 x 3, row by row: x, y, m, and heading, rad, map frame."""
+    """3 x 3 matrix, row by row: x, y, m, and heading, rad, map frame."""
     lost: float
-    """Probability that it is somewhere else altogether."""
+    """Probability that the robot is far from the estimate."""
     located: bool
-    """False: it looks for itself; then Drive has no pose."""
+    """False during global localisation; Drive then has no pose."""
 
 
 class CostWindow(MessagePart, frozen=True):
-    """The local cost map that navigation steers by: `CostMap.restore` has all costs from it."""
+    """Local cost map of the navigation, compressed; `CostMap.restore` computes all costs."""
 
     corner: tuple[int, int]
-    """Column and row of its south-west corner, cells from the origin of the odometry frame."""
+    """Column and row of the south-west corner, in cells from the origin of the odometry frame."""
     side: int
-    """Rows and columns."""
+    """Number of rows and of columns."""
     marked: bytes
-    """Indices of the marked cells, row by row, the southernmost row first; uint16, uint32 where there are
-    more than 65 536 cells."""
+    """Indices of the marked cells, row by row from the south: uint16; uint32 for more than 65 536 cells."""
 
 
 class PerceptionSample(MessagePart, frozen=True):
-    """What the robot perceived and planned, sampled with each message but the last."""
+    """Sampled perception and plan; in every message except the last."""
 
     scanned: tuple[float, float, float] | None
-    """Pose of the body at the last scan, x, y, m, heading, rad, odometry frame; None: no scan yet."""
+    """Body pose at the last scan: x, y, m, heading, rad, odometry frame; None: no scan yet."""
     particles: bytes | None
-    """float32, x and y of at most 300 particles, m, map frame; None: as before, or there are none."""
+    """float32 x and y of up to 300 particles, m, map frame; None: unchanged, or no particles."""
     plan: bytes | None
-    """float32, x and y of every fourth point of the plan and of its last, m, map frame; empty: it has none;
-    None: as before."""
+    """float32 x and y of every fourth plan point and the last, m, map frame; empty: no plan; None: as
+    before."""
     window: CostWindow | None
-    """None: navigation has not steered since the last sample."""
+    """None: navigation has not commanded a velocity since the last sample."""
 
 
 class Activity(MessagePart, frozen=True):
-    """What the robot is doing from this step on."""
+    """The robot's activity from this step on."""
 
     activity: str
     """One of `actors.robot.introspection.ACTIVITIES`."""
     destination: str
-    """Place that it heads for, as in "r1/3"; empty: none."""
+    """Place that it drives to, such as "r1/3"; empty: none."""
     point: tuple[float, float] | None
     """Its goal, m, map frame."""
 
 
 class GoalState(MessagePart, frozen=True):
-    """State of navigation's goal at the end of this step."""
+    """State of the navigation goal at the end of this step."""
 
     point: tuple[float, float] | None
     """None: it has no goal."""
@@ -72,77 +71,77 @@ class GoalState(MessagePart, frozen=True):
 
 
 class ValueChange(MessagePart, frozen=True):
-    """A part of a component's knowledge with two values, as JSON."""
+    """A changed part of a component's knowledge, as JSON."""
 
     path: str
-    """Such as `destination`, `parameters.speed`, or `bids[r2]` in a mapping."""
+    """Path such as `destination`, `parameters.speed`, or `bids[r2]` for a mapping."""
     before: str | None
-    """None: the mapping had no such key; empty: what it became with this path's last change."""
+    """None: the key is new; empty: the value after this path's previous change."""
     after: str | None
 
 
 class ReplicaUse(MessagePart, frozen=True):
-    """The replica of a peer's component that an ensemble used."""
+    """The peer's replica that an ensemble used."""
 
     epoch: int
-    """Of the peer's node when it published this."""
+    """Epoch of the peer's node at publication."""
     publication: int
-    """Number of the publication, counted from 1 in that epoch."""
+    """Number of the publication in that epoch, from 1."""
     heard: int
-    """When it had come, µs."""
+    """Arrival time, µs."""
     hops: int
-    """How often it had been relayed."""
+    """Number of relays on its route."""
     rssi_dbm: float | None
-    """None: it did not come by radio."""
+    """None: not received by radio."""
 
 
 class DecisionRecord(MessagePart, frozen=True):
-    """What a change of knowledge decided, by the component's own account."""
+    """A decision in a knowledge change, as reported by the component."""
 
     words: str
     old: tuple[float, float] | None
-    """Where it wanted to be before, m, map frame; None: nowhere."""
+    """Previous destination, m, map frame; None: none."""
     new: tuple[float, float] | None
 
 
 class KnowledgeCommit(MessagePart, frozen=True):
-    """One change of one component's knowledge."""
+    """One change to a component's knowledge."""
 
     instant: int
     component: str
     by: str
-    """The process or the ensemble's exchange, `CleaningRobot.sense` or `DestinationAdoption.at_member`."""
+    """The process or ensemble exchange, such as `CleaningRobot.sense` or `DestinationAdoption.at_member`."""
     adaptation: bool
-    """True of an ensemble, and of a process of the adaptation layer."""
+    """True for an ensemble or a process of the adaptation layer."""
     peer: str
-    """The component whose knowledge an ensemble used; empty for a process."""
+    """Component whose knowledge an ensemble used; empty for a process."""
     age: int
-    """How old that was, µs; 0 for a process, and for a peer on the same node."""
+    """Age of that knowledge, µs; 0 for a process, or a peer on the same node."""
     changed: tuple[ValueChange, ...]
     replica: ReplicaUse | None = None
-    """None for a process, and for a peer on the same node."""
+    """None for a process, or a peer on the same node."""
     decision: DecisionRecord | None = None
 
 
 class StepRecord(MessagePart, frozen=True):
-    """What changed in one step."""
+    """Changes in one step."""
 
     step: int
     quality: EstimateQuality | None = None
     pose: tuple[float, float, float] | None = None
-    """The estimate while the robot is not located, x, y, m, heading, rad, map frame."""
+    """Pose estimate during global localisation: x, y, m, heading, rad, map frame."""
     activity: Activity | None = None
     goal: GoalState | None = None
     contacts: tuple[tuple[str, int | None], ...] = ()
-    """Peers of which the node has a new replica, and when that came, µs; None: it is forgotten."""
+    """Peers with a new replica at the node, and its arrival, µs; None: the replica was dropped."""
     commits: tuple[KnowledgeCommit, ...] = ()
 
 
 class Introspection(Message, frozen=True):
-    """What a robot computed since its last message, up to and including the message's step."""
+    """Internal state of a robot since its last message, up to and including the message's step."""
 
     steps: tuple[StepRecord, ...] = ()
-    """Of steps in which nothing changed there is none."""
+    """Steps without changes are omitted."""
     sample: PerceptionSample | None = None
     knowledge: tuple[tuple[str, str], ...] = ()
-    """Names and values, in words, of the fields of its knowledge that changed; sampled."""
+    """Names and values, as text, of knowledge fields that changed; sampled."""

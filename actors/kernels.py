@@ -1,8 +1,8 @@
-"""numba's decorator for this package's kernels, and where compiled ones are kept.
+"""Decorator for this package's numba kernels, with a cache keyed by source content.
 
-numba itself looks at a kernel's own file only, not at those of the kernels that it calls and inlines: after a
-change there it would go on with old code, and a run with an old digest. Here a kernel belongs to the state
-of all sources that it can reach. Nothing of the process is changed for that.
+numba checks only a kernel's own file, not the files of kernels that it calls and inlines: after a change
+there it would run outdated code, and a run would have an outdated digest. This cache is keyed by the content
+of all sources that a kernel imports. It changes no global state of the process.
 """
 
 import hashlib
@@ -26,19 +26,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 _HERE: Final = Path(__file__).parent
 _COMPILED: Final = re.compile(r"import (?:\(\s*)?(?:njit|kernel)\b|(?:from|import) numba\b")
 _IMPORTED: Final = re.compile(r"(?:from|import) (actors[\w.]*)(?: import (\([^)]*\)|.*))?")
-_TAUGHT: Final = "actors.portable.compiled"
-"""What numba is taught for all kernels, whoever imports it."""
+_EXTENSIONS: Final = "actors.portable.compiled"
+"""numba extensions for all kernels, whether imported or not."""
 _PART: Final = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""How a kernel is compiled for another one: without ways in from Python and C, which unpack arguments."""
+"""Options of a kernel called by another kernel: no wrappers for Python and C, which unpack arguments."""
 _KEPT: Final = 2
-"""States of one module that are kept: this one, and the last before it, to which one may go back."""
+"""Source states kept per module: the current and the previous one, in case the sources are reverted."""
 
 
 def njit(**options: Any) -> Any:
-    """`numba.njit` for a function of this package; `cache=True` keeps what is compiled as said above.
+    """Return `numba.njit` for a function of this package; `cache=True` uses this module's cache.
 
-    What Python calls and what kernels call is compiled separately, each once it is called: most are only
-    called by kernels, and ways in from Python take a tenth of all compiling.
+    Entry points for Python and for kernels are compiled separately, each on its first call: most kernels are
+    called by kernels only, and wrappers for Python take a tenth of the compile time.
     """
     cached = options.pop("cache", False)
 
@@ -49,7 +49,7 @@ def njit(**options: Any) -> Any:
                 kernel._cache = _Cache(function, kind)
             return kernel
 
-        @remembered  # made for the first kernel that asks: a loaded one needs none
+        @remembered  # created on first use: a kernel loaded from the cache needs none
         def part() -> Any:
             return compiled("part", **_PART)
 
@@ -62,18 +62,18 @@ def njit(**options: Any) -> Any:
 
 
 def kernel(function: F) -> F:
-    """Compile a function with `njit`, cached; type checkers see the function as it is written."""
+    """Compile a function with `njit`, cached, keeping its type for type checkers."""
     return cast(F, njit(cache=True)(function))
 
 
 def cache_folder() -> Path:
-    """Where compiled kernels are kept if possible: where numba is told to, else beside the sources."""
+    """Return the preferred folder for compiled kernels: NUMBA_CACHE_DIR, else beside the sources."""
     named = os.environ.get("NUMBA_CACHE_DIR")
     return Path(named) if named else _HERE / "__pycache__" / "kernels"
 
 
 def kernel_sources() -> tuple[Path, ...]:
-    """Every file with kernels, and whatever those import of this package, from one to the next."""
+    """Return every file with kernels, and the files of this package that those import, recursively."""
     named = _named()
     found = {one for source in named.values() if _has_kernels(source) for one in reachable(source)}
     return tuple(sorted(found))
@@ -81,12 +81,12 @@ def kernel_sources() -> tuple[Path, ...]:
 
 @remembered
 def reachable(source: Path) -> tuple[Path, ...]:
-    """The files of this package that a kernel in this one is made of: it, and what it imports, sorted."""
+    """Return a kernel file and all files of this package that it imports, recursively, sorted."""
     named, found = _named(), {source}
     todo = [source]
     while todo:
         for package, names in _IMPORTED.findall(_text(todo.pop())):
-            for name in (_TAUGHT, package, *(f"{package}.{one}" for one in re.findall(r"\w+", names))):
+            for name in (_EXTENSIONS, package, *(f"{package}.{one}" for one in re.findall(r"\w+", names))):
                 other = named.get(name)
                 if other is not None and other not in found:
                     found.add(other)
@@ -96,21 +96,21 @@ def reachable(source: Path) -> tuple[Path, ...]:
 
 @remembered
 def state(sources: tuple[Path, ...]) -> str:
-    """A name for what these files hold, and for numba's release."""
-    told = hashlib.sha256(numba.__version__.encode())
+    """Return a hash of these files and numba's version."""
+    hashed = hashlib.sha256(numba.__version__.encode())
     for source in sources:
-        told.update(_text(source).encode())
-    return told.hexdigest()[:16]
+        hashed.update(_text(source).encode())
+    return hashed.hexdigest()[:16]
 
 
 def prune() -> None:
-    """Remove kernels of states long gone; whoever still uses them compiles them again."""
+    """Remove kernels of outdated source states; a process that still needs one compiles it again."""
     states: dict[str, list[tuple[float, Path]]] = {}
     with suppress(OSError):
         for folder in cache_folder().iterdir():
             if folder.is_dir() and re.fullmatch(r"actors[\w.]*-[0-9a-f]{16}", folder.name):
                 module = folder.name.rpartition("-")[0]
-                with suppress(OSError):  # another process prunes, too
+                with suppress(OSError):  # removed by another process
                     states.setdefault(module, []).append((folder.stat().st_mtime, folder))
     for module, found in states.items():
         source = _named().get(module)
@@ -120,12 +120,12 @@ def prune() -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-class _Locator(_CacheLocator):  # type: ignore[misc]  # of a library without types
-    """Tells numba where a function's code is kept; it is found by the content of sources."""
+class _Locator(_CacheLocator):  # type: ignore[misc]  # numba has no types
+    """Names the cache entries of a function for numba, by the content of its sources."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         source = Path(file)
-        self._py_file = file  # numba's own name, for its warnings
+        self._py_file = file  # required by numba's warnings
         self._line = function.__code__.co_firstlineno
         self._state = f"{_module(source)}-{state(reachable(source))}"
 
@@ -134,7 +134,7 @@ class _Locator(_CacheLocator):  # type: ignore[misc]  # of a library without typ
         return cls(py_func, py_file)
 
     def ensure_cache_path(self) -> None:
-        """Made when it is written to."""
+        """Do nothing: the folder is created on the first write."""
 
     def get_cache_path(self) -> str:
         return self._state
@@ -160,20 +160,20 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
 
 class _Files:
-    """One file for each signature of a kernel on each processor: no index that two processes could part."""
+    """Cache of a kernel: one file per signature and processor, without an index that could be corrupted."""
 
     def __init__(self, base: str) -> None:
         self._base = base
 
     def load(self, key: object) -> Any:
-        """What was saved, wherever that was possible; None if nothing was."""
+        """Return the saved data from the first folder that has it; None: no folder has it."""
         for root in _roots():
             with suppress(OSError, EOFError, pickle.UnpicklingError):
                 return pickle.loads((root / self._name(key)).read_bytes())
         return None
 
     def save(self, key: object, data: object) -> None:
-        """Keep it in the first folder that can be written, whole or not at all; else it is compiled again."""
+        """Save atomically in the first writable folder; without one, nothing is saved."""
         content = dumps(data)
         for root in _roots():
             path = root / self._name(key)

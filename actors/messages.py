@@ -1,8 +1,8 @@
-"""Every message between actors and every key it travels on.
+"""Messages between actors, and the topics that carry them.
 
-On the wire a message is one version byte followed by a msgpack array of the fields in the order declared
-here. Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to it, `swarm/infra/…` between the others.
-All instants are microseconds of the run's time; positions are metres in the map frame, angles radians.
+A message is encoded as one version byte and a msgpack array of its fields in the order declared here.
+Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to a robot, `swarm/infra/…` between other actors.
+Instants are microseconds of simulated time; positions are metres in the map frame, angles radians.
 """
 
 from typing import Annotated, ClassVar, Final
@@ -18,18 +18,18 @@ from actors.topic import Message, MessagePart, Topic
 
 MESSAGE_VERSION: Final = 4
 FRAME_DATA_LIMIT: Final = PSDU_LIMIT - MAC_OCTETS
-"""Data bytes of one radio frame, 118: what MAC header and FCS leave of a PSDU."""
+"""Most data bytes of a radio frame, 118: a PSDU without MAC header and FCS."""
 MOST_FRAMES: Final = 32
-"""Frames of one robot in one step; own choice: at 250 kbit/s a step of 0.1 s has air time for about as many
-of 80 bytes."""
+"""Most frames of one robot per step; own choice: at 250 kbit/s a step of 0.1 s has airtime for about as many
+frames of 80 bytes."""
 TOO_WEAK: Final = -(2**15)
-"""The strength of a copy, int16, that arrived too weakly to be followed."""
+"""Signal strength, int16, of a copy too weak to be received."""
 NO_ECHO_MM: Final = 0xFFFF
-"""The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
+"""Range, uint16 mm, of a ray without an echo within the sensor's range."""
 
 
 class Ready(Message, frozen=True):
-    """`actor` can take its first step: `step`, 0 or that of a restart."""
+    """`actor` is ready for its first step: `step` is 0, or the step of a restart."""
 
     actor: str
     epoch: int
@@ -38,7 +38,7 @@ class Ready(Message, frozen=True):
 
 
 class Odometry(MessagePart, frozen=True):
-    """Pose since the base was switched on, in the frame of its first pose; velocity in the body's frame."""
+    """Pose since the base was switched on, in the frame of its first pose; velocity in the body frame."""
 
     x: Coordinate
     y: Coordinate
@@ -49,71 +49,70 @@ class Odometry(MessagePart, frozen=True):
 
 
 class Scan(MessagePart, frozen=True):
-    """One sweep of the robot's range sensor; the robot's model file has the directions of the rays."""
+    """One scan of the range sensor; the robot's model file has the ray directions."""
 
     stamp: int
     ranges_mm: bytes
-    """uint16 little-endian, one per ray, mm; NO_ECHO_MM = nothing within range."""
+    """uint16 little-endian, one per ray, mm; NO_ECHO_MM: no echo within range."""
 
 
 class Senses(Message, frozen=True):
-    """Sensor data of one robot's base at the step's start."""
+    """Sensor data of one robot's base at the start of the step."""
 
     omissible: ClassVar[int] = 1
     instant: int
     events: int
-    """Events in Received for this robot and step; 0: no such message is sent."""
+    """Number of events in this step's Received for this robot; 0: no Received is sent."""
     odometry: Odometry
     bumper: int
-    """Bit 0 right, 1 centre, 2 left."""
+    """Pressed bumpers: bit 0 right, 1 centre, 2 left."""
     scan: Scan | None = None
-    """The last sweep that ended since the last step, if any: sweeps have the sensor's own rate."""
+    """Latest scan completed since the last step, if any; scans have the sensor's own rate."""
     halt: bool = False
-    """The last message to this process: no answer is expected."""
+    """Last message to this process; no answer is expected."""
     earlier_scans: tuple[Scan, ...] = ()
-    """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
+    """Scans completed before `scan` since the last step, oldest first: the sensor may outpace the steps."""
     places: tuple[tuple[Coordinate, Coordinate], ...] = ()
-    """Further places of the robot from now on, m, map frame, by an event of the scenario or an order. To a
-    new process of the robot all those since the start."""
+    """Places added to the robot by an event or an order, m, map frame. A restarted robot receives all places
+    added since the start."""
 
 
 class Drive(Message, frozen=True):
-    """One robot's answer to Senses: the commanded velocity, and the progress of its work."""
+    """One robot's answer to Senses: commanded velocity and progress of its work."""
 
     vx: Coordinate
     vy: Coordinate
     omega: Coordinate
     transmits: Annotated[int, msgspec.Meta(ge=0, le=MOST_FRAMES)]
-    """Frames in Transmit in this step; 0: no such message is sent."""
+    """Number of frames in this step's Transmit; 0: no Transmit is sent."""
     reports: tuple[PlaceReport, ...] = ()
     given_up: tuple[PlaceGivenUp, ...] = ()
     route: tuple[PlaceKey, ...] | None = None
-    """The places that the robot plans to visit, in order; None: as last reported, at first those that it was
-    given."""
+    """Planned order of places; None: as last reported, initially the assigned places."""
     pose: tuple[Coordinate, Coordinate, Coordinate] | None = None
-    """Pose estimate at the step's start: x, y, heading, map frame; for recordings, observers and measurements
-    only. None: unknown."""
+    """Pose estimate at the start of the step: x, y, heading, map frame; for recordings, observers and
+    measurements only. None: unknown."""
 
 
 class Outgoing(MessagePart, frozen=True):
     """One frame to be broadcast."""
 
     tag: int
-    """Chosen by the robot, and another one in every epoch; comes back in Sent, AccessFailure or Overflow."""
+    """Chosen by the robot, unique across its epochs; repeated in Sent, AccessFailure or Overflow."""
     instant: int
-    """When the robot hands the frame to its transceiver; within the step."""
+    """Time at which the robot passes the frame to its transceiver; within the step."""
     data: bytes
-    """At most FRAME_DATA_LIMIT bytes; a frame may also be without data (IEEE 802.15.4-2006, 7.2.2.2)."""
+    """At most FRAME_DATA_LIMIT bytes; may be empty (IEEE 802.15.4-2006, 7.2.2.2)."""
 
 
 class Transmit(Message, frozen=True):
-    """All frames that one robot hands to its transceiver during the step, in order."""
+    """All frames that one robot passes to its transceiver during the step, in order."""
 
     frames: tuple[Outgoing, ...]
 
 
 class Heard(MessagePart, frozen=True, tag="heard"):
-    """A frame that the robot's transceiver received; `instant` is when its last symbol ended."""
+    """A frame received by the robot's transceiver; `instant` is the end of its last symbol."""
 
     instant: int
     sender: int
@@ -124,14 +123,14 @@ class Heard(MessagePart, frozen=True, tag="heard"):
 
 
 class Sent(MessagePart, frozen=True, tag="sent"):
-    """The frame `tag` has left the antenna."""
+    """The frame `tag` was sent."""
 
     instant: int
     tag: int
 
 
 class AccessFailure(MessagePart, frozen=True, tag="access_failure"):
-    """The frame `tag` was dropped because the channel never was clear."""
+    """The frame `tag` was dropped because the channel was never clear."""
 
     instant: int
     tag: int
@@ -145,7 +144,7 @@ class Overflow(MessagePart, frozen=True, tag="overflow"):
 
 
 class Refused(MessagePart, frozen=True, tag="refused"):
-    """The frame `tag` was not accepted; `reason` is one sentence."""
+    """The frame `tag` was rejected; `reason` is one sentence."""
 
     instant: int
     tag: int
@@ -153,7 +152,7 @@ class Refused(MessagePart, frozen=True, tag="refused"):
 
 
 class Unconfirmed(MessagePart, frozen=True, tag="unconfirmed"):
-    """The frame `tag` was given to a board, which did not confirm it. Not in simulation."""
+    """The frame `tag` was passed to a radio board that did not confirm it. Hardware only."""
 
     instant: int
     tag: int
@@ -163,13 +162,13 @@ RadioEvent = Heard | Sent | AccessFailure | Overflow | Refused | Unconfirmed
 
 
 class Received(Message, frozen=True):
-    """All events of a robot's transceiver until the step's start, in order of their instants."""
+    """All events of a robot's transceiver up to the start of the step, in order of time."""
 
     events: tuple[RadioEvent, ...]
 
 
 class RobotTruth(MessagePart, frozen=True):
-    """Ground truth of a robot at the step's start: pose and velocity in the map frame, state."""
+    """Ground truth of one robot at the start of the step: pose and velocity in the map frame, state."""
 
     id: str
     x: Coordinate
@@ -179,110 +178,110 @@ class RobotTruth(MessagePart, frozen=True):
     vy: Coordinate
     omega: Coordinate
     stepping: bool
-    """False: frozen or ended; it takes no part in this step."""
+    """False: frozen or exited; it does not take part in this step."""
     powered: bool
     """False: its transceiver is off."""
     transmits: int
     epoch: int = 0
-    """Of its process: in a new epoch the transceiver begins empty, without a frame or event of the last."""
+    """Boot epoch of its process; the transceiver starts each epoch without earlier frames or events."""
 
 
 class Jam(MessagePart, frozen=True):
-    """A jammer at a point: nothing is received within `radius` until the instant `until`."""
+    """A jammer: nothing is received within `radius` of it until the instant `until`."""
 
     x: Coordinate
     y: Coordinate
     radius: Annotated[float, msgspec.Meta(gt=0, le=1e6)]
     until: Annotated[int, msgspec.Meta(ge=0, le=9 * 10**15)]
-    """In nanoseconds, as the radio counts, it fits 64 bits."""
+    """The limit keeps the radio's nanoseconds within 64 bits."""
 
 
 class Loss(MessagePart, frozen=True):
-    """A robot does not receive the next frame of another that it would have received."""
+    """Loss of the next frame of `sender` that `robot` would have received."""
 
     robot: str
     sender: str
 
 
 class Truth(Message, frozen=True):
-    """The world's ground truth at the step's start, for the radio and for observers."""
+    """Ground truth at the start of the step, for the radio and observers."""
 
     omissible: ClassVar[int] = 1
     instant: int
     robots: tuple[RobotTruth, ...]
-    """In the order of the scenario."""
+    """In scenario order."""
     jams: tuple[Jam, ...] = ()
-    """Jammers that were switched on at this step's start."""
+    """Jammers switched on at the start of this step."""
     halt: bool = False
-    """The last message to the radio: no answer is expected."""
+    """Last message to the radio; no answer is expected."""
     losses: tuple[Loss, ...] = ()
-    """Ordered at this step's start."""
+    """Losses ordered at the start of this step."""
 
 
 class EventCount(MessagePart, frozen=True):
-    """How many events the next Received of one robot carries."""
+    """Number of events in one robot's next Received."""
 
     id: str
     events: int
 
 
 class Aired(Message, frozen=True):
-    """The medium has been computed up to the step's end."""
+    """The radio has simulated the medium up to the end of the step."""
 
     counts: tuple[EventCount, ...]
-    """Robots with at least one event only."""
+    """Only robots with at least one event."""
 
 
 class Control(Message, frozen=True):
-    """Orders from a person or a tool; applied at the next step boundary and recorded. `step` is not used."""
+    """Orders from a person or a tool, applied at the next step boundary and recorded. `step` is not used."""
 
     orders: tuple[Order, ...]
     ticket: str = ""
-    """Chosen by the sender; Answered repeats it."""
+    """Chosen by the sender, repeated in Answered."""
 
 
 class Answered(Message, frozen=True):
-    """Outcome of the orders of one Control; for people, outside barrier and digest."""
+    """Outcome of the orders of one Control; for display, outside barrier and digest."""
 
     ticket: str
     refusals: tuple[str, ...]
-    """A sentence for each order that was refused, in order."""
+    """One sentence per refused order, in order."""
 
 
 class ProcessOrder(MessagePart, frozen=True):
-    """A robot process is to be started."""
+    """Request to start a robot's process."""
 
     robot: str
     epoch: int
 
 
 class Roster(Message, frozen=True):
-    """The world asks the swarm's parent to start robot processes at this step."""
+    """The world requests that the launcher start robot processes at this step."""
 
     start: tuple[ProcessOrder, ...]
 
 
 class Progress(Message, frozen=True):
-    """Progress of the run; for people, outside barrier and digest."""
+    """Progress of the run; for display, outside barrier and digest."""
 
     instant: int
     places_left: int
-    """Places in the routes of the robots that take part."""
+    """Number of places in the routes of participating robots."""
     reports: int
     finished: bool
     paused: bool = False
     awaited: tuple[str, ...] = ()
-    """While no step is taken: the ids of the robots, or "radio", whose messages are missing."""
+    """During a wait: ids of the robots, or "radio", whose messages are missing."""
     awaits: str = ""
-    """The missing message of the first of them, in words."""
+    """Missing message of the first of them, as text."""
     starting: bool = False
-    """The world waits for actors that have only been started."""
+    """The world waits for actors that are starting."""
     held: tuple[str, ...] = ()
-    """On board: why the base does not, or soon will not, drive as commanded, in words."""
+    """Hardware only: why the base does not, or soon will not, drive as commanded, as text."""
 
 
 class LinkState(MessagePart, frozen=True, tag="link"):
-    """The board has been set up, or must be found again; `cause` says why, "" = it is up."""
+    """Connection state of the radio board; `cause`: why it is down, empty while it is up."""
 
     instant: int
     up: bool
@@ -290,7 +289,7 @@ class LinkState(MessagePart, frozen=True, tag="link"):
 
 
 class Fix(MessagePart, frozen=True, tag="fix"):
-    """Where the board's GPS module holds it to be, degrees, north and east positive; None = unknown."""
+    """Position from the board's GPS module, degrees, north and east positive; None: unknown."""
 
     instant: int
     valid: bool
@@ -299,7 +298,7 @@ class Fix(MessagePart, frozen=True, tag="fix"):
 
 
 class Temperature(MessagePart, frozen=True, tag="temperature"):
-    """Degrees Celsius; not `valid` where the sensor is missing or talks nonsense."""
+    """Temperature, degrees Celsius; not `valid` if the sensor is missing or its reading implausible."""
 
     instant: int
     celsius: float
@@ -307,7 +306,7 @@ class Temperature(MessagePart, frozen=True, tag="temperature"):
 
 
 class Humidity(MessagePart, frozen=True, tag="humidity"):
-    """Relative, percent; `valid` as in Temperature."""
+    """Relative humidity, percent; `valid` as in Temperature."""
 
     instant: int
     percent: float
@@ -315,73 +314,73 @@ class Humidity(MessagePart, frozen=True, tag="humidity"):
 
 
 class Info(MessagePart, frozen=True, tag="info"):
-    """What the board said of itself when its button was pressed."""
+    """Text that the board sent when its button was pressed."""
 
     instant: int
     text: str
 
 
 BoardNote = LinkState | Fix | Temperature | Humidity | Info
-"""What a radio board reports beside radio."""
+"""Reports of a radio board other than radio events."""
 
 
 class Board(Message, frozen=True):
-    """Reports of a radio board, for people: outside the barrier. `step` is not used."""
+    """Reports of a radio board, for display, outside the barrier. `step` is not used."""
 
     notes: tuple[BoardNote, ...]
 
 
 class FrameOutcome(MessagePart, frozen=True):
-    """Outcome of one frame, and of its copies at the other transceivers.
+    """Outcome of one frame at the sender and at the other transceivers.
 
-    Robots are numbers: their places in the radio's set-up. A transceiver that is not listed was on, and the
-    frame arrived too weakly to be followed.
+    Robots are indices into the radio's set-up. A transceiver that is not listed was on, and the frame was too
+    weak there to be received.
     """
 
     sender: int
     tag: int
     """As in Outgoing."""
     handed: int
-    """When the transceiver was handed the frame."""
+    """Time at which the transceiver got the frame."""
     ended: int
-    """When it had left the antenna, or was given up."""
+    """Time at which it was sent or dropped."""
     size: int
-    """Bytes of its data."""
+    """Data bytes."""
     end: str
     """`sent`, `access_failure` or `overflow`."""
     receivers: bytes
-    """uint16 little-endian, one per listed transceiver; none of a frame that was not sent."""
+    """uint16 little-endian, one per listed transceiver; empty for a frame that was not sent."""
     outcomes: bytes
     """uint8, one per listed transceiver: `actors.radio.medium.state.Outcome`."""
     strengths: bytes
-    """int16 little-endian, one per listed transceiver: how strongly it arrived, 0.1 dBm, or TOO_WEAK."""
+    """int16 little-endian, one per listed transceiver: signal strength, 0.1 dBm, or TOO_WEAK."""
 
 
 class FrameOutcomes(Message, frozen=True):
-    """The frames that ended since the last message and up to the end of the step, in order of time."""
+    """Frames that ended since the last message, up to the end of the step, in order of time."""
 
     frames: tuple[FrameOutcome, ...]
 
 
 class FloorThing(MessagePart, frozen=True):
-    """An obstacle that is not on the map, with the extent that bodies and rays meet."""
+    """An obstacle that is not on the map, as bodies and rays meet it."""
 
     number: int
-    """Counts all things of a run, from 0."""
+    """Number of the obstacle in the run, from 0."""
     kind: str
-    """`wall`, `obstacle`, `closed door`, or `closing door`: it waits until no robot stands in it."""
+    """`wall`, `obstacle`, `closed door`, or `closing door` (waits until no robot is in it)."""
     points: tuple[tuple[float, float], ...]
-    """m: the middle of what is round, both ends of what is straight."""
+    """m; the centre if round, both ends if straight."""
     radius: float
-    """m; of what is straight, half of its thickness."""
+    """m; half the thickness if straight."""
 
 
 class FloorChanged(Message, frozen=True):
-    """Obstacles placed and removed at the step's start; sent in step 0 even without a change."""
+    """Obstacles placed and removed at the start of the step; sent in step 0 even without changes."""
 
     put: tuple[FloorThing, ...] = ()
     gone: tuple[int, ...] = ()
-    """Numbers of things."""
+    """Numbers of removed obstacles."""
 
 
 READY: Final = Topic("swarm/up/{id}/ready", Ready)

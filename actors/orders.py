@@ -1,37 +1,37 @@
-"""Orders to a run: what a person, a tool or an event of the scenario may ask of the world.
+"""Orders to a running simulation, from a person, a tool or an event of the scenario.
 
-They travel in `actors.messages.Control`; positions are metres in the map frame, angles radians.
+They are sent in `actors.messages.Control`; positions are metres in the map frame, angles radians.
 """
 
 from actors.topic import MessagePart
 
 
 class Kill(MessagePart, frozen=True, tag="kill"):
-    """End the robot's process; its body stays as an obstacle."""
+    """Kill the robot's process; its body stays as an obstacle."""
 
     robot: str
 
 
 class Freeze(MessagePart, frozen=True, tag="freeze"):
-    """Stop advancing the robot's core."""
+    """Suspend the robot's core."""
 
     robot: str
 
 
 class Thaw(MessagePart, frozen=True, tag="thaw"):
-    """Advance a frozen robot's core again."""
+    """Resume a frozen robot's core."""
 
     robot: str
 
 
 class Restart(MessagePart, frozen=True, tag="restart"):
-    """Start a new process for the robot, in a new boot epoch; a running one is ended first."""
+    """Start a new process for the robot, in a new boot epoch; a running one is killed first."""
 
     robot: str
 
 
 class Move(MessagePart, frozen=True, tag="move"):
-    """Put the robot's body somewhere else."""
+    """Move the robot's body to another pose."""
 
     robot: str
     x: float
@@ -40,7 +40,7 @@ class Move(MessagePart, frozen=True, tag="move"):
 
 
 class StartJam(MessagePart, frozen=True, tag="jam"):
-    """Switch a jammer on for `duration` µs."""
+    """Switch on a jammer with a range of `radius` m for `duration` µs."""
 
     x: float
     y: float
@@ -49,14 +49,14 @@ class StartJam(MessagePart, frozen=True, tag="jam"):
 
 
 class Lose(MessagePart, frozen=True, tag="lose"):
-    """Let the robot not receive the next frame of `sender` that it would have received."""
+    """Drop the next frame of `sender` that the robot would receive."""
 
     robot: str
     sender: str
 
 
 class Obstacle(MessagePart, frozen=True, tag="obstacle"):
-    """Put a round thing of `radius` m, that does not move, on the floor."""
+    """Place a fixed round obstacle of `radius` m on the floor."""
 
     x: float
     y: float
@@ -64,7 +64,7 @@ class Obstacle(MessagePart, frozen=True, tag="obstacle"):
 
 
 class Wall(MessagePart, frozen=True, tag="wall"):
-    """Put a straight wall between two points on the floor, m; it does not move, and radio passes it."""
+    """Place a fixed straight wall between two points, m; radio passes through it."""
 
     x: float
     y: float
@@ -73,48 +73,48 @@ class Wall(MessagePart, frozen=True, tag="wall"):
 
 
 class Give(MessagePart, frozen=True, tag="give"):
-    """Give the robot further places to clean, m, map frame."""
+    """Assign further places to the robot, m, map frame."""
 
     robot: str
     places: tuple[tuple[float, float], ...]
 
 
 class CloseDoor(MessagePart, frozen=True, tag="close"):
-    """Close the door that the point, m, lies in, as soon as no robot stands in the way."""
+    """Close the door at the point, m, as soon as no robot is in it."""
 
     x: float
     y: float
 
 
 class OpenDoor(MessagePart, frozen=True, tag="open"):
-    """Open the door again that was closed at the point, m."""
+    """Reopen the door that was closed at the point, m."""
 
     x: float
     y: float
 
 
 class Pause(MessagePart, frozen=True, tag="pause"):
-    """Begin no further step until Resume."""
+    """Pause the run before the next step."""
 
 
 class Resume(MessagePart, frozen=True, tag="resume"):
-    """Go on after Pause."""
+    """Continue after Pause."""
 
 
 class Step(MessagePart, frozen=True, tag="step"):
-    """Go on after Pause, and pause again `steps` steps later."""
+    """Continue after Pause, and pause again after `steps` steps."""
 
     steps: int
 
 
 class Speed(MessagePart, frozen=True, tag="speed"):
-    """Take so many simulated seconds per second from now on, at most; 0: as fast as possible."""
+    """Limit the speed to `factor` simulated seconds per second; 0: unlimited."""
 
     factor: float
 
 
 class Stop(MessagePart, frozen=True, tag="stop"):
-    """End the run at this step's start."""
+    """End the run at the start of this step."""
 
 
 Order = (

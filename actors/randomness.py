@@ -1,4 +1,4 @@
-"""Random streams, one per purpose and actor: another robot or draw changes nothing for the others."""
+"""Independent random streams, one per purpose and actor: a new robot or draw changes no other stream."""
 
 import hashlib
 from typing import Final
@@ -7,13 +7,13 @@ import numpy as np
 from numpy.random import PCG64, Generator, SeedSequence
 
 _WORDS: Final = 4
-"""Words of 32 bits that each name adds to the key; 128 bits keep two names from ever meeting."""
+"""32-bit words per name in the spawn key: 128 bits exclude collisions of names."""
 
 
 def generator(seed: int, purpose: str, actor: str, epoch: int = 0) -> Generator:
-    """The random stream of `actor` for `purpose` in a run of `seed` (≥ 0), anew in each boot `epoch`.
+    """Return the random stream of `actor` for `purpose` in a run with `seed` (≥ 0) and boot `epoch`.
 
-    Equal arguments give equal draws on every machine; streams of different arguments are independent
+    Equal arguments give equal draws on every machine; streams with different arguments are independent
     (numpy.random.SeedSequence, spawn_key).
     """
     key = (*_words(purpose), *_words(actor), epoch)
@@ -21,21 +21,21 @@ def generator(seed: int, purpose: str, actor: str, epoch: int = 0) -> Generator:
 
 
 def keyed_seed(seed: int, key: str, part: str) -> int:
-    """The seed (63 bits) of one part of a run of `seed` and `key`, hexadecimal digits; "": `seed` itself.
+    """Return the seed (63 bits) of one part of a run with `seed` and `key`, hexadecimal; without key: `seed`.
 
-    Without the key it can neither be computed from `seed`, nor from other parts' (BLAKE2b, RFC 7693, keyed).
+    Without the key it cannot be computed from `seed` or other parts' seeds (keyed BLAKE2b, RFC 7693).
     """
     if not key:
         return seed
-    told = hashlib.blake2b(f"{seed} {part}".encode(), key=bytes.fromhex(key), digest_size=8)
-    return int.from_bytes(told.digest(), "big") >> 1
+    hashed = hashlib.blake2b(f"{seed} {part}".encode(), key=bytes.fromhex(key), digest_size=8)
+    return int.from_bytes(hashed.digest(), "big") >> 1
 
 
 def derived_seed(seed: int, actor: str, key: str = "") -> int:
-    """The seed (63 bits) of all that `actor` draws in a run of `seed`; tells nothing of the others'.
+    """Return the seed (63 bits) of all of `actor`'s random streams in a run with `seed`.
 
-    Without a key it is only as secret as the run's seed is hard to guess: whoever tries all small seeds will
-    find it.
+    It reveals no other actor's seed. Without a key it is only as secret as the run's seed: trying all small
+    seeds finds it.
     """
     if key:
         return keyed_seed(seed, key, f"robot {actor}")
@@ -44,6 +44,6 @@ def derived_seed(seed: int, actor: str, key: str = "") -> int:
 
 
 def _words(name: str) -> tuple[int, ...]:
-    """The name as whole numbers that every Python process agrees on, as `hash` would not."""
+    """Return a hash of the name that is equal in every Python process, unlike `hash`."""
     digest = hashlib.sha256(name.encode()).digest()
     return tuple(int(word) for word in np.frombuffer(digest, "<u4", count=_WORDS))

@@ -1,4 +1,4 @@
-"""What every message is, and on which key which message travels."""
+"""Base classes of messages, and topics: keys with their message types."""
 
 from typing import ClassVar, Generic, TypeVar
 
@@ -6,22 +6,22 @@ import msgspec
 
 
 class Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """A value that travels between actors; `step` is the step it belongs to."""
+    """A message between actors; `step` is the step that it belongs to."""
 
     omissible: ClassVar[int] = 0
-    """So many of the last fields do not travel while all of them are empty."""
+    """Number of trailing fields that are not sent while all of them have their default value."""
     step: int
 
 
 class MessagePart(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """A value inside a message."""
+    """A structured value within a message."""
 
 
 M = TypeVar("M", bound=Message)
 
 
 class Topic(Generic[M]):
-    """A key, or a family of keys with one robot id in it, and the type of what travels there."""
+    """A key, or one key per robot, with its message type."""
 
     def __init__(
         self,
@@ -37,19 +37,19 @@ class Topic(Generic[M]):
         self.pattern = pattern
         self.kind = kind
         self.is_digested = is_digested
-        """Its messages make up the run's digest."""
+        """The run's digest covers its messages."""
         self.is_telemetry = is_telemetry
-        """They are only shown to people: neither counted, nor recorded, nor in the digest."""
+        """For display only: not counted, recorded or covered by the digest."""
         self.is_from_outside = is_from_outside
-        """No actor publishes them, so they cannot be balanced against what was received."""
+        """Published by clients that are not actors: sent and received counts cannot be compared."""
         self.is_recorded_only = is_recorded_only
-        """Its sender records them in full and publishes none: outside digest, counts and barrier."""
+        """Recorded in full by the sender and not published: outside digest, counts and barrier."""
         self.is_packed = is_packed
-        """Where they are only recorded, they are deflated; False: they are compact as they are."""
+        """Recorded-only messages are deflated; False: they are compact already."""
         self._keys: dict[str, str] = {}
 
     def key(self, robot: str = "") -> str:
-        """The key for `robot`, or the topic's only key."""
+        """Return the key for `robot`, or the topic's only key."""
         key = self._keys.get(robot)
         if key is None:
             key = self._keys[robot] = self.pattern.replace("{id}", robot)
@@ -60,6 +60,6 @@ class Topic(Generic[M]):
 
 
 def sender(key: str) -> str | None:
-    """The robot that alone may write to `key`, `swarm/up/<id>/…`; None for a key of somebody else."""
+    """Return the only robot that may write to `key`, `swarm/up/<id>/…`; None for other keys."""
     parts = key.split("/")
     return parts[2] if parts[:2] == ["swarm", "up"] and len(parts) > 3 else None

@@ -1,4 +1,4 @@
-"""Words that sentences about wrong keys and values have in common."""
+"""Phrases for errors about keys and values."""
 
 import difflib
 import json
@@ -7,30 +7,30 @@ from itertools import islice
 from typing import Final
 
 _LONGEST: Final = 60
-"""Characters of a value that a sentence shows."""
+"""Most characters of a value in a message."""
 _DEPTH: Final = 3
 _BRIEF: Final = 100
 
 
 def brief(value: object) -> str:
-    """A foreign value as Python would write it, cut short where it is long."""
+    """Return the `repr` of a value, truncated."""
     text = repr(value)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
 def shown(value: object) -> str:
-    """A value as it would stand in a TOML file, cut short where it is long."""
+    """Return a value in TOML notation, truncated."""
     try:
         text = json.dumps(_short(value), ensure_ascii=False)
     except TypeError:  # a date or a time
         text = str(value)
     except ValueError:
-        text = "a number of more digits than can be shown"
+        text = "a number with too many digits to show"
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def one_of(known: Collection[object]) -> str:
-    """The values that there are, of which one must be taken."""
+    """Return the valid values as a list with "or"."""
     *others, last = map(shown, known)
     return f"{', '.join(others)} or {last}" if others else last
 
@@ -38,7 +38,7 @@ def one_of(known: Collection[object]) -> str:
 def span(
     *, gt: float | None = None, ge: float | None = None, lt: float | None = None, le: float | None = None
 ) -> str:
-    """Bounds of a number as they go on after "must be"; at least one is given."""
+    """Return the bounds of a number as text that follows "must be"; at least one must be given."""
     if ge is not None and le is not None:
         return f"from {number(ge)} to {number(le)}"
     low = [f"above {number(gt)}"] if gt is not None else [f"at least {number(ge)}"] if ge is not None else []
@@ -47,12 +47,12 @@ def span(
 
 
 def number(value: float) -> str:
-    """A number without digits that say nothing."""
+    """Return a number without trailing zeros."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _short(value: object, depth: int = 0) -> object:
-    """As much of a value as a sentence could show: it may refer to itself, or to one part a million times."""
+    """Return a value truncated for display; it may contain itself, or one part a million times."""
     if isinstance(value, str):
         return value[: _LONGEST + 1]
     if isinstance(value, dict) and depth < _DEPTH:
@@ -63,11 +63,11 @@ def _short(value: object, depth: int = 0) -> object:
 
 
 def unknown_key(table: str, name: str, known: Collection[str]) -> str:
-    """The sentence, without its end, that `table` has no key `name`; "" is the whole file."""
+    """Return the error, without a full stop, that `table` has no key `name`; "" is the whole file."""
     prefix = f"{table}." if table else ""
     name = name if len(name) <= _LONGEST else f"{name[:_LONGEST]}…"
     near = difflib.get_close_matches(name, known, n=1)
     if near:
         return f"{prefix}{name} is not known; did you mean {prefix}{near[0]}?"
-    where = f"{table} may hold" if table else "known are"
+    where = f"known keys of {table}:" if table else "known keys:"
     return f"{prefix}{name} is not known; {where} {', '.join(known)}"

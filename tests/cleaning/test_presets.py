@@ -182,7 +182,8 @@ def test_each_kind_of_field_is_set() -> None:
         ({"leese": 1}, "strategy.leese is not known; did you mean strategy.lease?"),
         (
             {"xyz": 1},
-            "strategy.xyz is not known; strategy may hold reach, tries, fair, title, mode, lease, points",
+            "strategy.xyz is not known; known keys of strategy: reach, tries, fair, title, mode, lease, "
+            "points",
         ),
         (
             {"points": (1, "2")},

@@ -82,7 +82,7 @@ IN_STEP = "it should be from 700000 to 799999 µs"
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"step": 3}, "answers with a Drive of step 3; it should be of step 7"),
+        ({"step": 3}, "sent a Drive of step 3, expected step 7"),
         ({"reports": (PlaceReport("r1", 0, -1),)}, f"reports a place at -1 µs; {IN_STEP}"),
         ({"reports": (PlaceReport("r1", 0, 700_000),) * 1001},
          "reports 1001 places in one step; at most 1000 may be"),

@@ -256,7 +256,7 @@ def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
     truth = swarm.truth([Frame(0, "a"), Frame(1, "a")])
     with refused("Step 0: a announced 2 frames, but its Transmit carries 1."):
         swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(0, (Outgoing(0, 0, b"x"),))})
-    with refused("Step 0: a gives a Transmit of step 3; it should be of step 0."):
+    with refused("Step 0: a sent a Transmit of step 3, expected step 0."):
         swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(3, (Outgoing(0, 0, b"x"),))})
 
 

@@ -52,10 +52,10 @@ KEYS = {
     "run.sed = 1": "run.sed is not known; did you mean run.seed?",
     "[robot_s]": "robot_s is not known; did you mean robots?",
     "xyz = 1":
-        "xyz is not known; known are map, strategy, deeco, localisation, navigation, planner, local_map, dwa,"
-        " area, run, robots, places, radio, uncertainty, robot, event, wall, wifi",
+        "xyz is not known; known keys: map, strategy, deeco, localisation, navigation, planner, local_map, "
+        "dwa, area, run, robots, places, radio, uncertainty, robot, event, wall, wifi",
     '[[area]]\nname = "a"\nx = [1, 2]\ny = [1, 2]\nz = 0':
-        "area[0].z is not known; area[0] may hold name, x, y",
+        "area[0].z is not known; known keys of area[0]: name, x, y",
 }  # fmt: skip
 TOGETHER = {
     '[[robot]]\nid = "r4"\n[[robot]]\nid = "r5"':

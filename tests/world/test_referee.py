@@ -195,7 +195,7 @@ def test_rays_point_within_the_circle_at_equal_angles(heading: float, view: floa
         ("mass = 22.0", "mass = nan", f"mass is NaN, {MASS}"),
         ("mass = 22.0", "", f"mass is missing, {MASS}"),
         ("mass = 22.0", "mass = 22.0\ncolour = 'red'",
-         "colour is not known; known are name, mass, friction, odometry, default_sensor, "
+         "colour is not known; known keys: name, mass, friction, odometry, default_sensor, "
          "footprint, drive, bumper, sensors"),
         ("watchdog", "watch_dog", "drive.watch_dog is not known; did you mean drive.watchdog?"),
         ("range_max = 8.0", "range_max = 0.1",
@@ -209,8 +209,8 @@ def test_rays_point_within_the_circle_at_equal_angles(heading: float, view: floa
         ("vertices = [", "radius = 0.2\nvertices = [",
          "footprint must have either radius or vertices, but has both"),
         ("[0.19, 0.19]", "[0.0, 0.15]",
-         "footprint must have the vertices of a convex polygon round (0, 0), but it does not bend "
-         "outward at (0, 0.15)"),
+         "footprint must have the vertices of a convex polygon round (0, 0), but it is not convex "
+         "at (0, 0.15)"),
         ("[0.19, 0.19]", "[0.19, true]",
          "footprint.vertices[2] is [0.19, true], but must be a point [x, y] in m"),
         ("[sensors.lidar]", "[sensors]\nlidar = 3\n[sensors.other]",
@@ -235,9 +235,9 @@ def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None
 
 def test_polygons_that_are_not_once_round_the_origin_are_told_apart() -> None:
     star = [(math.cos(k * 0.8 * math.pi), math.sin(k * 0.8 * math.pi)) for k in range(5)]
-    assert geometry.polygon_fault(star) == "its border goes round more than once"
+    assert geometry.polygon_fault(star) == "its border goes around more than once"
     beside = [(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)]
-    assert geometry.polygon_fault(beside) == "(0, 0) is not inside of the edge from (1, 0) to (2, 0)"
+    assert geometry.polygon_fault(beside) == "(0, 0) is not inside the edge from (1, 0) to (2, 0)"
     rectangle = [(0.3, -0.2), (0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2)]
     assert geometry.moment(rectangle, 12.0) == pytest.approx(12.0 * (0.6**2 + 0.4**2) / 12)
     ring = [(math.cos(a), math.sin(a)) for a in np.linspace(0, math.tau, 500, endpoint=False)]
