@@ -24,7 +24,7 @@ def acrc(
     """
     out, err, threshold, loaded = io.StringIO(), io.StringIO(), gc.get_threshold(), set(sys.modules)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr(app, "settle", lambda: None)
+        patch.setattr(app, "protect_standard_streams", lambda: None)
         patch.setattr(sys, "argv", ["acrc", *map(str, words)])
         patch.setattr(sys, "path", list(sys.path))
         for name, value in {"COLUMNS": "100", **(env or {})}.items():

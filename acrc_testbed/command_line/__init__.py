@@ -1,3 +1,3 @@
-"""The command line: what is typed, and what is said."""
+"""Command line."""
 
 import actors  # noqa: F401  # before any other package: it orders sys.path

@@ -1,4 +1,4 @@
-"""`python -m acrc_testbed.command_line` is the command line."""
+"""Entry point of `python -m acrc_testbed.command_line`."""
 
 import sys
 
@@ -6,6 +6,6 @@ try:
     from acrc_testbed.command_line.app import main
 
     main()
-except KeyboardInterrupt:  # before `main` minds the signals, or after
-    sys.stderr.write("acrc: ended from outside\n")
+except KeyboardInterrupt:  # outside the signal handling of `main`
+    sys.stderr.write("acrc: interrupted\n")
     sys.exit(130)

@@ -1,4 +1,4 @@
-"""The command line. Modules of a command are imported when it is called."""
+"""Root command `acrc`; the modules of most commands are imported when they are called."""
 
 import difflib
 import gc
@@ -24,22 +24,22 @@ from actors.runtime.errors import AcrcError, printable
 
 
 class StreamError(AcrcError):
-    """Standard output that cannot be written."""
+    """Standard output is not writable."""
 
 
-def settle() -> None:
-    """Make closed standard streams, and pipes without a reader, discard what is written."""
+def protect_standard_streams() -> None:
+    """Make closed standard streams, and pipes without a reader, discard output."""
     for number in range(3):
         try:
             os.fstat(number)
-        except OSError:  # closed: the next file to be opened must not get this number, and be written to
+        except OSError:  # closed: otherwise the next opened file would get this number, and the output
             os.open(os.devnull, os.O_RDWR)
     sys.stdout = _stream(1, sys.stdout)
     sys.stderr = _stream(2, sys.stderr)
 
 
 class _Pipe(io.FileIO):
-    """A descriptor that drops what it cannot write; the first failure is reported if anybody can read it."""
+    """A descriptor that drops output after a failed write; the first failure raises unless a pipe broke."""
 
     dead = False
 
@@ -51,8 +51,8 @@ class _Pipe(io.FileIO):
             except OSError as error:
                 self.dead = True
                 if self.fileno() == 1 and not isinstance(error, BrokenPipeError):
-                    words = (error.strerror or str(error)).lower()
-                    raise StreamError(f"standard output cannot be written: {words}") from None
+                    reason = (error.strerror or str(error)).lower()
+                    raise StreamError(f"standard output cannot be written: {reason}") from None
         return len(memoryview(data).cast("B"))
 
 
@@ -79,10 +79,10 @@ COMMANDS: Final = {
     "verify": ("acrc_testbed.command_line.bench", "verify"),
     "bench": ("acrc_testbed.command_line.bench", "bench"),
 }
-"""The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""
+"""Module and attribute of each lazily imported command: a function, or a `typer.Typer` for a group."""
 
 
-FOR_DEVELOPERS: Final = "Commands for those who change the testbed"
+FOR_DEVELOPERS: Final = "Commands for developers of the testbed"
 _OTHERS: Final = "Commands"
 
 
@@ -90,7 +90,7 @@ class Root(TyperGroup):
     """The commands of this module and those of `COMMANDS`, listed under headings (`rich_help_panel`)."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all commands, those of `COMMANDS` last."""
+        """Return the names of all commands, those in `COMMANDS` last."""
         return [*super().list_commands(ctx), *COMMANDS]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -121,8 +121,8 @@ class Root(TyperGroup):
 _NUMBERS: Final = {"int": "a whole number", "float": "a number"}
 
 
-def text(error: typer.TyperException) -> str:
-    """Return one sentence about wrong words, or the help where no command was given."""
+def usage_error(error: typer.TyperException) -> str:
+    """Return a usage error in one sentence, or the help where no command was given."""
     if isinstance(error, faults.NoArgsIsHelpError):
         return error.format_message()
     context: Any = getattr(error, "ctx", None)
@@ -130,35 +130,35 @@ def text(error: typer.TyperException) -> str:
     match error:
         case faults.NoSuchOption():
             near = error.possibilities or []
-            right = f"did you mean {near[0]}?" if near else f"{command} --help lists those that there are"
-            sentence = f"{error.option_name}: is not an option of {command}; {right}"
+            right = f"did you mean {near[0]}?" if near else f"see {command} --help"
+            sentence = f"{error.option_name}: unknown option of {command}; {right}"
         case faults.BadOptionUsage() if error.message.endswith("does not take a value."):
-            sentence = f"{error.option_name}: has a value; must stand alone"
+            sentence = f"{error.option_name}: takes no value"
         case faults.BadOptionUsage():
-            sentence = f"{error.option_name}: has no value; must be followed by one"
+            sentence = f"{error.option_name}: requires a value"
         case faults.MissingParameter():
-            sentence = f"{_name(error.param)}: is missing; {command} --help says what it is"
+            sentence = f"{_name(error.param)}: missing; see {command} --help"
         case faults.BadParameter():
-            sentence = _value(error)
+            sentence = _value_error(error)
         case _:
-            sentence = _other(error, command, context)
+            sentence = _command_error(error, command, context)
     return f"acrc: {printable(sentence)}"
 
 
-def _other(error: typer.TyperException, command: str, context: Any) -> str:
+def _command_error(error: typer.TyperException, command: str, context: Any) -> str:
     if named := re.match(r"No such command '(.*?)'\.", error.message):
         known = context.command.list_commands(context)
         near = difflib.get_close_matches(named[1], known, n=1)
-        right = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
-        return f"{named[1]}: is not a command of {command}; {right}"
+        right = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
+        return f"{named[1]}: unknown command of {command}; {right}"
     if named := re.match(r"Got unexpected extra argument\(s\) \((.*)\)", error.message, re.DOTALL):
-        form = " ".join(context.get_usage().removeprefix("Usage: ").split())
-        return f"{command.removeprefix('acrc ')}: has no use for {named[1]}; must be as in {form}"
+        usage = " ".join(context.get_usage().removeprefix("Usage: ").split())
+        return f"{command.removeprefix('acrc ')}: unexpected argument {named[1]}; usage: {usage}"
     return f"{command.removeprefix('acrc ')}: {error.format_message()}"
 
 
-def _value(error: faults.BadParameter) -> str:
-    """Say what a value must be, by the kind and the bounds that the option declares."""
+def _value_error(error: faults.BadParameter) -> str:
+    """Return a wrong value with the type and bounds that the option declares."""
     value = re.match(r"'?(.*?)'? is not (?:a valid|in the range)", error.message, re.DOTALL)
     if error.param is None or value is None:
         return f"{error.param_hint or 'acrc'}: {error.message}"
@@ -173,7 +173,7 @@ def _value(error: faults.BadParameter) -> str:
 
 
 def _name(parameter: Any) -> str:
-    """Return the option as it is written, or what stands for the argument in the help."""
+    """Return the long form of an option, or the metavar of an argument."""
     if parameter.param_type_name == "argument":
         return str(parameter.metavar).removesuffix("…")
     return str(max(parameter.opts, key=len))
@@ -196,9 +196,9 @@ app.command()(look.scenario)
 app.command()(replaying.replay)
 app.command()(replaying.explain)
 app.command()(replaying.export)
-app.add_typer(record, name="record", help="Read and check what a run recorded.")
+app.add_typer(record, name="record", help="Read and check the recordings of a run.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
-app.add_typer(fleet, name="fleet", help="Set up real robots, start, watch and stop them.")
+app.add_typer(fleet, name="fleet", help="Set up, start, watch and stop real robots.")
 app.command(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     rich_help_panel=FOR_DEVELOPERS,
@@ -207,33 +207,33 @@ app.command(rich_help_panel=FOR_DEVELOPERS)(development.check)
 
 
 def main() -> None:
-    """Run the command line; what is wrong is a line on standard error and exit code 1, or 2 for its words."""
-    settle()
-    gc.set_threshold(20_000, 20, 20)  # what a command imports stays: looking for garbage in it takes a tenth
+    """Run the command line; an error is one line on standard error and exit code 1, or 2 for wrong usage."""
+    protect_standard_streams()
+    gc.set_threshold(20_000, 20, 20)  # imported modules are never garbage; scanning them costs 10 %
     try:
         with signals_as_interrupts(), extras_named():
-            sys.exit(app(_words(sys.argv[1:]), prog_name="acrc", standalone_mode=False))
+            sys.exit(app(_arguments(sys.argv[1:]), prog_name="acrc", standalone_mode=False))
     except Interrupted as interrupt:
-        recorded = f"; what was recorded is in {interrupt.recorded}" if interrupt.recorded else ""
-        sentence, code = f"acrc: ended from outside{recorded}", interrupt.exit_code
+        recorded = f"; recordings are in {interrupt.recorded}" if interrupt.recorded else ""
+        sentence, code = f"acrc: interrupted{recorded}", interrupt.exit_code
     except AcrcError as error:
         sentence, code = f"acrc: {error}", 2 if isinstance(error, OptionError) else 1
     except typer.TyperException as error:
-        sentence, code = text(error), error.exit_code
+        sentence, code = usage_error(error), error.exit_code
     screen(stderr=True).print(sentence)
     sys.exit(code)
 
 
-def _words(typed: list[str]) -> list[str]:
-    """Return the words to parse: `acrc help run` is `acrc run --help`. Raises OptionError."""
+def _arguments(typed: list[str]) -> list[str]:
+    """Return the arguments to parse: `acrc help run` is `acrc run --help`. Raises OptionError."""
     for name in (*typed, os.path.realpath(".")):
         if not name.isascii() and any("\ud800" <= character <= "\udfff" for character in name):
-            raise OptionError(f"{name!r}: the name is not UTF-8, as names in results must be; rename it")
+            raise OptionError(f"{name!r}: not UTF-8, which results require of names; rename it")
     return [*typed[1:], "--help"] if typed[:1] == ["help"] else typed
 
 
-def _print_version(wished: bool) -> None:
-    if wished:
+def _print_version(requested: bool) -> None:
+    if requested:
         from actors.installation import version
 
         release, software = version.release(), version.software()
@@ -248,17 +248,17 @@ def root(
         typer.Option("--version", is_eager=True, callback=_print_version, help="Print version and commit."),
     ] = False,
 ) -> None:
-    """Options of `acrc` itself."""
+    """Accept the options of `acrc` itself."""
 
 
 @app.command()
 def add(
     names: Annotated[
-        list[str], typer.Argument(metavar="NAME…", help="As pip knows them: pandas, pandas==3.0.0.")
+        list[str], typer.Argument(metavar="NAME…", help="Packages, as for pip: pandas, pandas==3.0.0.")
     ],
 ) -> None:
     """Install packages that your strategies import.
 
-    They are added to requirements.txt of this clone.
+    Add them to requirements.txt of this clone.
     """
-    raise OptionError(f"add {' '.join(names)}: is done by the script itself; call ./acrc of this clone")
+    raise OptionError(f"add {' '.join(names)}: requires the script of a clone; call ./acrc there")

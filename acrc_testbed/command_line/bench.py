@@ -259,7 +259,7 @@ def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) 
     wrong = f"is not for {', '.join(names)}, but for" if names else "must stand beside what it is for:"
     _check_taken(given, _TAKES, name, wrong)
     if (required := _TAKES[name][0]) not in given:
-        raise OptionError(f"--{next(iter(given))}: needs --{required}, the data to compare with")
+        raise OptionError(f"--{next(iter(given))}: requires --{required}, the data to compare with")
     if name == "radio":
         from acrc_testbed.benchmarks.radio_comparison import check as radio
 

@@ -87,7 +87,7 @@ def campaign(
         with shown(quiet=json_output) as follow:
             progress = campaigns.carry_out(kept, options, follow, enough)
     except Interrupted as interrupt:
-        say.print(f"acrc: ended from outside; the same command resumes from {folder}")
+        say.print(f"acrc: interrupted; the same command resumes from {folder}")
         raise typer.Exit(interrupt.exit_code) from None
     finally:
         campaigns.write(kept)

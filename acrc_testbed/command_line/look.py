@@ -167,7 +167,7 @@ def _newest() -> Path:
 
     found = out_folder.newest(Path("runs"))
     if found is None:
-        raise OptionError("OUT: is missing, and there is no run in runs/ here; must be a run's folder")
+        raise OptionError("OUT: missing, and runs/ contains no run; give a run's folder")
     sys.stderr.write(f"acrc: {found}: the newest run\n")
     return found
 

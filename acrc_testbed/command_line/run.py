@@ -282,7 +282,7 @@ def order(
 
     if str(out) in orders.VERBS and verb not in orders.VERBS:
         folder = out_folder.newest(Path("runs")) or "runs/NAME"
-        raise OptionError(f"OUT: is missing; must be as in {typed('order', folder, out, verb)}")
+        raise OptionError(f"OUT: missing; example: {typed('order', folder, out, verb)}")
     given = " ".join([verb, *(words or [])])
     refusal = orders.send(out, orders.parse(verb, words or []))
     if refusal:

@@ -31,8 +31,8 @@ def recordings(out: Path) -> dict[str, Path]:
             raise RecordingError(f"{folder}: a link, and a run's folders never are")
         if actor != folder.name and not _RESTART.fullmatch(actor.removeprefix(folder.name)):
             raise RecordingError(
-                f"{path}: no recording of a run: in this folder it would be called {folder.name}.mcap, or "
-                f"{folder.name}.1.mcap for a process that was started again"
+                f"{path}: unexpected recording; this folder may contain {folder.name}.mcap, and "
+                f"{folder.name}.1.mcap of a restarted process"
             )
         if actor in found:
             raise RecordingError(f"{found[actor]} and {path}: two recordings of {actor}")

@@ -15,7 +15,7 @@ from actors.installation.usage import typed
 from actors.processes import monitor
 from actors.runtime.errors import printable
 
-_ORIGINAL: Final = "; that preset is the original's navigation: robots may get stuck at corners and doors"
+_ORIGINAL: Final = "; this preset is the original navigation, in which robots get stuck at corners and doors"
 
 _GONE_OUT: Final = ("sent", "handed")
 """Ends of counters of frames that are no losses before the air."""
@@ -34,24 +34,24 @@ def print_result(result: RunResult, *, json: bool) -> None:
         for note in result.notes:
             console.print(printable(note), style="yellow")
         if result.out is not None:
-            console.print(f"written to {result.out}")
+            console.print(f"result: {result.out}")
         return
     for sentence in result.refused_orders:
         console.print(f"order refused {printable(sentence)}", style="bold red")
     for sentence in result.refused_reports:
         console.print(printable(sentence), style="bold red")
     if result.unread:
-        console.print(f"messages delivered and not read: {result.unread}", style="bold red")
-    console.print(f"digest {result.digest}\nrecorded in {result.out}")
+        console.print(f"messages delivered but not read: {result.unread}", style="bold red")
+    console.print(f"digest {result.digest}\nrecordings: {result.out}")
 
 
 def sentences(result: RunResult) -> Iterator[str]:
     """The result in words, the most important first."""
     if not result.is_simulated:
-        yield f"{result.duration_s:.1f} s from the first step of all robots to the last."
+        yield f"Duration: {result.duration_s:.1f} s, from the first step of any robot to the last."
         yield from _sentences(result)
         if result.places_done is not None:
-            done = f"{result.places_done} of {result.places_total} places done"
+            done = f"{result.places_done} of {result.places_total} places cleaned"
             yield f"Ground truth: {done}, {result.contacts} contacts."
         yield from _radio(result)
         return
@@ -69,10 +69,10 @@ def print_next(out: Path, baseline: Sequence[str] = ()) -> None:
     `baseline`: words of the last command; empty: none.
     """
     console = screen()
-    console.print(f"See it on one page: {typed('view', out, '--png')}")
-    console.print(f"See it with all that robots perceived: {typed('view', out)}")
+    console.print(f"Draw the run: {typed('view', out, '--png')}")
+    console.print(f"Open the run in the viewer: {typed('view', out)}")
     if baseline:
-        console.print(f"The same without adaptation: {typed(*baseline)}")
+        console.print(f"Repeat it without adaptation: {typed(*baseline)}")
 
 
 LIVE_VIEW: Final = "To see the run while it goes on"
@@ -103,12 +103,12 @@ def _table(result: RunResult) -> Table:
     """Return a row per robot and one for all; columns without any value are left out."""
     cells: dict[str, Callable[[RobotResult | RunResult], str]] = {}
     if result.is_simulated:
-        cells["its places done"] = lambda of: f"{of.places_done} of {of.places_total}"
+        cells["places cleaned"] = lambda of: f"{of.places_done} of {of.places_total}"
     else:
         cells["reported"] = lambda of: f"{of.places_claimed} of {of.places_total}"
     if result.places_given_up:
         cells["given up"] = lambda of: str(of.places_given_up)
-    cells["all done at" if result.is_simulated else "all at"] = lambda of: _instant(of.completion_s)
+    cells["finished at"] = lambda of: _instant(of.completion_s)
     if not result.is_simulated:
         cells["sent"] = lambda of: str(of.frames["frames_sent"])
         cells["heard"] = lambda of: str(of.frames["copies_heard"])
@@ -151,9 +151,9 @@ def _sentences(result: RunResult) -> Iterator[str]:
         untrue = result.places_claimed - result.places_done
         yield f"{_places(untrue)} reported although no robot had been there."
         if result.settled_s is not None:
-            yield "The run ended on false claims."
+            yield "False reports ended the run."
     if result.places_lost:
-        yield f"{_places(result.places_lost)} lost: neither reported nor given up, and in nobody's route."
+        yield f"{_places(result.places_lost)} lost: neither reported nor given up, and on no robot's route."
 
 
 def _places_done(result: RunResult) -> Iterator[str]:
@@ -179,8 +179,8 @@ def _places_done(result: RunResult) -> Iterator[str]:
 def _effort(result: RunResult) -> Iterator[str]:
     """What it took here."""
     yield (
-        f"Wall time: {result.wall_s:.1f} s, {result.real_time_factor:.3g} times as fast as real time; "
-        f"{result.startup_s:.1f} s before that to start."
+        f"Wall time: {result.wall_s:.1f} s ({result.real_time_factor:.3g} times faster than real time), after "
+        f"{result.startup_s:.1f} s of start-up."
     )
 
 
@@ -189,33 +189,33 @@ def _radio(result: RunResult) -> Iterator[str]:
     counts = result.frames
     sent = counts.get("frames_sent", 0)
     if not sent:
-        yield "Radio: nobody sent anything."
+        yield "Radio: no frames sent."
     else:
         lost = _worded(counts, "copies_lost_")
-        known = f" and lost {sum(lost.values())}{_because(lost)}" if lost or result.is_simulated else ""
+        known = f", {sum(lost.values())} lost{_because(lost)}" if lost or result.is_simulated else ""
         heard = counts.get("copies_heard", 0)
-        yield f"Radio: {_frames(sent)} sent; other robots heard {heard} copies of them{known}."
+        yield f"Radio: {_frames(sent)} sent; copies at other robots: {heard} received{known}."
     never = {name: count for name, count in _worded(counts, "frames_").items() if name not in _GONE_OUT}
     if never:
-        yield f"Radio: {_frames(sum(never.values()))} never sent{_because(never)}."
+        yield f"Radio: {_frames(sum(never.values()))} not sent{_because(never)}."
     if missed := _worded(counts, "events_"):
-        yield f"Radio: robots missed {sum(missed.values())} of its events{_because(missed)}."
+        yield f"Radio: events missed by robots: {sum(missed.values())}{_because(missed)}."
     if result.is_simulated and result.direct_reach is not None:
-        yield f"Two robots were in direct radio range {result.direct_reach:.0%} of the time."
+        yield f"Pairs of robots in direct radio range: {result.direct_reach:.0%} of the time."
 
 
 def _driving(result: RunResult) -> Iterator[str]:
     """Contacts, how well robots knew where they were, and what became of their goals."""
     touched = result.contacts or 0
-    yield f"Robots touched something {_times(touched)}." if touched else "No robot touched anything."
+    yield f"Contacts: {touched or 'none'}."
     errors = [part.pose_error for part in result.per_robot.values() if part.pose_error.samples]
     if errors:
         samples = sum(error.samples for error in errors)
         rmse = math.sqrt(sum(error.rmse**2 * error.samples for error in errors) / samples)
         lost = sum(error.times_lost for error in errors)
         yield (
-            f"Localisation error{_in_brackets(result.origin.localisation)}: {rmse:.2f} m (RMSE), "
-            f"{max(error.greatest for error in errors):.2f} m at most; "
+            f"Localisation error{_in_brackets(result.origin.localisation)}: RMSE {rmse:.2f} m, "
+            f"maximum {max(error.greatest for error in errors):.2f} m; "
             f"{f'robots were lost {_times(lost)}' if lost else 'no robot was lost'}."
         )
     goals = result.navigation

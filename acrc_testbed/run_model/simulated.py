@@ -75,7 +75,7 @@ class RunReader:
         for actor in ("world", "radio"):
             if actor not in files:
                 raise RunDataError(
-                    f"{out}: there is no recording of the {actor}; it should be the folder of a simulated run"
+                    f"{out}: contains no recording of the {actor}; give the folder of a simulated run"
                 )
         setup, radio = world_setup(files["world"]), setup_of(files["radio"], RadioSetup, "a radio")
         self.model = run_model(out, setup, radio)

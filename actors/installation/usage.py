@@ -66,7 +66,7 @@ def extras_named() -> Iterator[None]:
         if extra is None:
             raise
         raise AcrcError(
-            f"the Python package {error.name} is not installed; to install it: pip install "
+            f"Python package {error.name} is not installed; install it with: pip install "
             f"'acrc-testbed[{extra}]'"
         ) from error
 

@@ -75,8 +75,8 @@ def _entry(strategy: str) -> str:
     entries = {one.name: one.entry for one in known}
     if strategy not in entries:
         raise StrategyError(
-            f"strategy {strategy!r} is not known; it should be one of {', '.join(sorted(entries))}, "
-            "or the entry 'module:function' of your own"
+            f"unknown strategy {strategy!r}; choose from {', '.join(sorted(entries))}, "
+            "or give module:function of your own"
         )
     return entries[strategy]
 

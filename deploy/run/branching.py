@@ -74,7 +74,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     out the same, and for code that the permit does not cover.
     """
     if not (origin / SCENARIO).is_file():
-        raise AcrcError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
+        raise AcrcError(f"{origin}: contains no {SCENARIO}; give the folder of a simulated run")
     told, files = check(origin, strict=False), all_recordings(origin)
     if "world" not in files or "radio" not in files:
         raise AcrcError(f"{origin}: lacks the recording of the world or of the radio")

@@ -111,9 +111,7 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     """
     file = out / "world" / credentials.ROUTER_FILE
     if not file.is_file():
-        raise AcrcError(
-            f"{out}: no run is going on here; must be the folder of a run in progress, not in memory"
-        )
+        raise AcrcError(f"{out}: no run is in progress here; give the folder of a running zenoh run")
     issued = credentials.read_router_file(file)
     config = rules.client_config(issued.files["operator"], issued.endpoint("operator"))
     ticket = secrets.token_hex(8)

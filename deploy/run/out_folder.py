@@ -97,7 +97,7 @@ def check_new(out: Path) -> None:
     """Raise OptionError if there is something already in the folder, AcrcError if it is closed."""
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise OptionError(f"--out: {out} exists and is not an empty folder; must be a new one")
+            raise OptionError(f"--out: {out} already exists and is not empty; choose a new folder")
     except OSError as error:
         raise _unusable(out, error) from None
 

@@ -114,15 +114,15 @@ def sentences(results: "dict[str, RunResult]", taken_over: int, pictures: Sequen
     """Yield the demonstration's outcome in three lines; `taken_over`: places, with adaptation."""
     without, adapted = results.values()
     yield (
-        f"Without adaptation: {_cleaned(without)} by {without.simulated_s:g} s. One robot wants out of the "
-        "office, one wants in, and neither gives way."
+        f"Without adaptation: {_cleaned(without)} in {without.simulated_s:g} s. The robots block each other "
+        "in the doorway."
     )
     yield (
-        f"With the chapter's adaptation: {_cleaned(adapted)} by {adapted.simulated_s:g} s. Who is blocked "
-        f"tells the other by radio, and they exchange where they go: {taken_over} places changed hands."
+        f"With the chapter's adaptation: {_cleaned(adapted)} in {adapted.simulated_s:g} s. The blocked robots "
+        f"exchange destinations by radio; {taken_over} places were reassigned."
     )
-    yield f"Both side by side: {', '.join(map(str, pictures))}"
+    yield f"Pictures: {', '.join(map(str, pictures))}"
 
 
 def _cleaned(result: "RunResult") -> str:
-    return f"{result.places_done} of {result.places_total} places are clean"
+    return f"{result.places_done} of {result.places_total} places cleaned"

@@ -57,7 +57,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     have recorded.
     """
     if not (out / SCENARIO).is_file():
-        raise ReplayError(f"{out}: has no {SCENARIO}; it should be the folder of a simulated run")
+        raise ReplayError(f"{out}: contains no {SCENARIO}; give the folder of a simulated run")
     told = check(out, strict=False)
     scenario = load_scenario(out / SCENARIO)
     modules = admitted(out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit)

@@ -138,7 +138,7 @@ def test_the_command_says_what_came_of_it(origin: Path, tmp_path: Path) -> None:
     for words, sentence in (
         ((origin,), f"branch: {origin}; must be a run's folder and an instant above 0 in s"),
         ((f"{origin}@5", "--seed", 3), "--seed: is not an option of acrc branch"),
-        ((f"{origin}@5", "--strategy", "x"), "--strategy: strategy 'x' is not known"),
+        ((f"{origin}@5", "--strategy", "x"), "--strategy: unknown strategy 'x'"),
     ):
         refused = acrc("branch", *words, "--out", tmp_path / "none")
         assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr

@@ -113,7 +113,7 @@ def test_a_mute_robot_sends_nothing_and_hears_nothing() -> None:
 
 def test_an_unknown_strategy_is_one_sentence() -> None:
     assert entry("my_study.adoption:behaviour") == "my_study.adoption:behaviour"
-    with pytest.raises(StrategyError, match="strategy 'barter' is not known; it should be one of auction, "):
+    with pytest.raises(StrategyError, match="unknown strategy 'barter'; choose from auction, "):
         entry("barter")
 
 

@@ -51,22 +51,22 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
     ("words", "sentence"),
     [
         ("run --step 15", "--step: 15; must be a multiple of the 10 ms physics sub-step, from 10 to 100"),
-        ("run --robos 3", "--robos: is not an option of acrc run; did you mean --robots?"),
-        ("rum", "rum: is not a command of acrc; did you mean run?"),
-        ("list nothing", "nothing: is not a command of acrc list; must be one of strategies, presets, "
+        ("run --robos 3", "--robos: unknown option of acrc run; did you mean --robots?"),
+        ("rum", "rum: unknown command of acrc; did you mean run?"),
+        ("list nothing", "nothing: unknown command of acrc list; choose from strategies, presets, "
          "models, scenarios, maps"),
-        ("fleet keys", "FLEET.toml: is missing; acrc fleet keys --help says what it is"),
-        ("run --seed", "--seed: has no value; must be followed by one"),
-        ("run --view=3", "--view: has a value; must stand alone"),
-        ("run --qqqq", "--qqqq: is not an option of acrc run; acrc run --help lists those that there are"),
-        ("run a b c", "run: has no use for b c; must be as in acrc run [OPTIONS] [SCENARIO.toml]"),
+        ("fleet keys", "FLEET.toml: missing; see acrc fleet keys --help"),
+        ("run --seed", "--seed: requires a value"),
+        ("run --view=3", "--view: takes no value"),
+        ("run --qqqq", "--qqqq: unknown option of acrc run; see acrc run --help"),
+        ("run a b c", "run: unexpected argument b c; usage: acrc run [OPTIONS] [SCENARIO.toml]"),
         ("run --timeout soon", "--timeout: soon; must be a number from 1 to 86400"),
         ("fleet keys f.toml --days x", "--days: x; must be a whole number"),
         ("verify radio --data x --runs 0", "--runs: 0; must be a whole number from 1 to 10000"),
-        ("verify radio --runs 3", "--runs: needs --data, the data to compare with"),
+        ("verify radio --runs 3", "--runs: requires --data, the data to compare with"),
         ("bench x", "NAME: x; must be one of swarm, budget, beside, hosts, start, radio, world"),
-        ("run --strategy prayer", "--strategy: strategy 'prayer' is not known; it should be one of "
-         f"{', '.join(sorted(STRATEGIES))}, or the entry 'module:function' of your own"),
+        ("run --strategy prayer", "--strategy: unknown strategy 'prayer'; choose from "
+         f"{', '.join(sorted(STRATEGIES))}, or give module:function of your own"),
         ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "
          "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, lose ROBOT SENDER, "
          "obstacle X Y RADIUS, wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, "
@@ -84,14 +84,14 @@ def test_help_can_be_asked_for_by_its_name() -> None:
 
 
 def test_without_a_folder_it_is_the_newest_run(tmp_path: Path) -> None:
-    none = "acrc: OUT: is missing, and there is no run in runs/ here; must be a run's folder\n"
+    none = "acrc: OUT: missing, and runs/ contains no run; give a run's folder\n"
     assert acrc("view", "--png", cwd=tmp_path) == (2, "", none)
     for name in ("a", "b"):
         (tmp_path / "runs" / name).mkdir(parents=True)
         (tmp_path / "runs" / name / "scenario.toml").touch()
     os.utime(tmp_path / "runs" / "a" / "scenario.toml", (1e9, 1e9))
     assert acrc("view", "--png", cwd=tmp_path)[2].splitlines()[0] == "acrc: runs/b: the newest run"
-    said = f"acrc: OUT: is missing; must be as in {REPOSITORY / 'acrc'} order runs/b kill r1\n"
+    said = f"acrc: OUT: missing; example: {REPOSITORY / 'acrc'} order runs/b kill r1\n"
     assert acrc("order", "kill", "r1", cwd=tmp_path) == (2, "", said)
 
 
@@ -117,7 +117,7 @@ def test_help_and_lists_import_no_heavy_package() -> None:
 
 def test_what_is_for_developers_stands_apart() -> None:
     code, out, _ = acrc("--help")
-    users, developers = out.partition("Commands for those who change the testbed:\n")[::2]
+    users, developers = out.partition("Commands for developers of the testbed:\n")[::2]
     assert code == 0
     for name in ("run", "order", "record", "list", "fleet", "verify", "bench", "add"):
         assert f"\n  {name} " in users
@@ -170,13 +170,13 @@ def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert lines[-8:] == [
         "2 robots cleaned 3 of 4 places in 600 simulated s; 1 is left.",
-        "Wall time: 12.3 s, 48.6 times as fast as real time; 0.9 s before that to start.",
-        "Radio: 10 frames sent; other robots heard 7 copies of them and lost 0.",
-        "Robots touched something 5 times.",
-        "Localisation error: 0.50 m (RMSE), 1.23 m at most; robots were lost once.",
+        "Wall time: 12.3 s (48.6 times faster than real time), after 0.9 s of start-up.",
+        "Radio: 10 frames sent; copies at other robots: 7 received, 0 lost.",
+        "Contacts: 5.",
+        "Localisation error: RMSE 0.50 m, maximum 1.23 m; robots were lost once.",
         "Navigation: 7 goals, 3 aborted (2 blocked, 1 no progress).",
         "digest d0d0",
-        "recorded in /o",
+        "recordings: /o",
     ]
     assert cells(lines) == [
         ["r1", "2 of 2", "311.2 s"], ["r2", "1 of 2", "not all"], ["all", "3 of 4", "not all"]
@@ -204,14 +204,14 @@ def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
         "2 robots cleaned 3 of 9 places in 600 simulated s; 6 are left.",
         "Every place was reported or given up by 480.2 s.",
         "1 place was reported although no robot had been there.",
-        "The run ended on false claims.",
-        "2 places were lost: neither reported nor given up, and in nobody's route.",
+        "False reports ended the run.",
+        "2 places were lost: neither reported nor given up, and on no robot's route.",
     ]
     went_on = msgspec.structs.replace(RESULT, places_claimed=5, completion_s=None, settled_s=None)
     summary.print_result(went_on, json=False)
     said = capsys.readouterr().out
     assert "\n2 places were reported although no robot had been there.\n" in said
-    assert "ended on false claims" not in said
+    assert "False reports" not in said
 
 
 def test_what_was_done_and_what_the_radio_lost_are_sentences(capsys: pytest.CaptureFixture[str]) -> None:
@@ -225,17 +225,17 @@ def test_what_was_done_and_what_the_radio_lost_are_sentences(capsys: pytest.Capt
     )  # fmt: skip
     summary.print_result(some, json=False)
     said = capsys.readouterr().out
-    assert "messages delivered and not read: 1\n" in said
+    assert "messages delivered but not read: 1\n" in said
     lines = [line for line in said.splitlines() if "not read" not in line]
     assert lines[-11] == "2 robots with strategy chapter cleaned all 4 places in 356 simulated s."
     assert lines[-9:-5] == [
-        "Radio: 10 frames sent; other robots heard 7 copies of them and lost 5 "
+        "Radio: 10 frames sent; copies at other robots: 7 received, 5 lost "
         "(4 below sensitivity, 1 collision).",
-        "Radio: 3 frames never sent (2 refused, 1 overflowed).",
-        "Radio: robots missed 1 of its events (1 dropped).",
-        "Two robots were in direct radio range 65% of the time.",
+        "Radio: 3 frames not sent (2 refused, 1 overflowed).",
+        "Radio: events missed by robots: 1 (1 dropped).",
+        "Pairs of robots in direct radio range: 65% of the time.",
     ]
-    assert lines[-5] == "No robot touched anything."
+    assert lines[-5] == "Contacts: none."
 
 
 def test_a_run_says_what_shows_it(
@@ -244,14 +244,14 @@ def test_a_run_says_what_shows_it(
     monkeypatch.chdir(REPOSITORY)
     summary.print_next(Path("/o/my run"), ["run", "my.toml", "--strategy", "none"])
     assert capsys.readouterr().out.splitlines() == [
-        "See it on one page: ./acrc view '/o/my run' --png",
-        "See it with all that robots perceived: ./acrc view '/o/my run'",
-        "The same without adaptation: ./acrc run my.toml --strategy none",
+        "Draw the run: ./acrc view '/o/my run' --png",
+        "Open the run in the viewer: ./acrc view '/o/my run'",
+        "Repeat it without adaptation: ./acrc run my.toml --strategy none",
     ]
     summary.print_next(REPOSITORY / "runs" / "a")
     assert capsys.readouterr().out.splitlines() == [
-        "See it on one page: ./acrc view runs/a --png",
-        "See it with all that robots perceived: ./acrc view runs/a",
+        "Draw the run: ./acrc view runs/a --png",
+        "Open the run in the viewer: ./acrc view runs/a",
     ]
 
 

@@ -49,10 +49,10 @@ def test_ctrl_c_at_any_moment_is_one_sentence(tmp_path: Path, event: int, words:
         cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=100, check=False,
     )  # fmt: skip
     assert done.returncode == 130
-    kept = f"; what was recorded is in {out}" if out.exists() else ""
+    kept = f"; recordings are in {out}" if out.exists() else ""
     if words.startswith("campaign") and out.exists():
         kept = f"; the same command resumes from {out}"
-    assert done.stderr.splitlines()[-1:] == [f"acrc: ended from outside{kept}"]
+    assert done.stderr.splitlines()[-1:] == [f"acrc: interrupted{kept}"]
     assert "Traceback" not in done.stderr
 
 
@@ -85,7 +85,7 @@ def test_closed_streams_are_no_error_and_a_full_one_is_a_sentence(where: str, se
 
 def test_a_file_that_is_opened_never_becomes_standard_output() -> None:
     program = (
-        "import os; from acrc_testbed.command_line.app import settle; settle(); "
+        "import os; from acrc_testbed.command_line.app import protect_standard_streams as p; p(); "
         "os._exit(0 if os.open('/dev/null', os.O_RDONLY) > 2 else 9)"
     )
     assert shell(f'{sys.executable} -c "{program}" <&- >&- 2>&-')[0] == 0

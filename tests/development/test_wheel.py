@@ -88,7 +88,7 @@ def test_scenarios_are_found_and_missing_parts_are_named(python: Path, tmp_path:
     (tmp_path / "absent" / "sitecustomize.py").write_text("import sys\nsys.modules['scipy.stats'] = None\n")
     done = acrc(python, tmp_path, "study", "plan", path=str(tmp_path / "absent"))
     assert (done.returncode, done.stderr) == (
-        1, "acrc: the Python package scipy.stats is not installed; to install it: pip install "
+        1, "acrc: Python package scipy.stats is not installed; install it with: pip install "
         "'acrc-testbed[experiments]'\n"
     )  # fmt: skip
 

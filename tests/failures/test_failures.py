@@ -240,7 +240,7 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     done = in_process.acrc("run", "--out", tmp_path)
     assert done.returncode == 2
     assert (
-        done.stderr.strip() == f"acrc: --out: {tmp_path} exists and is not an empty folder; must be a new one"
+        done.stderr.strip() == f"acrc: --out: {tmp_path} already exists and is not empty; choose a new folder"
     )
     assert list(tmp_path.iterdir()) == [tmp_path / "mine.txt"]
 

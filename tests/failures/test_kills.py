@@ -47,7 +47,7 @@ def test_ctrl_c_ends_the_run_with_130(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert f"acrc: ended from outside; what was recorded is in {out}" in said
+    assert f"acrc: interrupted; recordings are in {out}" in said
     assert gone(out) and last_step(out / "r1" / "r1.mcap") > 0
     assert in_process.acrc("record", "check", out).returncode == 0
 

@@ -202,7 +202,7 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
     said = acrc("fleet", "collect", tmp_path / "far", "--out", tmp_path / "out")
     assert (said.returncode, said.stderr) == (0, "")
     lines, frames = said.stdout.splitlines(), head_on.result.frames
-    assert lines[-1] == f"written to {tmp_path / 'out'}"
+    assert lines[-1] == f"result: {tmp_path / 'out'}"
     cells = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in lines if "│" in line]
     counted = [str(frames["frames_sent"]), str(frames["copies_heard"])]
     assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", *counted]
@@ -295,7 +295,7 @@ def test_folders_that_make_no_field_trial_are_refused(head_on: Run, crowd: Run, 
     )
     assert "no frame connects their recordings" in sentence(one / "r1", later)
     assert (
-        sentence(head_on.out, out=one) == f"--out: {one} exists and is not an empty folder; must be a new one"
+        sentence(head_on.out, out=one) == f"--out: {one} already exists and is not empty; choose a new folder"
     )
     assert collect([one, one / "r2"]).robots == 2, "the same file twice is one"
 

@@ -184,7 +184,7 @@ def test_a_map_that_cannot_be_read_and_a_start_or_place_that_is_not_free_are_wro
 def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
     unknown = fleet('[run]\nstrategy = "chaptr"' + robot(1))
     assert behaviour(unknown, unknown.robot_named("r1")).text.startswith(
-        "strategy 'chaptr' is not known; it should be one of "
+        "unknown strategy 'chaptr'; choose from "
     )
     (tmp_path / "broken_strategy.py").write_text("def made(start):\n    raise KeyError('reach')\n")
     own = fleet(f'[run]\nstrategy = "broken_strategy:made"\nmodules = "{tmp_path}"' + robot(1))

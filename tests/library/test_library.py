@@ -136,7 +136,7 @@ def test_a_run_takes_the_place_of_another_one_only(tmp_path: Path, monkeypatch: 
         f"out: {there} has other content, and no world/world.mcap; must be what can be replaced, or new"
     )
     acrc.run("head_on", "runs/a", duration=1, bus="memory", overwrite=True)
-    with pytest.raises(acrc.AcrcError, match=r"out: .* is not an empty folder; must be a new one"):
+    with pytest.raises(acrc.AcrcError, match=r"out: .* is not empty; choose a new folder"):
         acrc.run("head_on", "runs/a", duration=1, bus="memory")
     (tmp_path / "runs" / "a" / "run.png").touch()
     with pytest.raises(acrc.AcrcError, match=r'settings\["strategy.reach"\]|strategy.reach'):

@@ -245,19 +245,18 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     (out,) = (tmp_path / "runs").iterdir()
     without, adapted, pictures = done.stdout.splitlines()
     assert without == (
-        "Without adaptation: 0 of 6 places are clean by 150 s. One robot wants out of the office, one wants "
-        "in, and neither gives way."
+        "Without adaptation: 0 of 6 places cleaned in 150 s. The robots block each other in the doorway."
     )
     assert adapted == (
-        "With the chapter's adaptation: 6 of 6 places are clean by 99.1 s. Who is blocked tells the other by "
-        "radio, and they exchange where they go: 4 places changed hands."
+        "With the chapter's adaptation: 6 of 6 places cleaned in 99.1 s. The blocked robots exchange "
+        "destinations by radio; 4 places were reassigned."
     )
-    assert pictures == f"Both side by side: {out / 'demo.png'}, {out / 'demo.svg'}"
+    assert pictures == f"Pictures: {out / 'demo.png'}, {out / 'demo.svg'}"
     assert {path.name for path in out.iterdir()} == {"none", "chapter", "demo.png", "demo.svg"}
     with Image.open(out / "demo.png") as image:
         assert image.size[0] > 1000
     again = acrc("demo", "--out", out)
     assert again.returncode == 2
     assert (
-        again.stderr == f"acrc: --out: {out / 'none'} exists and is not an empty folder; must be a new one\n"
+        again.stderr == f"acrc: --out: {out / 'none'} already exists and is not empty; choose a new folder\n"
     )

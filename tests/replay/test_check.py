@@ -163,9 +163,7 @@ def test_counters_that_are_not_those_of_the_file(copy: Path) -> None:
 def test_recordings_that_lie_where_none_is_written(copy: Path) -> None:
     stray = copy / "r1" / "world.mcap"
     stray.write_bytes((copy / "world" / "world.mcap").read_bytes())
-    assert fault(copy).startswith(
-        f"{stray}: no recording of a run: in this folder it would be called r1.mcap"
-    )
+    assert fault(copy).startswith(f"{stray}: unexpected recording; this folder may contain r1.mcap")
     stray.unlink()
     path = copy / "r1" / "r1.mcap"
     path.rename(copy / "elsewhere")

@@ -50,7 +50,7 @@ def test_another_start_is_found_and_named(copy: Path) -> None:
 
 def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> None:
     for words, code, sentence in (
-        ((tmp_path,), 1, f"{tmp_path}: has no scenario.toml; it should be the folder of a simulated run"),
+        ((tmp_path,), 1, f"{tmp_path}: contains no scenario.toml; give the folder of a simulated run"),
         ((recorded, "--to", 1), 2, "--to: requires --robot; it is about one actor"),
         ((recorded, "--robot", "r1", "--from", 1), 2, "--from: requires --pdb or --debugpy; a debugger"),
         ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; there are r1, r2, radio, world"),

@@ -114,7 +114,7 @@ def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path
         words = ("--robots", 1, "--duration", 1, "--bus", "memory")
         done = acrc("run", *words, "--out", tmp_path / way / str(number))
         assert done.returncode == 0, done.stderr
-        assert f"\nrecorded in {tmp_path}/far/{number}\n" in done.stdout
+        assert f"\nrecordings: {tmp_path}/far/{number}\n" in done.stdout
     assert claim(tmp_path / "link", "one") == tmp_path / "far" / "one"
 
 

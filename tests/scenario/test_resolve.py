@@ -134,7 +134,7 @@ REFUSED = {
     "[[event]]\nat = 1\nopen = [12.4, 9.4]": "event[0] cannot open a door at 1 s: it is open then",
     '[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]': "place 1 of robot r2 is at (5, 12.5), ",
     '[places]\npreset = "golden"\nper_robot = 11': "places.per_robot is 11, but must be at most 10 wh",
-    '[run]\nstrategy = "prayer"': "strategy 'prayer' is not known; it should be one of ",
+    '[run]\nstrategy = "prayer"': "unknown strategy 'prayer'; choose from ",
     '[radio]\npreset = "ether"': "Radio preset 'ether' is unknown; known are chapter, ",
     '[robots]\nmodel = "tank"': 'unknown robot model "tank"; must be "omnibox", ',
     '[robots]\nsensor = "eye"': 'turtlebot2.toml: the sensor is "eye", but must be ',

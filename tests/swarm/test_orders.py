@@ -112,5 +112,5 @@ def test_a_run_that_is_over_takes_no_orders(tmp_path: Path) -> None:
     done = in_process.acrc("order", tmp_path, "stop")
     assert done.returncode == 1
     assert done.stderr.strip() == (
-        f"acrc: {tmp_path}: no run is going on here; must be the folder of a run in progress, not in memory"
+        f"acrc: {tmp_path}: no run is in progress here; give the folder of a running zenoh run"
     )

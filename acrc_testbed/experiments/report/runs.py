@@ -98,8 +98,8 @@ def _single(folder: Path, name: str) -> RunSource:
     path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
     if path is None:
         raise AcrcError(
-            f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
-            "acrc campaign, acrc run or acrc fleet collect has made"
+            f"{folder}: contains no campaign and no result of a run; give a folder written by "
+            "acrc campaign, acrc run or acrc fleet collect"
         )
     result = typed_json.read(path, RunResult, "result of a run")
     if not result.is_simulated:

@@ -325,7 +325,7 @@ def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path
 
 
 def test_a_folder_that_holds_nothing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(AcrcError, match="holds neither a campaign nor the result of a run"):
+    with pytest.raises(AcrcError, match="contains no campaign and no result of a run"):
         read([tmp_path])
     (tmp_path / "run.json").write_text('{"digest": 3}')
     with pytest.raises(AcrcError, match=r"run\.json: no result of a run: digest is 3, but must be a text"):
