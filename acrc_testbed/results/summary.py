@@ -179,8 +179,8 @@ def _places_done(result: RunResult) -> Iterator[str]:
 def _effort(result: RunResult) -> Iterator[str]:
     """What it took here."""
     yield (
-        f"Wall time: {result.wall_s:.1f} s ({result.real_time_factor:.3g} times faster than real time), after "
-        f"{result.startup_s:.1f} s of start-up."
+        f"Wall time: {result.wall_s:.1f} s ({result.real_time_factor:.3g} times faster than real time), "
+        f"after {result.startup_s:.1f} s of start-up."
     )
 
 

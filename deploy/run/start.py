@@ -118,8 +118,8 @@ def sentences(results: "dict[str, RunResult]", taken_over: int, pictures: Sequen
         "in the doorway."
     )
     yield (
-        f"With the chapter's adaptation: {_cleaned(adapted)} in {adapted.simulated_s:g} s. The blocked robots "
-        f"exchange destinations by radio; {taken_over} places were reassigned."
+        f"With the chapter's adaptation: {_cleaned(adapted)} in {adapted.simulated_s:g} s. The blocked "
+        f"robots exchange destinations by radio; {taken_over} places were reassigned."
     )
     yield f"Pictures: {', '.join(map(str, pictures))}"
 
