@@ -1,11 +1,11 @@
-"""Roles and components: classes of knowledge, of which peers see the roles, and processes use it all.
+"""Roles and components: classes of knowledge; peers see roles, processes use all fields.
 
     @role
     class Vehicle(Knowledge):           # published
         position: float
 
     @component
-    class Truck(Vehicle):               # what it adds is local
+    class Truck(Vehicle):               # adds local fields
         fuel: float = 1.0
 
 Both decorators make a frozen dataclass with keyword-only fields; `dataclasses.replace` makes the next value.
@@ -25,7 +25,7 @@ from deeco.knowledge import KIND, Knowledge, immutability_fault, is_component, r
 
 F = TypeVar("F", bound=Callable[..., Knowledge])
 Fact = Callable[[Any], object]
-"""A method of a role or component, of nothing but the knowledge; a process can run when its value changes."""
+"""A method of a role or component without further parameters; a change of its value can trigger processes."""
 _TAG: Final = "_deeco_schedule"
 _ADAPTATION: Final = "_deeco_adaptation"
 _NONE: Final = Duration(0)
@@ -33,7 +33,7 @@ _NONE: Final = Duration(0)
 
 @dataclass(frozen=True)
 class Periodic:
-    """At `offset` + whole multiples of `every`; of several at one instant the lower `order` runs first."""
+    """Schedule at `offset` + multiples of `every`; at equal instants the lower `order` runs first."""
 
     every: Duration
     offset: Duration = _NONE
@@ -42,7 +42,7 @@ class Periodic:
 
 @dataclass(frozen=True)
 class OnChange:
-    """Whenever the value of one of the facts differs after a commit."""
+    """Schedule after each commit that changes the value of one of the facts."""
 
     facts: tuple[Fact, ...]
 
@@ -59,18 +59,18 @@ class Process:
     name: str
     schedule: Schedule
     ports: tuple[tuple[str, Any], ...]
-    """Parameters beside the knowledge: name and annotated type, by which a node binds it."""
+    """Name and annotated type of each parameter after the knowledge; a node binds it by type."""
     adaptation: bool
-    """True in the adaptation layer, false in the layer that is adapted."""
+    """True in the adaptation layer, False in the adapted layer."""
 
     def __str__(self) -> str:
         return f"{self.owner}.{self.name}"
 
 
 def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Callable[[F], F]:
-    """Run the method every so often, without drift, from the node's start + `offset` on.
+    """Run the method every `every`, without drift, starting `offset` after the node.
 
-    Raises DefinitionError for what is no duration, or one below a millisecond.
+    Raises DefinitionError unless both are durations of at least 1 ms (`offset` also 0).
     """
     check_duration("@periodic: every", every)
     check_duration("@periodic: offset", offset, zero=True)
@@ -78,14 +78,14 @@ def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Ca
 
 
 def on_change(*facts: Fact) -> Callable[[F], F]:
-    """Run the method at once when a fact, such as `Cleaner.is_blocked`, has another value after a commit."""
+    """Run the method immediately after a commit that changes a fact, such as `Cleaner.is_blocked`."""
     if not facts:
-        raise DefinitionError("@on_change() should name a fact, such as Cleaner.is_blocked")
+        raise DefinitionError("@on_change() has no fact; name one, such as Cleaner.is_blocked")
     return _tag(OnChange(facts))
 
 
 def adaptation(process: F) -> F:
-    """Say that a process belongs to the adaptation layer: for pictures and explanations, without effect."""
+    """Assign a process to the adaptation layer; affects diagrams and explanations only."""
     setattr(process, _ADAPTATION, True)
     return process
 
@@ -99,15 +99,15 @@ def _tag(schedule: Schedule) -> Callable[[F], F]:
 
 
 def tag_of(function: object) -> Schedule | None:
-    """The schedule that a method was tagged with."""
+    """Return the schedule that a method was tagged with; None without a tag."""
     return getattr(function, _TAG, None)
 
 
 def processes_of(cls: type) -> tuple[Process, ...]:
-    """All processes of a component class, those of its bases first.
+    """Return all processes of a component class, those of its bases first.
 
-    A method that overrides a process takes its place; it keeps the schedule unless it has one of its own.
-    Raises DefinitionError for a parameter without a type and for a fact of another class.
+    A method that overrides a process takes its place, and keeps its schedule unless tagged again. Raises
+    DefinitionError for a parameter without a type and for a fact of another class.
     """
     schedules: dict[str, Schedule] = {}
     for base in reversed(cls.__mro__):
@@ -121,14 +121,14 @@ def _process(cls: type, name: str, schedule: Schedule) -> Process:
     function = getattr(cls, name)
     if not callable(function):
         raise DefinitionError(
-            f"{cls.__name__}.{name} is {function!r}, but overrides a process; it should be a method"
+            f"{cls.__name__}.{name} is {function!r} and overrides a process; define a method"
         )
     for fact in schedule.facts if isinstance(schedule, OnChange) else ():
         if not has_fact(cls, fact):
             of = getattr(fact, "__qualname__", repr(fact))
             raise DefinitionError(
                 f"{cls.__name__}.{name} runs on a change of {of}, "
-                f"which is no method of {cls.__name__} or its roles"
+                f"which is not a method of {cls.__name__} or its roles"
             )
     layer = any(getattr(vars(base).get(name), _ADAPTATION, False) for base in cls.__mro__)
     needed = ports(cls, function, f"{cls.__name__}.{name}", skip=1)
@@ -136,28 +136,26 @@ def _process(cls: type, name: str, schedule: Schedule) -> Process:
 
 
 def has_fact(cls: type, fact: Fact) -> bool:
-    """True if the fact is a method of the class or of one that it builds on, overridden or not."""
+    """Return whether a fact is a method of the class or of a base, overridden or not."""
     name = getattr(fact, "__name__", "")
     return any(vars(base).get(name) is fact for base in cls.__mro__)
 
 
 def ports(owner: type, function: Callable[..., Any], name: str, skip: int) -> tuple[tuple[str, Any], ...]:
-    """The parameters of a function after the first `skip`, with their types; `name` is for errors.
+    """Return name and type of each parameter of a function after the first `skip`; `name` is for errors.
 
-    `owner` is the class that is being made, which its module does not know yet but annotations may name.
+    `owner` is the class being defined: its module has no such name yet, but annotations may use it.
     """
     try:
         hints = get_type_hints(function, localns={owner.__name__: owner})
     except NameError as error:
         raise DefinitionError(
-            f"{name}: {error}; import the type where the program runs, not under TYPE_CHECKING only"
+            f"{name}: {error}; import the type at run time, not only under TYPE_CHECKING"
         ) from None
     parameters = list(inspect.signature(function).parameters)[skip:]
     for parameter in parameters:
         if parameter not in hints:
-            raise DefinitionError(
-                f"{name}: its parameter {parameter!r} should have a type, by which it is bound"
-            )
+            raise DefinitionError(f"{name}: annotate its parameter {parameter!r}; it is bound by type")
     return tuple((parameter, hints[parameter]) for parameter in parameters)
 
 
@@ -166,34 +164,30 @@ K = TypeVar("K", bound=Knowledge)
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def role(cls: type[K]) -> type[K]:
-    """Make a class of Knowledge a role: all its fields are published, and peers see nothing else.
+    """Make a subclass of Knowledge a role: peers see all its fields.
 
-    Raises DefinitionError if a field's type can change, or if the class has processes.
+    Raises DefinitionError if a field's type is mutable, or if the class has processes.
     """
     made = _made(cls, "role")
     if parent := next((base for base in made.__mro__[1:] if is_component(base)), None):
         raise DefinitionError(
-            f"role {made.__name__} builds on {parent.__name__}, which is a component; "
-            "what peers may know must not contain what is local"
+            f"role {made.__name__} is derived from the component {parent.__name__}; "
+            "published knowledge must not contain local fields"
         )
     if process := next((name for name, value in vars(made).items() if tag_of(value)), None):
-        raise DefinitionError(
-            f"role {made.__name__} has the process {process}; processes belong to a component"
-        )
+        raise DefinitionError(f"role {made.__name__} has the process {process}; define it in a component")
     return made
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def component(cls: type[K]) -> type[K]:
-    """Make a class of Knowledge a component: the fields it adds to its roles stay on its node.
+    """Make a subclass of Knowledge a component: fields that its roles do not have stay local.
 
-    Raises DefinitionError if a field's type can change or if a process is not sound.
+    Raises DefinitionError if a field's type is mutable or if a process is invalid.
     """
     made = _made(cls, "component")
     if not roles_of(made):
-        raise DefinitionError(
-            f"component {made.__name__} plays no role; it should build on a class with @role"
-        )
+        raise DefinitionError(f"component {made.__name__} plays no role; derive it from a class with @role")
     processes_of(made)
     return made
 
@@ -201,8 +195,7 @@ def component(cls: type[K]) -> type[K]:
 def _made(cls: type[K], kind: str) -> type[K]:
     if not issubclass(cls, Knowledge):
         raise DefinitionError(
-            f"{kind} {cls.__name__} does not build on Knowledge; "
-            "it should, directly or by way of the roles that it plays"
+            f"{kind} {cls.__name__} is not derived from Knowledge; derive it directly or through its roles"
         )
     made = dataclass(frozen=True, kw_only=True)(cls)
     try:

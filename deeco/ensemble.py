@@ -1,18 +1,18 @@
-"""Ensembles: who belongs together, and what the local side of each pair learns from the other.
+"""Ensembles: the membership condition of component pairs, and the knowledge exchanged within them.
 
     @ensemble(every=seconds(3), max_age=seconds(10))
     class Convoy:
-        gap: float = 20.0                                               # the experiment's parameters
+        gap: float = 20.0                                               # a parameter of the experiment
 
         def membership(self, coordinator: Vehicle, member: Vehicle) -> bool: ...
         def at_member(self, coordinator: Vehicle, member: Truck) -> Truck: ...
         def at_coordinator(self, coordinator: Truck, member: Vehicle) -> Truck: ...
         def boundary(self, sender: Vehicle, here: Vehicle) -> bool: ...
 
-All but `membership` are optional. `membership` names roles; where it names a component on one side, it is
-asked only where that side is local. An exchange names the role of its peer and the component of its own side,
-and gives that side's next knowledge. `boundary` says whether this node relays what the sender published.
-Parameters beyond these are bound by type as those of processes are, `Contact` too.
+All except `membership` are optional. `membership` takes roles; if one side is a component, it is evaluated
+only where that side is local. An exchange takes its peer's role and its own side's component, and returns
+the next knowledge of that component. `boundary` decides whether this node relays the sender's knowledge.
+Further parameters are bound by type as those of processes are, also `Contact`.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,11 +26,11 @@ from deeco.knowledge import Knowledge, describe, is_component, is_role
 
 
 class Membership(Protocol):
-    """What the class of an ensemble must have, as far as a type checker can say it."""
+    """Protocol of ensemble classes, for type checkers."""
 
     @property
     def membership(self) -> Callable[..., bool]:
-        """Of coordinator, member and whatever else is bound by type."""
+        """Take coordinator, member and further parameters bound by type."""
 
 
 T = TypeVar("T", bound=Membership)
@@ -41,22 +41,22 @@ MEMBER: Final = "member"
 
 
 class Contact(NamedTuple):
-    """How a peer's knowledge came here."""
+    """Reception of a peer's knowledge."""
 
     heard: Instant
-    """When the packet that brought it was complete; now, for a component on the same node."""
+    """Instant at which its packet was complete; the current instant for a component on the same node."""
     rssi_dbm: float | None
-    """Strength of the last frame that brought it; None if the link does not say, and on the same node."""
+    """Signal strength of its last frame, dBm; None on the same node or if the link does not measure it."""
     hops: int
-    """How often it has been relayed."""
+    """Number of relays."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """`at_member` or `at_coordinator`: which knowledge it takes, and what else."""
+    """Classes and ports of `at_member` or `at_coordinator`."""
 
     side: str
-    """COORDINATOR or MEMBER: the side that is local and that it gives."""
+    """COORDINATOR or MEMBER: the local side, whose knowledge it returns."""
     own: type[Knowledge]
     peer: type[Knowledge]
     ports: tuple[tuple[str, Any], ...]
@@ -64,26 +64,26 @@ class Exchange:
 
 @dataclass(frozen=True)
 class EnsembleType:
-    """What an ensemble's class says."""
+    """Definition of an ensemble: schedule, classes and exchanges."""
 
     name: str
     every: Duration | None
     offset: Duration
     on_change: tuple[Fact, ...]
     max_age: Duration | None
-    """Older replicas take no part; None: as long as the node keeps them."""
+    """Maximum age of a replica that takes part; None: no limit."""
     coordinator: type[Knowledge]
     member: type[Knowledge]
     ports: tuple[tuple[str, Any], ...]
-    """Of `membership`."""
+    """Further parameters of `membership`."""
     at_coordinator: Exchange | None
     at_member: Exchange | None
     boundary: tuple[type[Knowledge], type[Knowledge]] | None
-    """Roles of the sender and of the own component that `boundary` asks about; None: it has none."""
+    """Roles of the sender and of the local component in `boundary`; None without a boundary."""
 
     @property
     def roles(self) -> tuple[type[Knowledge], ...]:
-        """Every role that it may have to know of a peer."""
+        """Roles of peers that the ensemble uses."""
         named = [self.coordinator, self.member]
         named += [exchange.peer for exchange in (self.at_coordinator, self.at_member) if exchange]
         named += self.boundary or ()
@@ -98,14 +98,14 @@ def ensemble(
     on_change: Fact | tuple[Fact, ...] = (),
     max_age: Duration | None = None,
 ) -> Callable[[type[T]], type[T]]:
-    """Make a class an ensemble and a frozen dataclass; evaluated periodically, on a change of facts, or both.
+    """Make a class an ensemble and a frozen dataclass; evaluate it periodically, on changes of facts, or
+    both.
 
-    Facts are watched in the local components and in replicas. Raises DefinitionError if the class is not
-    sound.
+    Facts are watched in local components and in replicas. Raises DefinitionError if the class is invalid.
     """
     facts = on_change if isinstance(on_change, tuple) else (on_change,)
     if every is None and not facts:
-        raise DefinitionError("@ensemble() should say when: every=seconds(3), on_change=a fact, or both")
+        raise DefinitionError("@ensemble() has no schedule; set every=seconds(3), on_change=a fact, or both")
     if every is not None:
         check_duration("@ensemble: every", every)
     check_duration("@ensemble: offset", offset, zero=True)
@@ -122,13 +122,13 @@ def ensemble(
         if is_component(coordinator) and is_component(member):
             raise DefinitionError(
                 f"{cls.__name__}.membership: {coordinator.__name__} and {member.__name__} are components; "
-                "one side is always a peer, of which only a role is known"
+                "use a role for one side, as peers are known by role only"
             )
         for fact in facts:
             if not (has_fact(coordinator, fact) or has_fact(member, fact)):
                 raise DefinitionError(
                     f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
-                    f"which is no method of {coordinator.__name__} or {member.__name__}"
+                    f"which is not a method of {coordinator.__name__} or {member.__name__}"
                 )
         return EnsembleType(
             name=cls.__name__,
@@ -148,17 +148,17 @@ def ensemble(
 
 
 def ensemble_type(cls: type) -> EnsembleType | None:
-    """Return what the class of an ensemble says; None for any other class."""
+    """Return the definition of an ensemble class; None for any other class."""
     found: EnsembleType | None = getattr(cls, _TAG, None)
     return found
 
 
 def type_of(instance: object) -> EnsembleType:
-    """Return what the class of an ensemble says. Raises DefinitionError for an object that is none."""
+    """Return the definition of an ensemble's class. Raises DefinitionError for any other object."""
     found = ensemble_type(type(instance))
     if found is None:
         raise DefinitionError(
-            f"{instance!r} is no ensemble; it should be an instance of a class with @ensemble(...)"
+            f"{instance!r} is not an ensemble; use an instance of a class with @ensemble(...)"
         )
     return found
 
@@ -172,7 +172,7 @@ def _exchange(cls: type, side: str) -> Exchange | None:
     if is_component(peer):
         raise DefinitionError(
             f"{cls.__name__}.{name}: {peer.__name__} is a component, "
-            "but the peer's side is known by a role only"
+            "but the peer is known by role only; use a role"
         )
     return Exchange(side, own, peer, more)
 
@@ -186,11 +186,11 @@ def _sides(
     where = f"{cls.__name__}.{name}"
     given = ports(cls, function, where, skip=1)
     if tuple(parameter for parameter, _ in given[:2]) != (first, second):
-        raise DefinitionError(f"{where}: its first parameters should be self, {first} and {second}")
+        raise DefinitionError(f"{where}: its first parameters must be self, {first} and {second}")
     for parameter, kind in given[:2]:
         if not (isinstance(kind, type) and (is_role(kind) or is_component(kind))):
             raise DefinitionError(
-                f"{where}: {parameter} is a {describe(kind)}; its class should have @role or @component"
+                f"{where}: {parameter} is a {describe(kind)}; use a class with @role or @component"
             )
     return given[0][1], given[1][1], given[2:]
 
@@ -200,13 +200,13 @@ _CONTACT: Final = object()
 
 
 class Bound:
-    """A function of knowledge with its ports; those of instant and contact are set for each call."""
+    """A function with its bound ports; instant and contact are set for each call."""
 
     def __init__(self, function: Callable[..., Any], arguments: list[Any]) -> None:
         self.function = function
         self.arguments = arguments
         self.now = tuple(place for place, value in enumerate(arguments) if value is _NOW)
-        """Places in `arguments` of the instant."""
+        """Indices of the current instant in `arguments`."""
         self._contact = tuple(place for place, value in enumerate(arguments) if value is _CONTACT)
 
     def pair(self, coordinator: Any, member: Any, now: Instant, contact: Contact) -> Any:
@@ -219,7 +219,7 @@ class Bound:
 
 
 class Binding:
-    """What a node provides, by type; beside it Instant, which is now, and in ensembles Contact."""
+    """Ports of a node by type; also Instant (the current instant) and, in ensembles, Contact."""
 
     def __init__(self, provided: Mapping[Any, object]) -> None:
         self._process = {Instant: _NOW, **provided}
@@ -227,7 +227,7 @@ class Binding:
         self._there = ", ".join(describe(one) for one in provided) or "nothing"
 
     def process(self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str) -> Bound:
-        """Bind a process. Raises DeploymentError if a port is missing; `name` is for errors."""
+        """Bind a process. Raises DeploymentError for a missing port; `name` is for errors."""
         return self._bound(function, ports, name, self._process)
 
     def pair(self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str) -> Bound:

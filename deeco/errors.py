@@ -1,17 +1,17 @@
-"""What a user of the component model can do wrong, each told in one sentence."""
+"""Errors of the component model."""
 
 
 class DeecoError(Exception):
-    """Base of all errors that say, in one sentence, what is wrong and what would have been right."""
+    """Base class of all errors; the message names the fault and the remedy."""
 
 
 class DefinitionError(DeecoError):
-    """A role, component, process or ensemble that makes no sense; raised where it is defined."""
+    """Invalid role, component, process or ensemble; raised where it is defined."""
 
 
 class DeploymentError(DeecoError):
-    """Something that a node cannot run as it is; raised before its first step."""
+    """Component, ensemble or parameter that a node cannot run; raised before its first step."""
 
 
 class ExecutionError(DeecoError):
-    """A process or an exchange that broke the rules while the node ran."""
+    """Invalid result of a process or an exchange, or an exceeded limit, while a node runs."""

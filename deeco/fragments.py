@@ -1,12 +1,11 @@
-"""Packets into frames (L1): a packet too long for a frame goes in fragments, short ones share a frame.
+"""Fragmentation of packets into frames (L1): long packets are split, short ones share a frame.
 
-Of each fragment the header says of how many bytes the whole is, how many are here and from which position on,
-and which packet of which node it is (JDEECo, L1Packet). The whole is the packet and its CRC-32, which JDEECo
-has not: the checksum of a frame does not tell whether fragments belong together, and numbers come again.
+The header of a fragment has the size of the whole, the fragment's size and position, the packet number and
+the node number (JDEECo, L1Packet). The whole is the packet with a CRC-32, which JDEECo lacks: a frame's own
+checksum does not show whether fragments belong together, and packet numbers repeat.
 
-Reassembly gathers fragments of any node, in any order.
-Nothing about a frame is taken for granted, and what is kept of frames has a bound: at most `most_open`
-packets, each of at most `most_packet` bytes and its checksum.
+Reassembly accepts fragments of any node in any order. Frames are untrusted, and memory is bounded: at most
+`most_open` packets of at most `most_packet` bytes each, plus checksum.
 """
 
 import struct
@@ -22,37 +21,39 @@ from deeco.link import DEFAULTS, LinkParameters
 HEADER: Final = struct.Struct("<HHHHB")
 """totalSize, payloadSize, startPos, dataId, srcNode."""
 CHECKSUM: Final = struct.Struct("<I")
-"""Behind the packet: zlib.crc32 of it."""
+"""CRC-32 (zlib) after the packet."""
 SHORTEST: Final = HEADER.size + 1 + CHECKSUM.size
-"""Bytes of a frame that the shortest packet takes; as many packets share one as fit."""
+"""Bytes of the shortest packet in a frame, with header and checksum."""
 _IDS: Final = 1 << 16
 
 
 class _Piece(NamedTuple):
-    """Bytes of a whole, for one frame."""
+    """Part of a packet (with checksum) in one frame."""
 
     whole: int
-    """Index of the whole."""
+    """Index of the packet."""
     start: int
     size: int
 
 
 class Fragmenter:
-    """The frames of one node."""
+    """Splits the packets of one node into frames."""
 
     def __init__(self, source: int, limits: LinkParameters = DEFAULTS, *, first: int = 0) -> None:
-        """`source` is the node's number, of which the header has the lowest byte; `first` is the number of
-        its first packet, of which the header has the lowest two.
+        """Create a fragmenter for the node number `source` (its lowest byte is used).
+
+        `first`: number of the first packet (its lowest two bytes are used).
         """
         self._source = source & 0xFF
         self._limits = limits
         self._next = first % _IDS
 
     def frames(self, packets: Sequence[bytes]) -> list[bytes]:
-        """Frames filled in the packets' order; one that would fit a frame is split only to save a frame.
+        """Return frames filled in the packets' order; split a packet that fits one frame only to save a
+        frame.
 
-        Packets are numbered from `first` on, and from 0 after 65535. Raises ExecutionError for a packet that
-        is empty or above `most_packet`; then no number is used up.
+        Packets are numbered from `first`, and from 0 after 65535. Raises ExecutionError, without using a
+        number, for a packet that is empty or longer than `most_packet`.
         """
         wholes = [self._checked(packet) for packet in packets]
         sizes = [len(whole) for whole in wholes]
@@ -60,7 +61,7 @@ class Fragmenter:
         for size in sizes:
             left -= HEADER.size + size
         self._next = (first + len(wholes)) % _IDS
-        if wholes and left >= 0:  # as mostly: all in one frame
+        if wholes and left >= 0:  # usual case: one frame
             heads = [
                 HEADER.pack(size, size, 0, (first + whole) % _IDS, source) for whole, size in enumerate(sizes)
             ]
@@ -79,12 +80,12 @@ class Fragmenter:
         if not 0 < len(packet) <= self._limits.most_packet:
             raise ExecutionError(
                 f"a packet for the link has {len(packet)} bytes; "
-                f"it should have 1 to {self._limits.most_packet} (LinkParameters.most_packet)"
+                f"must have 1 to {self._limits.most_packet} (LinkParameters.most_packet)"
             )
         return packet + CHECKSUM.pack(zlib.crc32(packet))
 
     def _layout(self, sizes: Sequence[int], thrifty: bool) -> list[list[_Piece]]:
-        """Which piece goes into which frame. Thrifty: every frame is filled, even if that splits a packet."""
+        """Assign pieces to frames; if `thrifty`, fill every frame even if that splits a packet."""
         frames: list[list[_Piece]] = []
         room = 0
         for whole, size in enumerate(sizes):
@@ -102,7 +103,7 @@ class Fragmenter:
         return frames
 
     def _goes_on(self, size: int, room: int, thrifty: bool) -> bool:
-        """Does a packet begin in the frame that the one before has left so much room in?"""
+        """Return whether a packet of `size` bytes starts in the current frame with `room` bytes left."""
         here, full = room - HEADER.size, self._limits.frame_data - HEADER.size
         if size <= here:
             return True
@@ -112,40 +113,40 @@ class Fragmenter:
 
 
 _Key = tuple[int, int, int]
-"""Link address of the sender, srcNode, dataId."""
+"""Sender's link address, srcNode, dataId."""
 
 
 @dataclass
 class ReassemblyCounters:
-    """What became of everything that was heard."""
+    """Counters of a reassembly."""
 
     complete: int = 0
-    """Packets handed out."""
+    """Packets completed."""
     bad_checksum: int = 0
-    """Packets whose fragments were all there, and whose checksum did not hold."""
+    """Complete packets with a wrong checksum."""
     timed_out: int = 0
-    """Packets given up because fragments were missing for too long."""
+    """Incomplete packets dropped after the timeout."""
     evicted: int = 0
-    """Packets given up because too many were open."""
+    """Incomplete packets dropped because too many were open."""
     contradicted: int = 0
-    """Packets given up because a fragment gave them another size."""
+    """Incomplete packets dropped because a fragment had another total size."""
     oversized: int = 0
-    """Fragments of packets above the limit."""
+    """Fragments of packets above the size limit."""
     junk_frames: int = 0
-    """Frames that are not fragments, or not to their end; what came before was taken."""
+    """Frames with bytes that are not fragments; fragments before these bytes are used."""
 
 
 @dataclass
 class _Open:
-    """A packet of which fragments are missing."""
+    """An incomplete packet."""
 
     since: Instant
     data: bytearray
     missing: int
-    """One bit for each byte."""
+    """Bit mask of missing bytes."""
 
     def put(self, start: int, payload: bytes) -> bool:
-        """Fill in a fragment, over what another one may have brought; true if nothing is missing now."""
+        """Store a fragment, overwriting earlier bytes; return whether the packet is complete."""
         size = len(payload)
         self.data[start : start + size] = payload
         self.missing &= ~(((1 << size) - 1) << start)
@@ -153,7 +154,7 @@ class _Open:
 
 
 class Reassembly:
-    """Packets in reassembly, in the order of their first fragments."""
+    """Incomplete packets in the order of their first fragments."""
 
     def __init__(self, limits: LinkParameters = DEFAULTS) -> None:
         self._limits = limits
@@ -162,18 +163,18 @@ class Reassembly:
         self._counters = ReassemblyCounters()
 
     def counters(self) -> dict[str, int]:
-        """What became of everything that was heard, by the names in ReassemblyCounters."""
+        """Return the counters by the names in ReassemblyCounters."""
         return asdict(self._counters)
 
     def take(self, now: Instant, sender: int, frame: bytes) -> list[bytes]:
-        """The packets that a frame completes, if their checksums hold, in the frame's order.
+        """Return the packets with valid checksums that a frame completes, in the frame's order.
 
-        `sender` is the address of who sent the frame. `now` should not go back.
+        `sender`: link address of the frame's transmitter. `now` must not decrease.
         """
         end = len(frame)
         if self._open:
             self.give_up(now)
-        elif end >= SHORTEST:  # most frames are one whole packet, and nothing else is open
+        elif end >= SHORTEST:  # usual case: the frame is one whole packet
             total, size, start, _, _ = HEADER.unpack_from(frame)
             if size == total == end - HEADER.size and not start and total <= self._most_whole:
                 packet = self._checked(frame[HEADER.size :])
@@ -198,7 +199,7 @@ class Reassembly:
         return packets
 
     def give_up(self, now: Instant) -> None:
-        """Drop packets whose time is over; `take` does so first."""
+        """Drop packets after the timeout; `take` does so first."""
         while self._open:
             key, oldest = next(iter(self._open.items()))
             if now - oldest.since < self._limits.reassembly_timeout:

@@ -1,4 +1,4 @@
-"""Instants and durations: integers in microseconds, so that time adds up exactly on every machine."""
+"""Instants and durations as integers in microseconds, so that sums are exact on every machine."""
 
 from collections.abc import Callable
 from typing import Final, NewType
@@ -10,39 +10,39 @@ Instant = NewType("Instant", int)
 Duration = NewType("Duration", int)
 """Microseconds."""
 Task = Callable[[Instant], None]
-"""A planned action; called with the instant for which it was planned."""
+"""A scheduled action, called with its scheduled instant."""
 
 START: Final = Instant(0)
 
 
 def seconds(value: float) -> Duration:
-    """The duration of so many seconds, rounded to the microsecond."""
+    """Return a duration of `value` seconds, rounded to the microsecond."""
     return Duration(round(value * 1_000_000))
 
 
 def milliseconds(value: float) -> Duration:
-    """The duration of so many milliseconds, rounded to the microsecond."""
+    """Return a duration of `value` milliseconds, rounded to the microsecond."""
     return Duration(round(value * 1_000))
 
 
 LEAST: Final = milliseconds(1)
-"""The shortest period, delay or age but none: what is shorter was meant in other units."""
+"""Shortest period, delay or age except 0; a smaller value probably has the wrong unit."""
 
 
 def check_duration(name: str, value: object, *, zero: bool = False) -> None:
-    """Raise DefinitionError for what is no duration, or one below a millisecond; `zero`: 0 is right, too.
+    """Raise DefinitionError unless `value` is a duration of at least 1 ms, or 0 if `zero`.
 
-    `name` is for errors, such as "@periodic: every".
+    `name` is used in errors, such as "@periodic: every".
     """
     if not isinstance(value, int) or isinstance(value, bool):
-        raise DefinitionError(f"{name}={value!r} is no duration, and should be one, such as seconds(1)")
+        raise DefinitionError(f"{name}={value!r} is not a duration; use one, such as seconds(1)")
     if value < LEAST and not (zero and value == 0):
         raise DefinitionError(
-            f"{name}={value} is {value} µs, and should be {'0 or ' if zero else ''}at least {LEAST} µs; "
-            "seconds(1) is a second"
+            f"{name}={value} is {value} µs; use {'0 or ' if zero else ''}at least {LEAST} µs. "
+            "seconds(1) is one second"
         )
 
 
 def in_seconds(value: int) -> float:
-    """An instant or a duration as a number of seconds, for formulas and for people."""
+    """Return an instant or a duration as a number of seconds."""
     return value / 1_000_000

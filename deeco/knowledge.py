@@ -1,4 +1,4 @@
-"""Knowledge is a value: roles are what peers may know of a component, components add what stays with them."""
+"""Knowledge as immutable values: roles are visible to peers, components add local fields."""
 
 import dataclasses
 import types
@@ -22,11 +22,11 @@ from typing import (
 
 T = TypeVar("T")
 made: Final = tuple.__new__
-"""A named tuple of its class and all its values; its own call is one of a function in Python."""
+"""Create a named tuple from its class and values, without the overhead of its Python-level constructor."""
 
 
 def is_plain(cls: type) -> bool:
-    """True for a dataclass whose making does nothing but set its fields: then they can be set at once."""
+    """Return whether a dataclass's constructor only sets its fields."""
     return (
         dataclasses.is_dataclass(cls)
         and cls.__dataclass_params__.init  # type: ignore[attr-defined]
@@ -41,16 +41,16 @@ def is_plain(cls: type) -> bool:
 
 @cache
 def _names(cls: type) -> frozenset[str]:
-    """Of the fields that may be set at once: none of a class whose making does more."""
+    """Return the fields that `_replace` may set directly; none if the constructor does more."""
     return frozenset(field.name for field in dataclasses.fields(cls) if is_plain(cls))
 
 
 def _replace(value: T, /, **changes: Any) -> T:
-    """`value` with other values for some of its fields, as dataclasses.replace has it."""
+    """Return a copy of `value` with changed fields, as dataclasses.replace."""
     cls: Any = type(value)
     names = _names(cls)
     if not names or len(value.__dict__) != len(names) or not changes.keys() <= names:
-        return dataclasses.replace(value, **changes)  # type: ignore[type-var]  # it keeps more, or a mistake
+        return dataclasses.replace(value, **changes)  # type: ignore[type-var]  # extra attributes or error
     made: T = object.__new__(cls)
     made.__dict__.update(value.__dict__, **changes)
     return made
@@ -62,21 +62,21 @@ else:
     replace = _replace
 
 _PLAIN: Final = (bool, int, float, str, bytes, types.NoneType)
-_BARE_TUPLE: Final = typing.Tuple  # noqa: UP006  # what users of old may write
+_BARE_TUPLE: Final = typing.Tuple  # noqa: UP006  # old user code may contain it
 _ADVICE: Final = {
-    list: "{name} can change behind everybody's back; write tuple[{item}, ...]",
-    bytearray: "{name} can change behind everybody's back; write bytes",
-    dict: "{name} can change behind everybody's back; write a tuple of pairs",
-    set: "{name} can change, and its order differs from one process to the next; write a sorted tuple",
-    frozenset: "the order of {name} differs from one process to the next; write a sorted tuple",
+    list: "{name} is mutable; write tuple[{item}, ...]",
+    bytearray: "{name} is mutable; write bytes",
+    dict: "{name} is mutable; write a tuple of pairs",
+    set: "{name} is mutable, and its order differs between processes; write a sorted tuple",
+    frozenset: "the order of {name} differs between processes; write a sorted tuple",
 }
 
 
 def immutability_fault(annotation: Any) -> str | None:
-    """Why values of the type `annotation` may not stand in knowledge, with the remedy; None if they may.
+    """Return why knowledge cannot contain values of this type, with the remedy; None if it can.
 
-    Allowed are numbers, bool, str, bytes, None, Enum, Literal, tuple, NamedTuple, frozen dataclasses, frozen
-    structs (msgspec), and unions of them, with NewType and Annotated looked through.
+    Valid are numbers, bool, str, bytes, None, Enum, Literal, tuple, NamedTuple, frozen dataclasses, frozen
+    structs (msgspec) and unions of them, also inside NewType and Annotated.
     """
     return _fault(annotation, frozenset())
 
@@ -105,21 +105,21 @@ def _class_fault(cls: type, inside: frozenset[type]) -> str | None:
         return _first(tuple(get_type_hints(cls, include_extras=True).values()), inner)
     if is_dataclass(cls):
         if not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]  # typeshed has no such field
-            return f"{cls.__name__} is a dataclass that can change; write @dataclass(frozen=True)"
+            return f"{cls.__name__} is a mutable dataclass; write @dataclass(frozen=True)"
         hints = get_type_hints(cls, include_extras=True)
         return _first(tuple(hints[field.name] for field in fields(cls)), inner)
     if cls is tuple:
-        return "tuple does not say what is in it; write for example tuple[float, ...]"
+        return "tuple has no item type; write for example tuple[float, ...]"
     return _refusal(cls, cls, ())
 
 
 def struct_fields(cls: type) -> tuple[str, ...]:
-    """The fields of a struct (msgspec), in their order, told by its looks; none of any other class."""
+    """Return the fields of a msgspec.Struct in order; none for any other class. Needs no msgspec."""
     return getattr(cls, "__struct_fields__", ())
 
 
 def is_frozen_struct(cls: type) -> bool:
-    """True for a msgspec.Struct whose values cannot change."""
+    """Return whether a class is a frozen msgspec.Struct."""
     config = getattr(cls, "__struct_config__", None)
     return config is not None and bool(config.frozen) and bool(struct_fields(cls))
 
@@ -134,70 +134,70 @@ def _refusal(annotation: Any, origin: Any, arguments: tuple[Any, ...]) -> str:
         item = describe(arguments[0]) if arguments else "float"
         return _ADVICE[origin].format(name=name, item=item)
     if annotation in {Any, object}:
-        return f"{name} says nothing about what is in it; name the type"
+        return f"{name} does not restrict the value; use a specific type"
     return (
-        f"{name} is not among the types whose values are known never to change; "
+        f"{name} is not known to be immutable; "
         "use a number, a str, an Enum, a tuple or a frozen dataclass without type parameters"
     )
 
 
 def describe(annotation: Any) -> str:
-    """A type as one would write it."""
+    """Return a type as written in source code."""
     if isinstance(annotation, type) and not get_args(annotation):
         return annotation.__name__
     return str(annotation).replace("typing.", "")
 
 
 KIND: Final = "_deeco_kind"
-"""The attribute by which `deeco.component` marks classes."""
+"""Attribute by which `deeco.component` marks classes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Knowledge:
-    """What every role and component has."""
+    """Base class of all roles and components."""
 
     id: str
-    """Of the component; unique among all components that may ever hear of one another."""
+    """Id of the component; unique among all components that can ever exchange knowledge."""
 
 
 def is_role(cls: type) -> bool:
-    """True for a class with @role."""
+    """Return whether a class has @role."""
     return vars(cls).get(KIND) == "role"
 
 
 def is_component(cls: type) -> bool:
-    """True for a class with @component."""
+    """Return whether a class has @component."""
     return vars(cls).get(KIND) == "component"
 
 
 def roles_of(cls: type) -> tuple[type[Knowledge], ...]:
-    """The roles that a class plays, in the order of its bases, without those that another one contains."""
+    """Return the roles that a class plays, in the order of its bases, without bases of other roles."""
     roles = [base for base in cls.__mro__ if is_role(base)]
     return tuple(one for one in roles if not any(one in other.__mro__[1:] for other in roles))
 
 
 def roles_under(kind: type[Knowledge]) -> tuple[type[Knowledge], ...]:
-    """A role and all that build on it: who plays one of these plays it."""
+    """Return a role and all roles derived from it."""
     below = [one for sub in kind.__subclasses__() for one in roles_under(sub)]
     return tuple(dict.fromkeys([kind, *below] if is_role(kind) else below))
 
 
 def seen_as(value: Knowledge, wanted: type[Knowledge]) -> Knowledge:
-    """The knowledge of one role out of a component's: all that a peer may see."""
+    """Return a component's knowledge reduced to one role."""
     return wanted(**{name: getattr(value, name) for name in published(wanted)})
 
 
 def published(cls: type[Knowledge]) -> tuple[str, ...]:
-    """Names of a role's fields, in their order."""
+    """Return the names of a role's fields in order."""
     return tuple(field.name for field in fields(cls))
 
 
 def local_fields(cls: type[Knowledge]) -> tuple[str, ...]:
-    """Names of the fields that a component adds to its roles."""
+    """Return the names of the fields that a component adds to its roles."""
     shared = {name for one in roles_of(cls) for name in published(one)}
     return tuple(field.name for field in fields(cls) if field.name not in shared)
 
 
 def type_of(cls: type[Knowledge], field: str) -> Any:
-    """The annotated type of a field, with its extras."""
+    """Return the annotated type of a field, including Annotated metadata."""
     return get_type_hints(cls, include_extras=True)[field]

@@ -1,4 +1,4 @@
-"""Frames of the link below a node, with their instants, and the limits of what a node sends and keeps."""
+"""Frames between a node and its link, and the limits of packets and frames."""
 
 from dataclasses import dataclass, field, fields
 from typing import Final, NamedTuple
@@ -8,15 +8,15 @@ from deeco.instant import Duration, Instant, seconds
 
 
 class Reception(NamedTuple):
-    """A frame that the link has received; nothing about its data is taken for granted."""
+    """A frame received from the link; its data is untrusted."""
 
     instant: Instant
-    """When its last bit came in."""
+    """Instant of its last bit."""
     sender: int
-    """Link address of the node that sent this frame."""
+    """Link address of the transmitter of this frame."""
     data: bytes
     rssi_dbm: float | None = None
-    """Received signal strength, dBm; None if the link does not say."""
+    """Received signal strength, dBm; None if the link does not measure it."""
 
 
 class Transmission(NamedTuple):
@@ -38,49 +38,49 @@ _RANGES: Final = {
     "most_id": (1, 65_531),
     "most_depth": (4, 256),
 }
-"""From the two bytes that L1 has for sizes, of which four go to the checksum; the rest bounds the work."""
+"""Valid ranges. L1 has two bytes for sizes and four bytes of checksum; the other limits bound the work."""
 
 
 @dataclass(frozen=True)
 class LinkParameters:
-    """Every limit of the wire. Raises DeploymentError for one that makes no sense.
+    """Limits of packets and frames. Raises DeploymentError for a value out of range.
 
-    All nodes of a swarm should have the same: what one sends beyond the limits of another is junk there.
+    Use the same values for all nodes of a swarm: a node drops packets beyond its own limits.
     """
 
     frame_data: int = 118
-    """Data bytes of a frame. Default: IEEE 802.15.4-2006, 7.4.1, aMaxMACPayloadSize."""
+    """Bytes of a frame. Default: IEEE 802.15.4-2006, 7.4.1, aMaxMACPayloadSize."""
     least_fragment: int = 8
-    """Data bytes for which a fragment is begun in a frame that others have begun to fill; a frame with less
-    room is sent as it is. Default: about the header's 9; JDEECo (DeviceOutputQueue)
-    begins one for a single byte."""
+    """Smallest free space of a partly filled frame in which a fragment is started, bytes; with less, the
+    frame is sent as it is. Default: about the header's 9; JDEECo (DeviceOutputQueue) starts one for a single
+    byte."""
     most_packet: int = 1024
-    """Bytes of an L2 packet. Default: ten frames, of which with 5 % of the frames lost 60 % arrive whole."""
+    """Bytes of an L2 packet. Default: ten frames; if 5 % of frames are lost, 60 % of such packets arrive
+    whole."""
     reassembly_timeout: Duration = field(default=seconds(2))
-    """A packet whose fragments are not all here so long after the first is given up, µs. Default: the 2000 ms
-    of JDEECo 2 (PacketReceiver)."""
+    """A packet still incomplete this long after its first fragment is dropped, µs. Default: 2000 ms as in
+    JDEECo 2 (PacketReceiver)."""
     most_open: int = 32
-    """Packets in reassembly at once; one more, and the oldest is given up. Default: 16 neighbours
-    with a packet of their own and a relayed one each. With most_packet it bounds the memory: some 40 KB."""
+    """Incomplete packets kept at once; beyond that the oldest is dropped. Default: 16 neighbours with one
+    packet of their own and one relayed packet each. Together with most_packet it limits memory to about 40
+    KB."""
     most_roles: int = 8
-    """Roles that a component plays. Default: twice what any example has."""
+    """Roles of one component. Default: twice the maximum of the examples."""
     most_items: int = 64
-    """Items of a tuple, and fields of a class. Default: as many of 16 bytes as fill most_packet."""
+    """Items of a tuple and fields of a class. Default: most_packet filled with items of 16 bytes."""
     most_text: int = 256
-    """Bytes of a str, in UTF-8, and of a bytes. Default: a quarter of most_packet."""
+    """Bytes of a str (in UTF-8) or a bytes value. Default: a quarter of most_packet."""
     most_id: int = 32
-    """Bytes of a component's id, in UTF-8. Default: a UUID in hexadecimal digits."""
+    """Bytes of a component's id in UTF-8. Default: a UUID in hexadecimal digits."""
     most_depth: int = 16
-    """Classes, tuples and unions inside one another in a role. Default: far beyond what anybody can read."""
+    """Nested classes, tuples and unions in a role. Default: far more than readable types have."""
 
     def __post_init__(self) -> None:
         for one in fields(self):
             value, (least, most) = getattr(self, one.name), _RANGES[one.name]
             if not least <= value <= most:
-                raise DeploymentError(
-                    f"LinkParameters.{one.name} is {value}, but must be from {least} to {most}"
-                )
+                raise DeploymentError(f"LinkParameters.{one.name} is {value}; must be from {least} to {most}")
 
 
 DEFAULTS: Final = LinkParameters()
-"""Of a node that is given no others."""
+"""Limits of a node without explicit parameters."""

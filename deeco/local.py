@@ -1,4 +1,4 @@
-"""A component on its node: its knowledge, processes and watched facts; and its pairs within one ensemble."""
+"""Components of a node with their knowledge, processes and watched facts; evaluation of ensembles."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -13,26 +13,26 @@ from deeco.statistics import Statistics
 
 
 class Commit(NamedTuple):
-    """A change of a component's knowledge."""
+    """One change of a component's knowledge."""
 
     by: str
-    """The process or the ensemble's exchange, as in `Cleaner.sense` or `Adoption.at_member`."""
+    """Process or exchange, such as `Cleaner.sense` or `Adoption.at_member`."""
     instant: Instant
     before: Knowledge
     after: Knowledge
     adaptation: bool
-    """True of an ensemble, and of a process of the adaptation layer."""
+    """True for an ensemble and for a process of the adaptation layer."""
     peer: str = ""
-    """The component whose knowledge an ensemble used; empty for a process."""
+    """Component whose knowledge an ensemble used; empty for a process."""
     heard: Instant | None = None
-    """When that knowledge had come here."""
+    """Instant at which that knowledge was received; None for a process."""
 
 
 Witness = Callable[[Commit], None]
 
 
 class BoundProcess:
-    """One process of one component, with its ports."""
+    """A process of one component with its bound ports."""
 
     def __init__(self, process: Process, component: "LocalComponent", binding: Binding) -> None:
         self.name = str(process)
@@ -43,7 +43,7 @@ class BoundProcess:
         self._bound = binding.process(function, process.ports, self.name)
 
     def run(self, now: Instant) -> bool:
-        """Call the process and commit what it gives; True if that is new knowledge."""
+        """Run the process and commit its result; return whether the knowledge changed."""
         component, bound = self._component, self._bound
         for place in bound.now:
             bound.arguments[place] = now
@@ -58,29 +58,29 @@ class BoundProcess:
 
 
 class LocalComponent:
-    """Holds the knowledge of one component; `commit` makes every change and tells the witnesses."""
+    """Knowledge of one component; `commit` applies every change and notifies the witnesses."""
 
     def __init__(self, value: Knowledge, binding: Binding, witnesses: tuple[Witness, ...] = ()) -> None:
         kind = type(value)
         if not is_component(kind):
-            raise DeploymentError(f"{kind.__name__} cannot be deployed; its class should have @component")
+            raise DeploymentError(f"{kind.__name__} cannot be deployed: decorate its class with @component")
         self.id = value.id
         self.value = value
         self.processes = tuple(BoundProcess(process, self, binding) for process in processes_of(kind))
         self._witnesses = witnesses
         self.watched: list[tuple[str, Callable[[], str]]] = []
-        """Names of the facts that are watched, and whom to call."""
+        """Watched facts by name, each with its callback."""
         self._facts: list[object] = []
         self._seen: dict[type[Knowledge], tuple[Knowledge, Knowledge]] = {}
 
     def watch(self, facts: Sequence[Fact], then: Callable[[], str]) -> None:
-        """Call `then` from `changes` whenever one of the facts has another value than at the call before."""
+        """Register `then` for `changes` if the value of one of the facts changes."""
         for fact in facts:
             self.watched.append((fact.__name__, then))
             self._facts.append(getattr(self.value, fact.__name__)())
 
     def changes(self) -> list[Callable[[], str]]:
-        """Whom to call because a fact has changed since the last call of this, each once, in order."""
+        """Return the callbacks of facts that changed since the last call, each once, in order."""
         called: dict[Callable[[], str], None] = {}
         for index, (name, then) in enumerate(self.watched):
             fact = getattr(self.value, name)()
@@ -99,18 +99,18 @@ class LocalComponent:
         peer: str = "",
         heard: Instant | None = None,
     ) -> bool:
-        """Take over new knowledge; True if it differs. Raises ExecutionError for anything else."""
+        """Commit new knowledge; return whether it differs. Raises ExecutionError for an invalid value."""
         value = self.value
         if type(made) is not type(value):
             raise ExecutionError(
-                f"{by} of {self.id!r} at {in_seconds(now):g} s gives a {type(made).__name__}; "
-                f"it should give the next {type(value).__name__}"
+                f"{by} of {self.id!r} at {in_seconds(now):g} s returned a {type(made).__name__}; "
+                f"return the next {type(value).__name__}"
             )
         if made == value:
             return False
         if made.id != self.id:
             raise ExecutionError(
-                f"{by} of {self.id!r} at {in_seconds(now):g} s changes the id to {made.id!r}; it should stay"
+                f"{by} of {self.id!r} at {in_seconds(now):g} s changed the id to {made.id!r}; keep the id"
             )
         self.value = made
         if self._witnesses:
@@ -120,7 +120,7 @@ class LocalComponent:
         return True
 
     def role(self, kind: type[Knowledge]) -> Any:
-        """What a peer on the same node sees: the role only; None if it is not played."""
+        """Return the role visible to peers on the same node; None if the component does not play it."""
         if not is_role(kind) or not isinstance(self.value, kind):
             return None
         seen = self._seen.get(kind)
@@ -129,26 +129,26 @@ class LocalComponent:
         return seen[1]
 
     def contact(self, now: Instant) -> Contact:
-        """As close as can be."""
+        """Return the contact between components of one node: now, without hops."""
         return Contact(now, None, 0)
 
 
 class Peer(Protocol):
-    """Another component, on this node or as a replica."""
+    """Another component, local or a replica."""
 
     @property
     def id(self) -> str:
         """The component's id."""
 
     def role(self, kind: type[Knowledge]) -> Any:
-        """Its knowledge in a role, None if it does not play it."""
+        """Return its knowledge in a role; None if it does not play it."""
 
     def contact(self, now: Instant) -> Contact:
-        """How that knowledge came here."""
+        """Return how that knowledge was received."""
 
 
 class _Side:
-    """An ensemble with the local component on one side."""
+    """One side of an ensemble, played by the local component."""
 
     def __init__(self, kind: EnsembleType, exchange: Exchange | None, call: Bound | None, side: str) -> None:
         self.local_is_coordinator = side == COORDINATOR
@@ -160,7 +160,7 @@ class _Side:
 
 
 class Pairing:
-    """An ensemble and its parameters, with what the node provides for it."""
+    """An ensemble with its parameters and bound ports."""
 
     def __init__(self, instance: object, binding: Binding, statistics: Statistics) -> None:
         self.type = kind = type_of(instance)
@@ -183,9 +183,9 @@ class Pairing:
     def evaluate(
         self, locals_: tuple[LocalComponent, ...], replicas: Sequence[Peer], now: Instant
     ) -> list[LocalComponent]:
-        """Pair every local component with every other and every replica, in both roles.
+        """Pair every local component with every other one and every replica, on both sides.
 
-        Returns the components whose knowledge has changed.
+        Return the components whose knowledge changed.
         """
         changed: dict[str, LocalComponent] = {}
         for local in locals_:
@@ -196,7 +196,7 @@ class Pairing:
         return list(changed.values())
 
     def lets_pass(self, sender: Peer, components: Iterable[LocalComponent]) -> bool:
-        """True if the ensemble's boundary, if it has one, lets knowledge of the sender be relayed here."""
+        """Return whether the boundary, if any, allows this node to relay the sender's knowledge."""
         if self._boundary is None or self.type.boundary is None:
             return True
         sender_role, here_role = self.type.boundary
@@ -206,7 +206,7 @@ class Pairing:
         )
 
     def _meet(self, side: _Side, local: LocalComponent, peer: Peer, now: Instant) -> bool:
-        """Evaluate the membership and, if it holds, the exchange; True if that changed the knowledge."""
+        """Evaluate membership and exchange of a pair; return whether the knowledge changed."""
         value, role = local.value, peer.role(side.peer)
         if role is None or not isinstance(value, side.own):
             return False

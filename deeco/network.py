@@ -1,11 +1,11 @@
-"""A node's side of the link: publishes its components, keeps replicas of the others', relays.
+"""Link side of a node: publishes its components, keeps replicas of others, relays packets.
 
-Bytes from the link are untrusted: whatever comes in, the worst that happens is that a counter grows.
+Bytes from the link are untrusted; invalid ones only increment counters.
 
-Relaying lets nodes act as proxies for others that are out of reach.
-Whoever hears a packet for the first time waits, the longer the stronger it came in, for the far ones carry it
-farther; who hears it again meanwhile leaves it at that. (JDEECo's L2 RebroadcastStrategy does so; there only
-nodes farther than some 10 m relay at all, as here only those that hear it weakly enough, if so asked.)
+Relaying lets nodes forward knowledge to others that are out of the sender's reach. A node that receives a
+new packet waits, longer for a stronger signal, as distant nodes reach farther, and cancels if it receives the
+packet again meanwhile. This follows JDEECo's L2 RebroadcastStrategy, in which only nodes more than about 10 m
+away relay; here `relay_below_dbm` has that effect.
 """
 
 import zlib
@@ -25,7 +25,7 @@ from deeco.statistics import NodeCounters, Statistics
 
 
 class Replica:
-    """One component of another node, as it last published itself."""
+    """Latest received knowledge of a component of another node."""
 
     def __init__(
         self, component: str, version: Version, roles: tuple[Knowledge, ...], contact: Contact
@@ -38,7 +38,7 @@ class Replica:
         self._by_kind: dict[type[Knowledge], Knowledge | None] = {}
 
     def role(self, kind: type[Knowledge]) -> Any:
-        """Its knowledge in that role; None if it does not play it, as far as is known here."""
+        """Return its knowledge in a role; None if it has not been received in that role."""
         try:
             return self._by_kind[kind]
         except KeyError:
@@ -46,12 +46,12 @@ class Replica:
             return self._by_kind.setdefault(kind, found)
 
     def contact(self, now: Instant) -> Contact:
-        """How this knowledge came here."""
+        """Return how this knowledge was received."""
         return self._contact
 
 
 class Replicas:
-    """At most so many replicas, in the order of their ids; what grows old is dropped."""
+    """A limited number of replicas in order of id; old ones are dropped."""
 
     def __init__(self, most: int, forget_after: Duration, counters: NodeCounters) -> None:
         self._most = most
@@ -60,7 +60,7 @@ class Replicas:
         self._by_id: dict[str, Replica] = {}
         self._versions: dict[str, Version] = {}
         self._oldest = START
-        """No replica was heard before it, so that not every step has to ask every one."""
+        """Lower bound of all `heard`, so that `forget` rarely iterates."""
 
     def __iter__(self) -> Iterator[Replica]:
         return iter(self._by_id.values())
@@ -69,16 +69,16 @@ class Replicas:
         return len(self._by_id)
 
     def get(self, component: str) -> Replica | None:
-        """The replica of a component."""
+        """Return the replica of a component; None if there is none."""
         return self._by_id.get(component)
 
     def is_news(self, component: str, version: Version) -> bool:
-        """True if no version so new has been heard of; dropping a replica does not forget its version."""
+        """Return whether a version is newer than any received, also of replicas dropped since."""
         known = self._versions.get(component)
         return known is None or version > known
 
     def put(self, replica: Replica) -> None:
-        """Take in a newer version than any known."""
+        """Add or replace a replica by a newer version."""
         self._versions.pop(replica.id, None)
         self._versions[replica.id] = replica.version
         if len(self._versions) > 4 * self._most:
@@ -93,7 +93,7 @@ class Replicas:
             self._by_id = dict(sorted(self._by_id.items()))
 
     def forget(self, now: Instant) -> None:
-        """Drop what has not been heard for too long."""
+        """Drop replicas that have not been received for too long."""
         if now - self._oldest <= self._forget_after:
             return
         old = [one.id for one in self if now - one.heard > self._forget_after]
@@ -105,32 +105,32 @@ class Replicas:
 
 @dataclass(frozen=True)
 class RelayParameters:
-    """When and how far packets are relayed."""
+    """Conditions and delays of relaying."""
 
     hop_limit: int = 3
-    """A packet is relayed at most so often on its way, 1 to 15. Default: three times the radio's range spans
-    the shipped corridor."""
+    """Maximum number of relays of a packet, 1 to 15. Default: three times the radio's range spans the shipped
+    corridor."""
     longest: Duration = field(default=seconds(1))
-    """Wait at the strongest signal. Default: that of JDEECo 2 (gossip.rebroadcast.delay, 1000 ms)."""
+    """Delay at the strongest signal. Default: as JDEECo 2 (gossip.rebroadcast.delay, 1000 ms)."""
     spread: Duration = field(default=milliseconds(500))
-    """Two nodes that hear a packet equally well wait differently by up to so long. Default: five steps of
-    100 ms; only at a step's start does a node learn that another one has relayed meanwhile."""
+    """Range of the random addition to the delay, which separates nodes with equal signals. Default: five
+    steps of 100 ms, as a node processes received packets only at the start of a step."""
     weakest_dbm: float = -95.0
-    """At this strength and below there is no wait, dBm. Default: the sensitivity of the MRF24J40 (Microchip
-    DS39776C)."""
+    """Signal strength at and below which there is no delay, dBm. Default: sensitivity of the MRF24J40
+    (Microchip DS39776C)."""
     strongest_dbm: float = -45.0
-    """At this strength and above the wait is the longest, dBm. Default: about what arrives over 1 m at the
-    original testbed's transmit power in dBm less the path loss of 40 dB, rounded up for stronger senders."""
+    """Signal strength at and above which the delay is `longest`, dBm. Default: the original testbed's
+    transmit power minus 40 dB path loss over 1 m, rounded up for stronger transmitters."""
     relay_below_dbm: float | None = None
-    """Who hears a packet more strongly than this, dBm, is too near to its sender to reach many others, and
-    does not relay it; of unknown strength it is relayed. This is distance-based suppression: Ni, Tseng, Chen,
-    Sheu, The broadcast storm problem in a mobile ad hoc network, MobiCom 1999. Default: None, everybody
-    relays; what is near depends on the link."""
+    """Relay only packets received below this strength, dBm, or without one, as a nearer node adds little
+    coverage (distance-based suppression: Ni, Tseng, Chen, Sheu, The broadcast storm problem in a mobile ad
+    hoc network, MobiCom 1999). Default: None, no limit; the useful value depends on the link."""
     waiting: int = 64
-    """Packets that may wait at once, with those that were cancelled while they waited."""
+    """Maximum number of packets waiting at once, including cancelled ones."""
 
     def delay(self, rssi_dbm: float | None, chance: float) -> Duration:
-        """How long to wait; `chance` in [0, 1) chooses within the spread. Of unknown strength: medium."""
+        """Return the delay; `chance` in [0, 1) selects a value within the spread. Medium if `rssi_dbm` is
+        None."""
         span = self.strongest_dbm - self.weakest_dbm
         strength = 0.5 if rssi_dbm is None else (rssi_dbm - self.weakest_dbm) / span
         return Duration(round(min(max(strength, 0.0), 1.0) * self.longest + chance * self.spread))
@@ -142,7 +142,7 @@ class _Waiting(NamedTuple):
 
 
 class Relay:
-    """Packets that wait to be relayed, at most one for each component."""
+    """Packets waiting to be relayed, at most one per component."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class Relay:
         send: Callable[[Instant, bytes], None],
         counters: NodeCounters,
     ) -> None:
-        """`plan` has a task done at an instant; `send` hands a packet to the link."""
+        """Create a relay; `plan` schedules a task at an instant, `send` gives a packet to the link."""
         self._p = parameters
         self._address = address
         self._plan = plan
@@ -160,23 +160,23 @@ class Relay:
         self._counters = counters
         self._waiting: dict[str, _Waiting] = {}
         self._planned = 0
-        """Instants that are planned, also for what was cancelled since."""
+        """Number of scheduled tasks, including those of cancelled packets."""
 
     def heard(self, packet: KnowledgePacket) -> None:
-        """Somebody has sent this, too: what waits and is no newer need not be relayed."""
+        """Cancel a waiting packet that is no newer than `packet`, which another node has sent."""
         waiting = self._waiting.get(packet.component)
         if waiting is not None and waiting.version <= packet.version:
             del self._waiting[packet.component]
             self._counters.relays_cancelled += 1
 
     def wants(self, packet: KnowledgePacket, rssi_dbm: float | None) -> bool:
-        """False of news that has come far enough, or from too near."""
+        """Return whether a new packet is below the hop limit and was not received too strongly."""
         below = self._p.relay_below_dbm
         near = below is not None and rssi_dbm is not None and rssi_dbm > below
         return not near and packet.hops < self._p.hop_limit
 
     def take(self, packet: KnowledgePacket, data: bytes, heard: Instant, rssi_dbm: float | None) -> None:
-        """Relay news that is wanted."""
+        """Schedule the relaying of a packet."""
         if self._planned >= self._p.waiting:
             self._counters.relays_refused += 1
             return
@@ -194,46 +194,47 @@ class Relay:
         self._plan(due, at)
 
     def clear(self) -> None:
-        """Relay nothing of what waits: it is too late for it, and what was planned is not done."""
+        """Cancel all waiting packets; their scheduled tasks must not run any more."""
         self._counters.relays_cancelled += len(self._waiting)
         self._waiting.clear()
         self._planned = 0
 
     def _chance(self, packet: KnowledgePacket) -> float:
-        """In [0, 1): by node and packet only, so that no other draw changes it."""
+        """Return a number in [0, 1) that depends on node and packet only, not on other draws."""
         name = f"{self._address}/{packet.component}/{packet.version.epoch}/{packet.version.counter}"
         return zlib.crc32(name.encode("utf-8", "surrogatepass")) / 2**32
 
 
 _EPOCH_STRIDE: Final = 0x9E37
-"""Between the first packet's numbers of two epochs, so that no peer takes what is left of a packet of the one
-before for a part of this one's. Odd, and 2^16 by the golden ratio: any two epochs lie apart."""
+"""Distance between the first packet numbers of two epochs, so that peers do not mix fragments of both. Odd,
+and 2^16 times the golden ratio: any two epochs are far apart."""
 
 
 @dataclass(frozen=True)
 class NetworkParameters:
-    """How a node publishes, remembers and relays."""
+    """Parameters of publishing, replicas and relaying."""
 
     publish_every: Duration = field(default=seconds(1))
-    """Period of publishing the own components' roles, whole. Default: JDEECo, DefaultKnowledgePublisher."""
+    """Period of publishing all roles of the node's own components. Default: JDEECo,
+    DefaultKnowledgePublisher."""
     forget_after: Duration = field(default=seconds(30))
-    """A replica that has not been heard of for so long is dropped."""
+    """Age at which a replica is dropped."""
     most_replicas: int = 256
-    """More are not kept; the one heard longest ago goes first."""
+    """Maximum number of replicas; beyond it the oldest is dropped."""
     relay: RelayParameters | None = None
-    """None: nothing is relayed."""
+    """None: no relaying."""
     link: LinkParameters = field(default_factory=LinkParameters)
 
 
 class News(NamedTuple):
-    """A replica that is new or has changed."""
+    """A new or changed replica."""
 
     before: Replica | None
     after: Replica
 
 
 class Network:
-    """Turns frames into replicas, and knowledge into frames."""
+    """Converts frames to replicas, and knowledge to frames."""
 
     def __init__(
         self,
@@ -248,10 +249,10 @@ class Network:
         statistics: Statistics,
         former: "Network | None" = None,
     ) -> None:
-        """Continue the numbering and the reassembly of the network `former`.
+        """Continue numbering and reassembly of the network `former`, if any.
 
-        `own`: ids of the node's components. `plan`: have a task done at an instant. `passes`: True if the
-        knowledge of a sender may be relayed.
+        `own`: ids of the node's components. `plan`: schedules a task at an instant. `passes`: returns whether
+        the knowledge of a sender may be relayed.
         """
         self._book = book
         self._own = own
@@ -275,7 +276,7 @@ class Network:
             self._relay = Relay(parameters.relay, address, plan, self._send, self._counters)
 
     def publish(self, now: Instant, knowledge: Sequence[Knowledge]) -> None:
-        """Send the roles of the own components; sample the age of what is known of others."""
+        """Send the roles of own components; record the ages of all replicas."""
         for value in knowledge:
             self._publications += 1
             version = Version(self._epoch, self._publications)
@@ -285,7 +286,7 @@ class Network:
             self._statistics.sample_age(replica.heard, now)
 
     def take(self, reception: Reception) -> list[News]:
-        """What a frame from the link brings, once it completes a packet."""
+        """Return the replicas changed by the packets that this frame completes."""
         whole = self._reassembly.take(reception.instant, reception.sender, reception.data)
         found: list[News] = []
         for data in whole:
@@ -294,7 +295,7 @@ class Network:
         return found
 
     def transmissions(self) -> list[Transmission]:
-        """The frames of everything sent since the last call; what is sent at one instant shares frames."""
+        """Return the frames sent since the last call; packets of one instant share frames."""
         if not self._outbox:
             return []
         sent: list[Transmission] = []
@@ -306,12 +307,12 @@ class Network:
         return sent
 
     def clear(self) -> None:
-        """Relay nothing of what waits for it."""
+        """Cancel waiting relays."""
         if self._relay is not None:
             self._relay.clear()
 
     def counters(self) -> dict[str, int]:
-        """What the reassembly has counted."""
+        """Return the counters of the reassembly."""
         return self._reassembly.counters()
 
     def _send(self, now: Instant, data: bytes) -> None:

@@ -1,7 +1,7 @@
-"""A node: the components and ensembles of one machine, without clock, socket or thread.
+"""A node: components and ensembles of one machine, without clock, socket or thread.
 
-`advance(until, inputs)` takes in what the link has received, does what is planned before `until` in the order
-of its instants, and gives what the link is to send.
+`advance(until, inputs)` processes received frames, runs everything scheduled before `until` in order of time,
+and returns the frames to send.
 """
 
 import heapq
@@ -22,7 +22,7 @@ from deeco.schema import RoleBook
 from deeco.statistics import Statistics
 
 _ONCE: Final = 1 << 40
-"""Serial numbers of tasks that are done once: after all periodic ones of the same instant and order."""
+"""Serial numbers of one-time tasks start here: they follow periodic ones of equal instant and order."""
 
 
 class _Entry(NamedTuple):
@@ -31,37 +31,37 @@ class _Entry(NamedTuple):
 
 
 class Agenda:
-    """A heap of (instant, order, serial): at one instant the lower order goes first, then who came first.
+    """Scheduled tasks by (instant, order, serial number).
 
-    Planning raises ExecutionError once too much is planned.
+    Scheduling raises ExecutionError beyond the limit.
     """
 
     def __init__(self, most: int = 100_000) -> None:
-        """`most`: tasks that may be planned at once; more are a mistake that feeds itself."""
+        """Create an agenda for at most `most` tasks; more indicate unbounded scheduling."""
         self._most = most
         self._heap: list[tuple[Instant, int, int, _Entry]] = []
         self._added = 0
 
     def repeat(self, task: Task, first: Instant, every: Duration, order: int = 0) -> None:
-        """Do the task at `first` and every `every` after it."""
+        """Run the task at `first` and then every `every`."""
         self._make_room()
         heapq.heappush(self._heap, (first, order, self._added, _Entry(task, every)))
 
     def once(self, task: Task, at: Instant, order: int = 0) -> None:
-        """Do the task at one instant."""
+        """Run the task once."""
         self._make_room()
         heapq.heappush(self._heap, (at, order, _ONCE + self._added, made(_Entry, (task, None))))
 
     def _make_room(self) -> None:
         if len(self._heap) >= self._most:
             raise ExecutionError(
-                f"{self._most} tasks are planned already, the next at {in_seconds(self._heap[0][0]):g} s; "
-                "no more can be until some are done"
+                f"{self._most} tasks are scheduled, the next at {in_seconds(self._heap[0][0]):g} s; "
+                "which is the limit; check for repeated scheduling"
             )
         self._added += 1
 
     def run(self, until: Instant) -> None:
-        """Do what is planned before `until`, also what is planned meanwhile."""
+        """Run tasks scheduled before `until`, including those scheduled meanwhile."""
         heap = self._heap
         while heap and heap[0][0] < until:
             at, order, serial, entry = heap[0]
@@ -72,7 +72,7 @@ class Agenda:
             entry.task(at)
 
     def skip(self, to: Instant) -> int:
-        """Leave out what is planned before `to`, and keep the rhythm; how many tasks that were."""
+        """Drop tasks scheduled before `to` and return their number; periodic ones keep their phase."""
         left_out, kept = 0, []
         for at, order, serial, entry in self._heap:
             if at >= to:
@@ -89,29 +89,31 @@ class Agenda:
 
 
 class Onlooker(Protocol):
-    """Who is told; what it is given are values, and it must change nothing."""
+    """Receives events of nodes; arguments are values, and nothing may be changed."""
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
-        """A component begins with this knowledge; also if its node is made anew."""
+        """Receive a component's first knowledge, also when its node is rebuilt."""
 
     def committed(self, commit: Commit, replica: Replica | None) -> None:
-        """A component has other knowledge now. `replica`: of the peer that an ensemble used; None for a
-        process, and for a peer on the same node."""
+        """Receive a change of knowledge.
+
+        `replica`: the peer that an ensemble used; None for a process and for a peer on the same node.
+        """
 
     def heard(self, component: str, replica: Replica, now: Instant) -> None:
-        """From `now` on the node of this component has a newer replica of another one."""
+        """Receive the news that a component's node has a newer replica since `now`."""
 
 
 _PRESENT: Final[ContextVar[Onlooker | None]] = ContextVar("onlooker", default=None)
 
 
 def onlooker() -> Onlooker | None:
-    """Who looks on at nodes that are made now; None, as in every run: nobody."""
+    """Return the observer of nodes created now; None (the default) for none."""
     return _PRESENT.get()
 
 
-class looking_on:  # noqa: N801  # a context manager is named as a function
-    """Let nodes that are made meanwhile, in this thread, report to `who` what they do."""
+class looking_on:  # noqa: N801  # a context manager, named like a function
+    """Report the events of nodes created in this context, in this thread, to `who`."""
 
     __slots__ = ("_token", "_who")
 
@@ -126,15 +128,15 @@ class looking_on:  # noqa: N801  # a context manager is named as a function
 
 
 CASCADE_LIMIT: Final = 16
-"""So often may processes trigger one another at one instant before the node takes it for a circle."""
+"""Maximum rounds of processes that trigger one another at one instant; more are reported as a cycle."""
 _NONE: Final = Duration(0)
 _ENSEMBLES: Final = 1 << 20
-"""Order of ensembles within an instant: after the processes, and among them as deployed."""
+"""Order of ensembles within an instant: after processes, in order of deployment."""
 _PUBLICATION: Final = 1 << 40
 
 
 class Node:
-    """Runs components; see the module's first lines."""
+    """Runs components and ensembles; see the module."""
 
     def __init__(
         self,
@@ -150,12 +152,13 @@ class Node:
         witness: Witness | None = None,
         former: "Node | None" = None,
     ) -> None:
-        """Deploy everything.
+        """Deploy components and ensembles.
 
-        `ports` gives, by type, what processes and ensembles may ask for. `address` is the node's on the link;
-        `epoch` grows with each restart of the machine; `publish_phase` is when, after `start`, it publishes
-        first; `witness` is told of every change of knowledge; `former` is the machine's node so far, where
-        this one goes on counting. Raises DeploymentError if a port is missing or a component cannot be run.
+        `ports`: objects that processes and ensembles may use, by type. `address`: of the node on the link.
+        `epoch`: number of restarts of the machine. `publish_phase`: delay of the first publication after
+        `start`. `witness`: called for every change of knowledge. `former`: the previous node of this machine,
+        whose counters and numbering continue. Raises DeploymentError if a port is missing or a component is
+        invalid.
         """
         parameters = parameters or NetworkParameters()
         self._statistics: Statistics = Statistics() if former is None else former._statistics
@@ -168,7 +171,7 @@ class Node:
         self._locals = tuple(LocalComponent(value, binding, witnesses) for value in components)
         self._by_id = {one.id: one for one in self._locals}
         if len(self._by_id) < len(self._locals):
-            raise DeploymentError("two components of a node have the same id; each should have its own")
+            raise DeploymentError("two components of a node have the same id; ids must be unique")
         self._pairings = tuple(Pairing(one, binding, self._statistics) for one in ensembles)
         self._reacting = tuple(one for one in self._pairings if one.type.on_change)
         self._network: Network = Network(
@@ -192,29 +195,29 @@ class Node:
 
     @property
     def now(self) -> Instant:
-        """Everything planned before it has been done."""
+        """Current instant: everything scheduled before it has run."""
         return self._now
 
     @property
     def replicas(self) -> Replicas:
-        """What is known of other nodes' components, in the order of their ids."""
+        """Replicas of other nodes' components, in order of id."""
         return self._network.replicas
 
     def knowledge(self, component: str) -> Knowledge:
-        """The present knowledge of a component of this node."""
+        """Return the current knowledge of a component of this node."""
         return self._by_id[component].value
 
     def outcome(self) -> dict[str, dict[Any, int]]:
-        """Return all counts (`Statistics.outcome`), with those of the network."""
+        """Return all counts (`Statistics.outcome`), including those of the reassembly."""
         outcome = self._statistics.outcome()
         outcome["counters"] |= self._network.counters()
         return outcome
 
     def advance(self, until: Instant, inputs: Sequence[Reception] = ()) -> list[Transmission]:
-        """Take in `inputs`, then do what is planned before `until`.
+        """Process `inputs`, then run everything scheduled before `until`; return the frames to send.
 
-        What the link heard before `now` is known from `now` on. An exception of a user's process or ensemble
-        is passed on with a note that says where.
+        Inputs received before `now` take effect at `now`. An exception of a user's process or ensemble
+        propagates with a note of its origin.
         """
         self._network.replicas.forget(self._now)
         for reception in inputs:
@@ -225,7 +228,7 @@ class Node:
         return self._network.transmissions()
 
     def skip(self, to: Instant) -> None:
-        """Do nothing of what is planned before `to`: the machine stood still. Rhythms are kept."""
+        """Skip everything scheduled before `to`, as after a pause; schedules keep their phase."""
         self._counters.skipped += self._agenda.skip(to)
         self._network.clear()
         self._now = to
@@ -279,7 +282,7 @@ class Node:
         return [one for one in self._network.replicas if oldest is None or self._now - one.heard <= oldest]
 
     def _settle(self) -> None:
-        """Run what changes of facts trigger, until nothing changes any more."""
+        """Run processes and ensembles triggered by changed facts until no fact changes."""
         ran: list[str] = []
         rounds = 0
         while due := dict.fromkeys(then for component in self._locals for then in component.changes()):
@@ -299,7 +302,7 @@ class Node:
         self._onlooker.committed(commit, self._network.replicas.get(commit.peer))
 
     def _react(self, news: News) -> None:
-        """Evaluate the ensembles that watch a fact which differs now."""
+        """Evaluate the ensembles whose watched facts changed."""
         if self._onlooker is not None:
             for component in self._locals:
                 self._onlooker.heard(component.id, news.after, self._now)
@@ -314,7 +317,7 @@ class Node:
         return tuple(known.values())
 
     def _passes(self, sender: Replica) -> bool:
-        """One ensemble without a boundary, or whose boundary holds, is enough; so is to have no ensemble."""
+        """Return whether any ensemble allows relaying, or there is no ensemble."""
         for pairing in self._pairings:
             if pairing.lets_pass(sender, self._locals):
                 return True
@@ -333,7 +336,7 @@ def _value(replica: Replica, fact: Fact) -> object:
 
 
 def _circle(ran: Sequence[str]) -> str:
-    """The last stretch that begins and ends with the same name."""
+    """Return the part since the previous occurrence of the last name, joined by arrows."""
     last = ran[-1]
     begin = max((index for index, name in enumerate(ran[:-1]) if name == last), default=0)
     return " → ".join(ran[begin:])

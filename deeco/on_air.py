@@ -1,4 +1,4 @@
-"""How the types that knowledge is made of travel: each is compiled once, into two functions."""
+"""Encoding of knowledge on the link: each type is compiled once into a pair of functions."""
 
 import inspect
 import reprlib
@@ -29,26 +29,28 @@ from deeco.link import LinkParameters
 
 _LEAST: Final = -(2**63)
 _MOST: Final = 2**64 - 1
-"""With _LEAST: what msgpack has for whole numbers."""
+"""With _LEAST: range of msgpack integers."""
 
 
-class Junk(Exception):  # noqa: N818  # never seen by a user
-    """Received data that are not of the form they should have."""
+class Junk(Exception):  # noqa: N818  # internal
+    """Received data that do not match the expected encoding."""
 
 
-class Unfit(Exception):  # noqa: N818  # never seen by a user
-    """A value that cannot travel: what is wrong with it, and what would have been right."""
+class Unfit(Exception):  # noqa: N818  # internal
+    """A value that cannot be encoded; the message names the fault and the remedy."""
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """Have the floats of a field travel as whole numbers of 1/`per_unit`, which takes 1 to 5 bytes, not 9.
+    """Encode the floats of a field as integer multiples of 1/`per_unit`, in 1 to 5 bytes instead of 9.
 
         position: Annotated[Point, Resolution(1000)]        # to the millimetre
 
-    Holds for every float inside of the annotated type; the innermost Resolution counts. A float x arrives as
-    round(x * per_unit) / per_unit: one that is given to that resolution arrives as it is. Raises
-    DefinitionError if `per_unit` is no whole number above 0.
+    Applies to every float inside the annotated type; the innermost Resolution counts. A float x is received
+    as
+    round(x * per_unit) / per_unit; a value of that form is unchanged. Raises DefinitionError unless
+    `per_unit` is
+    a positive integer.
     """
 
     per_unit: int
@@ -56,34 +58,34 @@ class Resolution:
     def __post_init__(self) -> None:
         if type(self.per_unit) is not int or self.per_unit < 1:
             raise DefinitionError(
-                f"Resolution({self.per_unit!r}): per_unit should be a whole number of at least 1, "
+                f"Resolution({self.per_unit!r}): per_unit must be a positive integer, "
                 "such as 1000 for millimetres"
             )
 
 
 @dataclass(frozen=True)
 class Form:
-    """How the values of one type travel."""
+    """Encoding of the values of one type."""
 
     says: str
-    """The form in words; two types with the same are packed alike."""
+    """Text form; types of equal text are encoded alike."""
     kinds: frozenset[type]
-    """Classes of the values it is made for."""
+    """Classes of the encoded values."""
     pack: Callable[[Any], Any]
-    """Value to what msgpack takes. Raises Unfit."""
+    """Convert a value for msgpack. Raises Unfit."""
     unpack: Callable[[Any], Any]
-    """The way back. Raises Junk, and nothing else, for anything that no `pack` gives."""
+    """Convert back. Raises only Junk, for anything that `pack` does not return."""
     depth: int = 0
-    """Arrays inside one another."""
+    """Depth of nested arrays."""
 
 
 def refuse(value: object, should: str) -> NoReturn:
-    """Raise Unfit for a value of the wrong type."""
-    raise Unfit(f"{reprlib.repr(value)} should be {should}")
+    """Raise Unfit for a value of the wrong type; `should` names the right one."""
+    raise Unfit(f"{reprlib.repr(value)} must be {should}")
 
 
 def _singletons(says: str, kind: type, values: tuple[Any, ...], should: str) -> Form:
-    """Return the form of values that are told by identity, and travel as they are."""
+    """Return the form of values compared by identity and encoded as themselves."""
 
     def pack(value: Any) -> Any:
         if not any(value is one for one in values):
@@ -102,7 +104,7 @@ def _pack_int(value: Any) -> int:
     if not isinstance(value, int) or value is True or value is False:
         refuse(value, "an int")
     if not _LEAST <= value <= _MOST:
-        refuse(value, "an int of at most 64 bits")
+        refuse(value, "an int of up to 64 bits")
     return int(value)
 
 
@@ -120,7 +122,7 @@ def _pack_float(value: Any) -> float:
     try:
         number = float(value)
     except OverflowError:
-        refuse(value, "a float of at most 64 bits")
+        refuse(value, "a float of up to 64 bits")
     if not isfinite(number):
         refuse(value, "a finite float")
     return number
@@ -139,13 +141,13 @@ FLOAT: Final = Form("float", frozenset({float}), _pack_float, _unpack_float)
 
 
 def rounded(resolution: Resolution) -> Form:
-    """A float as a whole number of a resolution's steps."""
+    """Return the form of floats as integer multiples of a resolution."""
     per_unit = resolution.per_unit
 
     def pack(value: Any) -> int:
         steps = _pack_float(value) * per_unit
         if not _LEAST <= steps < _MOST:
-            refuse(value, f"a float of at most 64 bits in steps of 1/{per_unit}")
+            refuse(value, f"a float of up to 64 bits in steps of 1/{per_unit}")
         return round(steps)
 
     def unpack(value: object) -> float:
@@ -157,7 +159,7 @@ def rounded(resolution: Resolution) -> Form:
 
 
 def text(most: int) -> Form:
-    """A str of at most so many bytes in UTF-8."""
+    """Return the form of str values of up to `most` bytes in UTF-8."""
 
     def pack(value: Any) -> str:
         if not isinstance(value, str):
@@ -165,10 +167,10 @@ def text(most: int) -> Form:
         try:
             size = len(value.encode())
         except UnicodeEncodeError:
-            refuse(value, "a str that UTF-8 can express")
+            refuse(value, "a str without lone surrogates")
         if size > most:
             raise Unfit(
-                f"a str of {size} bytes in UTF-8 should have at most {most} (LinkParameters.most_text)"
+                f"a str has {size} bytes in UTF-8; at most {most} are allowed (LinkParameters.most_text)"
             )
         return value
 
@@ -181,19 +183,19 @@ def text(most: int) -> Form:
 
 
 def text_size(value: str) -> int:
-    """Bytes in UTF-8; never raises."""
+    """Return the bytes of a str in UTF-8; never raises."""
     return len(value) if value.isascii() else len(value.encode("utf-8", "surrogatepass"))
 
 
 def octets(most: int) -> Form:
-    """A bytes of at most so many bytes."""
+    """Return the form of bytes values of up to `most` bytes."""
 
     def pack(value: Any) -> bytes:
         if not isinstance(value, bytes):
-            refuse(value, "a bytes")
+            refuse(value, "bytes")
         if len(value) > most:
             raise Unfit(
-                f"a bytes of {len(value)} bytes should have at most {most} (LinkParameters.most_text)"
+                f"a bytes value has {len(value)} bytes; at most {most} are allowed (LinkParameters.most_text)"
             )
         return value
 
@@ -206,9 +208,9 @@ def octets(most: int) -> Form:
 
 
 def enumeration(cls: type[Enum]) -> Form:
-    """A member of an Enum as its index in the order of definition."""
+    """Return the form of Enum members as indices in order of definition."""
     members = tuple(cls)
-    # By identity, for there is one object of each member, and its hash is a slow method.
+    # By identity: members are singletons, and Enum's hash is slow.
     indices = {id(member): index for index, member in enumerate(members)}
 
     def pack(value: Any) -> int:
@@ -222,9 +224,8 @@ def enumeration(cls: type[Enum]) -> Form:
 
 
 def literal(values: tuple[Any, ...]) -> Form:
-    """A value of a Literal as its index."""
-    # In an order of their own: typing takes Literal["a", "b"] and Literal["b", "a"] for the same, and gives
-    # back whichever it met first.
+    """Return the form of Literal values as indices."""
+    # Sorted: typing treats Literal["a", "b"] and Literal["b", "a"] as equal and returns the one cached first.
     ordered = tuple(sorted(values, key=lambda value: (type(value).__name__, _written(value))))
     indices = {(type(value), value): index for index, value in enumerate(ordered)}
     choice = ", ".join(_written(value) for value in values)
@@ -232,7 +233,7 @@ def literal(values: tuple[Any, ...]) -> Form:
     def pack(value: Any) -> int:
         try:
             return indices[type(value), value]
-        except (KeyError, TypeError):  # TypeError: it has no hash
+        except (KeyError, TypeError):  # TypeError: not hashable
             refuse(value, f"one of {choice}")
 
     says = ",".join(_written(value) for value in ordered)
@@ -257,22 +258,22 @@ def _chosen(values: tuple[Any, ...]) -> Callable[[Any], Any]:
 _FIXED: Final[dict[Any, Form]] = {None: NONE, types.NoneType: NONE, bool: BOOL, int: INT}
 
 
-class Unsound(Exception):  # noqa: N818  # never seen by a user
-    """A type that cannot be published, although its values cannot change; why, and what would be right."""
+class Unsound(Exception):  # noqa: N818  # internal
+    """A type of immutable values that cannot be encoded; the message names the reason and the remedy."""
 
 
 @dataclass(frozen=True)
 class Compiler:
-    """Makes forms, within the limits of the link."""
+    """Compiles types to forms within the limits of the link."""
 
     limits: LinkParameters
     resolution: Resolution | None = None
-    """That of the innermost Annotated around."""
+    """Resolution of the innermost enclosing Annotated."""
     inside: tuple[type, ...] = ()
-    """Classes around, outermost first."""
+    """Enclosing classes, outermost first."""
 
     def form(self, annotation: Any) -> Form:
-        """The form of an annotated type. Raises Unsound."""
+        """Return the form of an annotated type. Raises Unsound."""
         if isinstance(annotation, NewType):
             return self.form(annotation.__supertype__)
         origin, arguments = get_origin(annotation), get_args(annotation)
@@ -308,11 +309,11 @@ class Compiler:
         return _row([self.form(argument) for argument in arguments])
 
     def _union(self, arguments: tuple[Any, ...]) -> Form:
-        # By what they say, for typing takes unions of different order for the same, as with Literal.
+        # Sorted by text, as typing treats unions of different order as equal.
         forms: dict[str, Form] = {}
         for form in sorted((self.form(one) for one in arguments), key=lambda one: one.says):
             if forms.setdefault(form.says, form).kinds != form.kinds:
-                raise Unsound(f"two alternatives are {form.says}; they should have different names")
+                raise Unsound(f"two alternatives are {form.says}; rename one of them")
         optional = forms.pop(NONE.says, None)
         alternatives = tuple(forms.values())
         if not alternatives:
@@ -322,11 +323,11 @@ class Compiler:
 
     def _class(self, cls: Any) -> Form:
         if not isinstance(cls, type):
-            raise Unsound(f"{describe(cls)} has no form on the air")
+            raise Unsound(f"{describe(cls)} cannot be encoded")
         if issubclass(cls, Enum):
             return enumeration(cls)
         if cls in self.inside:
-            raise Unsound(f"{cls.__name__} contains itself; what is published should have an end")
+            raise Unsound(f"{cls.__name__} contains itself; recursive types cannot be encoded")
         inner = replace(self, inside=(*self.inside, cls))
         if is_dataclass(cls):
             names = tuple(field.name for field in fields(cls) if field.init)
@@ -335,19 +336,19 @@ class Compiler:
         elif is_frozen_struct(cls):
             names = struct_fields(cls)
         else:
-            raise Unsound(f"{describe(cls)} has no form on the air")
+            raise Unsound(f"{describe(cls)} cannot be encoded")
         return _record(cls, names, inner.fields(cls, names))
 
     def fields(self, cls: type, names: Sequence[str]) -> list[Form]:
-        """The forms of a class's fields. Raises Unsound."""
+        """Return the forms of a class's fields. Raises Unsound."""
         if len(names) > self.limits.most_items:
             raise Unsound(
-                f"{cls.__name__} has {len(names)} fields; at most {self.limits.most_items} may be "
+                f"{cls.__name__} has {len(names)} fields; at most {self.limits.most_items} are allowed "
                 "(LinkParameters.most_items)"
             )
         hints = get_type_hints(cls, localns={cls.__name__: cls}, include_extras=True)
         if untyped := next((name for name in names if name not in hints), None):
-            raise Unsound(f"{cls.__name__}.{untyped} should have a type")
+            raise Unsound(f"annotate {cls.__name__}.{untyped} with its type")
         return [self.form(hints[name]) for name in names]
 
 
@@ -359,7 +360,7 @@ def _sequence(item: Form, most: int) -> Form:
             refuse(value, "a tuple")
         if len(value) > most:
             raise Unfit(
-                f"a tuple of {len(value)} items should have at most {most} (LinkParameters.most_items)"
+                f"a tuple has {len(value)} items; at most {most} are allowed (LinkParameters.most_items)"
             )
         return tuple(map(pack_item, value))
 
@@ -377,7 +378,7 @@ def _row(forms: Sequence[Form]) -> Form:
 
     def pack(value: Any) -> tuple[Any, ...]:
         if not isinstance(value, tuple) or len(value) != count:
-            refuse(value, f"a tuple of {count}")
+            refuse(value, f"a tuple of {count} items")
         return pack_items(value)
 
     says = ",".join(form.says for form in forms)
@@ -390,7 +391,7 @@ def _record(cls: type, names: tuple[str, ...], forms: Sequence[Form]) -> Form:
     pack_items, unpack_items = _each([form.pack for form in forms]), strict(forms)
 
     def pack(value: Any) -> tuple[Any, ...]:
-        if type(value) is not cls:  # of a subclass, fields would be lost
+        if type(value) is not cls:  # a subclass would lose fields
             refuse(value, f"a {cls.__name__}")
         return pack_items(attributes(value))
 
@@ -420,7 +421,7 @@ def _choice(alternatives: tuple[Form, ...]) -> Form:
                 return index, alternatives[index].pack(value)
             except Unfit:
                 continue
-        raise Unfit(f"{reprlib.repr(value)} should be one of {says}")
+        raise Unfit(f"{reprlib.repr(value)} must be one of {says}")
 
     def unpack(packed: Any) -> Any:
         if type(packed) is not tuple or len(packed) != 2:
@@ -433,7 +434,7 @@ def _choice(alternatives: tuple[Form, ...]) -> Form:
     says = "|".join(form.says for form in alternatives)
     kinds = frozenset[type]().union(*(form.kinds for form in alternatives))
     indices = range(len(alternatives))
-    # Those made for the value's class first, for a float would take an int as well.
+    # Forms for the value's own class first, as float also accepts int.
     orders = {
         kind: sorted(indices, key=lambda index: kind not in alternatives[index].kinds) for kind in kinds
     }
@@ -445,7 +446,7 @@ def _depth(forms: Sequence[Form]) -> int:
 
 
 def _each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
-    """Apply all functions, each to its item; written out for pairs, which are most positions."""
+    """Return a function that applies `functions` to the items of a sequence; fast for pairs (positions)."""
     if len(functions) == 2:
         first, second = functions
         return lambda items: (first(items[0]), second(items[1]))
@@ -453,7 +454,7 @@ def _each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence[Any]]
 
 
 def strict(forms: Sequence[Form]) -> Callable[[Any], tuple[Any, ...]]:
-    """Unpack a tuple of exactly these forms. The function raises Junk for anything else."""
+    """Return a function that unpacks a tuple of exactly these forms, or raises Junk."""
     functions, count = [form.unpack for form in forms], len(forms)
 
     def unpack(packed: Any) -> tuple[Any, ...]:
@@ -465,24 +466,22 @@ def strict(forms: Sequence[Form]) -> Callable[[Any], tuple[Any, ...]]:
 
 
 def getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
-    """A function from an object to the values of its attributes."""
+    """Return a function from an object to the values of its attributes."""
     if len(names) > 1:
         return attrgetter(*names)
     return lambda value: tuple(getattr(value, name) for name in names)
 
 
 def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]:
-    """A function from the values of a class's fields to its object, which raises Junk if the class refuses.
+    """Return a function that makes an object from field values; it raises Junk if the class rejects them.
 
-    Raises Unsound for a class that takes something else than its fields.
+    Raises Unsound if the constructor's parameters are not the fields.
     """
     taken = tuple(inspect.signature(cls).parameters.values())
     if {parameter.name for parameter in taken} != set(names):
         wanted = ", ".join(parameter.name for parameter in taken) or "nothing"
-        raise Unsound(
-            f"{cls.__name__} is made from {wanted}; it should be made from its fields {', '.join(names)}"
-        )
-    if issubclass(cls, tuple) and cls.__new__.__code__.co_filename == "<string>":  # that of NamedTuple
+        raise Unsound(f"{cls.__name__} has parameters {wanted}; they must be its fields {', '.join(names)}")
+    if issubclass(cls, tuple) and cls.__new__.__code__.co_filename == "<string>":  # generated by NamedTuple
         return partial(tuple.__new__, cls)
     if is_plain(cls):
         new = object.__new__
@@ -498,7 +497,7 @@ def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]
     def make(values: tuple[Any, ...]) -> Any:
         try:
             return cls(*values) if by_position else cls(**dict(zip(names, values, strict=True)))
-        except Exception as error:  # whatever a user's __post_init__ raises for data that make no sense
+        except Exception as error:  # a user's __post_init__ may raise anything
             raise Junk from error
 
     return make

@@ -1,7 +1,7 @@
-"""What nodes send one another: the published knowledge of one component, in one version.
+"""Packets of nodes (L2): the published knowledge of one component in one version.
 
-On the air (L2) a packet is one byte, its type in the low four bits and how often it has been relayed in the
-high four, and a msgpack array: component's id, epoch, counter, and for each role fingerprint and fields.
+A packet is one byte, its type in the low four bits and its hop count in the high four, and a msgpack array:
+component id, epoch, counter, and for each role its fingerprint and fields.
 """
 
 from collections.abc import Container
@@ -15,19 +15,19 @@ from deeco.link import DEFAULTS, LinkParameters
 from deeco.on_air import text_size
 
 _KNOWLEDGE: Final = 0
-"""The type of packet, of three that JDEECo has (L2PacketType)."""
+"""Packet type; JDEECo has three (L2PacketType)."""
 _MOST_HOPS: Final = 15
 _HEAD: Final = 3
 """Items before the first role."""
 
 
 class Version(NamedTuple):
-    """How new knowledge is; compares as it should, so that a node that was restarted is heard again."""
+    """Version of a component's knowledge; compares by epoch first, so that a restarted node is accepted."""
 
     epoch: int
-    """How often the component's node has been restarted."""
+    """Number of restarts of the component's node."""
     counter: int
-    """Publications in this epoch."""
+    """Number of publications in this epoch."""
 
 
 class KnowledgePacket(NamedTuple):
@@ -36,17 +36,17 @@ class KnowledgePacket(NamedTuple):
     component: str
     version: Version
     hops: int
-    """How often it has been relayed."""
+    """Number of relays so far."""
     roles: tuple[tuple[int, tuple[object, ...]], ...]
-    """For each role that the component plays: the role's fingerprint and its packed fields."""
+    """Fingerprint and encoded fields of each role that the component plays."""
 
 
 def pack(packet: KnowledgePacket, limits: LinkParameters = DEFAULTS) -> bytes:
-    """The bytes of a packet. Raises ExecutionError if it or the component's id is too long."""
+    """Return the bytes of a packet. Raises ExecutionError if the packet or the component's id is too long."""
     if text_size(packet.component) > limits.most_id:
         raise ExecutionError(
             f"the id {packet.component!r} has {text_size(packet.component)} bytes in UTF-8; "
-            f"at most {limits.most_id} go on the air (LinkParameters.most_id)"
+            f"at most {limits.most_id} are allowed (LinkParameters.most_id)"
         )
     body: list[object] = [packet.component, *packet.version]
     for role in packet.roles:
@@ -55,13 +55,13 @@ def pack(packet: KnowledgePacket, limits: LinkParameters = DEFAULTS) -> bytes:
     if len(data) > limits.most_packet:
         raise ExecutionError(
             f"the published knowledge of {packet.component!r} has {len(data)} bytes; "
-            f"at most {limits.most_packet} go on the air (LinkParameters.most_packet)"
+            f"at most {limits.most_packet} are allowed (LinkParameters.most_packet)"
         )
     return data
 
 
 def _is_deeper(items: tuple[Any, ...], most: int) -> bool:
-    """Are there tuples more than `most` deep? Without recursion, which somebody could drive too far."""
+    """Return whether tuples are nested more than `most` deep; iterative, as the input is untrusted."""
     level: list[Any] = [items]
     for _ in range(most):
         level = [item for inner in level for item in inner if type(item) is tuple]
@@ -71,17 +71,17 @@ def _is_deeper(items: tuple[Any, ...], most: int) -> bool:
 
 
 class Unpacker:
-    """Unpacks bytes from the air, of packets that relays repeat the head only.
+    """Decodes packets; of repeated packets, only the first byte.
 
-    The fields of roles are bounded in number, size and nesting; a role book tells if they make sense.
+    Bounds number, size and nesting of role fields; a role book checks their meaning.
     """
 
     def __init__(
         self, limits: LinkParameters = DEFAULTS, most: int = 128, known: Container[int] = ()
     ) -> None:
-        """`most`: packets that are kept for repetitions, the last ones.
+        """Create an unpacker that caches the last `most` packets.
 
-        `known`: fingerprints of roles whose nesting the role book checks, so that it is not checked here.
+        `known`: fingerprints of roles whose nesting the role book checks; it is not checked here.
         """
         self._limits = limits
         self._known = known
@@ -96,7 +96,7 @@ class Unpacker:
         }
 
     def unpack(self, data: bytes) -> KnowledgePacket | None:
-        """Return the packet of bytes that may be anything; None if they are none. Never raises."""
+        """Return the packet; None if `data` (untrusted) is not a valid packet. Never raises."""
         if not 0 < len(data) <= self._limits.most_packet or data[0] & 0xF != _KNOWLEDGE:
             return None
         body = data[1:]
@@ -135,6 +135,6 @@ class Unpacker:
 
 
 def relayed(data: bytes) -> bytes:
-    """The same packet, relayed once more; beyond 15 times is not counted."""
+    """Return the packet with its hop count increased by one, up to 15."""
     hops = min((data[0] >> 4) + 1, _MOST_HOPS)
     return bytes([data[0] & 0xF | hops << 4]) + data[1:]

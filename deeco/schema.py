@@ -1,6 +1,6 @@
-"""The form in which roles travel: fields in their order, without names, and without the id.
+"""Encoding of roles on the link: field values in order, without names and without the id.
 
-Nodes that know a role by the same fingerprint agree on its form, as nodes of one program do.
+Nodes that know a role by the same fingerprint use the same encoding, as nodes of one program do.
 """
 
 from collections.abc import Container, Iterable
@@ -18,24 +18,23 @@ _ID = "id"
 
 
 class Unpacked(NamedTuple):
-    """What a book makes of packed roles."""
+    """Decoded roles of one packet."""
 
     roles: tuple[Knowledge, ...]
     unknown: int
-    """How many of the packed roles are not in the book."""
+    """Number of roles that are not in the book."""
 
 
 class _Role:
-    """One role, compiled.
+    """One role with its compiled codecs.
 
-    `fingerprint`: 32 bits that name the role and the form of its fields, the same in every process. They
-    change with the role's qualified name (without its module), with its fields' names and order, and with all
-    of their types that other nodes must agree on.
+    `fingerprint`: 32-bit hash of the role's qualified name (without its module), the names and order of its
+    fields and their types. It is equal in all processes.
     """
 
     def __init__(self, cls: type[Knowledge], limits: LinkParameters) -> None:
         if not is_role(cls):
-            raise DeploymentError(f"{cls.__name__} cannot be published; its class should have @role")
+            raise DeploymentError(f"{cls.__name__} cannot be published: decorate its class with @role")
         self.cls = cls
         names = tuple(name for name in published(cls) if name != _ID)
         try:
@@ -46,8 +45,8 @@ class _Role:
         depth = max((form.depth for form in forms), default=0)
         if depth > limits.most_depth:
             raise DeploymentError(
-                f"role {cls.__name__} cannot be published: it nests its types {depth} deep; "
-                f"at most {limits.most_depth} may be (LinkParameters.most_depth)"
+                f"role {cls.__name__} cannot be published: its types are nested {depth} levels deep; "
+                f"at most {limits.most_depth} are allowed (LinkParameters.most_depth)"
             )
         self._names = names
         self._values = getter(names)
@@ -58,7 +57,7 @@ class _Role:
         self.fingerprint = int.from_bytes(blake2b(self.says.encode(), digest_size=4).digest(), "little")
 
     def pack(self, value: Knowledge) -> tuple[Any, ...]:
-        """The fields. Raises ExecutionError for a value that cannot travel."""
+        """Return the encoded fields. Raises ExecutionError for a value that cannot be encoded."""
         packed: list[Any] = []
         try:
             for pack, field in zip(self._pack, self._values(value), strict=True):
@@ -71,15 +70,15 @@ class _Role:
         return tuple(packed)
 
     def unpack(self, component: str, packed: object) -> Knowledge:
-        """Return the role of a component. Raises Junk."""
+        """Return the decoded role of a component. Raises Junk."""
         made: Knowledge = self._make((component, *self._unpack(packed)))
         return made
 
 
 class RoleBook:
-    """Packs and unpacks the roles that a node knows.
+    """Encodes and decodes the roles that a node knows.
 
-    Raises DeploymentError for a role that has no form on the air, and for two that nobody could tell apart.
+    Raises DeploymentError for a role that cannot be encoded and for two roles of one fingerprint.
     """
 
     def __init__(self, roles: Iterable[type[Knowledge]], limits: LinkParameters = DEFAULTS) -> None:
@@ -95,20 +94,20 @@ class RoleBook:
         other = self._by_fingerprint.setdefault(role.fingerprint, role)
         if other is not role:
             raise DeploymentError(
-                f"{_place(role.cls)} and {_place(other.cls)} have the same fingerprint on the air, "
-                f"{role.fingerprint:08x}; one of them should have another name"
+                f"{_place(role.cls)} and {_place(other.cls)} have the same fingerprint, "
+                f"{role.fingerprint:08x}; rename one of them"
             )
         self._by_class[role.cls] = role
 
     @property
     def fingerprints(self) -> Container[int]:
-        """Of the roles in the book."""
+        """Fingerprints of the roles in the book."""
         return self._by_fingerprint
 
     def pack(self, value: Knowledge) -> tuple[tuple[int, tuple[object, ...]], ...]:
-        """For each role that a component plays, its fingerprint and its packed fields.
+        """Return the fingerprint and encoded fields of each role that a component plays.
 
-        Raises ExecutionError for a value that cannot travel, DeploymentError for a role not in the book.
+        Raises ExecutionError for a value that cannot be encoded, DeploymentError for a role not in the book.
         """
         kind = type(value)
         played = self._played.get(kind)
@@ -119,20 +118,19 @@ class RoleBook:
     def _roles_of(self, kind: type[Knowledge]) -> tuple[_Role, ...]:
         roles = roles_of(kind)
         if missing := next((one for one in roles if one not in self._by_class), None):
-            raise DeploymentError(
-                f"{kind.__name__} plays {missing.__name__}, which the role book should have been given"
-            )
+            raise DeploymentError(f"{kind.__name__} plays {missing.__name__}, which is not in the role book")
         if len(roles) > self._limits.most_roles:
             raise DeploymentError(
-                f"{kind.__name__} plays {len(roles)} roles; at most {self._limits.most_roles} may be "
+                f"{kind.__name__} plays {len(roles)} roles; at most {self._limits.most_roles} are allowed "
                 "(LinkParameters.most_roles)"
             )
         return tuple(self._by_class[one] for one in roles)
 
     def unpack(self, component: str, packed: tuple[tuple[int, tuple[object, ...]], ...]) -> Unpacked | None:
-        """The roles of a component that are in the book, in the order they came in; None if they are junk.
+        """Return the component's roles that are in the book, in order of arrival; None if the packet is
+        invalid.
 
-        A role that comes twice is junk, and so is one that does not have its form to the letter.
+        A packet is invalid if it repeats a role or if a role's fields do not match its encoding exactly.
         """
         found: dict[int, Knowledge] = {}
         unknown = 0

@@ -1,4 +1,4 @@
-"""What a node counts while it runs."""
+"""Counters of a node."""
 
 from collections import Counter
 from dataclasses import asdict, dataclass, field
@@ -11,53 +11,53 @@ _BIN: Final = milliseconds(50)
 
 @dataclass
 class NodeCounters:
-    """Everything that a node has done, dropped or refused."""
+    """Counts of activations, packets, replicas and relays."""
 
     activations: int = 0
-    """Runs of a process."""
+    """Executions of processes."""
     commits: int = 0
-    """Of these, runs that changed the knowledge."""
+    """Executions of processes that changed the knowledge."""
     skipped: int = 0
-    """Runs left out while the node did not step."""
+    """Executions left out while the node was not stepped."""
     memberships: int = 0
-    """Evaluations of a membership condition."""
+    """Evaluations of membership conditions."""
     published: int = 0
-    """Packets with the own components' knowledge."""
+    """Packets sent with knowledge of the node's own components."""
     frames: int = 0
-    """Frames handed to the link."""
+    """Frames given to the link."""
     packets: int = 0
-    """Packets heard whole."""
+    """Complete packets received."""
     packets_junk: int = 0
-    """Packets heard whole that do not hold knowledge."""
+    """Complete packets received without valid knowledge."""
     packets_own: int = 0
-    """Own knowledge that came back."""
+    """Packets received with knowledge of the node's own components."""
     packets_old: int = 0
-    """Knowledge no newer than what was known."""
+    """Packets received with knowledge no newer than the replica."""
     roles_unknown: int = 0
-    """Roles in packets that nobody here asks for, or that have another form here."""
+    """Roles in packets that this node does not use, or defines with other fields."""
     relayed: int = 0
     relays_cancelled: int = 0
-    """Not relayed, because another node did or newer knowledge came."""
+    """Relays cancelled: another node relayed, or newer knowledge arrived."""
     relays_refused: int = 0
-    """Not relayed, because the queue was full."""
+    """Relays refused: the queue was full."""
     replicas_forgotten: int = 0
-    """Too old."""
+    """Replicas dropped because of their age."""
     replicas_evicted: int = 0
-    """Too many."""
+    """Replicas dropped because there were too many."""
 
 
 @dataclass
 class Statistics:
-    """Counters of a node, of its ensembles, and the ages of what it knew."""
+    """Counters of a node and of its ensembles, and a histogram of replica ages."""
 
     counters: NodeCounters = field(default_factory=NodeCounters)
     exchanges: Counter[str] = field(default_factory=Counter)
-    """By ensemble: exchanges that changed a local component."""
+    """Exchanges that changed a local component, by ensemble."""
     ages: Counter[int] = field(default_factory=Counter)
-    """How long ago each replica had been heard at each own publication: count by the bin's upper end, ms."""
+    """Ages of all replicas at each publication: counts by upper bin edge, ms."""
 
     def sample_age(self, heard: Instant, now: Instant) -> None:
-        """Count the age of one replica."""
+        """Count one replica in the histogram of ages."""
         age: Duration = Duration(now - heard)
         self.ages[(age // _BIN + 1) * _BIN // 1000] += 1
 

@@ -85,7 +85,7 @@ class Follower(Car):
 
 @ensemble(every=seconds(0.5), max_age=seconds(10))
 class Convoy:
-    """Who is behind somebody watches the nearest one ahead. Twice a second, by news of the last 10 s."""
+    """Twice a second, each vehicle watches the nearest one ahead, with replicas of at most 10 s."""
 
     reach: float = 100.0
 

@@ -1,1 +1,1 @@
-"""What a component and its ensembles do, told and drawn from their source."""
+"""Descriptions and diagrams of components and ensembles, from their source."""

@@ -1,4 +1,4 @@
-"""`python -m deeco.explain` tells and draws what a component and its ensembles do."""
+"""Entry point of `python -m deeco.explain`."""
 
 import sys
 

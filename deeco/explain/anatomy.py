@@ -1,4 +1,4 @@
-"""What the processes of a component class, and the ensembles that it meets, do with its knowledge."""
+"""Use of knowledge by the processes of a component class and by the ensembles that it takes part in."""
 
 import inspect
 from collections.abc import Iterable, Iterator
@@ -17,38 +17,38 @@ _BOUNDARY: Final = "boundary"
 
 @dataclass(frozen=True)
 class ComponentPart:
-    """A process of a component, or an ensemble as a component meets it on its own node."""
+    """A process of a component, or an ensemble that a component takes part in."""
 
     name: str
     when: str
     is_ensemble: bool
     adaptation: bool
-    """Of the adaptation layer, as every ensemble is."""
+    """True in the adaptation layer, and for every ensemble."""
     ports: tuple[tuple[str, Any], ...] = ()
     reads: tuple[str, ...] = ()
-    """Fields of the component."""
+    """Fields of the component that it reads."""
     writes: tuple[str, ...] = ()
     hears: tuple[str, ...] = ()
-    """Fields that it reads of peers."""
+    """Fields of peers that it reads."""
     tells: tuple[str, ...] = ()
-    """Fields of the component that it reads on the nodes of peers."""
+    """Fields of the component that it reads on peers' nodes."""
     doubts: tuple[str, ...] = ()
-    """What cannot be told of it."""
+    """Accesses that the analysis cannot resolve."""
 
 
 class Method(NamedTuple):
-    """A method of an ensemble, whose first two parameters are the two sides of a pair."""
+    """A method of an ensemble; its first two parameters are the two sides of a pair."""
 
     name: str
     sides: tuple[tuple[str, type[Knowledge]], tuple[str, type[Knowledge]]]
-    """Parameter and class."""
+    """Parameter and class of both sides."""
     ports: tuple[tuple[str, Any], ...]
     local: tuple[str, ...]
-    """The sides that may be the local one."""
+    """Sides that can be local."""
 
 
 def processes(cls: type[Knowledge]) -> tuple[ComponentPart, ...]:
-    """The processes of a component class."""
+    """Return the processes of a component class."""
     return tuple(_process(cls, process) for process in processes_of(cls))
 
 
@@ -72,7 +72,7 @@ def _process(cls: type[Knowledge], process: Process) -> ComponentPart:
 
 
 def methods(kind: EnsembleType) -> Iterator[Method]:
-    """The methods of an ensemble that knowledge goes through."""
+    """Yield the methods of an ensemble that use knowledge."""
     roles = ((COORDINATOR, kind.coordinator), (MEMBER, kind.member))
     local = (COORDINATOR,) if is_component(kind.coordinator) else (COORDINATOR, MEMBER)
     yield Method(_MEMBERSHIP, roles, kind.ports, (MEMBER,) if is_component(kind.member) else local)
@@ -87,7 +87,7 @@ def methods(kind: EnsembleType) -> Iterator[Method]:
 
 
 def method_flow(ensemble: type, method: Method, local: str = "", cls: type[Knowledge] | None = None) -> Flow:
-    """The flow through a method; with `cls` as the class of the side `local`, if that is known."""
+    """Analyse a method; `cls`, if given, is the class of the side `local`."""
     function = getattr(ensemble, method.name)
     subjects: dict[str, type] = {"self": ensemble, **dict(method.sides)}
     if cls is not None:
@@ -96,7 +96,7 @@ def method_flow(ensemble: type, method: Method, local: str = "", cls: type[Knowl
 
 
 def meeting(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
-    """An ensemble as components of a class meet it; None if they never can be on either side."""
+    """Return an ensemble as used by components of a class; None if they can be on neither side."""
     kind = ensemble_type(ensemble)
     assert kind is not None
     own: list[tuple[Method, str, str, Flow]] = []
@@ -129,10 +129,10 @@ def meeting(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
 
 
 def rhythm_of(kind: EnsembleType) -> str:
-    """When an ensemble is evaluated."""
+    """Return the schedule of an ensemble as text."""
     times = [_rhythm(Periodic(kind.every, kind.offset))] if kind.every is not None else []
     times += [_change(kind.on_change)] if kind.on_change else []
-    age = "" if kind.max_age is None else f", by news of the last {in_seconds(kind.max_age):g} s"
+    age = "" if kind.max_age is None else f", with replicas of at most {in_seconds(kind.max_age):g} s"
     return " and ".join(times) + age
 
 
@@ -148,7 +148,7 @@ def _change(facts: tuple[Fact, ...]) -> str:
 
 
 def _fact_flow(fact: Fact, cls: type[Knowledge]) -> Flow:
-    """The flow through a fact, in the form that the class gives to it."""
+    """Analyse a fact as defined or overridden by the class."""
     function = getattr(cls, fact.__name__)
     own = next(iter(inspect.signature(function).parameters))
     found = flow(function, {own: cls})

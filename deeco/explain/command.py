@@ -19,7 +19,7 @@ _FORM: Final = "'module:Component', 'module:Ensemble' or 'module'"
 
 
 class UnexplainableError(DeecoError):
-    """An argument that names no component and no ensemble."""
+    """An argument that is not a component or an ensemble."""
 
 
 @dataclass
@@ -51,11 +51,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the descriptions; return 2 if an argument is wrong."""
     parser = argparse.ArgumentParser(
         prog="python -m deeco.explain",
-        description="Say when the processes of a component and its ensembles run and what they read and "
-        "write, or draw the adapted and the adaptation layer.",
+        description="Show when the processes of a component and its ensembles run and which fields they read "
+        "and write, or draw the adapted and the adaptation layer.",
         epilog="Example: python -m deeco.explain examples.convoy:Follower examples.convoy:Convoy",
     )
-    parser.add_argument("subject", nargs="+", help=f"{_FORM}: all that it defines, or else imports")
+    parser.add_argument("subject", nargs="+", help=f"{_FORM}; of a module all it defines or else imports")
     parser.add_argument("--mermaid", action="store_true", help="print a Mermaid flowchart of both layers")
     options = parser.parse_args(arguments)
     try:
@@ -69,13 +69,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         lines = text(subjects)
     try:
         print("\n".join(lines), flush=True)  # noqa: T201
-    except BrokenPipeError:  # the reader, such as `head`, has closed its end
+    except BrokenPipeError:  # the reader, such as `head`, has exited
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
 def text(subjects: Subjects) -> list[str]:
-    """Describe every component and ensemble, then who uses the fields of each component."""
+    """Describe all components and ensembles, then the use of each component's fields."""
     sections = [component_text(cls, processes(cls)) for cls in subjects.components]
     sections += [ensemble_text(cls, subject) for cls, subject in subjects.ensembles.items()]
     sections += [field_table(cls, subjects.parts(cls)) for cls in subjects.components]
@@ -83,12 +83,12 @@ def text(subjects: Subjects) -> list[str]:
 
 
 def find(arguments: Sequence[str]) -> Subjects:
-    """Return what the arguments name. Raises UnexplainableError."""
+    """Return the subjects that the arguments name. Raises UnexplainableError."""
     subjects = Subjects()
     for argument in arguments:
         module_name, colon, name = argument.partition(":")
         if not module_name or module_name.startswith(".") or (colon and not name):
-            raise UnexplainableError(f"{argument!r} names nothing; it should be {_FORM}")
+            raise UnexplainableError(f"{argument!r} is not a valid name; write {_FORM}")
         module = _module(module_name)
         if not colon:
             found, _ = _defined(module)
@@ -97,7 +97,7 @@ def find(arguments: Sequence[str]) -> Subjects:
             for one in found:
                 subjects.add(one)
         elif not hasattr(module, name):
-            raise UnexplainableError(f"there is no {name!r} in {module_name}; {_offer(module)}")
+            raise UnexplainableError(f"{module_name} does not define {name!r}; {_offer(module)}")
         elif not subjects.add(getattr(module, name)):
             raise UnexplainableError(f"{argument} is {_kind(getattr(module, name))}; {_offer(module)}")
     return subjects
@@ -110,16 +110,16 @@ def _module(name: str) -> ModuleType:
         missing = error.name or ""
         if name == missing or name.startswith(f"{missing}."):
             raise UnexplainableError(
-                f"there is no module {name!r} here; it should be written as in an import, "
-                "such as examples.convoy, and be found from the current folder"
+                f"module {name!r} not found; write it as in an import, "
+                "such as examples.convoy, and start in the folder that contains it"
             ) from None
         raise UnexplainableError(
-            f"the module {name!r} cannot be imported, for it needs {missing!r}, which is not installed"
+            f"module {name!r} cannot be imported: {missing!r} is not installed"
         ) from None
 
 
 def _defined(module: ModuleType) -> tuple[list[type], str]:
-    """Return the components, then the ensembles, that a module defines, or else imports; and which."""
+    """Return the components, then the ensembles, that a module defines or else imports, with that verb."""
     classes = dict.fromkeys(one for one in vars(module).values() if isinstance(one, type))
     found = [one for one in classes if is_component(one)] + [one for one in classes if ensemble_type(one)]
     own = [one for one in found if one.__module__ == module.__name__]
@@ -136,10 +136,10 @@ def _offer(module: ModuleType) -> str:
 def _kind(found: object) -> str:
     if isinstance(found, type):
         return (
-            "a role, which by itself does nothing"
+            "a role; name a component or an ensemble"
             if is_role(found)
             else "a class without @component and @ensemble"
         )
     if is_component(type(found)):
-        return f"an instance of the component {type(found).__name__}, whose class should be named"
+        return f"an instance of the component {type(found).__name__}; name its class"
     return f"of type {type(found).__name__}, neither a component nor an ensemble"

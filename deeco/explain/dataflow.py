@@ -1,9 +1,9 @@
-"""What a process or an exchange reads and writes of knowledge, told from its source, without running it.
+"""Reads and writes of knowledge by a process or an exchange, by static analysis of its source.
 
-Read is every field of the knowledge that is asked for as an attribute, in the function itself and in all
-properties, methods and functions that the knowledge is handed to and whose source is there; written is
-every keyword of `replace(knowledge, ...)`. What never runs counts as well, and so does a field that is read
-only after it was replaced. Whatever goes beyond that is not guessed: it stands among the doubts.
+Read are all fields accessed as attributes, in the function and in all properties, methods and functions that
+receive the knowledge and whose source is available; written are all keywords of `replace(knowledge, ...)`.
+Unreachable code counts, and so do fields read after they were replaced. Everything else is not guessed but
+listed among the doubts.
 """
 
 import ast
@@ -23,10 +23,10 @@ Definition = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def definition(function: Callable[..., Any]) -> Definition | None:
-    """The syntax tree of a function; None if it has no source, or is not made by `def`."""
+    """Return the syntax tree of a function; None if it has no source or is not made by `def`."""
     try:
         text = inspect.getsource(inspect.unwrap(function))
-        # A method is indented, and lines of a text within it perhaps not, so that dedenting would not do.
+        # A method is indented, but lines of its multi-line strings may not be, so that dedent would fail.
         tree = ast.parse("if True:\n" + text if text[:1].isspace() else text)
     except (OSError, TypeError, SyntaxError):
         return None
@@ -36,7 +36,7 @@ def definition(function: Callable[..., Any]) -> Definition | None:
 
 
 def meaning(expression: ast.expr, function: Callable[..., Any]) -> object | None:
-    """What a name, or names joined by dots, stand for outside the function; None if that cannot be told."""
+    """Return the object that a (dotted) name denotes outside the function; None if unknown."""
     if isinstance(expression, ast.Attribute):
         owner = meaning(expression.value, function)
         return None if owner is None else inspect.getattr_static(owner, expression.attr, None)
@@ -62,7 +62,7 @@ def _enclosed(function: Callable[..., Any], name: str) -> object | None:
 
 
 def can_follow(target: object) -> bool:
-    """True for a function that belongs neither to Python nor to its standard library."""
+    """Return whether `target` is a function outside the standard library."""
     if not inspect.isfunction(target):
         return False
     package = (target.__module__ or "").partition(".")[0]
@@ -70,12 +70,12 @@ def can_follow(target: object) -> bool:
 
 
 def parameters(tree: Definition) -> tuple[str, ...]:
-    """Names of the parameters that arguments without a name go to, in their order."""
+    """Return the names of the positional parameters in order."""
     return tuple(one.arg for one in (*tree.args.posonlyargs, *tree.args.args))
 
 
 def shortened(tree: ast.AST) -> str:
-    """The source of an expression or statement on one line of at most 60 characters."""
+    """Return the source of a node on one line of at most 60 characters."""
     text = " ".join(ast.unparse(tree).split())
     return text if len(text) <= 60 else text[:59] + "…"
 
@@ -86,45 +86,45 @@ _READ_ALL: Final = (repr, str, hash, dataclasses.asdict, dataclasses.astuple)
 
 
 class Subject(NamedTuple):
-    """Knowledge that is followed through a function."""
+    """Knowledge tracked through a function."""
 
     label: str
-    """The parameter of the outermost function that it came in by."""
+    """Parameter of the outermost function through which it was passed."""
     kind: type
 
 
 @dataclass
 class Flow:
-    """What is read and written of each subject, by its label; dicts serve as sets that keep their order."""
+    """Fields read and written, by subject label; dicts serve as ordered sets."""
 
     reads: dict[str, dict[str, None]] = field(default_factory=dict)
     writes: dict[str, dict[str, None]] = field(default_factory=dict)
     doubts: dict[str, None] = field(default_factory=dict)
-    """What cannot be told, each to be read after "cannot tell"."""
+    """Unresolved accesses, to be read after "unknown"."""
 
     def read(self, label: str) -> tuple[str, ...]:
-        """Names of the fields read."""
+        """Return the names of the fields read."""
         return tuple(self.reads.get(label, ()))
 
     def written(self, label: str) -> tuple[str, ...]:
-        """Names of the fields written."""
+        """Return the names of the fields written."""
         return tuple(self.writes.get(label, ()))
 
 
 def flow(function: Callable[..., Any], subjects: Mapping[str, type], *, gives: bool = False) -> Flow:
-    """The flow through a function, whose parameters `subjects` get knowledge of these classes.
+    """Analyse a function whose parameters `subjects` receive knowledge of these classes.
 
-    With `gives`, the function should give knowledge, and what it gives otherwise is a doubt.
+    With `gives`, returning anything but knowledge is a doubt.
     """
     found = Flow()
     known = {name: Subject(name, kind) for name, kind in subjects.items()}
     reading = _KnowledgeUse(function, known, found, {})
     if reading.tree is None:
-        found.doubts[f"what {function.__name__}() reads and writes, for its source is not there"] = None
+        found.doubts[f"reads and writes of {function.__name__}(), whose source is not available"] = None
         return found
     reading.run()
     if gives:
-        found.doubts |= dict.fromkeys(f"what `{shortened(one)}` writes" for one in reading.strange)
+        found.doubts |= dict.fromkeys(f"writes of `{shortened(one)}`" for one in reading.strange)
     return found
 
 
@@ -132,7 +132,7 @@ _Followed = dict[tuple[object, ...], Subject | None]
 
 
 class _KnowledgeUse:
-    """One function, with the names in it that stand for knowledge."""
+    """Analysis of one function, with the names in it that denote knowledge."""
 
     def __init__(
         self, function: Callable[..., Any], known: dict[str, Subject], found: Flow, followed: _Followed
@@ -140,19 +140,19 @@ class _KnowledgeUse:
         self.function = function
         self.tree = definition(function)
         self.strange: list[ast.Return] = []
-        """What is returned beside knowledge."""
+        """Return statements with anything but knowledge."""
         self._known = known
         self._classes: dict[str, type] = {}
-        """Classes of the objects that the function makes, by the objects' names."""
+        """Classes of objects that the function creates, by variable name."""
         self._found = found
         self._followed = followed
         self._given: Subject | None = None
 
     def run(self) -> Subject | None:
-        """Read the function; the knowledge that it always gives, if it does."""
+        """Analyse the function; return the knowledge that it always returns, if so."""
         assert self.tree is not None
         before = -1
-        while before < len(self._known):  # a loop may use, at its start, a name that it binds at its end
+        while before < len(self._known):  # a loop may use a name before the line that binds it
             before = len(self._known)
             self.strange.clear()
             for statement in self.tree.body:
@@ -160,7 +160,7 @@ class _KnowledgeUse:
         return None if self.strange else self._given
 
     def _visit(self, node: ast.AST) -> None:
-        """A statement, or a part of one that is no expression."""
+        """Visit a statement, or a part of one that is not an expression."""
         match node:
             case ast.Return(value=value):
                 self._returned(node, value)
@@ -179,7 +179,7 @@ class _KnowledgeUse:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.expr):
                 if subject := self._value(child):
-                    self._doubt(f"what `{shortened(node)}` reads of {subject.label}")
+                    self._doubt(f"reads of {subject.label} in `{shortened(node)}`")
             else:
                 self._visit(child)
 
@@ -211,7 +211,7 @@ class _KnowledgeUse:
                     self._assigned(one, other)
             case _:
                 if subject := self._value(value):
-                    self._doubt(f"what is read of {subject.label} by way of `{shortened(target)}`")
+                    self._doubt(f"reads of {subject.label} through `{shortened(target)}`")
                 self._value(target)
 
     def _bind(self, name: str, subject: Subject | None) -> None:
@@ -219,7 +219,7 @@ class _KnowledgeUse:
             self._known[name] = subject
 
     def _value(self, node: ast.expr) -> Subject | None:
-        """Read an expression; the subject, if its value is knowledge of one."""
+        """Visit an expression; return the subject if its value is knowledge."""
         match node:
             case ast.Name(id=name, ctx=ast.Load()):
                 return self._known.get(name)
@@ -246,7 +246,7 @@ class _KnowledgeUse:
         if one == other:
             return one
         for subject in filter(None, (one, other)):
-            self._doubt(f"what is read of {subject.label} by way of `{shortened(node)}`")
+            self._doubt(f"reads of {subject.label} through `{shortened(node)}`")
         return None
 
     def _compared(self, node: ast.Compare) -> None:
@@ -267,7 +267,7 @@ class _KnowledgeUse:
         if inspect.isfunction(there):
             return self._follow(there, [subject], {})
         if (there is None or hasattr(type(there), "__get__")) and name != "__class__":
-            self._doubt(f"what {subject.label}.{name} reads")
+            self._doubt(f"reads of {subject.label}.{name}")
         return None
 
     def _call(self, call: ast.Call) -> Subject | None:
@@ -300,7 +300,7 @@ class _KnowledgeUse:
             if whole := self._value(keyword.value):
                 self._read_all(whole)
             if subject and keyword.arg is None:
-                self._doubt(f"what `{shortened(call)}` writes")
+                self._doubt(f"writes of `{shortened(call)}`")
             elif subject and keyword.arg:
                 self._found.writes.setdefault(subject.label, {})[keyword.arg] = None
         return subject
@@ -322,7 +322,7 @@ class _KnowledgeUse:
         function = first and _next_method(first.kind, self.function, name)
         if first and can_follow(function):
             return self._with_arguments(function, [first], call)
-        self._doubt(f"what {shortened(call)} reads and writes")
+        self._doubt(f"reads and writes of {shortened(call)}")
         return None
 
     def _function_call(self, call: ast.Call, target: object) -> Subject | None:
@@ -337,7 +337,7 @@ class _KnowledgeUse:
             if target in _READ_ALL:
                 self._read_all(subject)
             elif target not in _READ_NOTHING:
-                self._doubt(f"what `{shortened(call)}` reads of {subject.label}")
+                self._doubt(f"reads of {subject.label} in `{shortened(call)}`")
         return None
 
     def _with_arguments(self, function: Any, first: list[Subject | None], call: ast.Call) -> Subject | None:
@@ -347,7 +347,7 @@ class _KnowledgeUse:
     def _arguments(
         self, positional: list[ast.expr], named: list[ast.keyword], call: ast.Call
     ) -> tuple[list[Subject | None], dict[str, Subject]]:
-        """Read the arguments; which of them are knowledge."""
+        """Visit the arguments; return those that are knowledge, by position and by name."""
         by_place = [self._value(one) for one in positional]
         by_name: dict[str, Subject] = {}
         for keyword in named:
@@ -355,13 +355,13 @@ class _KnowledgeUse:
             if subject and keyword.arg:
                 by_name[keyword.arg] = subject
         if any(isinstance(one, ast.Starred) for one in positional) and any(by_place):
-            self._doubt(f"what goes where in `{shortened(call)}`")
+            self._doubt(f"argument order of `{shortened(call)}`")
         return by_place, by_name
 
     def _follow(
         self, function: Callable[..., Any], positional: list[Subject | None], named: dict[str, Subject]
     ) -> Subject | None:
-        """Read another function, whose arguments are these subjects, None being anything else."""
+        """Analyse a called function with these arguments; None stands for anything but knowledge."""
         if not any(positional) and not named:
             return None
         key = (function, *positional, *sorted(named.items()))
@@ -371,7 +371,7 @@ class _KnowledgeUse:
         inner = _KnowledgeUse(function, dict(named), self._found, self._followed)
         names = parameters(inner.tree) if inner.tree else ()
         if inner.tree is None or any(positional[len(names) :]):
-            self._doubt(f"what else is read in {function.__qualname__}()")
+            self._doubt(f"further reads in {function.__qualname__}()")
             return None
         inner._known |= {name: one for name, one in zip(names, positional, strict=False) if one}
         self._followed[key] = inner.run()
@@ -393,7 +393,7 @@ def _is_super(node: ast.expr) -> bool:
 
 
 def _next_method(kind: type, function: Callable[..., Any], name: str) -> object | None:
-    """What `super().name` is in a method of one of the classes that `kind` builds on."""
+    """Return the attribute that `super().name` denotes in a method of a base of `kind`."""
     order = kind.__mro__
     owner = next((place for place, base in enumerate(order) if function in vars(base).values()), len(order))
     return next((vars(base)[name] for base in order[owner + 1 :] if name in vars(base)), None)

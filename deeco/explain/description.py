@@ -2,8 +2,8 @@
 
 The chart shows the adapted and the adaptation layer after Fig. 7.3 of *Experimenting with Adaptation in Smart
 Cyber-Physical Systems: A Model Problem and Testbed*: below, the ports and the business processes; above, the
-adaptation, a process if it uses one component only, an ensemble otherwise. Arrows are fields that one part
-writes and another reads.
+adaptation, drawn as a process if it uses one component only, otherwise as an ensemble. Arrows are fields that
+one part writes and another reads.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ _NO_BREAK: Final = "\u00a0"
 
 
 def component_text(cls: type[Knowledge], processes: Sequence[ComponentPart]) -> list[str]:
-    """Describe a component: its roles, its own fields, its processes."""
+    """Describe a component: its roles, local fields and processes."""
     lines = [f"{cls.__name__}, a component"]
     for role in roles_of(cls):
         lines += _entry("publishes", f"as {role.__name__}: {_typed(role, published(role))}")
@@ -40,7 +40,7 @@ def component_text(cls: type[Knowledge], processes: Sequence[ComponentPart]) -> 
 
 
 def ensemble_text(cls: type, subject: object) -> list[str]:
-    """Describe an ensemble, given as its class or an instance: parameters, fields read and written."""
+    """Describe an ensemble (class or instance): parameters, fields read and written."""
     kind = ensemble_type(cls)
     assert kind is not None
     lines = _heading(f"{kind.name}, an ensemble, {rhythm_of(kind)}")
@@ -82,13 +82,13 @@ def field_table(cls: type[Knowledge], parts: Sequence[ComponentPart]) -> list[st
             lines.append((f"{texts[0]:{first}}" + "".join(f"{text:{width}}" for text in texts[1:])).rstrip())
     lines.insert(1, "─" * (first + 3 * width))
     if doubtful := [part.name for part in parts if part.doubts]:
-        text = f"More may be read or written than the table says, by {names(doubtful)}: see above."
+        text = f"The table may lack fields used by {names(doubtful)}: see 'unknown' above."
         lines += textwrap.wrap(text, WIDTH)
     return lines
 
 
 def mermaid_chart(components: Mapping[str, Sequence[ComponentPart]]) -> list[str]:
-    """Draw both layers of components, by their names, as a Mermaid flowchart."""
+    """Draw both layers of the named components as a Mermaid flowchart."""
     lines = ["flowchart TB"]
     for name, parts in components.items():
         lines += [f'    subgraph {name}["{name}"]', *(f"        {line}" for line in _chart(name, parts))]
@@ -136,7 +136,7 @@ def _escaped(text: str) -> str:
 
 
 def _devices(part: ComponentPart) -> dict[str, None]:
-    """Return the types of its ports, without those that every node has."""
+    """Return the types of its ports except those that every node has."""
     return dict.fromkeys(_type_text(kind) for _, kind in part.ports if kind not in {Instant, Contact})
 
 
@@ -145,7 +145,7 @@ def _heading(text: str) -> list[str]:
 
 
 def _entry(label: str, text: str) -> list[str]:
-    """Write a label and, beside it, a text of any number of lines."""
+    """Return a label with a wrapped text beside it."""
     indent = " " * (_LABEL + 5)
     lines = textwrap.wrap(
         text, WIDTH, initial_indent=f"    {label:{_LABEL}} ", subsequent_indent=indent, break_on_hyphens=False
@@ -154,17 +154,17 @@ def _entry(label: str, text: str) -> list[str]:
 
 
 def names(items: Iterable[str]) -> str:
-    """Join with commas; a dash for no items."""
+    """Join with commas; return a dash for no items."""
     return ", ".join(items) or "—"
 
 
 def _type_text(annotation: Any) -> str:
-    """Write a type as in the source, without the modules of its names."""
+    """Return a type as in the source, without module names."""
     return re.sub(r"\b(?:\w+\.)+(?=\w)", "", describe(annotation))
 
 
 def _ports_and_doubts(ports: Sequence[tuple[str, Any]], doubts: Iterable[str]) -> list[str]:
-    lines = [line for doubt in doubts for line in _entry("cannot tell", doubt)]
+    lines = [line for doubt in doubts for line in _entry("unknown", doubt)]
     if ports:
         lines[:0] = _entry("ports", names(f"{name}: {_type_text(kind)}" for name, kind in ports))
     return lines

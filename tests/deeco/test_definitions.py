@@ -42,21 +42,21 @@ class Truck(Vehicle):
     def is_empty(self) -> bool:
         return True
 """
-UNORDERED = "differs from one process to the next; write a sorted tuple"
+UNORDERED = "differs between processes; write a sorted tuple"
 FIELDS = {
-    "list[float]": "list[float] can change behind everybody's back; write tuple[float, ...]",
-    "bytearray": "bytearray can change behind everybody's back; write bytes",
-    "set[int]": f"set[int] can change, and its order {UNORDERED}",
+    "list[float]": "list[float] is mutable; write tuple[float, ...]",
+    "bytearray": "bytearray is mutable; write bytes",
+    "set[int]": f"set[int] is mutable, and its order {UNORDERED}",
     "frozenset[int]": f"the order of frozenset[int] {UNORDERED}",
-    "tuple": "tuple does not say what is in it; write for example tuple[float, ...]",
-    "Any": "Any says nothing about what is in it; name the type",
-    "Open": "Open is a dataclass that can change; write @dataclass(frozen=True)",
-    "datetime": "datetime is not among the types whose values are known never to change; "
+    "tuple": "tuple has no item type; write for example tuple[float, ...]",
+    "Any": "Any does not restrict the value; use a specific type",
+    "Open": "Open is a mutable dataclass; write @dataclass(frozen=True)",
+    "datetime": "datetime is not known to be immutable; "
     "use a number, a str, an Enum, a tuple or a frozen dataclass without type parameters",
     # A mutable type is found at any depth.
-    "float | list[int] | None": "list[int] can change behind everybody's back; write tuple[int, ...]",
-    "Manifest": "list[str] can change behind everybody's back; write tuple[str, ...]",
-    "tuple[Waypoint, ...]": f"set[str] can change, and its order {UNORDERED}",
+    "float | list[int] | None": "list[int] is mutable; write tuple[int, ...]",
+    "Manifest": "list[str] is mutable; write tuple[str, ...]",
+    "tuple[Waypoint, ...]": f"set[str] is mutable, and its order {UNORDERED}",
 }
 
 
@@ -87,57 +87,57 @@ def convoy(body: str) -> str:
 
 MEMBERSHIP = " def membership(self, coordinator: Vehicle, member: Vehicle) -> bool: ...\n"
 MISTAKES = {
-    "role Lorry does not build on Knowledge; "
-    "it should, directly or by way of the roles that it plays": "@role\nclass Lorry: ...",
+    "role Lorry is not derived from Knowledge; "
+    "derive it directly or through its roles": "@role\nclass Lorry: ...",
     "role Lorry: name 'Goods' is not defined; "
     "import or define the type before the class": "@role\nclass Lorry(Knowledge):\n load: 'Goods'",
-    "role Lorry builds on Truck, which is a component; "
-    "what peers may know must not contain what is local": "@role\nclass Lorry(Truck): ...",
-    "role Lorry has the process drive; processes belong to a component": (
+    "role Lorry is derived from the component Truck; "
+    "published knowledge must not contain local fields": "@role\nclass Lorry(Truck): ...",
+    "role Lorry has the process drive; define it in a component": (
         "@role\nclass Lorry(Knowledge):\n @periodic(every=seconds(1))\n def drive(self) -> Self: ..."
     ),
-    "component Lorry plays no role; it should build on a class with @role": (
+    "component Lorry plays no role; derive it from a class with @role": (
         "@component\nclass Lorry(Knowledge): ..."
     ),
-    "@periodic: every=0 is 0 µs, and should be at least 1000 µs; "
-    "seconds(1) is a second": "periodic(every=seconds(0))",
-    "@periodic: offset=-1000 is -1000 µs, and should be 0 or at least 1000 µs; "
-    "seconds(1) is a second": "periodic(every=seconds(1), offset=milliseconds(-1))",
-    "@periodic: every=0.5 is no duration, and should be one, such as seconds(1)": "periodic(every=0.5)",
-    "@on_change() should name a fact, such as Cleaner.is_blocked": "on_change()",
-    "Lorry.stop runs on a change of Truck.is_empty, which is no method of Lorry or its roles": (
+    "@periodic: every=0 is 0 µs; use at least 1000 µs. "
+    "seconds(1) is one second": "periodic(every=seconds(0))",
+    "@periodic: offset=-1000 is -1000 µs; use 0 or at least 1000 µs. "
+    "seconds(1) is one second": "periodic(every=seconds(1), offset=milliseconds(-1))",
+    "@periodic: every=0.5 is not a duration; use one, such as seconds(1)": "periodic(every=0.5)",
+    "@on_change() has no fact; name one, such as Cleaner.is_blocked": "on_change()",
+    "Lorry.stop runs on a change of Truck.is_empty, which is not a method of Lorry or its roles": (
         lorry(" @on_change(Truck.is_empty)\n def stop(self) -> Self: ...", periodic=False)
     ),
-    "Trailer.drive is None, but overrides a process; it should be a method": (
+    "Trailer.drive is None and overrides a process; define a method": (
         lorry(" def drive(self) -> Self: ...\n@component\nclass Trailer(Lorry):\n drive = None")
     ),
-    "Lorry.drive: its parameter 'motor' should have a type, by which it is bound": (
+    "Lorry.drive: annotate its parameter 'motor'; it is bound by type": (
         lorry(" def drive(self, motor) -> Self: ...")
     ),
-    "Lorry.drive: name 'Motor' is not defined; import the type where the program runs, "
-    "not under TYPE_CHECKING only": lorry(" def drive(self, motor: 'Motor') -> Self: ..."),
-    "@ensemble() should say when: every=seconds(3), on_change=a fact, or both": "ensemble()",
-    "@ensemble: offset=-1000 is -1000 µs, and should be 0 or at least 1000 µs; "
-    "seconds(1) is a second": "ensemble(every=seconds(1), offset=milliseconds(-1))",
-    "@ensemble: every=3 is 3 µs, and should be at least 1000 µs; seconds(1) is a second": "ensemble(every=3)",
-    "@ensemble: max_age=10 is 10 µs, and should be at least 1000 µs; "
-    "seconds(1) is a second": "ensemble(every=seconds(3), max_age=10)",
+    "Lorry.drive: name 'Motor' is not defined; import the type at run time, "
+    "not only under TYPE_CHECKING": lorry(" def drive(self, motor: 'Motor') -> Self: ..."),
+    "@ensemble() has no schedule; set every=seconds(3), on_change=a fact, or both": "ensemble()",
+    "@ensemble: offset=-1000 is -1000 µs; use 0 or at least 1000 µs. "
+    "seconds(1) is one second": "ensemble(every=seconds(1), offset=milliseconds(-1))",
+    "@ensemble: every=3 is 3 µs; use at least 1000 µs. seconds(1) is one second": "ensemble(every=3)",
+    "@ensemble: max_age=10 is 10 µs; use at least 1000 µs. "
+    "seconds(1) is one second": "ensemble(every=seconds(3), max_age=10)",
     "ensemble Convoy has no membership(self, coordinator, member)": convoy(" gap: float = 20.0"),
-    "Convoy.membership: its first parameters should be self, coordinator and member": (
+    "Convoy.membership: its first parameters must be self, coordinator and member": (
         convoy(" def membership(self, member: Vehicle, coordinator: Vehicle) -> bool: ...")
     ),
-    "Convoy.boundary: its first parameters should be self, sender and here": (
+    "Convoy.boundary: its first parameters must be self, sender and here": (
         convoy(MEMBERSHIP + " def boundary(self, coordinator: Vehicle, member: Vehicle) -> bool: ...")
     ),
-    "Convoy.membership: member is a float; its class should have @role or @component": (
+    "Convoy.membership: member is a float; use a class with @role or @component": (
         convoy(" def membership(self, coordinator: Vehicle, member: float) -> bool: ...")
     ),
-    "Convoy.membership: Truck and Truck are components; one side is always a peer, "
-    "of which only a role is known": convoy(MEMBERSHIP.replace("Vehicle", "Truck")),
-    "Convoy.at_member: Truck is a component, but the peer's side is known by a role only": (
+    "Convoy.membership: Truck and Truck are components; use a role for one side, "
+    "as peers are known by role only": convoy(MEMBERSHIP.replace("Vehicle", "Truck")),
+    "Convoy.at_member: Truck is a component, but the peer is known by role only; use a role": (
         convoy(MEMBERSHIP + " def at_member(self, coordinator: Truck, member: Truck) -> Truck: ...")
     ),
-    "ensemble Meeting runs on a change of Truck.is_empty, which is no method of Vehicle or Vehicle": (
+    "ensemble Meeting runs on a change of Truck.is_empty, which is not a method of Vehicle or Vehicle": (
         f"@ensemble(on_change=Truck.is_empty)\nclass Meeting:\n{MEMBERSHIP}"
     ),
 }
@@ -149,9 +149,7 @@ def test_a_mistaken_definition_is_refused(sentence: str) -> None:
 
 
 def test_no_ensemble_at_all() -> None:
-    with refused(
-        "3 is no ensemble; it should be an instance of a class with @ensemble(...)", DefinitionError
-    ):
+    with refused("3 is not an ensemble; use an instance of a class with @ensemble(...)", DefinitionError):
         type_of(3)
 
 

@@ -71,7 +71,7 @@ def test_packets_share_frames(sizes: list[int], least: int | None, frames: list[
 def test_a_packet_beyond_the_limit_is_refused_and_uses_no_number(size: int) -> None:
     fragmenter = Fragmenter(1)
     with refused(
-        f"a packet for the link has {size} bytes; it should have 1 to 1024 (LinkParameters.most_packet)",
+        f"a packet for the link has {size} bytes; must have 1 to 1024 (LinkParameters.most_packet)",
         ExecutionError,
     ):
         fragmenter.frames([b"x", bytes(size)])
@@ -344,12 +344,12 @@ LONG_ID = "ä" * 17
             KNOWLEDGE,
             LinkParameters(most_packet=16),
             "the published knowledge of 'r1' has 19 bytes; "
-            "at most 16 go on the air (LinkParameters.most_packet)",
+            "at most 16 are allowed (LinkParameters.most_packet)",
         ),
         (
             KnowledgePacket(LONG_ID, Version(0, 1), 0, ()),
             LinkParameters(),
-            f"the id '{LONG_ID}' has 34 bytes in UTF-8; at most 32 go on the air (LinkParameters.most_id)",
+            f"the id '{LONG_ID}' has 34 bytes in UTF-8; at most 32 are allowed (LinkParameters.most_id)",
         ),
     ],
 )

@@ -171,11 +171,11 @@ def test_a_long_chain_is_no_circle() -> None:
             {Lines: Lines(), int: 3},
             "Sensor.measure needs a Log ('log'); this node provides Lines, int",
         ),
-        ([Thermometer(id="a")], {}, "Thermometer cannot be deployed; its class should have @component"),
+        ([Thermometer(id="a")], {}, "Thermometer cannot be deployed: decorate its class with @component"),
         (
             [Ordered(id="a"), Ordered(id="a")],
             {},
-            "two components of a node have the same id; each should have its own",
+            "two components of a node have the same id; ids must be unique",
         ),
     ],
 )
@@ -199,12 +199,12 @@ def wrong(change: Callable[[Thermometer], object]) -> type[Knowledge]:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda one: None, "Wrong.go of 'a' at 1.5 s gives a NoneType; it should give the next Wrong"),
+        (lambda one: None, "Wrong.go of 'a' at 1.5 s returned a NoneType; return the next Wrong"),
         (
             lambda one: Thermometer(id="a"),
-            "Wrong.go of 'a' at 1.5 s gives a Thermometer; it should give the next Wrong",
+            "Wrong.go of 'a' at 1.5 s returned a Thermometer; return the next Wrong",
         ),
-        (lambda one: replace(one, id="b"), "Wrong.go of 'a' at 1.5 s changes the id to 'b'; it should stay"),
+        (lambda one: replace(one, id="b"), "Wrong.go of 'a' at 1.5 s changed the id to 'b'; keep the id"),
     ],
 )
 def test_what_a_process_must_not_give(change: Callable[[Thermometer], object], sentence: str) -> None:
@@ -280,7 +280,7 @@ def test_what_plans_without_end_is_stopped() -> None:
     agenda.repeat(lambda now: None, Instant(7_000_000), Duration(10))
     for _ in range(2):
         agenda.once(lambda now: None, Instant(9_000_000))
-    sentence = "3 tasks are planned already, the next at 7 s; no more can be until some are done"
+    sentence = "3 tasks are scheduled, the next at 7 s; which is the limit; check for repeated scheduling"
     with pytest.raises(ExecutionError, match=sentence):
         agenda.once(lambda now: None, Instant(1))
     with pytest.raises(ExecutionError, match=sentence):

@@ -138,37 +138,41 @@ def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
 @pytest.mark.parametrize(
     ("annotation", "value", "sentence"),
     [
-        (bool, 1, "1 should be True or False"),
-        (int, True, "True should be an int"),
-        (int, 2**64, "18446744073709551616 should be an int of at most 64 bits"),
-        (float, float("nan"), "nan should be a finite float"),
-        (float, "1", "'1' should be a float"),
-        (float, True, "True should be a float"),
-        (Annotated[float, Resolution(10)], float("inf"), "inf should be a finite float"),
+        (bool, 1, "1 must be True or False"),
+        (int, True, "True must be an int"),
+        (int, 2**64, "18446744073709551616 must be an int of up to 64 bits"),
+        (float, float("nan"), "nan must be a finite float"),
+        (float, "1", "'1' must be a float"),
+        (float, True, "True must be a float"),
+        (Annotated[float, Resolution(10)], float("inf"), "inf must be a finite float"),
         (
             Annotated[float, Resolution(1000)],
             1e17,
-            "1e+17 should be a float of at most 64 bits in steps of 1/1000",
+            "1e+17 must be a float of up to 64 bits in steps of 1/1000",
         ),
-        (str, b"x", "b'x' should be a str"),
-        (str, "\ud800", "'\\ud800' should be a str that UTF-8 can express"),
-        (str, "ä" * 129, "a str of 258 bytes in UTF-8 should have at most 256 (LinkParameters.most_text)"),
-        (bytes, b"x" * 257, "a bytes of 257 bytes should have at most 256 (LinkParameters.most_text)"),
-        (bytes, "x", "'x' should be a bytes"),
-        (None, 0, "0 should be None"),
-        (Mode, "idle", "'idle' should be a member of Mode"),
-        (Colours, Colours.RED | Colours.BLUE, "<Colours.RED|BLUE: 3> should be a member of Colours"),
-        (Literal["a", "b"], ["a"], "['a'] should be one of 'a', 'b'"),
-        (tuple[int, ...], [1], "[1] should be a tuple"),
+        (str, b"x", "b'x' must be a str"),
+        (str, "\ud800", "'\\ud800' must be a str without lone surrogates"),
+        (str, "ä" * 129, "a str has 258 bytes in UTF-8; at most 256 are allowed (LinkParameters.most_text)"),
+        (
+            bytes,
+            b"x" * 257,
+            "a bytes value has 257 bytes; at most 256 are allowed (LinkParameters.most_text)",
+        ),
+        (bytes, "x", "'x' must be bytes"),
+        (None, 0, "0 must be None"),
+        (Mode, "idle", "'idle' must be a member of Mode"),
+        (Colours, Colours.RED | Colours.BLUE, "<Colours.RED|BLUE: 3> must be a member of Colours"),
+        (Literal["a", "b"], ["a"], "['a'] must be one of 'a', 'b'"),
+        (tuple[int, ...], [1], "[1] must be a tuple"),
         (
             tuple[int, ...],
             (1,) * 65,
-            "a tuple of 65 items should have at most 64 (LinkParameters.most_items)",
+            "a tuple has 65 items; at most 64 are allowed (LinkParameters.most_items)",
         ),
-        (tuple[int, int], (1,), "(1,) should be a tuple of 2"),
-        (Pair, (1, "x"), "(1, 'x') should be a Pair"),
-        (Window, Pair(1, "x"), "Pair(first=1, second='x') should be a Window"),
-        (int | str, 1.5, "1.5 should be one of int|str"),
+        (tuple[int, int], (1,), "(1,) must be a tuple of 2 items"),
+        (Pair, (1, "x"), "(1, 'x') must be a Pair"),
+        (Window, Pair(1, "x"), "Pair(first=1, second='x') must be a Window"),
+        (int | str, 1.5, "1.5 must be one of int|str"),
     ],
 )
 def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str) -> None:
@@ -299,23 +303,23 @@ def pack_both() -> object:
 @pytest.mark.parametrize(
     ("fields", "limits", "sentence"),
     [
-        ({"a": Tree}, {}, "Tree contains itself; what is published should have an end"),
-        ({"a": Unmade}, {}, "Unmade is made from z; it should be made from its fields a"),
-        ({"a": Untyped}, {}, "Untyped.a should have a type"),
+        ({"a": Tree}, {}, "Tree contains itself; recursive types cannot be encoded"),
+        ({"a": Unmade}, {}, "Unmade has parameters z; they must be its fields a"),
+        ({"a": Untyped}, {}, "annotate Untyped.a with its type"),
         (
             {"a": Mode | OtherMode},
             {},
-            "two alternatives are Mode{IDLE,SWEEPING,BLOCKED}; they should have different names",
+            "two alternatives are Mode{IDLE,SWEEPING,BLOCKED}; rename one of them",
         ),
         (
             {"a": Nested},
             {"most_depth": 4},
-            "it nests its types 5 deep; at most 4 may be (LinkParameters.most_depth)",
+            "its types are nested 5 levels deep; at most 4 are allowed (LinkParameters.most_depth)",
         ),
         (
             dict.fromkeys((f"a{index}" for index in range(65)), int),
             {},
-            "Sample has 65 fields; at most 64 may be (LinkParameters.most_items)",
+            "Sample has 65 fields; at most 64 are allowed (LinkParameters.most_items)",
         ),
     ],
 )
@@ -326,13 +330,13 @@ def test_roles_that_cannot_be_published_are_refused(
         RoleBook([role_of("Sample", **fields)], LinkParameters(**limits))
 
 
-SAME = f"the same fingerprint on the air, {fingerprint(Sample):08x}; one of them should have another name"
+SAME = f"the same fingerprint, {fingerprint(Sample):08x}; rename one of them"
 MISTAKES: dict[str, Callable[[], object]] = {
     f"{__name__}.Sample and {__name__}.Sample have {SAME}": lambda: RoleBook([Sample, role_of(a=int)]),
-    "Robot plays Sweeper, which the role book should have been given": lambda: RoleBook([]).pack(robot(0)),
-    "Both plays 2 roles; at most 1 may be (LinkParameters.most_roles)": pack_both,
-    "Player cannot be published; its class should have @role": lambda: fingerprint(played(Sweeper)),
-    "LinkParameters.frame_data is 9, but must be from 10 to 65535": lambda: LinkParameters(frame_data=9),
+    "Robot plays Sweeper, which is not in the role book": lambda: RoleBook([]).pack(robot(0)),
+    "Both plays 2 roles; at most 1 are allowed (LinkParameters.most_roles)": pack_both,
+    "Player cannot be published: decorate its class with @role": lambda: fingerprint(played(Sweeper)),
+    "LinkParameters.frame_data is 9; must be from 10 to 65535": lambda: LinkParameters(frame_data=9),
 }
 
 
@@ -345,8 +349,7 @@ def test_mistaken_role_books_and_limits_are_refused(sentence: str) -> None:
 @pytest.mark.parametrize("per_unit", [0, -1, True, 0.001])
 def test_a_resolution_is_a_whole_number(per_unit: Any) -> None:
     with refused(
-        f"Resolution({per_unit!r}): per_unit should be a whole number of at least 1, "
-        "such as 1000 for millimetres",
+        f"Resolution({per_unit!r}): per_unit must be a positive integer, such as 1000 for millimetres",
         DefinitionError,
     ):
         Resolution(per_unit)

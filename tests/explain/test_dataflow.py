@@ -1,4 +1,4 @@
-"""What is read and written is told from the source, and what cannot be told is said."""
+"""Static analysis of reads and writes, including unresolved accesses."""
 
 import copy
 import dataclasses
@@ -146,7 +146,7 @@ def by_name(self: Truck) -> Truck:
 
 
 ALL = ("id", "position", "speed", "fuel", "load")
-TOLD: list[tuple[Callable[..., Any], tuple[str, ...], tuple[str, ...]]] = [
+ACCESSES: list[tuple[Callable[..., Any], tuple[str, ...], tuple[str, ...]]] = [
     (nothing, (), ()),
     (plain, ("speed", "position"), ("fuel", "position")),
     (by_method, ("speed",), ("fuel",)),
@@ -164,13 +164,17 @@ TOLD: list[tuple[Callable[..., Any], tuple[str, ...], tuple[str, ...]]] = [
 ]
 
 
-def told(function: Callable[..., Any]) -> Flow:
+def analysed(function: Callable[..., Any]) -> Flow:
     return flow(function, {"self": Truck}, gives=True)
 
 
-@pytest.mark.parametrize(("function", "reads", "writes"), TOLD, ids=lambda one: getattr(one, "__name__", ""))
-def test_told(function: Callable[..., Any], reads: tuple[str, ...], writes: tuple[str, ...]) -> None:
-    found = told(function)
+@pytest.mark.parametrize(
+    ("function", "reads", "writes"), ACCESSES, ids=lambda one: getattr(one, "__name__", "")
+)
+def test_reads_and_writes(
+    function: Callable[..., Any], reads: tuple[str, ...], writes: tuple[str, ...]
+) -> None:
+    found = analysed(function)
     assert sorted(found.read("self")) == sorted(reads)
     assert sorted(found.written("self")) == sorted(writes)
     assert list(found.doubts) == []
@@ -215,36 +219,36 @@ def forever(self: Truck) -> Truck:
 
 
 DOUBTS: list[tuple[Callable[..., Any], tuple[str, ...]]] = [
-    (any_fields, ("what `replace(self, fuel=1.0, **changes)` writes",)),
-    (built, ("what `return Truck(id=self.id, position=self.position)` writes",)),
-    (told_to_a_port, ("what `motor.tell(self)` reads of self",)),
-    (in_a_list, ("what `[self]` reads of self", "what `return [self][0]` writes")),
-    (by_any_name, ("what `getattr(self, name)` reads of self",)),
-    (by_dict, ("what self.__dict__ reads",)),
+    (any_fields, ("writes of `replace(self, fuel=1.0, **changes)`",)),
+    (built, ("writes of `return Truck(id=self.id, position=self.position)`",)),
+    (told_to_a_port, ("reads of self in `motor.tell(self)`",)),
+    (in_a_list, ("reads of self in `[self]`", "writes of `return [self][0]`")),
+    (by_any_name, ("reads of self in `getattr(self, name)`",)),
+    (by_dict, ("reads of self.__dict__",)),
     (
         by_the_standard_library,
-        ("what `copy.copy(self)` reads of self", "what `return copy.copy(self)` writes"),
+        ("reads of self in `copy.copy(self)`", "writes of `return copy.copy(self)`"),
     ),
     (
         forever,
         (
-            "what is read of self by way of `self.again() if self.fuel else self`",
-            "what `return self.again()` writes",
+            "reads of self through `self.again() if self.fuel else self`",
+            "writes of `return self.again()`",
         ),
     ),
 ]
 
 
 @pytest.mark.parametrize(("function", "doubts"), DOUBTS, ids=lambda one: getattr(one, "__name__", ""))
-def test_what_cannot_be_told_is_said(function: Callable[..., Any], doubts: tuple[str, ...]) -> None:
-    assert tuple(told(function).doubts) == doubts
+def test_unresolved_accesses_are_listed(function: Callable[..., Any], doubts: tuple[str, ...]) -> None:
+    assert tuple(analysed(function).doubts) == doubts
 
 
 def test_a_function_without_source() -> None:
     names: dict[str, Any] = {}
     exec("def hidden(self): return self", names)
-    assert list(told(names["hidden"]).doubts) == [
-        "what hidden() reads and writes, for its source is not there"
+    assert list(analysed(names["hidden"]).doubts) == [
+        "reads and writes of hidden(), whose source is not available"
     ]
 
 

@@ -62,10 +62,10 @@ def test_an_ensemble_by_its_class_has_the_parameters_of_its_class(capsys: pytest
     assert "written by" not in text, "there is no component whose fields to list"
 
 
-def test_what_cannot_be_told_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unresolved_accesses_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     text = explained(capsys, f"{HERE}:Riddle")
-    assert "    cannot tell  what `replace(self, **tables)` writes\n" in text
-    assert "More may be read or written than the table says, by guess: see above.\n" in text
+    assert "    unknown      writes of `replace(self, **tables)`\n" in text
+    assert "The table may lack fields used by guess: see 'unknown' above.\n" in text
 
 
 def test_a_module_is_what_it_defines(capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,21 +77,21 @@ def test_a_module_is_what_it_defines(capsys: pytest.CaptureFixture[str]) -> None
 DEFINES = f"{HERE} defines CleaningRobot, Idler, Riddle, DestinationAdoption, Charging"
 WRONG = {
     "nowhere:Robot": (
-        "there is no module 'nowhere' here; it should be written as in an import, such as examples.convoy, "
-        "and be found from the current folder"
+        "module 'nowhere' not found; write it as in an import, such as examples.convoy, "
+        "and start in the folder that contains it"
     ),
-    f"{HERE}:Robott": f"there is no 'Robott' in {HERE}; {DEFINES}",
-    f"{HERE}:Cleaner": f"{HERE}:Cleaner is a role, which by itself does nothing; {DEFINES}",
+    f"{HERE}:Robott": f"{HERE} does not define 'Robott'; {DEFINES}",
+    f"{HERE}:Cleaner": f"{HERE}:Cleaner is a role; name a component or an ensemble; {DEFINES}",
     f"{HERE}:Point": f"{HERE}:Point is a class without @component and @ensemble; {DEFINES}",
     f"{HERE}:ROBOT": (
-        f"{HERE}:ROBOT is an instance of the component CleaningRobot, whose class should be named; {DEFINES}"
+        f"{HERE}:ROBOT is an instance of the component CleaningRobot; name its class; {DEFINES}"
     ),
     f"{HERE}:START": f"{HERE}:START is of type int, neither a component nor an ensemble; {DEFINES}",
     "deeco.instant": (
         "deeco.instant has no class with @component or @ensemble; name another module, or one of its classes"
     ),
     "examples.convoy:": (
-        "'examples.convoy:' names nothing; it should be 'module:Component', 'module:Ensemble' or 'module'"
+        "'examples.convoy:' is not a valid name; write 'module:Component', 'module:Ensemble' or 'module'"
     ),
 }
 
@@ -107,22 +107,22 @@ def test_a_module_that_cannot_be_imported(
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "needy.py").write_text("import nowhere_at_all\n")
     assert refused(capsys, "needy") == (
-        "the module 'needy' cannot be imported, for it needs 'nowhere_at_all', which is not installed"
+        "module 'needy' cannot be imported: 'nowhere_at_all' is not installed"
     )
     (tmp_path / "unsound.py").write_text("from deeco import on_change\non_change()\n")
-    assert refused(capsys, "unsound") == "@on_change() should name a fact, such as Cleaner.is_blocked"
+    assert refused(capsys, "unsound") == "@on_change() has no fact; name one, such as Cleaner.is_blocked"
 
 
 EXAMPLES = ("examples.courteous:behaviour",)
 UNKNOWN = {
     # The oracle puts itself on a board that all robots of the process read, at any later time.
-    ("oracle", "consult"): ("what is read of self by way of `board.known[self.id]`",)
+    ("oracle", "consult"): ("reads of self through `board.known[self.id]`",)
 }
-"""What remains untold, by strategy and process, and why."""
+"""Expected unresolved accesses by strategy and process."""
 
 
 def parts(strategy: str) -> tuple[ComponentPart, ...]:
-    """The processes of a strategy's component and the ensembles that it runs with."""
+    """Return the processes of a strategy's component and the ensembles that it runs with."""
     generator = np.random.default_rng(1)
     start = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 0.0),), generator, floor=Floor())
     behaviour = load_behaviour(entry(strategy), start)
@@ -134,7 +134,7 @@ def parts(strategy: str) -> tuple[ComponentPart, ...]:
 
 
 @pytest.mark.parametrize("strategy", [*STRATEGIES, *EXAMPLES])
-def test_every_process_and_ensemble_is_told(strategy: str) -> None:
+def test_every_process_and_ensemble_is_analysed(strategy: str) -> None:
     found = parts(strategy)
     assert {(strategy, part.name): part.doubts for part in found if part.doubts} == {
         key: doubts for key, doubts in UNKNOWN.items() if key[0] == strategy
@@ -158,5 +158,5 @@ def test_the_modules_by_name(capsys: pytest.CaptureFixture[str], tutorial: str) 
         assert main([module]) == 0, capsys.readouterr().err
         assert main(["--mermaid", module]) == 0
         text = capsys.readouterr().out
-        assert ("cannot tell" in text) is (module == "cleaning.strategies.oracle")
+        assert ("unknown" in text) is (module == "cleaning.strategies.oracle")
         assert ", a component\n" in text
