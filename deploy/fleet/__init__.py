@@ -1,1 +1,1 @@
-"""Robots made of computers: the fleet file, keys, services, their processes, and the operator's watch."""
+"""Physical robots: fleet file, keys, system services, on-board processes, and the operator's station."""

@@ -1,4 +1,4 @@
-"""A robot's bundle: program, wheels and configuration in one archive, for a computer without a network."""
+"""Archive with a robot's program, wheels and configuration, for a computer without a network."""
 
 import hashlib
 import io
@@ -32,13 +32,13 @@ _PATIENCE_S: Final = 900.0
 _ROOT: Final = ("LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml")
 _NOT_ON_BOARD: Final = ("acrc_testbed/benchmarks", "acrc_testbed/experiments")
 CONFIGURATION: Final = "fleets"
-"""Folder of the bundle, which a robot's sandbox hides from its strategy."""
+"""Folder of the bundle; hidden from the strategy by the robot's sandbox."""
 _Files = dict[str, tuple[bytes, int]]
-"""Content and mode by the path within the bundle."""
+"""Content and mode by path within the bundle."""
 
 
 class RobotBundle(NamedTuple):
-    """A bundle that was written."""
+    """A written bundle."""
 
     file: Path
     robot: str
@@ -47,27 +47,27 @@ class RobotBundle(NamedTuple):
     fleet: str
     """Path of the fleet file within the bundle."""
     own_code: bool
-    """True if it holds a strategy that is not shipped."""
+    """True if the bundle contains a user strategy."""
     files: int
     bytes: int
     sha256: str
     lacks: str = ""
-    """Packages of `acrc add`, which are not in the bundle; empty for a shipped strategy."""
+    """Packages of `acrc add` that are missing from the bundle; empty for a shipped strategy."""
 
 
 def make(
     root: Path, fleet: Fleet, name: str, permit: Permit, *, machine: str, python: str, out: Path
 ) -> RobotBundle:
-    """Bundle the clone in `root` for the robot `name`. The same inputs give the same bytes.
+    """Write the bundle of the robot `name` from the clone in `root`; equal inputs give equal bytes.
 
-    Raises OptionError, and AcrcError also for what the robot's doctor would report; then writes nothing.
+    Raises OptionError, and AcrcError also for faults that `acrc fleet doctor` reports; then writes nothing.
     """
     if machine not in MACHINES:
         raise wrong_value("--machine", machine, " or ".join(MACHINES))
     if python not in (known := [f"3.{minor}" for minor in MINORS]):
         raise wrong_value("--python", python, f"one of {', '.join(known)}")
     if out.is_dir():
-        raise OptionError(f"--out: {out} is a folder; must be a file")
+        raise OptionError(f"--out: {out} is a directory; give a file")
     robot = fleet.robot_named(name)
     for found in list(doctor.configuration(fleet, robot, permit)):
         if not found.ok:
@@ -90,7 +90,7 @@ def make(
 
 
 def _program(root: Path) -> _Files:
-    """Return the tracked files that a robot runs, as they are now."""
+    """Return the tracked files that a robot runs, with uncommitted changes."""
     wanted = (*_ROOT, *sorted(PACKAGES), *(f":(exclude){folder}" for folder in _NOT_ON_BOARD))
     listed = _run("git", "-C", str(root), "ls-files", "-z", "--", *wanted).decode()
     paths = [root / name for name in listed.split("\0") if name]
@@ -101,14 +101,12 @@ def _program(root: Path) -> _Files:
 
 
 def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
-    """Return fleet file, map, models and keys at the same relative paths, and the fleet file's path."""
+    """Return fleet file, map, models and keys, relative paths unchanged, and the fleet file's path."""
     tables = toml_tables(read_text(fleet.path, "fleet"), fleet.path)
 
     def local(named: str) -> Path:
         if Path(named).is_absolute():
-            raise AcrcError(
-                f"{fleet.path}: names {named}; must be relative to the fleet file, so that the robot finds it"
-            )
+            raise AcrcError(f"{fleet.path}: {named} is an absolute path; make it relative to the fleet file")
         return Path(os.path.normpath(fleet.path.parent / named))
 
     paths = {Path(os.path.normpath(path)) for path in (fleet.path, *map_files(local(tables["map"])))}
@@ -127,11 +125,11 @@ def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
 
 
 def _own_code(fleet: Fleet, permit: Permit) -> _Files:
-    """Return the user's strategy, and every module that it loaded when it was checked, in `modules/`."""
+    """Return the user's strategy and all modules that it imported during the check, in `modules/`."""
     folders = own_code(fleet, permit)
     if len(folders) > 1:
         both = " and ".join(map(str, folders))
-        raise AcrcError(f"{fleet.path}: its strategies lie in {both}; must lie in one folder to be bundled")
+        raise AcrcError(f"{fleet.path}: strategies are in {both}; a bundle needs them in one folder")
     loaded: Sequence[str] = tuple(FOLDERS.hashes())
     return {
         f"modules/{path.relative_to(folder)}": (regular_file.content(path), 0o644)
@@ -141,7 +139,7 @@ def _own_code(fleet: Fleet, permit: Permit) -> _Files:
 
 
 def _wheels(constraints: str, machine: str, python: str) -> _Files:
-    """Return the pinned wheels of a robot in `wheels/`. Raises AcrcError."""
+    """Download the pinned wheels of a robot, in `wheels/`. Raises AcrcError."""
     pinned = requirements(constraints, int(python.removeprefix("3.")), ("base", "hardware", "build"))
     with scratch_folder() as folder:
         download(folder, pinned, machine, python)
@@ -150,7 +148,7 @@ def _wheels(constraints: str, machine: str, python: str) -> _Files:
 
 
 def download(place: Path, pinned: Sequence[str], machine: str, python: str) -> None:
-    """Download wheels for another computer, by pip as it is configured here. Raises AcrcError."""
+    """Download wheels for another computer with the local pip configuration. Raises AcrcError."""
     names = [f"{one}_{MACHINES[machine]}" for one in _PLATFORMS]
     platforms = [word for name in (*names, "any") for word in ("--platform", name)]
     with scratch_folder() as folder:
@@ -165,13 +163,13 @@ def download(place: Path, pinned: Sequence[str], machine: str, python: str) -> N
             )  # fmt: skip
         except AcrcError as error:
             raise AcrcError(
-                f"wheels for {machine} and Python {python} cannot be fetched: {error}; connect to a network, "
-                "or set PIP_FIND_LINKS to a folder that has them"
+                f"wheels for {machine} and Python {python} cannot be downloaded: {error}; connect to a "
+                "network, or set PIP_FIND_LINKS to a folder that contains them"
             ) from None
 
 
 def _run(*command: str) -> bytes:
-    """Return standard output; raise AcrcError with the last error of a program that fails."""
+    """Run a program and return its standard output. Raises AcrcError with its last error line."""
     try:
         done = subprocess.run(command, capture_output=True, check=False, timeout=_PATIENCE_S)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -184,12 +182,12 @@ def _run(*command: str) -> bytes:
 
 
 def _write(path: Path, top: str, files: _Files) -> None:
-    """Write a new tar archive that only its owner can read, whole or not at all. OSError."""
+    """Write a tar archive atomically, readable by its owner only. Raises OSError."""
     with regular_file.replaced(path) as new:
         new.chmod(0o600)
         with tarfile.open(new, "w", format=tarfile.GNU_FORMAT) as archive:
             for name, (content, mode) in sorted(files.items()):
                 entry = tarfile.TarInfo(f"{top}/{name}")
                 entry.size, entry.mode = len(content), mode
-                entry.mtime = 946_684_800  # a date that zip files, which start in 1980, can hold
+                entry.mtime = 946_684_800  # 2000-01-01: zip files cannot store dates before 1980
                 archive.addfile(entry, io.BytesIO(content))

@@ -1,4 +1,4 @@
-"""The recordings of several robots of one field trial, gathered into one result in one time."""
+"""Result of a field trial from the recordings of its robots, on one time axis."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,10 +19,10 @@ from deploy.run.out_folder import make_folder
 
 
 def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> RunResult:
-    """The result of a field trial from its robots' folders; AcrcError if they do not make up one field trial.
+    """Return the result of a field trial. Raises AcrcError if the folders are not of one field trial.
 
-    With `out`, a new or empty folder, it also stands there in run.json, and what became of every place in
-    places.csv; it is sealed. `truth`: the result of the laboratory that the robots were in.
+    `out`: new or empty folder for run.json, places.csv and their seal. `truth`: the result file of the
+    laboratory in which the robots were.
     """
     true = None if truth is None else read_truth(truth)
     trial = read_field_trial(folders)

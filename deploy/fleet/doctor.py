@@ -1,4 +1,4 @@
-"""Checks of a robot's computer: packages, clock, disk, ports, and of its map, behaviour and keys."""
+"""Checks of a robot's computer and configuration: packages, clock, disk, ports, map, behaviour, keys."""
 
 import contextlib
 import ctypes
@@ -46,13 +46,13 @@ from firmware_bridge.range_sensors.depth import DepthScanner, find_library
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, SerialPort
 
 _BRINGS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
-"""The command for which ./acrc installs what a robot needs."""
+"""Command with which ./acrc installs each extra."""
 _FREE_GB: Final = 2.0
-"""Free space that the disk needs. Own choice; a robot with a lidar records up to 100 MB an hour."""
+"""Required free disk space. Own choice; a robot with a lidar records up to 100 MB per hour."""
 
 
 class DoctorFinding(msgspec.Struct, frozen=True):
-    """The result of one check: the state, and if it is wrong the remedy, in one sentence."""
+    """Result of one check; `text` is the state, and the remedy of a fault."""
 
     subject: str
     ok: bool
@@ -68,7 +68,7 @@ class Report(msgspec.Struct, frozen=True):
 
 
 def finding(subject: str, check: Callable[..., str], *arguments: object) -> DoctorFinding:
-    """Run a check, which returns the words for a sound state or raises AcrcError with fault and remedy."""
+    """Run a check, which returns the state or raises AcrcError with fault and remedy."""
     try:
         return DoctorFinding(subject, True, check(*arguments))
     except AcrcError as error:
@@ -97,27 +97,26 @@ def _extra(pinned: Sequence[version.Pin], extra: str, needed: bool) -> str:
     for pin, release in found.items():
         if release not in {None, pin.version}:
             raise AcrcError(
-                f"{pin.name} is {release}, but was tested as {pin.version}; remove .venv, and the next "
-                "./acrc makes it anew"
+                f"{pin.name} {release} is installed, tested is {pin.version}; remove .venv and run ./acrc, "
+                "which recreates it"
             )
     missing = [pin.name for pin, release in found.items() if release is None]
     if missing and needed:
-        raise AcrcError(f"{', '.join(missing)} missing; `./{_BRINGS[extra]}` installs what is")
+        raise AcrcError(f"{', '.join(missing)} missing; run `./{_BRINGS[extra]}` to install")
     if missing:
-        return "not all installed, and not needed here"
-    return (
-        "1 package, as it was tested" if len(pinned) == 1 else f"{len(pinned)} packages, as they were tested"
-    )
+        return "not all installed; not needed here"
+    return "1 package, tested version" if len(pinned) == 1 else f"{len(pinned)} packages, tested versions"
 
 
 _TIMEX: Final = struct.Struct("@Ixxxx lllli")
-"""The head of struct timex (adjtimex(2)): modes, offset, frequency, largest and estimated error, status."""
+"""First fields of struct timex, adjtimex(2): modes, offset, frequency, maximum and estimated error,
+status."""
 _UNSYNCHRONISED: Final = 0x0040
 """STA_UNSYNC of adjtimex(2)."""
 
 
 def clock_error() -> float | None:
-    """Return the kernel's bound of the clock's error, s; None if it is not synchronised, or unknown."""
+    """Return the kernel's bound on the clock error, s; None if not synchronised or unknown."""
     if sys.platform != "linux":
         return None
     answer = ctypes.create_string_buffer(512)  # modes 0: read only
@@ -128,43 +127,43 @@ def clock_error() -> float | None:
 
 
 def now() -> datetime:
-    """Return the time of the clock."""
+    """Return the current time, UTC."""
     return datetime.now(UTC)
 
 
 def _clock() -> str:
-    """A clock that shows a year before this software was never set."""
+    """Check that the clock has been set and is synchronised."""
     time_of_day, error = now(), clock_error()
     if not 2025 <= time_of_day.year < 2100:
         raise AcrcError(
-            f'it shows the year {time_of_day.year}; set it with `sudo date --set="2026-01-31 12:00"`, or '
-            "connect the computer to a network with time"
+            f'the year is {time_of_day.year}; set the clock with `sudo date --set="2026-01-31 12:00"`, or '
+            "connect the computer to a network with NTP"
         )
     if error is None:
         raise AcrcError(
-            f"it shows {time_of_day:%Y-%m-%d %H:%M} UTC, but nothing keeps it right; connect the computer to "
-            "a network and run `sudo timedatectl set-ntp true`"
+            f"{time_of_day:%Y-%m-%d %H:%M} UTC, not synchronised; connect the computer to a network and run "
+            "`sudo timedatectl set-ntp true`"
         )
-    return f"{time_of_day:%Y-%m-%d %H:%M} UTC, synchronised, off by at most {error * 1000:.0f} ms"
+    return f"{time_of_day:%Y-%m-%d %H:%M} UTC, synchronised, error at most {error * 1000:.0f} ms"
 
 
 def _disk() -> str:
     here = Path.cwd()
     gigabytes = shutil.disk_usage(here).free / 1e9
-    free = f"{gigabytes:.1f} GB are free at {here}"
+    free = f"{gigabytes:.1f} GB free at {here}"
     if gigabytes < _FREE_GB:
-        raise AcrcError(f"{free}, but {_FREE_GB:.1f} should be; remove old recordings")
+        raise AcrcError(f"{free}, {_FREE_GB:.1f} GB needed; remove old recordings")
     return free
 
 
 def _namespaces() -> str:
     if fault := sandbox.available():
         raise AcrcError(fault)
-    return "the robot's process can have a sandbox"
+    return "sandboxing of the robot's process is available"
 
 
 def compiled_kernels() -> tuple[float, int]:
-    """Load or compile all kernels; return the time that it took, s, and how many were not in the cache."""
+    """Load or compile all kernels; return the duration, s, and the number of cache misses."""
     began = time.monotonic()
     assembly.kernels()
     seconds = time.monotonic() - began
@@ -184,38 +183,38 @@ def _kernels() -> str:
     if not os.access(nearest, os.W_OK | os.X_OK):
         user = getpass.getuser()
         raise AcrcError(
-            f"compiled ones cannot be kept, as {user} may not write to {cache}; "
-            f"`sudo chown -R {user} {cache.parent}` allows it"
+            f"compiled kernels cannot be cached: {user} has no write access to {cache}; "
+            f"run `sudo chown -R {user} {cache.parent}`"
         )
     if compiled:
-        return f"{compiled} compiled just now, in {seconds:.0f} s, and kept"
+        return f"{compiled} compiled in {seconds:.0f} s and cached"
     return f"all compiled, loaded in {seconds:.1f} s"
 
 
 def _group() -> str:
     user = getpass.getuser()
-    add = f"`sudo usermod -aG {GROUP} {user}`, then log in again"
+    add = f"run `sudo usermod -aG {GROUP} {user}`, then log in again"
     try:
         entry = grp.getgrnam(GROUP)
     except KeyError:
         entry = None
     if os.geteuid() == 0 or (entry is not None and entry.gr_gid in {os.getegid(), *os.getgroups()}):
-        return f"{user} may open the ports of the group {GROUP}"
+        return f"{user} may open ports of the group {GROUP}"
     if entry is None:
-        raise AcrcError(f"there is no group {GROUP}; `sudo groupadd {GROUP}`, {add}")
+        raise AcrcError(f"group {GROUP} does not exist; run `sudo groupadd {GROUP}`, {add}")
     if user in entry.gr_mem or pwd.getpwnam(user).pw_gid == entry.gr_gid:
-        raise AcrcError(f"{user} is in the group {GROUP} only from the next login; log in again")
+        raise AcrcError(f"{user} is a member of the group {GROUP} after the next login; log in again")
     raise AcrcError(f"{user} is not in the group {GROUP}; {add}")
 
 
 COMPUTER: Final[Mapping[str, Callable[[], str]]] = {
     "clock": _clock, "disk": _disk, "namespaces": _namespaces, "kernels": _kernels, "group": _group
 }  # fmt: skip
-"""The checks of the computer alone; the group matters to robots only."""
+"""Checks of the computer alone; `group` is for robots only."""
 
 
 def devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
-    """Check that every device is at the port of the fleet file, and that a depth camera can be used."""
+    """Check that each device is at its port in the fleet file, and that a depth camera can be used."""
     yield finding("base", _port, robot.base, KOBUKI)
     yield finding("radio", _port, robot.radio, BOARD)
     if robot.range == OPENNI:
@@ -226,15 +225,15 @@ def devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
 
 def _camera(robot: FleetRobot) -> str:
     find_library()
-    DepthScanner(load_model(robot.model, robot.sensor).sensor)  # it must see as far round as the model says
-    return "OpenNI2 is there"
+    DepthScanner(load_model(robot.model, robot.sensor).sensor)  # checks the model's field of view
+    return "OpenNI2 is installed"
 
 
 def holders(path: str) -> list[str]:
-    """Return the processes that have the port open, as far as visible, such as "python3 (PID 812)"."""
+    """Return the visible processes that have the port open, such as "python3 (PID 812)"."""
     wanted, found = Path(path).resolve(), []
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda entry: int(entry.name)):
-        with contextlib.suppress(OSError):  # another user's, or ended meanwhile
+        with contextlib.suppress(OSError):  # owned by another user, or exited
             if process.name != str(os.getpid()) and any(
                 link.readlink() == wanted for link in (process / "fd").iterdir()
             ):
@@ -249,30 +248,30 @@ def _port(path: str, device: PortDevice) -> str:
     usb = units.usb_port(path)
     if usb is not None and device is KOBUKI and not units.is_kobuki(usb):
         raise AcrcError(
-            f"{path}: {usb.vendor}:{usb.product} is plugged in there, which is no {name}; the name of the "
-            "Kobuki's own port should stand in the fleet file"
+            f"{path}: USB device {usb.vendor}:{usb.product} is not a {name}; enter the Kobuki's port in the "
+            "fleet file"
         )
-    if usb is not None and (others := holders(path)):  # an emulator holds its own port open
+    if usb is not None and (others := holders(path)):  # an emulator keeps its own port open
         raise AcrcError(
-            f"{path}: {others[0]} has the port open, so the {name} cannot be tried; end it, unless it is "
-            "this very robot"
+            f"{path}: {others[0]} has the port open, so the {name} cannot be tested; stop it, unless it is "
+            "this robot's program"
         )
     SerialPort(path, device).close()
-    return f"{path} opens" if usb is None or usb.path == path else f"{path} opens, at {usb.path}"
+    return f"{path} opens" if usb is None or usb.path == path else f"{path} opens ({usb.path})"
 
 
 def _missing(path: str, device: PortDevice) -> str:
     plugged = [port.path for port in units.usb_ports() if units.may_be(device, port)]
     if not plugged:
-        return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"
-    like = f"there is no such port, but {plugged[0]} looks like the {device.name}; "
+        return f"no such port, and no {device.name} found; plug it in and switch it on"
+    like = f"no such port, but {plugged[0]} looks like the {device.name}; "
     if units.given_name(path) is None:
-        return like + "give that as its port"
-    return like + "install the udev rules that `acrc fleet units` writes, then plug it in again"
+        return like + "enter it in the fleet file"
+    return like + "install the udev rules written by `acrc fleet units`, then replug the device"
 
 
 def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
-    """Check that the map loads, and that start and places are on free floor."""
+    """Check that the map loads and that start and places are on free floor."""
     try:
         grid = load_map(fleet.map)
         radii = {one.id: load_model(one.model, one.sensor).footprint.circumradius for one in fleet.robots}
@@ -291,24 +290,22 @@ def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[
     for other in fleet.robots:
         gap, least = here.distance_to(Point(*other.start[:2])), radii[robot.id] + radii[other.id]
         if other.id != robot.id and gap < least:
-            raise AcrcError(
-                f"{robot.id} would stand {gap:.2f} m from {other.id}, but must be at least {least:.2f} m off"
-            )
-    return f"({here.x:g}, {here.y:g}) is free; put {robot.id} there, then switch it on"
+            raise AcrcError(f"{robot.id} starts {gap:.2f} m from {other.id}, must be at least {least:.2f} m")
+    return f"({here.x:g}, {here.y:g}) is free; place {robot.id} there before switching it on"
 
 
 def _places(robot: FleetRobot, grid: OccupancyGrid) -> str:
     for index, (x, y) in enumerate(robot.places):
         if not grid.is_free(Point(x, y)):
-            raise AcrcError(f"place {index} at ({x:g}, {y:g}) is not free, but must be on free floor")
+            raise AcrcError(f"place {index} at ({x:g}, {y:g}) is not on free floor; move it")
     return f"all {len(robot.places)} are on free floor"
 
 
 def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
-    """Make the robot with its strategy, whose code runs once."""
+    """Check that the robot can be created with its strategy, whose code runs once."""
     try:
         look_in(own_code(fleet, permit))
-        with contextlib.redirect_stdout(sys.stderr):  # --json leaves nothing else there
+        with contextlib.redirect_stdout(sys.stderr):  # keep --json output clean
             alone = fleet.swarm(robot)
             setup = robot_setup(alone, alone.world.robots[0])
             assembly.robot(setup, load_model(robot.model, robot.sensor), load_map(fleet.map))
@@ -316,13 +313,13 @@ def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
         raise
     except Exception as error:
         raise AcrcError(
-            f"strategy {fleet.run.strategy!r} fails with {type(error).__name__}: {error}; mend its code"
+            f"strategy {fleet.run.strategy!r} failed with {type(error).__name__}: {error}; fix its code"
         ) from None
-    return f"strategy {fleet.run.strategy!r} makes a behaviour of its settings"
+    return f"strategy {fleet.run.strategy!r} returns a behaviour"
 
 
 def certificate(path: Path) -> tuple[str, datetime, datetime]:
-    """Return name, beginning and end of validity of a certificate. Raises ValueError or OSError."""
+    """Return the name, start and end of validity of a certificate. Raises ValueError or OSError."""
     try:
         certificates = importlib.import_module("deploy.hosts.certificates")
     except ModuleNotFoundError as error:
@@ -332,26 +329,28 @@ def certificate(path: Path) -> tuple[str, datetime, datetime]:
 
 
 def keys(fleet: Fleet, robot: FleetRobot) -> str:
-    """Check that the robot's keys are its own, private and valid today."""
+    """Check that the robot's keys are its own, private and currently valid."""
     files = load_keys(fleet.keys_of(robot.id))
     try:
         (name, begins, ends), mode = certificate(files.certificate), files.private_key.stat().st_mode
     except (OSError, ValueError) as error:
         raise AcrcError(str(error)) from None
     if name != robot.id:
-        raise AcrcError(f"{files.certificate} is that of {name}; the folder of {robot.id} belongs here")
+        raise AcrcError(f"{files.certificate} belongs to {name}; install the keys of {robot.id}")
     if mode & 0o077:
-        raise AcrcError(f"{files.private_key} can be read by others; `chmod 600 {files.private_key}`")
+        raise AcrcError(
+            f"{files.private_key} is readable by other users; run `chmod 600 {files.private_key}`"
+        )
     if not begins <= now() <= ends:
         raise AcrcError(
-            f"{files.certificate} holds from {begins:%Y-%m-%d} to {ends:%Y-%m-%d}, but it is "
-            f"{now():%Y-%m-%d} here; set the clock, or make new keys with `acrc fleet keys`"
+            f"{files.certificate} is valid from {begins:%Y-%m-%d} to {ends:%Y-%m-%d}, today is "
+            f"{now():%Y-%m-%d}; set the clock, or create keys with `acrc fleet keys`"
         )
-    return f"{files.certificate} holds until {ends:%Y-%m-%d}"
+    return f"{files.certificate} is valid until {ends:%Y-%m-%d}"
 
 
 def configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
-    """Check the robot's map, start, places, behaviour, and keys if it listens."""
+    """Check map, start, places and behaviour, and the keys of a robot with `listen`."""
     yield from floor(fleet, robot)
     yield finding("behaviour", behaviour, fleet, robot, permit)
     if robot.listen is not None:
@@ -361,7 +360,7 @@ def configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[D
 def findings(
     fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
 ) -> Iterator[DoctorFinding]:
-    """Run all checks, the quick ones first."""
+    """Run all checks, fast ones first."""
     constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
     yield from packages(constraints, ("base",) if robot is None else ("base", "hardware"))
     for subject, check in COMPUTER.items():
@@ -373,24 +372,24 @@ def findings(
 
 
 def consult(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, json: bool) -> bool:
-    """Check this computer, or as the robot `name` of the fleet in the file, and print; True if all is well.
+    """Check this computer, or robot `name` of the fleet file; print findings, return True if all passed.
 
-    Raises OptionError if only one of both is given, and AcrcError for a file that cannot be used.
+    Raises OptionError if only one of both is given, and AcrcError for an unusable file.
     """
     if path is None and name is not None:
         raise OptionError(
-            f"--robot: {name} without a fleet file; must be as in acrc fleet doctor fleet.toml --robot {name}"
+            f"--robot: {name} needs a fleet file; use acrc fleet doctor fleet.toml --robot {name}"
         )
     fleet = None if path is None else load_fleet(path)
     if fleet is not None and name is None:
         known = ", ".join(robot.id for robot in fleet.robots)
-        raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
+        raise OptionError(f"--robot: missing; give the robot that this computer is: {known}")
     robot = fleet.robot_named(name) if fleet is not None and name is not None else None
     found: list[DoctorFinding] = []
     for one in findings(fleet, robot, permit):
         found.append(one)
         if not json:
-            line = Text("ok     " if one.ok else "wrong  ", style="green" if one.ok else "bold red")
+            line = Text("ok     " if one.ok else "failed ", style="green" if one.ok else "bold red")
             line.append(f"{one.subject:<20} ", style="bold").append(one.text, style="default")
             screen().print(line)
     bad = sum(not one.ok for one in found)
@@ -398,6 +397,5 @@ def consult(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, 
         report = Report(name, not bad, tuple(found))
         sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
     else:
-        count = f"{bad} of {len(found)} {'is' if bad == 1 else 'are'} wrong"
-        screen().print(count if bad else f"all {len(found)} are well")
+        screen().print(f"{bad} of {len(found)} checks failed" if bad else f"all {len(found)} checks passed")
     return not bad

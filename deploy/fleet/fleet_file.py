@@ -1,6 +1,6 @@
-"""The fleet file: which robots there are, where their devices are plugged in, and how they talk.
+"""Fleet file: robots, ports of their devices, radio settings. Lengths in m, angles in rad.
 
-Every robot has a copy of the file, beside its copy of the map. Lengths in m, angles in rad.
+Every robot has a copy of the file and of the map.
 """
 
 import ipaddress
@@ -29,7 +29,7 @@ from firmware_bridge.beeclick.reception import power_setting
 from firmware_bridge.onboard.device_loop import OPENNI
 
 FOREVER: Final = 2**62
-"""µs; a robot's run has no end of its own."""
+"""Duration of a robot's run, µs: unlimited."""
 _LISTEN: Final = re.compile(
     r"tls/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):(?P<port>[0-9]{1,5})"
 )
@@ -39,14 +39,14 @@ _A_PATH: Final = r"/[^\x00-\x1f\x7f]+"
 
 
 class AirTable(Settings, frozen=True):
-    """[radio]: how the BEE-click boards are set up, all alike."""
+    """[radio]: settings of all BEE-click boards."""
 
     pan: Annotated[int, Meta(ge=0, le=0xFFFE, description="a whole number from 0 to 0xFFFE")] = 0xBABA
-    """IEEE 802.15.4 PAN id. Default: that of the original robots (d3scomp/beeclickarmROS)."""
+    """IEEE 802.15.4 PAN identifier. Default: as the original robots (d3scomp/beeclickarmROS)."""
     channel: Annotated[int, Meta(ge=11, le=26)] = 11
-    """In the 2.4 GHz band. Default: as the original robots; 26 is the one that Wi-Fi leaves alone most."""
+    """Channel in the 2.4 GHz band. Default: as the original robots; 26 has least interference from Wi-Fi."""
     power_db: float = 0.0
-    """Transmit power, dBm. Default: the strongest."""
+    """Transmit power, dBm. Default: maximum."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,23 +57,23 @@ class AirTable(Settings, frozen=True):
 
 
 class FleetRobot(RobotDescription, frozen=True, kw_only=True):
-    """[[robot]]: one robot, and where its devices are on its own computer."""
+    """[[robot]]: one robot and the ports of its devices."""
 
     id: RobotId
     address: Annotated[int, Meta(ge=0, le=0xFFFD, description="a whole number from 0 to 0xFFFD")]
-    """Short address on the air; no two robots may have the same."""
+    """IEEE 802.15.4 short address, unique in the fleet."""
     model: Model = "turtlebot2"
     """Name of a shipped robot model, or the path of a model file relative to the fleet file."""
     sensor: SensorName | None = None
-    """Which of the model's sensors stands for the one that is mounted; absent: the model's own choice."""
+    """The model's sensor that is mounted; None: the model's default."""
     base: Annotated[
         str, Meta(pattern=rf"\A{_A_PATH}\Z", description='the path of a port, such as "/dev/kobuki"')
     ]
-    """Of the Kobuki."""
+    """Port of the Kobuki."""
     radio: Annotated[
         str, Meta(pattern=rf"\A{_A_PATH}\Z", description='the path of a port, such as "/dev/beeclick"')
     ]
-    """Of the BEE click's board."""
+    """Port of the BEE-click board."""
     range: (
         Annotated[
             str,
@@ -84,9 +84,9 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
         ]
         | None
     ) = None
-    """Of the RPLIDAR, or "openni"; absent: it has no range sensor."""
+    """Port of the RPLIDAR, or "openni"; None: no range sensor."""
     listen: Annotated[str, Meta(description='"tls/HOST:PORT", such as "tls/0.0.0.0:7447"')] | None = None
-    """Where the operator's laptop may connect to watch; absent: nowhere."""
+    """Endpoint for the operator's laptop; None: no connections."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -95,13 +95,13 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def listen_host(self) -> str | None:
-        """The host in `listen`, without brackets; None if it does not listen."""
+        """Host in `listen`, without brackets; None if the robot does not listen."""
         match = _LISTEN.fullmatch(self.listen or "")
         return None if match is None else match["host"].strip("[]")
 
     @property
     def listens_everywhere(self) -> bool:
-        """True where `listen` names no address of the robot's own."""
+        """True if `listen` is the wildcard address."""
         return self.listen_host in {"0.0.0.0", "::"}
 
 
@@ -116,42 +116,41 @@ def _is_endpoint(endpoint: str) -> bool:
 
 
 class _FleetFile(SwarmFile, frozen=True, kw_only=True):
-    """The file."""
+    """Contents of a fleet file."""
 
     step_ms: StepMs = 100
     """Length of a step, ms."""
     seed: Seed = 1
-    """From which the behaviours' random streams are derived."""
+    """Seed of the behaviours' random streams."""
     keys: Annotated[Text, Meta(description="the path of a folder, relative to the fleet file")] | None = None
-    """Folder with a folder of keys for each machine; absent: beside the file, `office-keys` for
-    office.toml."""
+    """Folder with one folder of keys per machine; None: `office-keys` for office.toml."""
     radio: AirTable = AirTable()
     run: ConductTable = ConductTable()
     robot: Annotated[tuple[FleetRobot, ...], Meta(min_length=1)]
 
 
 class Fleet(_FleetFile, frozen=True, kw_only=True):
-    """What a fleet file says; all paths are absolute, and `run.modules` is set."""
+    """A loaded fleet file: all paths are absolute, and `run.modules` is set."""
 
     path: Path
-    """Of the file itself."""
+    """The fleet file."""
     keys: str
 
     @property
     def robots(self) -> tuple[FleetRobot, ...]:
-        """All of them, in the order of the file."""
+        """Robots in the order of the file."""
         return self.robot
 
     def robot_named(self, name: str) -> FleetRobot:
-        """The robot of that id, as an option names it. Raises OptionError if there is none."""
+        """Return the robot with the id `name`. Raises OptionError."""
         for robot in self.robot:
             if robot.id == name:
                 return robot
         known = ", ".join(robot.id for robot in self.robot)
-        raise OptionError(f'{self.path}: there is no robot "{name}" in the fleet; it has {known}')
+        raise OptionError(f'{self.path}: no robot "{name}" in the fleet; give one of {known}')
 
     def swarm(self, robot: FleetRobot) -> Swarm:
-        """That robot alone, as the swarm that it is told of."""
+        """Return a swarm of this robot alone."""
         model, step_us = load_model(robot.model, robot.sensor), milliseconds(self.step_ms)
         body = BodySetup(
             robot.id, robot.model, model.default_sensor, robot.start, robot.places, odometry=model.odometry
@@ -167,17 +166,17 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
         )
 
     def keys_of(self, machine: str) -> Path:
-        """The folder with the keys of a robot, by its id, or of the "operator"."""
+        """Return the folder with the keys of a robot, by id, or of the "operator"."""
         return Path(self.keys) / machine
 
 
 def load_fleet(path: Path) -> Fleet:
-    """The fleet in the file. Raises AcrcError."""
+    """Read a fleet file. Raises AcrcError."""
     return parse(settings.read_text(path, "fleet"), path)
 
 
 def parse(text: str, path: Path) -> Fleet:
-    """The fleet in the text of the file `path`, as load_fleet gives it."""
+    """Parse the text of the fleet file `path`. Raises AcrcError."""
     file = settings.parse(text, _FleetFile, str(path))
     try:
         fault = _fault(file)
@@ -190,7 +189,7 @@ def parse(text: str, path: Path) -> Fleet:
 
 
 def _fault(file: _FleetFile) -> str | None:
-    """Return what is wrong between the tables, in words without an end; None if nothing is."""
+    """Return the first inconsistency between tables, in words; None if there is none."""
     for index, robot in enumerate(file.robot):
         key, earlier = f"robot[{index}]", file.robot[:index]
         if robot.id in {one.id for one in earlier}:
@@ -198,13 +197,13 @@ def _fault(file: _FleetFile) -> str | None:
         for one in earlier:
             if one.address == robot.address:
                 return (
-                    f"{key}.address is {robot.address} as that of {one.id}, "
-                    "but each robot must have an address of its own"
+                    f"{key}.address: {robot.address} is the address of {one.id}, too; "
+                    "give each robot its own address"
                 )
         taken: dict[str, str] = {}
         for name, port in (("base", robot.base), ("radio", robot.radio), ("range", robot.range)):
             if port is not None and (other := taken.setdefault(port, name)) != name:
-                return f'{key}.{name} is "{port}" as {key}.{other}, but each device must have its own port'
+                return f'{key}.{name}: "{port}" is the port of {other}, too; each device has its own port'
     names = [area.name for area in file.area]
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -224,6 +223,6 @@ def _located(file: _FleetFile, path: Path) -> Fleet:
 
 
 def own_code(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
-    """Its folders, none for one that is installed. Raises as `foreign.admitted` does."""
+    """Return the folders of the user's strategy; none if it is installed. Raises as `foreign.admitted`."""
     hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
     return admitted(fleet.path, entry(fleet.run.strategy), hints, permit)

@@ -1,4 +1,4 @@
-"""A swarm whose robots speak serial bytes only: processes as on board, emulated devices, wall time."""
+"""Hardware-in-the-loop runs: the on-board processes of robots with emulated serial devices, in real time."""
 
 import itertools
 import time
@@ -44,13 +44,13 @@ from firmware_bridge.device_lines import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory import LaboratorySetup
 
 ACTIONS: Final = ("jam", "lose", "obstacle")
-"""Of events: what happens to air and floor. The others are orders to the conductor of a simulated run."""
-_CONDUCTOR: Final = "robots that run by their own clocks have nobody who conducts them"
-_ODOMETRY: Final = "emulated bases have the errors of a Kobuki, or none"
+"""Supported events: those of radio and floor. The others need the conductor of a simulated run."""
+_CONDUCTOR: Final = "robots in real time have no conductor"
+_ODOMETRY: Final = "emulated bases have the odometry errors of a Kobuki, or none"
 
 
 def check_limits(scenario: Scenario) -> None:
-    """Raise OptionError, naming each key, for a scenario that cannot be carried out in real time."""
+    """Raise OptionError, naming each key, for a scenario that cannot run in real time."""
     actions = [action_of(event) for event in scenario.event]
     asked = {f"[[event]] {action}": _CONDUCTOR for action in actions if action not in ACTIONS}
     if "stage" in (scenario.robots.odometry, *(robot.odometry for robot in scenario.robot)):
@@ -58,23 +58,22 @@ def check_limits(scenario: Scenario) -> None:
     if asked:
         what = "; ".join(f"{key}: {reason}" for key, reason in asked.items())
         raise OptionError(
-            f"--hardware-in-the-loop: the scenario asks for what emulated devices have not: {what}; "
-            "leave it out there, or run the scenario without --hardware-in-the-loop"
+            f"--hardware-in-the-loop: unsupported by emulated devices: {what}; "
+            "remove it from the scenario, or run without --hardware-in-the-loop"
         )
 
 
 LABORATORY: Final = "laboratory"
 _PATIENCE_S: Final = 60.0
-"""How long the emulated devices may take to be there."""
+"""Timeout for the start of the emulated devices, s."""
 OnProgress = Callable[[Progress], None]
 
 
 def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> RunResult:
-    """Run the scenario until no robot has a place left, or to its limit, and gather what came of it.
+    """Run the scenario until no robot has a place left, or to its time limit, and return the result.
 
-    The result also stands in result/run.json below the output folder, and what became of every place in
-    result/places.csv. `launched` starts the processes; None: as the options say. Raises OptionError for a
-    scenario that asks for what cannot be in real time, and for a board of nobody's.
+    Writes result/run.json and result/places.csv to the output folder. `launched` starts the processes; None:
+    as in the options. Raises OptionError for scenarios unsupported in real time and for unknown `boards`.
     """
     check_limits(scenario)
     plan = swarm.plan(scenario, options)
@@ -94,7 +93,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
 
 
 def _without_board(plan: RunPlan, boards: tuple[str, ...]) -> tuple[str, ...]:
-    """The robots with a simulated transceiver; `boards`: those with a board, none: all of them."""
+    """Return the robots with a simulated transceiver; `boards`: robots with a board, () = all."""
     robots = [robot.id for robot in plan.world.robots]
     if unknown := [robot for robot in boards if robot not in robots]:
         raise wrong_value("--board", unknown[0], f"a robot of the scenario: {', '.join(robots)}")
@@ -120,7 +119,7 @@ def _run_processes(
 
 
 class _EmulatedDevices(Supervisor):
-    """The process with the emulated devices."""
+    """Supervisor of the process that emulates the devices."""
 
     def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launched: Launcher) -> None:
         folder = plan.folder(LABORATORY)
@@ -132,7 +131,7 @@ class _EmulatedDevices(Supervisor):
         (folder / SETUP).write_bytes(typed_json.dump(setup))
 
     def start_devices(self) -> None:
-        """Start it, and stay until the devices are plugged in."""
+        """Start the process and wait until the devices are available."""
         folder = self._folder
         argv = (
             *("--setup", str(folder / SETUP), "--links", str(folder / "links")),
@@ -146,15 +145,15 @@ class _EmulatedDevices(Supervisor):
             self._launcher.wait(self.POLL_S)
             self.check()
             if time.monotonic() > deadline:
-                raise AcrcError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
+                raise AcrcError(f"the emulated devices did not start within {_PATIENCE_S:g} s")
 
     def check(self) -> None:
-        """Raise AcrcError if it has ended."""
+        """Raise AcrcError if the process has exited."""
         (child,) = self._children
         if child.exit_code is not None:
             raise AcrcError(
-                f"the emulated devices ended with exit code {child.exit_code}; "
-                f"{self._folder / 'laboratory.log'} says why"
+                f"the emulated devices exited with code {child.exit_code}; "
+                f"see {self._folder / 'laboratory.log'}"
             )
 
 
@@ -194,7 +193,7 @@ def _follow(
     devices: _EmulatedDevices,
     on_progress: OnProgress,
 ) -> None:
-    """Until nobody has a place left, or to the limit."""
+    """Supervise the robots until no place is left, or to the time limit."""
     begun = time.monotonic()
     left = [len(robot.places) for robot in plan.world.robots]
     reports = [0] * len(left)

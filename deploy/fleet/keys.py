@@ -1,4 +1,4 @@
-"""Makes the keys of a fleet: an authority that stays at home, and a folder for every machine to take."""
+"""Keys of a fleet: a certificate authority, and a folder with key and certificate for each machine."""
 
 import os
 import re
@@ -20,36 +20,36 @@ from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, Pair
 
 HOME: Final = "authority"
-"""Folder of the authority, which goes to no machine."""
+"""Folder of the certificate authority; do not copy it to robots."""
 LONGEST_DAYS: Final = 3650
 _HOST: Final = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?|[0-9A-Fa-f:.]+")
 
 
 @dataclass(frozen=True)
 class MachineKeys:
-    """What was made for one machine."""
+    """Key and certificate of one machine."""
 
     machine: str
     """Id of the robot, or "operator"."""
     folder: Path
     hosts: tuple[str, ...]
-    """Names and addresses that its certificate holds for; none for the operator."""
+    """Names and addresses for which its certificate is valid; () for the operator."""
     listens_unnamed: bool
-    """It listens at all its addresses, and none was given: it can be reached by the names in `hosts` only."""
+    """True if it listens at all its addresses, but its certificate is valid for names only."""
 
 
 @dataclass(frozen=True)
 class FleetKeys:
-    """What was made for a fleet."""
+    """Keys and certificates of a fleet."""
 
     home: Path
-    """Folder of the authority."""
+    """Folder of the certificate authority."""
     valid_until: datetime
     machines: tuple[MachineKeys, ...]
 
 
 def hosts_of(words: Sequence[str], fleet: Fleet) -> dict[str, list[str]]:
-    """The options `--host r2=192.168.1.12` as hosts by robot. Raises OptionError."""
+    """Parse options `--host r2=192.168.1.12` into hosts by robot. Raises OptionError."""
     found: dict[str, list[str]] = {}
     for word in words:
         robot, equals, host = word.partition("=")
@@ -63,18 +63,18 @@ def hosts_of(words: Sequence[str], fleet: Fleet) -> dict[str, list[str]]:
 def issue(
     fleet: Fleet, out: Path, hosts: Mapping[str, Sequence[str]], *, now: datetime, days: int
 ) -> FleetKeys:
-    """Make the authority and everyone's keys in the new folder `out`: all of them, or nothing at all.
+    """Create the authority and the keys of all machines in the new folder `out`, atomically.
 
-    `hosts`: further names and addresses of robots. `days`: how long the certificates hold. Private keys can
-    be read by their owner only. Raises AcrcError where the folder is there already or cannot be made, and
-    OptionError where `days` makes no sense.
+    `hosts`: further names and addresses of robots. `days`: validity of the certificates. Private keys are
+    readable by their owner only. Raises AcrcError if the folder exists or cannot be created, and OptionError
+    for invalid `days`.
     """
     if not 0 < days <= LONGEST_DAYS:
         raise wrong_value("--days", days, f"a whole number from 1 to {LONGEST_DAYS}")
     if out.exists():
         raise AcrcError(
-            f"{out}: exists already; move it away to give the whole fleet new keys, or name another folder "
-            "with --out"
+            f"{out}: already exists; move it away to create new keys for the whole fleet, or choose another "
+            "folder with --out"
         )
     made = _described(fleet, out, hosts, now, days)
     issuer = certificates.authority(f"fleet {fleet.path.stem}", now, days)
@@ -84,7 +84,7 @@ def issue(
             purpose = CLIENT if machine.machine == OPERATOR else SERVER
             pair = certificates.machine(issuer, machine.machine, [purpose], machine.hosts, now, days)
             _write(draft / machine.machine, issuer, pair)
-        (draft / ".gitignore").write_text("# Private keys belong in no repository.\n*\n")
+        (draft / ".gitignore").write_text("# Never commit private keys.\n*\n")
     return made
 
 
@@ -97,37 +97,33 @@ def renew(
     now: datetime,
     days: int,
 ) -> tuple[FleetKeys, Path]:
-    """Make all keys anew, by a new authority, in place of those in `out`; and where the old ones are now.
+    """Replace all keys in `out`, with a new authority; return them and the folder of the old keys.
 
-    Thereby the keys of the machines `revoked` are worth nothing to a machine that has its new folder: Zenoh
-    knows no list of revoked certificates. What the old certificates held for the new ones hold for, too.
-    Raises AcrcError where there are no old keys, else as `issue`.
+    Machines with new keys reject the keys of the machines `revoked` (Zenoh has no revocation lists). The new
+    certificates are valid for the same hosts as the old ones. Raises AcrcError if there are no old keys, else
+    as `issue`.
     """
     for machine in revoked:
         if machine != OPERATOR:
             fleet.robot_named(machine)
     if not (out / HOME / AUTHORITY_FILE).is_file():
-        raise AcrcError(
-            f"{out}: there are no keys to revoke; `acrc fleet keys` without --revoke makes the first"
-        )
+        raise AcrcError(f"{out}: no keys to revoke; run `acrc fleet keys` without --revoke first")
     known = {robot.id: (*_held_for(out / robot.id), *hosts.get(robot.id, ())) for robot in fleet.robots}
     aside = out.with_name(f"{out.name}.until-{now:%Y%m%d-%H%M%S}")
     if aside.exists():
-        raise AcrcError(f"{aside}: exists already; the old keys would be put there")
+        raise AcrcError(f"{aside}: already exists; move it away, the old keys are stored there")
     draft = out.with_name(f"{out.name}.new-{now:%Y%m%d-%H%M%S}")
     issue(fleet, draft, known, now=now, days=days)
     try:
         out.rename(aside)
         draft.rename(out)
     except OSError as error:
-        raise AcrcError(
-            f"{out}: the new keys are in {draft}, but cannot go there: {error.strerror}"
-        ) from None
+        raise AcrcError(f"{out}: cannot be replaced by the new keys in {draft}: {error.strerror}") from None
     return _described(fleet, out, known, now, days), aside
 
 
 def _held_for(folder: Path) -> tuple[str, ...]:
-    """What a machine's certificate holds for; nothing if it has none."""
+    """Return the hosts of a machine's certificate; () if it has none."""
     try:
         return certificates.hosts(certificates.read((folder / CERTIFICATE_FILE).read_bytes()))
     except (OSError, ValueError):
@@ -146,7 +142,7 @@ def _described(
 
 
 def _robot(robot: FleetRobot, out: Path, hosts: Sequence[str]) -> MachineKeys:
-    """Its own id as a name, also with mDNS's ending, where it listens, and what was given."""
+    """Describe a robot's keys, valid for its id, id.local (mDNS), the host in `listen`, and `hosts`."""
     names = [robot.id, f"{robot.id}.local"]
     if robot.listen_host is not None and not robot.listens_everywhere:
         names.append(robot.listen_host)
@@ -157,12 +153,12 @@ def _robot(robot: FleetRobot, out: Path, hosts: Sequence[str]) -> MachineKeys:
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """A folder to fill, which becomes `out` once it is full, and is gone if that fails."""
+    """Yield a temporary folder that is renamed to `out` on success and removed on failure."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
     except OSError as error:
-        raise AcrcError(f"{out}: the folder cannot be made: {error.strerror}") from None
+        raise AcrcError(f"{out}: the folder cannot be created: {error.strerror}") from None
     try:
         yield draft
         draft.rename(out)

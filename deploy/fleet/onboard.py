@@ -1,6 +1,6 @@
-"""A robot's own processes: base, bridge, and the robot program with the set-up that simulation gives it.
+"""Processes on board a robot: base, bridge, and the robot program, set up as in simulation.
 
-On board it goes on where the disk takes no record.
+On board, the program continues if its recording cannot be written.
 """
 
 import fcntl
@@ -35,43 +35,43 @@ _LAST_POSE: Final = "last.pose"
 
 
 class Ports(NamedTuple):
-    """Where a robot's devices are plugged in, and how its board is set up."""
+    """Ports of a robot's devices, and settings of its board."""
 
     base: str
     radio: str
     range: str | None
     settings: BoardSettings
     board: bool = True
-    """False: at the radio's port is a laboratory's transceiver without a board."""
+    """False if the radio port is a laboratory's transceiver without a board."""
     listen: str | None = None
-    """Where the operator's laptop may connect; None = nowhere."""
+    """Endpoint for the operator's laptop; None = no connections."""
     keys: str | None = None
-    """Folder with the robot's own keys."""
+    """Folder with the robot's keys."""
 
 
 @dataclass(frozen=True)
 class Onboard:
-    """One robot, ready to be laid out; `plan` has this robot alone."""
+    """One robot's plan, ports and start options; `plan` has this robot alone."""
 
     plan: RunPlan
     ports: Ports
     epochs: Callable[[], int]
-    """Gives each start of the robot's program an epoch of its own, later than all before."""
+    """Returns a new epoch for each start of the robot's program, later than all before."""
     debug_port: int | None = None
-    """Wait there for a debugger, and end without one."""
+    """Port at which the program waits for a debugger; None: no debugger."""
     last_pose: Path | None = None
-    """File with the robot's last pose estimate; None: one in the base's folder, not there yet."""
+    """File with the robot's last pose estimate; None: a new file in the base's folder."""
     link_fault: Callable[[], str] = str
-    """What keeps a laptop from watching it, in a sentence; empty if nothing does."""
+    """Returns why a laptop cannot connect; empty if it can."""
 
     @property
     def pose_file(self) -> Path:
-        """As `last_pose`."""
+        """Path of the file with the last pose estimate."""
         return self.last_pose or self.folder(BASE) / _LAST_POSE
 
     @property
     def router(self) -> Path:
-        """The router file, in the base's folder."""
+        """Router file, in the base's folder."""
         return self.folder(BASE) / credentials.ROUTER_FILE
 
     @property
@@ -81,15 +81,15 @@ class Onboard:
         return robot
 
     def folder(self, actor: str) -> Path:
-        """Of the base or the bridge: beside the robot's own, from which the robot sees neither."""
+        """Return the folder of the base or the bridge; the robot's sandbox hides both."""
         return self.plan.folder(f"{self.robot.id}.{actor}")
 
 
 def lay_out(onboard: Onboard) -> None:
-    """Write the files that the processes read; the robot must have no folder there yet."""
+    """Write the set-up files of the processes. Raises OptionError if the robot's folder exists."""
     plan, robot = onboard.plan, onboard.robot
     if plan.folder(robot.id).exists():
-        raise OptionError(f"--out: {plan.out} has a folder of {robot.id}; must be a folder without")
+        raise OptionError(f"--out: {plan.out} already contains {robot.id}/; choose another directory")
     plan.out.mkdir(parents=True, exist_ok=True)
     write_names(plan)
     lay_out_robot(plan, robot)
@@ -98,7 +98,7 @@ def lay_out(onboard: Onboard) -> None:
 
 
 def issue(onboard: Onboard) -> Credentials:
-    """Draw new passwords: the robot's lies in its folder, all others in the base's."""
+    """Create new passwords: the robot's in its folder, all others in the base's."""
     plan = onboard.plan
     issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
     credentials.write_router_file(onboard.router, issued)
@@ -106,12 +106,12 @@ def issue(onboard: Onboard) -> Credentials:
 
 
 def withdraw(onboard: Onboard) -> None:
-    """Remove what is left of passwords and sockets."""
+    """Remove remaining passwords and sockets."""
     credentials.remove_router_file(onboard.router)
 
 
 def base_program(onboard: Onboard, start: int) -> Program:
-    """Return the base's program; `start` counts its starts."""
+    """Return the base's program; `start`: number of earlier starts."""
     ports, folder, robot = onboard.ports, onboard.folder(BASE), onboard.robot
     base = BaseSetup(
         id=robot.id,
@@ -146,7 +146,7 @@ def bridge_program(onboard: Onboard, start: int) -> Program:
 
 
 def onboard_robot_program(onboard: Onboard, start: int) -> Program:
-    """Return the robot's program, as in simulation and in a new epoch; under a debugger if one is wanted."""
+    """Return the robot's program in a new epoch; under a debugger if `debug_port` is set."""
     robot, doubt = onboard.robot, None
     if (last := last_pose.read(onboard.pose_file)) is not None:
         robot, doubt = msgspec.structs.replace(robot, start=(*last.origin,)), last.spread
@@ -167,17 +167,16 @@ def _numbered(actor: str, start: int) -> str:
 
 
 STATE: Final = REPOSITORY / ".state"
-"""Folder of the counters: one for a computer, whatever folders its runs are in."""
+"""Folder of the counters, one per computer, independent of the folders of runs."""
 LAST_EPOCH: Final = 2**31 - 1
-"""More have no room in the tags of frames (actors.robot.behaviour.node_host); with a start a second that
-takes 68 years."""
+"""Limit of frame tags (actors.robot.behaviour.node_host); 68 years at one start per second."""
 _LONGEST: Final = 64
-"""Bytes of the file that are read."""
+"""Maximum length of the file, bytes."""
 _ZERO: Final = 1_577_836_800
-"""2020-01-01 in Unix time, s: what epochs by the clock are counted from. Starts take longer than a second, so
-that the clock is ahead of every counter."""
+"""2020-01-01 in Unix time, s: origin of epochs by the clock. Starts take longer than a second, so that the
+clock is ahead of every counter."""
 _CLOCK_IS_SET: Final = 1_767_225_600
-"""2026-01-01: a clock that is behind it was never set."""
+"""2026-01-01 in Unix time, s: an earlier time means that the clock was never set."""
 
 
 class _RecordedRobot(msgspec.Struct):
@@ -186,45 +185,43 @@ class _RecordedRobot(msgspec.Struct):
 
 
 class _RecordedRun(msgspec.Struct):
-    """The part that is needed here of a robot's first record."""
+    """Fields of a robot's first record that are read here."""
 
     setup: _RecordedRobot
 
 
 @dataclass(frozen=True)
 class EpochCounter:
-    """The epochs of one robot on this computer."""
+    """Persistent counter of one robot's epochs on this computer."""
 
     robot: str
     runs: Path
-    """Folder of folders with recordings of earlier runs: asked where the counter itself does not know."""
+    """Folder of earlier runs, whose recordings are read if the counter is missing or damaged."""
     say: Callable[[str], None]
-    """Is told, in a sentence, of a counter that was damaged."""
+    """Called with a warning about a damaged counter."""
     state: Path = STATE
     clock: Callable[[], float] = field(default=time.time)
     """Unix time, s."""
 
     @property
     def file(self) -> Path:
-        """Where the count is stored."""
+        """File with the latest epoch."""
         return self.state / f"{self.robot}.epochs"
 
     def claim(self) -> int:
-        """Return an epoch later than all before, which is never returned again. Raises AcrcError."""
+        """Return a new epoch, later than all before. Raises AcrcError."""
         try:
             self.state.mkdir(parents=True, exist_ok=True)
             with (self.state / f"{self.robot}.lock").open("w") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)
                 epoch = self._next()
                 if epoch > LAST_EPOCH:
-                    raise AcrcError(
-                        f"{self.file}: the next epoch would be {epoch}; there are {LAST_EPOCH} at most"
-                    )
+                    raise AcrcError(f"{self.file}: the next epoch, {epoch}, exceeds the maximum {LAST_EPOCH}")
                 regular_file.write(self.file, _line(epoch), durable=True)
         except OSError as error:
             raise AcrcError(
-                f"{self.file}: the starts of {self.robot} cannot be counted there ({error.strerror}); "
-                "it must be a file that can be written, for without it the others would not hear the robot"
+                f"{self.file}: the epoch of {self.robot} cannot be stored ({error.strerror}); make the file "
+                "writable, or other robots will discard this robot's frames"
             ) from None
         return epoch
 
@@ -240,19 +237,18 @@ class EpochCounter:
         if now < _CLOCK_IS_SET:
             today = time.strftime("%Y-%m-%d", time.gmtime(now))
             raise AcrcError(
-                f"{self.file}: holds no epoch that can be read, and the clock, at {today}, was never set, "
-                f"so that nobody can tell how often {self.robot} has been started; set the clock, "
-                "then start it again"
+                f"{self.file}: no valid epoch, and the clock shows {today}, so it was never set; set the "
+                f"clock, then start {self.robot} again"
             )
         epoch = max(now - _ZERO, self._recorded() + 1)
         self.say(
-            f"{self.file} was damaged: it holds no epoch that can be read; "
-            f"{self.robot} goes on with {epoch}, by the clock"
+            f"{self.file}: no valid epoch, file damaged; {self.robot} continues with epoch {epoch}, derived "
+            "from the clock"
         )
         return epoch
 
     def _recorded(self) -> int:
-        """Return the latest epoch of the robot's recordings; -1: there is none."""
+        """Return the latest epoch in the robot's recordings; -1 = none."""
         found = map(_recorded_robot, self.runs.glob(f"*/{self.robot}/*.mcap"))
         return max((one.epoch for one in found if one and one.id == self.robot), default=-1)
 
@@ -263,7 +259,7 @@ def _line(epoch: int) -> bytes:
 
 
 def _recorded_robot(path: Path) -> _RecordedRobot | None:
-    """Return what a recording's first record says of its robot; None if it is not a robot's."""
+    """Return the robot in a recording's first record; None if the recording is not a robot's."""
     try:
         first = next(read_recording(path), None)
         if isinstance(first, Note) and first.name == "run":

@@ -1,4 +1,4 @@
-"""A robot on board: from the fleet file to running processes, until it is told to stop."""
+"""Execution of a robot on board: from the fleet file to supervised processes, until it is stopped."""
 
 import functools
 import importlib.util
@@ -41,14 +41,14 @@ from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
 
 ONBOARD: Final = RestartPolicy(starts=5, within_s=60.0)
-"""Own choice: a fault that comes back at once is no accident; then systemd starts the whole robot again."""
+"""Own choice. After more restarts the supervisor exits, and systemd restarts the whole robot."""
 
 
 class OnboardSupervisor(Supervisor):
-    """One robot's three processes; a base that ends takes the others along, for it is their router."""
+    """Supervisor of one robot's three processes; restarts all if the base, their router, exits."""
 
     START_S: Final = 120.0
-    """How long a base may take to listen; after that it hangs, and is killed."""
+    """Timeout for the start of the base, s; then it is killed."""
     GRACE_S = 5.0
     RESUMES = False
 
@@ -65,23 +65,23 @@ class OnboardSupervisor(Supervisor):
         self._withdraw = launcher.withdraw
         self._count = {layout.BASE: 0, layout.BRIDGE: 0, onboard.robot.id: 0}
         self._current: dict[str, Child] = {}
-        """The newest process of each."""
+        """Latest process by name."""
         self._losses: dict[Path, str] = {}
-        """What was said of recordings that are not whole."""
+        """Last reported warning about each incomplete recording."""
 
     @property
     def restarts(self) -> int:
-        """Starts beyond the first of each."""
+        """Number of restarts of all processes."""
         return sum(max(0, count - 1) for count in self._count.values())
 
     @property
     def base_pid(self) -> int | None:
-        """Of the base process; None while there is none."""
+        """PID of the base process; None if it is not running."""
         base = self._current.get(layout.BASE)
         return None if base is None or base.exit_code is not None else base.pid
 
     def start_robot(self) -> None:
-        """Start base, bridge and robot."""
+        """Start base, bridge and robot program."""
         self._withdraw(self._onboard.router)
         issued = layout.issue(self._onboard)
         self._start(layout.BASE)
@@ -98,9 +98,9 @@ class OnboardSupervisor(Supervisor):
         self._start(self._onboard.robot.id)
 
     def look(self, patience_s: float) -> bool:
-        """Wait so long, and start again what has ended; False once the base has ended as it was told to.
+        """Wait `patience_s`, then restart exited processes; return False after the base's normal exit.
 
-        Raises AcrcError when the budget is used up.
+        Raises AcrcError if the restart budget is exhausted.
         """
         self._launcher.wait(patience_s)
         self._poll()
@@ -109,12 +109,12 @@ class OnboardSupervisor(Supervisor):
         if not ended:
             return True
         if all(self._current[name].exit_code == 0 for name in ended):
-            self.await_exits([self._current[layout.BASE]])  # it told them to end, and is about to end itself
+            self.await_exits([self._current[layout.BASE]])  # the base stopped them and is about to exit
         if self._current[layout.BASE].exit_code == 0:
             self.end_all()
             return False
         for name in ended:
-            self._say(f"{name} has ended {exit_in_words(self._current[name])}")
+            self._say(f"{name} exited {exit_in_words(self._current[name])}")
         self.count_restart(self._onboard.robot.id, ended[0], self._current[ended[0]])
         if layout.BASE in ended:
             self.end_all()
@@ -126,10 +126,10 @@ class OnboardSupervisor(Supervisor):
         return True
 
     def end_all(self) -> None:
-        """Stop the vehicle, and end all processes."""
+        """Stop the vehicle and terminate all processes."""
         base = self._current.get(layout.BASE)
         if base is not None and base.exit_code is None:
-            base.send(signal.SIGTERM)  # stands, halts the robot, lets the bridge go
+            base.send(signal.SIGTERM)  # stops the wheels, the robot program and the bridge
             self.await_exits(self._current.values())
         super().end_all()
         self._tell_losses()
@@ -147,7 +147,7 @@ class OnboardSupervisor(Supervisor):
         self._current[name] = self._children[-1]
 
     def _tell_losses(self) -> None:
-        """Say which recordings the disk does not take, as each process says it of its own in its log."""
+        """Report recordings that could not be written, as logged by the processes."""
         for name, child in self._current.items():
             record = child.program.record
             if record is None:
@@ -160,20 +160,20 @@ class OnboardSupervisor(Supervisor):
 
 
 LOOK_S: Final = 0.05
-"""The base process is looked at so often, and stop said, s; own choice."""
+"""Period of supervision and of stop commands, s; own choice."""
 
 
 class StandIn:
-    """Has the base's port while the base process is stopped."""
+    """Sends stop commands to the base's port while the base process is suspended."""
 
     def __init__(self, port: str, say: Callable[[str], None]) -> None:
-        """`port`: of the base; `say` is told what is done."""
+        """Create it; `port`: the base's, `say`: called with log messages."""
         self._path = port
         self._say = say
         self._port: int | None = None
 
     def look(self, base: int | None) -> None:
-        """Say stop if that process is stopped, if there is one; never waits."""
+        """Send a stop command if the process with PID `base` is suspended; does not block."""
         found = None if base is None else glance(base)
         if found is None or not found.stopped:
             self._close()
@@ -182,8 +182,8 @@ class StandIn:
             try:
                 self._port = guardian.open_alone(self._path)
             except OSError:
-                return  # unplugged: nobody can say it
-            self._say("base is stopped (SIGSTOP or a debugger): stop is said in its place")
+                return  # unplugged
+            self._say("base process suspended (SIGSTOP or a debugger): sending stop commands to the wheels")
         if not guardian.say_stop(self._port, guardian.Standstill()):
             self._close()
 
@@ -197,10 +197,10 @@ _SOCKET: Final = "NOTIFY_SOCKET"
 
 
 class ServiceNotice:
-    """The way to systemd, where it has started this process; elsewhere all of it does nothing."""
+    """Notifications to systemd (sd_notify(3)); without effect if systemd did not start this process."""
 
     def __init__(self, environment: Mapping[str, str] | None = None) -> None:
-        """`environment`: of this process, if not given; systemd says there where it listens."""
+        """Open the socket named by NOTIFY_SOCKET in `environment`; None: this process's environment."""
         address = (os.environ if environment is None else environment).get(_SOCKET, "")
         self._socket: socket.socket | None = None
         if address[:1] in {"/", "@"}:
@@ -209,47 +209,47 @@ class ServiceNotice:
             self._socket.setblocking(False)
 
     def ready(self) -> None:
-        """All processes have been started."""
+        """Notify that all processes have been started."""
         self._say("READY=1")
 
     def lives(self) -> None:
-        """To be called all the time: without it systemd ends the service after a while."""
+        """Reset the watchdog of systemd, which otherwise terminates the service."""
         self._say("WATCHDOG=1")
 
     def _say(self, line: str) -> None:
         if self._socket is not None:
-            with suppress(OSError):  # systemd is busy: the next one will do
+            with suppress(OSError):  # systemd is busy; the next one suffices
                 self._socket.sendto(line.encode(), self._address)
 
 
 AT_START: Final = "start"
-"""Where the fleet file says that the robot is switched on."""
+"""The start pose of the fleet file."""
 
 
 @dataclass(frozen=True)
 class OnboardOptions:
-    """The options of `acrc fleet onboard`."""
+    """Options of `acrc fleet onboard`."""
 
     out: Path
-    """Absolute path of the folder for everything that the robot writes; must have none of this robot yet."""
+    """Absolute path of the output folder; must not contain a folder of this robot."""
     isolate: bool | None = None
-    """As for a run; None: where the machine can, and no debugger is wanted."""
+    """Sandbox the robot program; None: if supported and no debugger is used."""
     debug_port: int | None = None
     at: str | None = None
-    """Where it is told to be: AT_START, or X,Y,HEADING; None: it may have moved since it last knew."""
+    """Pose of the robot: AT_START or X,Y,HEADING; None: its last pose estimate, to be verified."""
     modules: tuple[Path, ...] = ()
-    """Folders in which a strategy of one's own may be looked for."""
+    """Folders from which a user strategy may be loaded."""
 
 
 def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> Onboard:
-    """What is to be run for the robot `name`. Raises an AcrcError if anything does not exist or fit.
+    """Check the configuration of the robot `name` and return it ready to run. Raises AcrcError.
 
-    `say` is told what comes up later, a sentence at a time.
+    `say`: called with later log messages.
     """
     if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
         raise AcrcError(
-            f"--debugpy: {options.debug_port} needs the Python package debugpy, which is not installed; "
-            f"`{command()} add debugpy` brings it"
+            f"--debugpy: {options.debug_port} needs the Python package debugpy; install it with "
+            f"`{command()} add debugpy`"
         )
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot_named(name)
@@ -275,7 +275,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
 
 
 def run(prepared: Onboard, say: Callable[[str], None]) -> None:
-    """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
+    """Run until the operator's stop, a signal (Interrupted), or an exhausted restart budget (AcrcError)."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
     with writing(prepared.plan.out), signals_as_interrupts(), launcher("exec", reap=False) as launched:
@@ -286,25 +286,25 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
         try:
             watch.start_robot()
             service.ready()
-            say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
+            say(f"{prepared.robot.id} is running; recordings in {prepared.plan.out}")
             operator.look()
             if in_doubt:
                 say(
-                    f"{prepared.robot.id} is in doubt about where it is, and stands until its scans say "
-                    "that it is where it last was; `--at start` or `--at X,Y,HEADING` tells it"
+                    f"{prepared.robot.id} waits until its scans confirm its last pose; to set the pose, use "
+                    "`--at start` or `--at X,Y,HEADING`"
                 )
             stand_in = StandIn(prepared.ports.base, say)
             while watch.look(LOOK_S):
                 stand_in.look(watch.base_pid)
                 operator.look()
-            say(f"{prepared.robot.id} was told to stop")
+            say(f"{prepared.robot.id} stopped by the operator")
         finally:
             watch.end_all()
             layout.withdraw(prepared)
 
 
 def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
-    """Return the fault of the keys with which a laptop may watch the robot; empty without a fault."""
+    """Return the fault of the keys for the operator's laptop; empty if they are valid."""
     if robot.listen is None:
         return ""
     found = finding("keys", keys, fleet, robot)
@@ -312,27 +312,27 @@ def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
 
 
 class OperatorLink:
-    """Says why no laptop can watch the robot, as soon as that is so: keys also end while it drives."""
+    """Periodic check of the keys for the operator's laptop, which may expire during a run."""
 
     PERIOD_S: Final = 600.0
-    """Between two looks at the keys."""
+    """Period of the check, s."""
 
     def __init__(self, fault: Callable[[], str], say: Callable[[str], None]) -> None:
         self._fault, self._say = fault, say
         self._next, self._said = 0.0, ""
 
     def look(self) -> None:
-        """Look, if it is time to; to be called again and again."""
+        """Check if the period has passed; report a new fault."""
         if (now := time.monotonic()) < self._next:
             return
         self._next = now + self.PERIOD_S
         if (fault := self._fault()) and fault != self._said:
-            self._say(f"no laptop can watch or stop it: {fault}")
+            self._say(f"laptops cannot connect to watch or stop the robot: {fault}")
         self._said = fault
 
 
 def _told(at: str, robot: FleetRobot) -> tuple[float, float, float]:
-    """Where the robot is told to be. Raises OptionError."""
+    """Parse the pose in `--at`. Raises OptionError."""
     if at == AT_START:
         return robot.start
     try:
@@ -347,7 +347,7 @@ def _told(at: str, robot: FleetRobot) -> tuple[float, float, float]:
 
 
 def new_folder(runs: Path) -> Path:
-    """A new folder in `runs` named after the time in UTC, made; a clock that is set back does not matter."""
+    """Create a new folder in `runs`, named after the time in UTC; unique even if the clock was set back."""
     return claim(runs, time.strftime("%Y%m%d-%H%M%S", time.gmtime()))
 
 

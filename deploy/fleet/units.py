@@ -1,4 +1,4 @@
-"""The systemd service that runs one robot from power-on to power-off: `robot.service`, filled in.
+"""systemd service (from `robot.service`) and udev rules of one robot.
 
 Source: systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.resource-control(5).
 """
@@ -21,21 +21,21 @@ _TERMINALS = Path("/sys/class/tty")
 
 
 class UsbPort(NamedTuple):
-    """A serial port that is a USB device."""
+    """A serial port of a USB device."""
 
     path: str
-    """The kernel's name, such as /dev/ttyUSB0."""
+    """Kernel name, such as /dev/ttyUSB0."""
     vendor: str
-    """Four hexadecimal digits."""
+    """Vendor ID, four hexadecimal digits."""
     product: str
     serial: str
-    """Empty if it has none."""
+    """Serial number; empty if it has none."""
     socket: str = ""
-    """Where it is plugged in, such as 1-1.3: bus, and port of each hub on the way."""
+    """USB socket, such as 1-1.3: bus, and port of each hub."""
 
 
 def usb_port(path: str) -> UsbPort | None:
-    """Return the port of that name, links followed; None if it is no USB device, or there is none."""
+    """Return the port at `path`, links followed; None if missing or not a USB device."""
     name = Path(path).resolve().name
     folder = (_TERMINALS / name / "device").resolve()
     for parent in (folder, *folder.parents):
@@ -47,48 +47,48 @@ def usb_port(path: str) -> UsbPort | None:
 
 
 def usb_ports() -> list[UsbPort]:
-    """All of them, by name."""
+    """Return all serial ports of USB devices, sorted by name."""
     names = sorted(path.name for path in _TERMINALS.iterdir()) if _TERMINALS.is_dir() else []
     found = (usb_port(f"/dev/{name}") for name in names)
     return [port for port in found if port is not None]
 
 
 def is_kobuki(port: UsbPort) -> bool:
-    """True for the chip in a Kobuki, which says so in its serial number."""
+    """Return whether the port is a Kobuki, by the chip's serial number."""
     return port.serial.startswith("kobuki")
 
 
 def may_be(device: PortDevice, port: UsbPort) -> bool:
-    """True if the device could be behind the port, by its chip."""
+    """Return whether the port's chip is that of the device."""
     if (port.vendor, port.product) != device.chip:
         return False
     return device not in {KOBUKI, BOARD} or is_kobuki(port) is (device is KOBUKI)
 
 
 GROUP: Final = "dialout"
-"""Group that may open serial ports, by Debian's and Ubuntu's name."""
+"""Group with access to serial ports on Debian and Ubuntu."""
 _SERIAL: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _NAME: Final = re.compile(
     r"/dev/((?!tty|pts/|serial/|bus/)[A-Za-z0-9][A-Za-z0-9_.+-]*(?:/[A-Za-z0-9][A-Za-z0-9_.+-]*)*)"
 )
 _FAST: Final = 'ATTR{device/latency_timer}="1", '
-"""FTDI chips hold bytes back for 16 ms by default; a Kobuki reports every 20."""
+"""FTDI chips buffer bytes for 16 ms by default; a Kobuki reports every 20 ms."""
 _HEAD: Final = """\
 # Ports of robot {robot}, written by `acrc fleet units`.
 
 ACTION=="remove", GOTO="acrc_end"
 SUBSYSTEM!="tty", GOTO="acrc_end"
 
-# Kobuki: its own FTDI chip, told from others by its serial number.
+# Kobuki: FTDI chip, identified by its serial number.
 {kobuki}
 """
 
 
 def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
-    """Return the text of the robot's udev rules; a port that has its kernel's name gets no other one.
+    """Return the text of the robot's udev rules; a port given by its kernel name gets no other name.
 
-    `plugged`: what this computer has. Board and lidar have chips that other devices have, too: the one that
-    is there, and no other, gets the name. Where there is none, or more than one, none gets it (`unnamed`).
+    `plugged`: ports of this computer. Other devices have the chips of board and lidar, too: the name goes to
+    the one that is plugged in; with none or several of them, to none (`unnamed`).
     """
     kobuki = _rule(f'{_of(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST)
     parts = [_HEAD.format(robot=robot.id, kobuki=kobuki)]
@@ -102,7 +102,7 @@ def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
 
 
 def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
-    """Return why a device gets no name and what to do, a sentence for each."""
+    """Return a sentence with cause and remedy for each device without a name."""
     return [
         f"{one.port}: {one.text}"
         for one in _choices(robot, plugged)
@@ -111,13 +111,13 @@ def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
 
 
 class ChipChoice(NamedTuple):
-    """The chip that gets the name of a port, among those that other devices have, too."""
+    """USB port that gets the name of a board's or lidar's port."""
 
     device: PortDevice
     port: str
     chosen: UsbPort | None
     text: str
-    """Why that one, or why none."""
+    """Reason for the choice."""
 
 
 def _choices(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[ChipChoice]:
@@ -128,39 +128,36 @@ def _choices(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[ChipChoi
         traits = [f"{one.path} ({_identity(one)[1]})" for one in there]
         chosen = None
         if given_name(port) is None:
-            text = f"{port} is no name that a rule can give"
+            text = f"{port} is a kernel name, which a rule cannot assign"
         elif not there:
-            text = (
-                f"no {device.name} is plugged in, so nothing gets this name; plug it in and write the units "
-                "again"
-            )
+            text = f"no {device.name} found, name not assigned; plug it in and write the units again"
         elif len(there) > 1:
             text = (
-                f"{' and '.join(traits)} could each be the {device.name}, so nothing gets this name; unplug "
-                "all others and write the units again"
+                f"{' and '.join(traits)} could each be the {device.name}, name not assigned; unplug all "
+                "others and write the units again"
             )
         else:
             (chosen,) = there
-            text = f"the one with {_identity(chosen)[1]}, which was at {chosen.path}"
+            text = f"identified by {_identity(chosen)[1]}, was at {chosen.path}"
         yield ChipChoice(device, port, chosen, text)
 
 
 def _identity(port: UsbPort) -> tuple[str, str]:
-    """Return the condition of a rule for this chip, and in words: its own serial number or its USB port."""
-    # A CP2102 comes with the serial number 0001 from the factory.
+    """Return the udev condition for this port, and its description: unique serial number, or USB socket."""
+    # Factory default of CP2102 chips: serial number 0001.
     if _SERIAL.fullmatch(port.serial) and port.serial.strip("0") != "1":
         return f'ATTRS{{serial}}=="{port.serial}"', f"serial number {port.serial}"
     return f'KERNELS=="{port.socket}"', f"USB port {port.socket}"
 
 
 def given_name(port: str) -> str | None:
-    """Return the name below /dev that a rule gives the port; None if the kernel names it."""
+    """Return the port's name below /dev if a rule can assign it; None for kernel names."""
     match = _NAME.fullmatch(port)
     return None if match is None else match[1]
 
 
 def _of(device: PortDevice) -> str:
-    """Return the condition of a rule for the device's chip."""
+    """Return the udev condition for the device's chip."""
     return f'ATTRS{{idVendor}}=="{device.chip.vendor}", ATTRS{{idProduct}}=="{device.chip.product}"'
 
 
@@ -177,12 +174,12 @@ _USER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,30}")
 
 @dataclass(frozen=True)
 class Units:
-    """What makes a computer a robot's."""
+    """Written service and rules."""
 
     service_file: Path
     rules_file: Path
     unnamed: Sequence[str]
-    """Why a device gets no name, a sentence for each."""
+    """A sentence with cause and remedy for each device without a name."""
 
 
 def write(
@@ -195,15 +192,15 @@ def write(
     plugged: Sequence[UsbPort],
     modules: Sequence[Path] = (),
 ) -> Units:
-    """Write service and rules into the folder `out`, made if need be; files that are there are replaced.
+    """Write service and rules to the folder `out`, created if missing; existing files are replaced.
 
-    `program`: the script acrc on the robot. `user`: who the robot runs as. `plugged`: see `rules`. `modules`:
-    where its strategy may be loaded from. Raises AcrcError or OptionError.
+    `program`: path of acrc on the robot. `user`: account of the service. `plugged`: see `rules`. `modules`:
+    folders from which the strategy may be loaded. Raises AcrcError or OptionError.
     """
     if not _USER.fullmatch(user):
         raise wrong_value("--user", user, "the name of a user of this computer")
     if out.exists() and not out.is_dir():
-        raise OptionError(f"--out: {out} is a file; must be a folder")
+        raise OptionError(f"--out: {out} is a file; give a directory")
     written = Units(out / f"acrc-{robot.id}.service", out / RULES_FILE, unnamed(robot, plugged))
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -215,7 +212,7 @@ def write(
 
 
 def everyday_user(clone: Path) -> str:
-    """Who a robot of this clone runs as: its owner, or who became root by sudo; never root. OptionError."""
+    """Return the owner of the clone, or the user of sudo; never root. Raises OptionError."""
     try:
         owner = clone.owner()
     except KeyError:  # a number without a name
@@ -223,8 +220,8 @@ def everyday_user(clone: Path) -> str:
     names = [name for name in (owner, os.environ.get("SUDO_USER", "")) if name not in {"", "root"}]
     if not names:
         raise OptionError(
-            "--user: is missing; must say who the robot runs as, for this clone belongs to root, and a robot "
-            "should run without root's rights"
+            "--user: missing; this clone belongs to root, and a robot must not run as root: give another "
+            "user's name"
         )
     return names[0]
 
@@ -232,18 +229,18 @@ def everyday_user(clone: Path) -> str:
 def service(
     fleet: Fleet, robot: FleetRobot, *, program: Path, user: str, modules: Sequence[Path] = ()
 ) -> str:
-    """Return the text of the service's file."""
+    """Return the text of the service file."""
     root = program.parent
     ports = [port for port in (robot.base, robot.radio, robot.range) if port and port.startswith("/dev/")]
     devices = " ".join(map(_device_unit, ports))
     after, wants = "time-set.target", ""
     if robot.listen is not None and not robot.listens_everywhere:
-        # The address that it listens at has to be there; robots do not need the network otherwise.
+        # Listening at a specific address needs a configured network.
         after, wants = f"{after} network-online.target", "network-online.target"
     own = (word for folder in modules for word in ("--modules", str(folder)))
     start = (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id, *own)
     guardian = root / "firmware_bridge" / "kobuki" / "guardian.py"
-    # The guardian alone; the sign in front: its exit code does not change the service's.
+    # "-": systemd ignores the exit code.
     stop = (f"-{root / '.venv' / 'bin' / 'python'}", "-I", "-S", str(guardian), "alone", robot.base)
     return Template(_TEMPLATE.read_text()).substitute(
         robot=robot.id,
@@ -260,13 +257,13 @@ def service(
 
 
 def _device_unit(path: str) -> str:
-    """Return the device unit of a path in /dev, escaped as by systemd-escape --path."""
+    """Return the device unit of a path in /dev, escaped as by `systemd-escape --path`."""
     name = "/".join(part for part in path.split("/") if part).encode()
     escaped = re.sub(rb"[^A-Za-z0-9:_./]|^\.", lambda match: b"\\x%02x" % match[0][0], name)
     return escaped.replace(b"/", b"-").decode() + ".device"
 
 
 def _quoted(word: str) -> str:
-    """Return one word of a unit file's list of words, as it is."""
+    """Return a word quoted for a unit file."""
     word = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%")
     return word if re.fullmatch(r"[\w/.,:=@%+$-]+", word) else f'"{word}"'

@@ -1,4 +1,4 @@
-"""The operator's laptop: sees how robots on board get on, and can stop them."""
+"""Operator's laptop: monitors robots over the network, and stops, pauses or resumes them."""
 
 import queue
 import socket
@@ -23,11 +23,11 @@ from actors.runtime.zenoh_bus import ZenohBus, open_session
 from actors.topic import Message
 
 _REFUSAL_S = 0.3
-"""How long a robot may take to refuse the laptop's certificate, which TLS 1.3 tells after the handshake."""
+"""Timeout for a robot's rejection of the laptop's certificate, which in TLS 1.3 follows the handshake."""
 
 
 def cause(endpoint: str, keys: Keys) -> str:
-    """Return what keeps this laptop from a session with `tls/HOST:PORT`; empty if a handshake succeeds."""
+    """Return why this laptop cannot connect to `tls/HOST:PORT`; empty if a handshake succeeds."""
     host, _, port = endpoint.removeprefix("tls/").rpartition(":")
     host = host.strip("[]")
     try:
@@ -40,11 +40,11 @@ def cause(endpoint: str, keys: Keys) -> str:
             secure.settimeout(_REFUSAL_S)
             return _refusal(secure)
     except ssl.SSLCertVerificationError as error:
-        return f"its certificate is not accepted here, {error.verify_message.rstrip('.')}"
+        return f"its certificate is rejected: {error.verify_message.rstrip('.')}"
     except ssl.SSLError as error:
-        return f"no secure connection, {(error.reason or str(error)).replace('_', ' ').lower()}"
+        return f"TLS handshake failed: {(error.reason or str(error)).replace('_', ' ').lower()}"
     except TimeoutError:
-        return f"no answer within {_CAUSE_S:g} s"
+        return f"no response within {_CAUSE_S:g} s"
     except OSError as error:
         return (error.strerror or str(error)).lower()
 
@@ -53,50 +53,46 @@ def _refusal(secure: ssl.SSLSocket) -> str:
     try:
         return "" if secure.recv(1) else "it closed the connection"
     except TimeoutError:
-        return ""  # a router waits for the first word
+        return ""  # a router waits for the client's first message
     except ssl.SSLError as error:
-        return (
-            f"it does not accept this laptop's certificate, {(error.reason or '').replace('_', ' ').lower()}"
-        )
+        return f"it rejects this laptop's certificate: {(error.reason or '').replace('_', ' ').lower()}"
 
 
 _ORDER_S: Final = 2.0
-"""Within which an order is carried out by a robot or named as a failure. Own choice: as long as somebody who
-sees a robot go wrong will look at a screen."""
+"""Timeout for an order to be confirmed. Own choice."""
 _CAUSE_S: Final = 1.5
-"""How long it may take to find out why a robot is not reached. Own choice: less than `_ORDER_S`."""
+"""Timeout for finding the cause of a failed connection. Own choice: less than `_ORDER_S`."""
 _RETRY_S: Final = 1.0
-"""Between attempts to reach a robot that is watched. Own choice."""
+"""Delay before reconnecting to a robot. Own choice."""
 _LOOK_S: Final = 0.02
-"""Between looks at what has come. Own choice: a hundredth of `_ORDER_S`."""
+"""Period of polling for messages. Own choice: a hundredth of `_ORDER_S`."""
 
 
 @dataclass(frozen=True)
 class WatchAnswer:
-    """What became of an order to one robot."""
+    """Result of an order to one robot."""
 
     endpoint: str
     failure: str | None
-    """Why it is not known to have been carried out, in a sentence; None: the robot says that it has been."""
+    """Why the order is not confirmed; None: the robot confirmed it."""
 
 
-_DONE = {Stop: "has stopped", Pause: "stands until it is told to go on", Resume: "goes on"}
+_DONE = {Stop: "stopped", Pause: "paused until resumed", Resume: "resumed"}
 
 
 def done(order: Order) -> str:
-    """What a robot does that has carried the order out."""
+    """Return the robot's state after the order, in words."""
     return _DONE[type(order)]
 
 
 def give(endpoints: Sequence[str], keys: Path, order: Order) -> list[WatchAnswer]:
-    """Give all robots an order at once; return each one's answer, after `_ORDER_S` at the latest.
+    """Send an order to all robots in parallel and return the results, after `_ORDER_S` at the latest.
 
-    One that cannot be reached delays none of the others. Raises an AcrcError for an endpoint or keys that
-    make no sense, before any robot is told anything.
+    Raises AcrcError for an invalid endpoint or keys, before anything is sent.
     """
     own, names = _checked(endpoints, keys)
     deadline = time.monotonic() + _ORDER_S
-    failures: dict[str, str | None] = dict.fromkeys(names, f"it was not reached within {_ORDER_S:g} s")
+    failures: dict[str, str | None] = dict.fromkeys(names, f"no connection within {_ORDER_S:g} s")
     causes: dict[str, str] = {}
 
     def tell(endpoint: str) -> None:
@@ -104,14 +100,14 @@ def give(endpoints: Sequence[str], keys: Path, order: Order) -> list[WatchAnswer
             for failure in _tell(endpoint, own, order, deadline):
                 failures[endpoint] = failure
         except AcrcError:
-            return  # what has failed stands there already
-        except Exception as error:  # whatever it is, it has to be said of this robot, and of no other
-            failures[endpoint] = f"it may not have got the order: {error}"
+            return  # the failure is already recorded
+        except Exception as error:  # report any failure for this robot only
+            failures[endpoint] = f"the order may not have been received: {error}"
 
     def ask(endpoint: str) -> None:
         causes[endpoint] = cause(endpoint, own)
 
-    # Daemons: a connection attempt that hangs in the system is left behind, not waited for.
+    # Daemon threads: connection attempts that hang must not delay the exit.
     threads = [threading.Thread(target=tell, args=(name,), daemon=True) for name in names]
     for thread in (*threads, *(threading.Thread(target=ask, args=(name,), daemon=True) for name in names)):
         thread.start()
@@ -126,11 +122,11 @@ def _answer(endpoint: str, failure: str | None, causes: Mapping[str, str]) -> Wa
 
 
 def _tell(endpoint: str, keys: Keys, order: Order, deadline: float) -> Iterator[str | None]:
-    """Give one robot the order; yield each failure so far, and None once the robot obeys."""
+    """Send one robot the order; yield the failure so far, then None after its confirmation."""
     with open_session(laptop_config(keys, endpoint), deadline - time.monotonic()) as session:
         bus = ZenohBus(session, (at(PROGRESS),))
         bus.publish(CONTROL.key(), encode(Control(0, (order,))))
-        yield f"it was given the order, but did not say within {_ORDER_S:g} s that it obeys"
+        yield f"the order was sent, but not confirmed within {_ORDER_S:g} s"
         while time.monotonic() < deadline:
             if any(_obeys(message, order) for _, message in _messages(bus, at(PROGRESS))):
                 yield None
@@ -139,7 +135,7 @@ def _tell(endpoint: str, keys: Keys, order: Order, deadline: float) -> Iterator[
 
 
 def _messages(bus: ZenohBus, address: Address) -> Iterator[tuple[str, Message]]:
-    """Yield key and message of what has come."""
+    """Yield key and message of each received message."""
     while (delivery := bus.poll(address.topic)) is not None:
         yield delivery.key, decode(delivery.topic, delivery.key, delivery.payload)
 
@@ -152,7 +148,7 @@ def _obeys(progress: Message, order: Order) -> bool:
 def watch(endpoints: Sequence[str], keys: Path) -> None:
     """Print a line for every report of every robot, until interrupted.
 
-    A robot that is not there, or is so no longer, is reported once, and looked for until it is back.
+    A lost connection is reported once, and retried until it succeeds.
     """
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     listen(endpoints, keys, lines)
@@ -170,10 +166,10 @@ def listen(
     more: Sequence[Address] = (),
     take: Callable[[str, str, Message], None] = lambda endpoint, key, message: None,
 ) -> None:
-    """Put a line for every report of every robot into `lines`, from threads that end with this process.
+    """Put a line for every report of every robot into `lines`, from daemon threads.
 
-    `take` is given, with endpoint and key, every message itself, and those on the addresses `more`, of which
-    there are no lines; it must not wait. Raises an AcrcError for an endpoint or keys that make no sense.
+    `take` is called with endpoint, key and message for all messages, also those on the addresses `more`; it
+    must not block. Raises AcrcError for an invalid endpoint or keys.
     """
     own, names = _checked(endpoints, keys)
     for name in names:
@@ -182,7 +178,7 @@ def listen(
 
 
 class _Listener:
-    """Reports what one robot reports, and whether it can be heard."""
+    """Connection to one robot that passes on its reports and its connection state."""
 
     def __init__(
         self,
@@ -200,21 +196,19 @@ class _Listener:
         self._state = ""
 
     def listen(self) -> None:
-        """Never returns."""
+        """Listen forever, reconnecting after failures."""
         while True:
             try:
                 self._session()
-            except Exception as error:  # whatever one robot does must not end the watch over the others
-                self._set_state(
-                    f"is not heard: {cause(self._endpoint, self._keys) or error}; it is looked for"
-                )
+            except Exception as error:  # a failure of one robot must not affect the others
+                self._set_state(f"not connected, retrying: {cause(self._endpoint, self._keys) or error}")
             time.sleep(_RETRY_S)
 
     def _session(self) -> None:
-        """Pass on what comes until the session with the robot's router ends."""
+        """Pass on messages until the session with the robot's router ends."""
         with open_session(laptop_config(self._keys, self._endpoint), 0.0) as session:
             bus = ZenohBus(session, self._addresses, onlooker=len(self._addresses) > 2)
-            self._set_state("is heard")
+            self._set_state("connected")
             while session.info.routers_zid():
                 for address in self._addresses:
                     for key, message in _messages(bus, address):
@@ -222,7 +216,7 @@ class _Listener:
                         for line in _lines(message):
                             self._say(line)
                 time.sleep(_LOOK_S)
-        self._set_state("is no longer heard; it is looked for")
+        self._set_state("connection lost, reconnecting")
 
     def _set_state(self, words: str) -> None:
         if words != self._state:
@@ -234,7 +228,7 @@ class _Listener:
 
 
 def _checked(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
-    """The keys, and every endpoint once. Raises an AcrcError where one makes no sense."""
+    """Return the keys and the distinct endpoints. Raises AcrcError if one is invalid."""
     for endpoint in endpoints:
         host, colon, port = endpoint.removeprefix("tls/").rpartition(":")
         if not endpoint.startswith("tls/") or not host or not colon or not port.isdecimal():
@@ -245,7 +239,7 @@ def _checked(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
 
 
 def _lines(message: Message) -> list[str]:
-    """What it says, in words; nothing where it is not for people."""
+    """Return the printed lines of a message; [] for data messages."""
     if isinstance(message, Progress):
         return [f"step {message.step}: {told(message)}"]
     if isinstance(message, Board):
@@ -254,7 +248,7 @@ def _lines(message: Message) -> list[str]:
 
 
 def told(progress: Progress) -> str:
-    """How a robot gets on, in words."""
+    """Return a robot's progress, in words."""
     state = "stopped" if progress.finished else "paused" if progress.paused else "running"
     return (
         f"{progress.places_left} places left, {progress.reports} reported, "

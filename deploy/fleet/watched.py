@@ -1,6 +1,6 @@
-"""Live robots drawn from what they report: pose estimates, places, radio. There is no ground truth.
+"""Live view of real robots from their reports: pose estimates, places, radio; without ground truth.
 
-Time is the laptop's, from when it began to listen; a message is drawn at the instant at which it came.
+Messages are drawn at their time of arrival, s since the laptop began to listen.
 """
 
 import math
@@ -32,17 +32,17 @@ from deploy.fleet import watch
 from deploy.fleet.fleet_file import Fleet
 
 _PERIOD_S: Final = 0.2
-"""Between two pictures."""
+"""Period of drawing."""
 _SILENT_S: Final = 2.0
-"""A robot that was not heard for so long is shown as not heard: it has ten steps a second."""
+"""Time without messages after which a robot is shown as disconnected; robots send ten times per second."""
 _COUNTED_S: Final = 5.0
-"""Radio events are counted over so long."""
+"""Time window of radio frame rates."""
 _MOST: Final = 20_000
-"""Messages that may wait to be drawn: those of ten robots for a minute and a half."""
+"""Maximum number of queued messages: those of ten robots for 90 s."""
 
 
 class HeardMessage(NamedTuple):
-    """A message, and when it came."""
+    """A message with its time of arrival."""
 
     second: float
     endpoint: str
@@ -51,7 +51,7 @@ class HeardMessage(NamedTuple):
 
 
 class WatchedFleet:
-    """Draws what has been heard, piece by piece."""
+    """Incremental drawing of a fleet from its messages."""
 
     def __init__(self, fleet: Fleet, sheet: Sheet) -> None:
         self.robots = tuple(robot.id for robot in fleet.robots)
@@ -68,11 +68,11 @@ class WatchedFleet:
         self._model = RunModel(description)
         self._canvas = Canvas(sheet.recording, self.robots)
         self._last: dict[str, float] = {}
-        """When each was heard last, s."""
+        """Time of the last message by robot, s."""
         self._endpoints: dict[str, str] = {}
-        """The robot behind an endpoint, as soon as that is known."""
+        """Robot by endpoint, as far as known."""
         self._reports: dict[str, str] = {}
-        """The last progress report of each."""
+        """Last progress report by robot, in words."""
         self._counts: Counter[str] = Counter()
         self._drawn: set[str] = set()
         self._counted = 0.0
@@ -82,10 +82,10 @@ class WatchedFleet:
             words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
     def draw(self, heard: Sequence[HeardMessage], now: float, missed: int) -> None:
-        """Draw what came until `now`, s; `missed`: messages so far that were lost here."""
+        """Draw messages up to `now`, s; `missed`: total of messages dropped by the view."""
         events = [event for one in heard for event in self._take(one)]
         if missed > self._missed:
-            lacks = f"the view lacks {missed - self._missed} messages: too many came"
+            lacks = f"view dropped {missed - self._missed} messages: too many to draw"
             events.append(DrawnEvent(now, "", lacks, "WARN"))
             self._missed = missed
         for robot in self.robots:
@@ -101,7 +101,7 @@ class WatchedFleet:
             self._plot_frames(now)
 
     def _take(self, heard: HeardMessage) -> Iterator[DrawnEvent]:
-        """Take in a message; everything in it counts as of the instant at which it came."""
+        """Add a message to the model at its time of arrival; yield its events."""
         second, endpoint, key, message = heard
         robot = robot_of(key) or self._endpoints.get(endpoint, "")
         if robot in self.robots:
@@ -121,7 +121,7 @@ class WatchedFleet:
                 yield from (DrawnEvent(second, robot, f"board: {note}") for note in message.notes)
 
     def _plot_frames(self, now: float) -> None:
-        """Plot how many frames per second had which outcome."""
+        """Plot frames per second by outcome."""
         for name in FRAME_OUTCOMES.values():
             path = f"plots/copies/{name}"
             if self._counts[name] and name not in self._drawn:
@@ -136,10 +136,9 @@ class WatchedFleet:
 
 
 def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
-    """Show robots in the viewer, and print their reports, until interrupted.
+    """Show robots in the viewer and print their reports, until interrupted.
 
-    In a window if there is a display, else in a browser. Raises an AcrcError for endpoints, keys or a map
-    that make no sense.
+    In a window if there is a display, else in a browser. Raises AcrcError for invalid endpoints, keys or map.
     """
     waiting, lines = queue.Queue[HeardMessage](_MOST), queue.SimpleQueue[str]()
     grid, began, missed = load_map(fleet.map), time.monotonic(), 0
@@ -152,10 +151,10 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
             missed += 1
 
     watch.listen(endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=take)
-    opened = viewer.open_any(say_at_once, "words are printed only")
+    opened = viewer.open_any(say_at_once, "reports are printed only")
     try:
         if opened is not None and opened.page:
-            say_at_once(f"to see them, open {opened.page} in a browser on this machine; Ctrl-C ends it")
+            say_at_once(f"open {opened.page} in a browser on this machine to see the robots; Ctrl-C to quit")
         with scratch_folder() as folder:
             arranged = Arrangement(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address

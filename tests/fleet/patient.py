@@ -1,4 +1,4 @@
-"""A computer whose every property that the doctor checks can be set."""
+"""A simulated computer with adjustable properties, for the checks of `acrc fleet doctor`."""
 
 import getpass
 import grp
@@ -27,7 +27,7 @@ DIALOUT = 20
 
 @dataclass(frozen=True)
 class Patient:
-    """By default nothing is wrong."""
+    """State of the simulated computer; by default without faults."""
 
     names: Mapping[str, UsbPort | None] = field(
         default_factory=lambda: {
@@ -36,7 +36,7 @@ class Patient:
             "/dev/rplidar": LIDAR_AT_2,
         }
     )
-    """Ports; None: no USB device."""
+    """USB port by path; None: not a USB device."""
     plugged: tuple[UsbPort, ...] = (KOBUKI_AT_0, BOARD_AT_1, LIDAR_AT_2)
     held: Mapping[str, list[str]] = field(default_factory=dict)
     port_faults: Mapping[str, str] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class Patient:
     isolation: str | None = None
 
     def admit(self, patch: pytest.MonkeyPatch) -> None:
-        """Let the doctor see this computer."""
+        """Patch the checks to see this computer."""
         for module, name, value in (
             (units, "usb_port", self.names.get),
             (units, "usb_ports", lambda: list(self.plugged)),

@@ -60,18 +60,18 @@ def test_packages_are_compared_with_the_tested_versions_of_this_python(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     real = {one.subject: one.text for one in doctor.packages(CONSTRAINTS, ())}
-    assert real["packages hardware"] == "4 packages, as they were tested"
+    assert real["packages hardware"] == "4 packages, tested versions"
     assert packages(monkeypatch, TESTED) == [
-        well("packages base", "2 packages, as they were tested"),
-        well("packages sim", "not all installed, and not needed here"),
-        well("packages hardware", "2 packages, as they were tested"),
+        well("packages base", "2 packages, tested versions"),
+        well("packages sim", "not all installed; not needed here"),
+        well("packages hardware", "2 packages, tested versions"),
     ]
     assert packages(monkeypatch, {"numpy": "2.2.5", "rich": "15.0.0", "pyserial": "3.5"})[::2] == [
         wrong(
             "packages base",
-            "numpy is 2.2.5, but was tested as 2.2.6; remove .venv, and the next ./acrc makes it anew",
+            "numpy 2.2.5 is installed, tested is 2.2.6; remove .venv and run ./acrc, which recreates it",
         ),
-        wrong("packages hardware", "cryptography missing; `./acrc fleet units` installs what is"),
+        wrong("packages hardware", "cryptography missing; run `./acrc fleet units` to install"),
     ]
     for minor in (13, 14):
         assert packages(monkeypatch, {"numpy": "2.5.5", "rich": "15.0.0"}, minor)[0].ok is (minor == 14)
@@ -83,27 +83,27 @@ NEVER_SET = {"time": datetime(1970, 1, 1, tzinfo=UTC)}
 @pytest.mark.parametrize(
     ("subject", "changes", "ok", "text"),
     [
-        ("clock", {}, True, "2030-05-01 12:00 UTC, synchronised, off by at most 12 ms"),
-        ("clock", NEVER_SET, False, "it shows the year 1970; set it with `sudo date --set="),
-        ("clock", {"error": None}, False, "nothing keeps it right; connect the computer to a network"),
-        ("disk", {}, True, "20.0 GB are free at "),
-        ("disk", {"free": 1_940_000_000}, False, ", but 2.0 should be; remove old recordings"),
+        ("clock", {}, True, "2030-05-01 12:00 UTC, synchronised, error at most 12 ms"),
+        ("clock", NEVER_SET, False, "the year is 1970; set the clock with `sudo date --set="),
+        ("clock", {"error": None}, False, "not synchronised; connect the computer to a network"),
+        ("disk", {}, True, "20.0 GB free at "),
+        ("disk", {"free": 1_940_000_000}, False, ", 2.0 GB needed; remove old recordings"),
         ("kernels", {}, True, "all compiled, loaded in 0.4 s"),
         (
             "kernels",
             {"keeps_kernels": False},
             False,
-            f"as robot may not write to {CACHE}; `sudo chown -R robot {CACHE.parent}` allows it",
+            f"robot has no write access to {CACHE}; run `sudo chown -R robot {CACHE.parent}`",
         ),
-        ("kernels", {"compiled": (40.2, 20)}, True, "20 compiled just now, in 40 s"),
+        ("kernels", {"compiled": (40.2, 20)}, True, "20 compiled in 40 s and cached"),
         ("namespaces", {"isolation": "no; allow it"}, False, "no; allow it"),
-        ("group", {}, True, "robot may open the ports of the group dialout"),
+        ("group", {}, True, "robot may open ports of the group dialout"),
         ("group", {"has_group": False}, False, "`sudo groupadd dialout`, "),
         ("group", {"listed": False, "groups": ()}, False, "`sudo usermod -aG dialout"),
-        ("group", {"groups": ()}, False, "only from the next login"),
+        ("group", {"groups": ()}, False, "after the next login"),
     ],
 )
-def test_what_a_computer_lacks_is_told_with_its_remedy(
+def test_checks_of_the_computer_report_faults_with_a_remedy(
     subject: str, changes: dict[str, Any], ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Patient(**changes).admit(monkeypatch)
@@ -118,24 +118,24 @@ ITS_OWN = UsbPort("/dev/ttyUSB1", "0403", "6001", "kobuki_X")
 @pytest.mark.parametrize(
     ("changes", "of", "ok", "text"),
     [
-        ({}, R2, True, "/dev/kobuki opens, at /dev/ttyUSB0"),
-        ({"names": {}, "plugged": (BOARD_AT_1, LIDAR_AT_2)}, R2, False, "no Kobuki is seen; plug it in and"),
-        ({"names": {}}, R2, False, "/dev/ttyUSB0 looks like the Kobuki; install the udev rules that `acrc"),
+        ({}, R2, True, "/dev/kobuki opens (/dev/ttyUSB0)"),
+        ({"names": {}, "plugged": (BOARD_AT_1, LIDAR_AT_2)}, R2, False, "no Kobuki found; plug it in and"),
+        ({"names": {}}, R2, False, "/dev/ttyUSB0 looks like the Kobuki; install the udev rules written by"),
         (
             {"names": {"/dev/kobuki": LIDAR_AT_2}},
             R2,
             False,
-            "10c4:ea60 is plugged in there, which is no",
+            "USB device 10c4:ea60 is not a Kobuki",
         ),
         ({"held": {"/dev/kobuki": ["minicom (PID 812)"]}}, R2, False, "minicom (PID 812) has the port open"),
         ({"port_faults": {"/dev/kobuki": "as the port says"}}, R2, False, "as the port says"),
-        ({"names": {}}, AT_1, False, "/dev/ttyUSB0 looks like the Kobuki; give that as its port"),
+        ({"names": {}}, AT_1, False, "/dev/ttyUSB0 looks like the Kobuki; enter it in the fleet file"),
         ({"names": {"/dev/ttyUSB1": ITS_OWN}}, AT_1, True, "/dev/ttyUSB1 opens"),
         # an emulated port may be held open by its emulator
         ({"names": {"/dev/kobuki": None}, "held": {"/dev/kobuki": ["python3 (PID 3)"]}}, R2, True, "opens"),
     ],
 )
-def test_whether_the_base_can_be_reached(
+def test_port_of_the_base_is_checked(
     changes: dict[str, Any], of: FleetRobot, ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Patient(**changes).admit(monkeypatch)
@@ -143,7 +143,7 @@ def test_whether_the_base_can_be_reached(
     assert (found.subject, found.ok) == ("base", ok) and text in found.text
 
 
-def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says(
+def test_a_camera_must_be_usable_and_cover_the_models_field_of_view(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     Patient().admit(monkeypatch)
@@ -158,14 +158,14 @@ def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says(
     assert list(doctor.devices(narrow))[-1] == wrong("range", "install it")
 
 
-def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
+def test_map_start_places_and_behaviour_of_every_shipped_robot_pass() -> None:
     for one in OFFICE_FLEET.robots:
         found = [*doctor.floor(OFFICE_FLEET, one), behaviour(OFFICE_FLEET, one)]
         subjects = ("map", "start", "places", "behaviour")
         assert [(finding.subject, finding.ok) for finding in found] == [(name, True) for name in subjects]
 
 
-def test_a_map_that_cannot_be_read_and_a_start_or_place_that_is_not_free_are_wrong() -> None:
+def test_an_unreadable_map_and_occupied_starts_and_places_are_reported() -> None:
     lost = fleet(head='map = "maps/nowhere.yaml"\n')
     assert list(doctor.floor(lost, lost.robot_named("r1"))) == [
         wrong("map", f"{ROOT}/maps/nowhere.yaml: the map cannot be read: No such file or directory.")
@@ -174,14 +174,14 @@ def test_a_map_that_cannot_be_read_and_a_start_or_place_that_is_not_free_are_wro
     _, start, places = doctor.floor(one, one.robot_named("r1"))
     assert not start.ok
     assert start.text.startswith("robot 'r1' at (0.00, 0.00) is not on free floor, but must be at least ")
-    assert places == wrong("places", "place 1 at (0, 0) is not free, but must be on free floor")
+    assert places == wrong("places", "place 1 at (0, 0) is not on free floor; move it")
     two = fleet(robot(1) + robot(2, "start = [12.1, 5.0, 0.0]"))
     assert list(doctor.floor(two, two.robot_named("r2")))[1] == wrong(
-        "start", "r2 would stand 0.10 m from r1, but must be at least 0.35 m off"
+        "start", "r2 starts 0.10 m from r1, must be at least 0.35 m"
     )
 
 
-def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
+def test_failures_of_strategies_are_reported(tmp_path: Path) -> None:
     unknown = fleet('[run]\nstrategy = "chaptr"' + robot(1))
     assert behaviour(unknown, unknown.robot_named("r1")).text.startswith(
         "unknown strategy 'chaptr'; choose from "
@@ -189,11 +189,11 @@ def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
     (tmp_path / "broken_strategy.py").write_text("def made(start):\n    raise KeyError('reach')\n")
     own = fleet(f'[run]\nstrategy = "broken_strategy:made"\nmodules = "{tmp_path}"' + robot(1))
     assert behaviour(own, own.robot_named("r1"), Permit((tmp_path,))) == wrong(
-        "behaviour", "strategy 'broken_strategy:made' fails with KeyError: 'reach'; mend its code"
+        "behaviour", "strategy 'broken_strategy:made' failed with KeyError: 'reach'; fix its code"
     )
 
 
-def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
+def test_keys_must_be_valid_private_and_of_this_robot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     listening = fleet(robot(1, 'listen = "tls/0.0.0.0:7447"'), head=f'keys = "{tmp_path}"\nmap = "m.yaml"\n')
@@ -208,18 +208,18 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
     folder.mkdir()
     for name in ("authority.pem", "certificate.pem", "key.pem"):
         (folder / name).touch(mode=0o600)
-    assert found() == well("keys", f"{folder}/certificate.pem holds until 2031-01-01")
+    assert found() == well("keys", f"{folder}/certificate.pem is valid until 2031-01-01")
     late = found(time=datetime(2032, 1, 1, tzinfo=UTC))
-    assert not late.ok and "but it is 2032-01-01 here; set the clock, or make new keys" in late.text
-    assert "certificate.pem is that of r2" in found("r2").text
+    assert not late.ok and "today is 2032-01-01; set the clock, or create keys" in late.text
+    assert "certificate.pem belongs to r2" in found("r2").text
     (folder / "key.pem").chmod(0o644)
-    assert found().text == f"{folder}/key.pem can be read by others; `chmod 600 {folder}/key.pem`"
+    assert found().text == f"{folder}/key.pem is readable by other users; run `chmod 600 {folder}/key.pem`"
     silent = fleet()
     *_, last = doctor.configuration(silent, silent.robot_named("r1"), INSTALLED)
     assert last.subject == "behaviour"
 
 
-def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> None:
+def test_all_checks_run_on_this_computer(tmp_path: Path) -> None:
     assert usb_port("/dev/null") is None
     assert all(port.vendor for port in usb_ports())
     assert doctor.now().tzinfo is UTC
@@ -234,24 +234,24 @@ def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> No
     assert found[3].ok, found[3].text
 
 
-def test_a_port_that_this_computer_has_is_opened_and_whoever_has_it_is_found(tmp_path: Path) -> None:
+def test_ports_are_opened_and_processes_that_hold_them_are_found(tmp_path: Path) -> None:
     link = tmp_path / "kobuki"
     here = fleet(robot(1, f'base = "{link}"')).robot_named("r1")
-    assert next(doctor.devices(here)).text.startswith(f"{link}: there is no such port")
+    assert next(doctor.devices(here)).text.startswith(f"{link}: no such port")
     with PseudoTerminal(link) as terminal:
         assert next(doctor.devices(here)) == well("base", f"{link} opens")
         assert doctor.holders(str(link)) == []
-        script = f"exec 3<>{terminal.port}; echo has it; read line"
+        script = f"exec 3<>{terminal.port}; echo open; read line"
         with subprocess.Popen(
             ["/bin/sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as holder:
             assert holder.stdout is not None
-            assert holder.stdout.readline() == "has it\n"
+            assert holder.stdout.readline() == "open\n"
             assert doctor.holders(str(link)) == [f"sh (PID {holder.pid})"]
             holder.communicate("")
 
 
-def test_findings_are_printed_and_the_answer_is_whether_all_are_well(
+def test_findings_are_printed_and_failures_returned(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -262,13 +262,13 @@ def test_findings_are_printed_and_the_answer_is_whether_all_are_well(
     monkeypatch.setattr(doctor.packages, "__defaults__", (11,))
     assert doctor.consult(None, None, json=False)
     lines = capsys.readouterr().out.splitlines()
-    assert re.fullmatch(r"ok     packages base        \d+ packages, as they were tested", lines[0])
-    assert re.fullmatch(r"all \d+ are well", lines[-1])
+    assert re.fullmatch(r"ok     packages base        \d+ packages, tested versions", lines[0])
+    assert re.fullmatch(r"all \d+ checks passed", lines[-1])
     Patient(versions=versions, free=0).admit(monkeypatch)
     assert not doctor.consult(OFFICE, "r2", json=False)
     out = capsys.readouterr().out
-    assert "\nwrong  disk                 0.0 GB are free at " in out
-    assert re.search(r"\n2 of \d+ are wrong\n$", out), "the disk, and keys that were never made"
+    assert "\nfailed disk                 0.0 GB free at " in out
+    assert re.search(r"\n2 of \d+ checks failed\n$", out), "the disk, and missing keys"
     Patient(versions=versions).admit(monkeypatch)
     assert not doctor.consult(OFFICE, "r2", json=True)
     report = msgspec.json.decode(capsys.readouterr().out, type=doctor.Report)

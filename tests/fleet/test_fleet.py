@@ -25,7 +25,7 @@ POWER = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what th
 LISTEN = '"tls/HOST:PORT", such as "tls/0.0.0.0:7447"'
 
 
-def test_what_is_absent_is_as_the_original_robots_had_it() -> None:
+def test_defaults_are_those_of_the_original_robots() -> None:
     assert [robot.address for robot in load_fleet(OFFICE).robots] == [1, 2, 3]
     told = fleet('[strategy]\nreach = 0.5\n[[area]]\nname = "A"\nx = [0, 1]\ny = [2, 3]\n' + ROBOT).adaptation
     assert (told.settings, [area.name for area in told.areas]) == ({"reach": 0.5}, ["A"])
@@ -38,7 +38,7 @@ def test_what_is_absent_is_as_the_original_robots_had_it() -> None:
     assert robot.listen_host is None and not robot.listens_everywhere
 
 
-def test_paths_are_relative_to_the_file_wherever_one_stands(
+def test_paths_are_relative_to_the_file_not_to_the_working_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "fleets").mkdir()
@@ -75,17 +75,17 @@ def test_paths_are_relative_to_the_file_wherever_one_stands(
         (robot(1, 'listen = "tcp/0.0.0.0:7447"'), f'"tcp/0.0.0.0:7447", but must be {LISTEN}'),
         (robot(1, 'listen = "tls/a b:7447"'), f'robot[0].listen is "tls/a b:7447", but must be {LISTEN}'),
         (robot(1) + robot(1, "address = 2"), 'robot[1].id is a second "r1"; each robot must have its own id'),
-        (robot(1) + robot(2, "address = 1"), "robot[1].address is 1 as that of r1, but each robot must"),
-        (robot(1, 'range = "/dev/kobuki"'), 'robot[0].range is "/dev/kobuki" as robot[0].base, but each'),
+        (robot(1) + robot(2, "address = 1"), "robot[1].address: 1 is the address of r1, too"),
+        (robot(1, 'range = "/dev/kobuki"'), 'robot[0].range: "/dev/kobuki" is the port of base, too'),
         ("[deeco]\nhop_limit = 16" + ROBOT, "deeco.hop_limit is 16, but must be a whole number from 1 to 15"),
     ],
 )
 def test_a_fault_is_one_sentence(text: str, sentence: str) -> None:
     assert sentence in fault(text)
-    assert fault(robot(1) + robot(2)) == "nothing was wrong", "each robot has a computer of its own"
+    assert fault(robot(1) + robot(2)) == "nothing was wrong", "ports of different robots may be equal"
 
 
-def test_a_file_that_is_not_there_or_no_toml_is_named(tmp_path: Path) -> None:
+def test_errors_name_a_missing_or_invalid_file(tmp_path: Path) -> None:
     file = tmp_path / "f.toml"
     with pytest.raises(AcrcError, match=f"{file}: the fleet file cannot be read: No such file or directory"):
         load_fleet(file)
@@ -97,14 +97,14 @@ def test_a_file_that_is_not_there_or_no_toml_is_named(tmp_path: Path) -> None:
 
 @pytest.fixture
 def office(tmp_path: Path) -> Path:
-    """The shipped fleet file, where keys may be made beside it."""
+    """Return a copy of the shipped fleet file in a writable folder."""
     text = OFFICE.read_text().replace("../maps", str(ROOT / "maps"))
     file = tmp_path / "office.toml"
     file.write_text(text)
     return file
 
 
-def test_keys_are_made_beside_the_fleet_file_and_each_has_a_goal(office: Path) -> None:
+def test_keys_are_written_beside_the_fleet_file_with_a_destination_for_each(office: Path) -> None:
     code, out, err = acrc("fleet", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r2=10.0.0.2")
     assert code == 0
     assert err.startswith("acrc: r3 listens at all its addresses, but its certificate holds for names only")
@@ -117,11 +117,11 @@ def test_keys_are_made_beside_the_fleet_file_and_each_has_a_goal(office: Path) -
     assert code == 0 and out.splitlines()[-1] == f"The old keys are in {aside}; delete them after that."
 
 
-def test_units_are_written_and_installed_by_nobody_but_you(office: Path, tmp_path: Path) -> None:
+def test_units_are_written_but_not_installed(office: Path, tmp_path: Path) -> None:
     out = tmp_path / "units"
     code, said, err = acrc("fleet", "units", str(office), "--robot", "r2", "--out", str(out), "--user", "me")
     assert code == 0
-    assert all("plugged in, so nothing gets this name" in line for line in err.splitlines())
+    assert all("found, name not assigned; plug it in" in line for line in err.splitlines())
     assert sorted(path.name for path in out.iterdir()) == ["60-acrc.rules", "acrc-r2.service"]
     service = (out / "acrc-r2.service").read_text()
     assert f"\nExecStart={ROOT}/acrc fleet onboard {office} --robot r2\n" in service
@@ -130,23 +130,23 @@ def test_units_are_written_and_installed_by_nobody_but_you(office: Path, tmp_pat
     assert "  sudo systemctl enable --now acrc-r2.service\n" in said
 
 
-def test_the_doctor_finds_what_is_wrong_and_says_so_by_its_exit_code(office: Path) -> None:
+def test_doctor_exits_with_1_if_a_check_fails(office: Path) -> None:
     code, out, _ = acrc("fleet", "doctor", str(office), "--robot", "r2", "--json")
     report = json.loads(out)
     assert (code, report["robot"], report["ok"]) == (1, "r2", False)
-    assert any("there is no such port, and no Kobuki is seen" in one["text"] for one in report["findings"])
+    assert any("no such port, and no Kobuki found" in one["text"] for one in report["findings"])
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
         (("keys", "{}", "--days", "0"), "--days: 0; must be a whole number from 1 to 3650"),
-        (("keys", "{}", "--revoke", "r9"), '{}: there is no robot "r9" in the fleet; it has r1, r2, r3'),
-        (("units", "{}", "--robot", "r9"), '{}: there is no robot "r9" in the fleet; it has r1, r2, r3'),
-        (("doctor", "{}"), "--robot: is missing; must say which of the robots this computer is: r1, r2, r3"),
+        (("keys", "{}", "--revoke", "r9"), '{}: no robot "r9" in the fleet; give one of r1, r2, r3'),
+        (("units", "{}", "--robot", "r9"), '{}: no robot "r9" in the fleet; give one of r1, r2, r3'),
+        (("doctor", "{}"), "--robot: missing; give the robot that this computer is: r1, r2, r3"),
         (
             ("doctor", "--robot", "r2"),
-            "--robot: r2 without a fleet file; must be as in acrc fleet doctor fleet.toml --robot r2",
+            "--robot: r2 needs a fleet file; use acrc fleet doctor fleet.toml --robot r2",
         ),
     ],
 )
@@ -172,7 +172,7 @@ def certificate(folder: Path, name: str = "certificate.pem") -> x509.Certificate
     return certificates.read((folder / name).read_bytes())
 
 
-def test_every_machine_gets_a_folder_of_its_own_and_the_authority_stays(tmp_path: Path) -> None:
+def test_every_machine_gets_its_own_folder_without_the_authoritys_key(tmp_path: Path) -> None:
     keys = made(tmp_path / "keys")
     assert keys.home == tmp_path / "keys" / "authority"
     assert keys.valid_until == datetime(2030, 5, 31, 12, tzinfo=UTC)
@@ -235,25 +235,25 @@ def test_names_purposes_hosts_and_dates_are_in_the_certificates(tmp_path: Path) 
 def test_keys_are_never_overwritten(tmp_path: Path) -> None:
     keys = made(tmp_path / "keys")
     before = (keys.home / "key.pem").read_bytes()
-    with pytest.raises(AcrcError, match=f"{tmp_path}/keys: exists already; move it away to give the whole"):
+    with pytest.raises(AcrcError, match=f"{tmp_path}/keys: already exists; move it away to create"):
         made(tmp_path / "keys")
     assert (keys.home / "key.pem").read_bytes() == before
     (keys.machines[1].folder / "key.pem").unlink()
     with pytest.raises(AcrcError, match=f"{tmp_path}/keys/r2/key.pem cannot be read"):
         load_keys(keys.machines[1].folder)
-    with pytest.raises(AcrcError, match=f"{tmp_path}/none: there are no keys to revoke"):
+    with pytest.raises(AcrcError, match=f"{tmp_path}/none: no keys to revoke"):
         renew(OF_FOUR, tmp_path / "none", ["r2"], {}, now=NOW, days=30)
 
 
 @pytest.mark.parametrize("word", ["r2", "r2=", "r2=a b", "r2=-a"])
-def test_a_host_that_is_none_is_refused(word: str) -> None:
+def test_invalid_hosts_are_refused(word: str) -> None:
     with pytest.raises(AcrcError, match=r"^--host: .*; must be a robot's id and its name or address, such"):
         hosts_of([word], OF_FOUR)
     names = hosts_of(["r2=a.example", "r2=10.0.0.2", "r1=fd00::1"], OF_FOUR)
     assert names == {"r2": ["a.example", "10.0.0.2"], "r1": ["fd00::1"]}
 
 
-def test_revoked_keys_are_worth_nothing_to_whoever_has_the_new_ones(tmp_path: Path) -> None:
+def test_machines_with_new_keys_reject_revoked_ones(tmp_path: Path) -> None:
     old = made(tmp_path / "keys")
     later = NOW + timedelta(days=3)
     new, aside = renew(OF_FOUR, tmp_path / "keys", ["r2"], {"r4": ["10.0.0.4"]}, now=later, days=30)

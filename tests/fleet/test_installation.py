@@ -1,4 +1,4 @@
-"""What is installed on a robot: its bundle, its service and its udev rules."""
+"""Installation on a robot: bundle, service and udev rules."""
 
 import fnmatch
 import json
@@ -37,7 +37,7 @@ ALL = (KOBUKI_AT_0, BOARD_AT_1, LIDAR_AT_2)
 
 
 def seen(port: UsbPort) -> dict[str, str]:
-    """A port as udev shows it to the rules."""
+    """Return a port's attributes as seen by udev rules."""
     found = {"SUBSYSTEM": "tty", "idVendor": port.vendor, "idProduct": port.product, "KERNELS": port.socket}
     return found | ({"serial": port.serial} if port.serial else {})
 
@@ -53,7 +53,7 @@ Rule = dict[str, str]
 
 
 def read_unit(text: str) -> dict[str, dict[str, list[str]]]:
-    """Values by section and key."""
+    """Return values by section and key."""
     sections: dict[str, dict[str, list[str]]] = {}
     for line in text.splitlines():
         if line.startswith("["):
@@ -65,12 +65,12 @@ def read_unit(text: str) -> dict[str, dict[str, list[str]]]:
 
 
 def words(line: str) -> list[str]:
-    """A command line as systemd splits and unescapes it."""
+    """Split and unescape a command line as systemd does."""
     return [re.sub(r"(%|\$)\1", r"\1", word) for word in shlex.split(line)]
 
 
 def read_rules(text: str) -> list[Rule]:
-    """The rules, each as a value by `KEY operator` or `KEY{attribute} operator`."""
+    """Return the rules, each as values by `KEY operator` or `KEY{attribute} operator`."""
     lines = (line for line in text.splitlines() if line and not line.startswith("#"))
     rules = [[re.fullmatch(RULE_TOKEN, token) for token in line.split(", ")] for line in lines]
     assert all(token is not None for rule in rules for token in rule), text
@@ -78,7 +78,7 @@ def read_rules(text: str) -> list[Rule]:
 
 
 def effect(rules: list[Rule], device: Rule, action: str = "add") -> Rule:
-    """What the rules make of a device with these attributes (`SUBSYSTEM`, `idVendor`, …), as udev would."""
+    """Apply the rules to a device with these attributes (`SUBSYSTEM`, `idVendor`, …), as udev does."""
     made: Rule = {}
     goal = ""
     for rule in rules:
@@ -103,7 +103,7 @@ def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str,
     return read_unit(service(loaded, loaded.robot_named("r2"), program=program, user="robot"))
 
 
-def test_the_service_is_the_robot_from_switching_on_with_a_last_word_and_is_not_restarted_for_ever() -> None:
+def test_service_starts_the_robot_stops_the_wheels_at_exit_and_limits_restarts() -> None:
     sections = unit()
     service = sections["Service"]
     assert words(service["ExecStart"][0]) == [
@@ -125,7 +125,7 @@ def test_the_service_is_the_robot_from_switching_on_with_a_last_word_and_is_not_
     assert guardian.is_file()
 
 
-def test_it_waits_for_its_devices_and_for_an_address_of_its_own_but_else_for_no_network() -> None:
+def test_service_waits_for_devices_and_for_the_network_only_with_a_specific_address() -> None:
     sections = unit('base = "/dev/ttyUSB0"\nradio = "/dev/robot-1/bee click"\nrange = "openni"')
     assert sections["Unit"]["Wants"] == [r"dev-ttyUSB0.device dev-robot\x2d1-bee\x20click.device"]
     assert sections["Unit"]["After"] == [
@@ -138,7 +138,7 @@ def test_it_waits_for_its_devices_and_for_an_address_of_its_own_but_else_for_no_
     assert everywhere["Unit"]["After"] == ["time-set.target dev-kobuki.device dev-beeclick.device"]
 
 
-def test_the_sandbox_leaves_devices_namespaces_and_compiled_kernels_alone() -> None:
+def test_service_allows_devices_namespaces_and_compiled_kernels() -> None:
     own = unit()["Service"]
     assert own["DevicePolicy"] == ["closed"]
     assert own["DeviceAllow"] == ["char-ttyUSB rw", "char-ttyACM rw"]
@@ -148,7 +148,7 @@ def test_the_sandbox_leaves_devices_namespaces_and_compiled_kernels_alone() -> N
     assert unit('range = "openni"')["Service"]["DeviceAllow"][2:] == ["char-usb_device rw"]
 
 
-def test_paths_with_all_that_means_something_to_systemd_stay_what_they_are() -> None:
+def test_special_characters_of_systemd_in_paths_are_escaped() -> None:
     folder = Path('/home/a b/50% "off" $HOME/back\\slash')
     own = unit(path=folder / "fleet.toml", program=folder / "acrc")["Service"]
     assert words(own["ExecStart"][0]) == [
@@ -157,7 +157,7 @@ def test_paths_with_all_that_means_something_to_systemd_stay_what_they_are() -> 
     assert own["ReadWritePaths"] == [r'"/home/a b/50%% \"off\" $HOME/back\\slash"']
 
 
-def test_a_user_must_be_one(tmp_path: Path) -> None:
+def test_invalid_user_names_are_refused(tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match="--user: 'me\nExecStart=/bin/sh'; must be the name of a user of"):
         write(load_fleet(OFFICE), R2, tmp_path, program=ACRC, user="me\nExecStart=/bin/sh", plugged=())
 
@@ -181,7 +181,7 @@ def test_every_device_gets_its_name_and_no_other(device: dict[str, str], expecte
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyACM0", "/dev/pts/3", "/dev/serial/by-id/x", "/tmp/k", "/dev/a b"])
-def test_what_a_rule_cannot_or_must_not_name_it_does_not(port: str) -> None:
+def test_rules_do_not_assign_kernel_names_or_invalid_names(port: str) -> None:
     text = rules(fleet(robot(1, f'base = "{port}"')).robot_named("r1"), ALL)
     assert [rule["SYMLINK+="] for rule in read_rules(text) if "SYMLINK+=" in rule] == ["beeclick"]
     camera = fleet(robot(1, 'range = "openni"')).robot_named("r1")
@@ -194,7 +194,7 @@ SECOND = UsbPort("/dev/ttyUSB3", "0403", "6001", "B1", "1-1.4")
 @pytest.mark.parametrize(
     ("plugged", "name", "why"),
     [
-        ((KOBUKI_AT_0, LIDAR_AT_2), "beeclick", "no BEE-click board is plugged in"),
+        ((KOBUKI_AT_0, LIDAR_AT_2), "beeclick", "no BEE-click board found"),
         (
             (*ALL, SECOND),
             "beeclick",
@@ -207,19 +207,17 @@ SECOND = UsbPort("/dev/ttyUSB3", "0403", "6001", "B1", "1-1.4")
         ),
     ],
 )
-def test_a_chip_that_is_not_alone_or_not_there_gets_no_name(
-    plugged: tuple[UsbPort, ...], name: str, why: str
-) -> None:
+def test_ambiguous_and_missing_chips_get_no_name(plugged: tuple[UsbPort, ...], name: str, why: str) -> None:
     (said,) = unnamed(R2, plugged)
     assert said.startswith(f"/dev/{name}: {why}") and unnamed(R2, ALL) == []
     made = read_rules(text := rules(R2, plugged))
     assert said.partition(": ")[2] in text
     names = [effect(made, seen(port)).get("SYMLINK+=") for port in (*plugged, BOARD_AT_1, LIDAR_AT_2)]
-    assert name not in names and len({*names} - {None}) == 2, "the others have theirs"
+    assert name not in names and len({*names} - {None}) == 2, "other devices keep their names"
 
 
 @pytest.mark.parametrize("serial", ["", "0001", '*", RUN+="/bin/sh', "A?", "a b"])
-def test_a_chip_without_a_serial_number_of_its_own_is_known_by_its_place(serial: str) -> None:
+def test_a_chip_without_unique_serial_number_is_identified_by_its_socket(serial: str) -> None:
     made = read_rules(rules(R2, (board := BOARD_AT_1._replace(serial=serial),)))
     assert effect(made, seen(board)) == MINE | FAST | {"SYMLINK+=": "beeclick"}
     assert effect(made, seen(SECOND)) == MINE | FAST
@@ -234,14 +232,12 @@ def test_a_robot_never_runs_as_root_by_default(tmp_path: Path, monkeypatch: pyte
     unknown = KeyError("uid not found")
     assert (user("robot", "ada"), user("root", "ada"), user(unknown, "ada")) == ("robot", "ada", "ada")
     for owner, sudo in (("root", "root"), (unknown, "")):
-        with pytest.raises(OptionError, match="--user: is missing; must say who the robot runs as"):
+        with pytest.raises(OptionError, match="--user: missing; this clone belongs to root"):
             user(owner, sudo)
 
 
 @pytest.mark.parametrize("name", ["r1", "r2"])
-def test_systemds_own_verifiers_have_nothing_to_say_where_they_are_installed(
-    name: str, tmp_path: Path
-) -> None:
+def test_systemds_verifiers_report_no_fault(name: str, tmp_path: Path) -> None:
     loaded = fleet(
         robot(1, 'range = "/dev/rplidar"') + robot(2, 'listen = "tls/10.0.0.2:7447"\nrange = "openni"')
     )
@@ -307,7 +303,7 @@ def content(file: Path, name: str) -> str:
         return found.read().decode()
 
 
-def test_it_holds_program_wheels_and_configuration_with_keys_for_its_owner_only(clone: SmallClone) -> None:
+def test_bundle_contains_program_wheels_configuration_and_private_keys(clone: SmallClone) -> None:
     out = clone.root.parent / "b.tar"
     (clone.root / "actors" / "core.py").write_text("pass\n")
     made = clone.bundle(out)
@@ -317,7 +313,7 @@ def test_it_holds_program_wheels_and_configuration_with_keys_for_its_owner_only(
     packages = {f"{name}/py.typed" for name in PACKAGES}
     program = {*bundle._ROOT, *packages, *WHEELS, "COMMIT", "actors/core.py"}
     assert inside.keys() == program | private | configuration
-    assert content(out, "actors/core.py") == "pass\n", "changes of tracked files are in it"
+    assert content(out, "actors/core.py") == "pass\n", "uncommitted changes are included"
     assert content(out, "fleets/office.toml") == clone.office.read_text()
     assert {name for name, one in inside.items() if one.mode == 0o600} == private
     assert [name for name, one in inside.items() if one.mode == 0o755] == ["acrc"]
@@ -331,14 +327,14 @@ def test_it_holds_program_wheels_and_configuration_with_keys_for_its_owner_only(
 
 @pytest.fixture
 def forgotten() -> Iterator[None]:
-    """Unload modules whose names other tests use as well."""
+    """Unload modules whose names other tests use, too."""
     yield
     for name in ("mine", "helper"):
         sys.modules.pop(name, None)
 
 
 @pytest.mark.usefixtures("forgotten")
-def test_a_strategy_of_the_user_comes_with_what_it_loads(clone: SmallClone, tmp_path: Path) -> None:
+def test_bundle_contains_a_users_strategy_and_its_imports(clone: SmallClone, tmp_path: Path) -> None:
     own = tmp_path / "own"
     own.mkdir()
     for name, text in (("mine.py", OWN), ("helper.py", ""), ("other.py", "raise ValueError")):
@@ -358,10 +354,10 @@ def test_a_strategy_of_the_user_comes_with_what_it_loads(clone: SmallClone, tmp_
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
-        (("--robot", "r9"), 2, '{office}: there is no robot "r9" in the fleet; it has r1, r2, r3'),
+        (("--robot", "r9"), 2, '{office}: no robot "r9" in the fleet; give one of r1, r2, r3'),
         (("--machine", "mips"), 2, "--machine: mips; must be x86-64 or aarch64"),
         (("--python", "3.10"), 2, "--python: 3.10; must be one of 3.11, 3.12, 3.13, 3.14"),
-        (("--out", "."), 2, "--out: . is a folder; must be a file"),
+        (("--out", "."), 2, "--out: . is a directory; give a file"),
     ],
 )
 def test_wrong_options_are_one_line(
@@ -376,14 +372,12 @@ def test_wrong_options_are_one_line(
 @pytest.mark.parametrize(
     ("replaced", "by", "message"),
     [
-        ('"maps/corridor.yaml"', '"{}/maps/corridor.yaml"', "corridor.yaml; must be relative"),
+        ('"maps/corridor.yaml"', '"{}/maps/corridor.yaml"', "corridor.yaml is an absolute path"),
         ("start = [17.5, 5.0, 0.0]", "start = [0.0, 0.0, 0.0]", "^start: robot 'r2' .* is not on free floor"),
         ('id = "r3"', 'id = "r3"', r"^keys: .*authority\.pem cannot be read"),
     ],
 )
-def test_what_would_not_work_on_the_robot_is_refused(
-    replaced: str, by: str, message: str, clone: SmallClone
-) -> None:
+def test_faulty_configurations_are_refused(replaced: str, by: str, message: str, clone: SmallClone) -> None:
     if replaced == by:
         (clone.office.with_name("office-keys") / "r2" / "authority.pem").unlink()
     by = by.replace("{}", str(clone.office.parent))
@@ -393,17 +387,17 @@ def test_what_would_not_work_on_the_robot_is_refused(
     assert not (clone.root.parent / "b.tar").exists()
 
 
-def test_wheels_that_pip_does_not_find_are_one_sentence(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_missing_wheels_are_reported_in_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name, value in {"CONFIG_FILE": "/dev/null", "NO_INDEX": "1", "FIND_LINKS": str(tmp_path)}.items():
         monkeypatch.setenv(f"PIP_{name}", value)
     text = f"# [base]\ntiny==1.0 --hash=sha256:{'0' * 64}\n# [hardware]\n# [build]\n"
-    with pytest.raises(AcrcError, match=r"cannot be fetched: No matching distribution found for tiny==1\.0"):
+    with pytest.raises(
+        AcrcError, match=r"cannot be downloaded: No matching distribution found for tiny==1\.0"
+    ):
         bundle._wheels(text, "x86-64", "3.13")
 
 
-def test_a_bundles_program_knows_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bundles_program_reports_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / version.COMMIT).write_text("abc+\n")
     monkeypatch.setattr(version, "REPOSITORY", tmp_path)
     assert version.software.__wrapped__() == "abc+"
@@ -421,7 +415,7 @@ def test_every_pin_of_a_robot_is_read_with_its_hashes(minor: int) -> None:
 
 
 class BundledRig(Rig):
-    """Emulated devices here; the robot runs from its bundle, in a network namespace without interfaces."""
+    """Local emulated devices, and a robot run from its bundle in a network namespace without interfaces."""
 
     def onboard(self) -> list[str]:
         words = (self.folder / "acrc-r1" / "acrc", "fleet", "onboard", "fleets/fleet.toml")
@@ -433,7 +427,7 @@ class BundledRig(Rig):
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 def test_a_robot_is_installed_and_drives_without_a_network(tmp_path: Path, full: bool) -> None:
-    """Needs a network, or PIP_FIND_LINKS, to fetch the wheels; the installation has neither."""
+    """Test an offline installation; downloading the wheels needs a network or PIP_FIND_LINKS."""
     rig = BundledRig(tmp_path)
     for file in (MAP, MAP.with_suffix(".png")):
         shutil.copy(file, tmp_path)

@@ -1,4 +1,4 @@
-"""Who may watch and stop robots over the network: real routers and laptops over TLS on this machine."""
+"""Access control of robots over the network: real routers and laptops over TLS on this machine."""
 
 import queue
 import shutil
@@ -40,7 +40,7 @@ CONTROL, TRUTH = "swarm/infra/control", "swarm/infra/truth"
 
 
 class Robot:
-    """A robot's router that listens at a port of this machine, and all keys that one could show to it."""
+    """A robot's router at a local port, with valid and invalid keys for clients."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -51,7 +51,7 @@ class Robot:
         self.endpoint = f"tls/127.0.0.1:{_free_port()}"
 
     def keys(self, name: str, issuer: Pair, purpose: Any = CLIENT, hosts: Any = ()) -> Keys:
-        """A machine's folder of keys."""
+        """Create a machine's folder of keys."""
         folder = self.folder / f"{name}-{len(list(self.folder.iterdir()))}"
         folder.mkdir()
         pair = certificates.machine(issuer, name, [purpose], hosts, NOW, 1)
@@ -62,7 +62,7 @@ class Robot:
 
     @contextmanager
     def router(self) -> Iterator[zenoh.Session]:
-        """The router's session, with the sockets of the robot's own actors named."""
+        """Open the router's session and publish the sockets of the robot's actors."""
         with zenoh.open(listening_router_config(self.issued, self.own, [self.endpoint])) as session:
             credentials.reveal(self.issued)
             yield session
@@ -91,13 +91,13 @@ def router(robot: Robot) -> Iterator[zenoh.Session]:
 
 
 class Ear:
-    """Hears everything that a session is sent."""
+    """Subscriber to all messages of a session."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._subscriber = session.declare_subscriber("swarm/**", zenoh.handlers.FifoChannel(1000))
 
     def until(self, mark: str) -> list[str]:
-        """The keys before the mark's."""
+        """Return the keys received before the key `mark`."""
         heard: list[str] = []
         while (key := str(self._subscriber.recv().key_expr)) != mark:
             heard.append(key)
@@ -115,19 +115,19 @@ def assert_powerless(guest: zenoh.Session, router: zenoh.Session, operator: zeno
     for key in (DRIVE, CONTROL):
         guest.put(key, b"stop")
     own.until(CONTROL)  # its own loopback
-    # The guest's attempts are long through, or not, when the operator has connected and given an order.
+    # By the time the operator has connected and sent an order, the guest's messages would have arrived.
     with zenoh.open(operator) as session:
         session.put(CONTROL, b"")
         assert ear.until(CONTROL) == []
     router.put(SENSES, b"from the base")
     assert ear.until(SENSES) == []
-    time.sleep(0.1)  # nothing can tell when nothing has come
+    time.sleep(0.1)  # time for a message that must not arrive
     assert own.all() == []
     ear.close()
 
 
 def refused(config: zenoh.Config) -> bool:
-    """True if no session comes about."""
+    """Return whether the connection is refused."""
     try:
         zenoh.open(config).close()  # type: ignore[no-untyped-call]
     except zenoh.ZError:
@@ -135,14 +135,14 @@ def refused(config: zenoh.Config) -> bool:
     return False
 
 
-def test_the_operators_laptop_hears_everything_and_may_give_orders_but_nothing_else(
+def test_the_operators_laptop_receives_everything_and_may_send_orders_only(
     robot: Robot, router: zenoh.Session
 ) -> None:
     laptop = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
     ear = Ear(router)
     with zenoh.open(laptop) as session:
         own = Ear(session)
-        session.put(CONTROL, b"")  # comes through behind the subscription
+        session.put(CONTROL, b"")  # arrives after the subscription
         assert ear.until(CONTROL) == []
         own.until(CONTROL)  # its own loopback
         for key in (SENSES, RECEIVED, TRUTH):
@@ -157,7 +157,7 @@ def test_the_operators_laptop_hears_everything_and_may_give_orders_but_nothing_e
 
 
 @pytest.mark.parametrize("case", ["no certificate", "of another authority", "trusting ours", "a robot's own"])
-def test_only_certificates_of_the_fleets_laptops_are_let_in(
+def test_only_certificates_of_the_fleets_laptops_are_accepted(
     case: str, robot: Robot, router: zenoh.Session
 ) -> None:
     keys = robot.keys("operator", robot.issuer if case == "no certificate" else robot.stranger)
@@ -174,10 +174,10 @@ def test_only_certificates_of_the_fleets_laptops_are_let_in(
 
 
 @pytest.mark.parametrize("case", ["another name", "the word without a certificate", "r1", "operator"])
-def test_what_is_let_in_without_the_operators_certificate_alone_hears_and_says_nothing(
+def test_sessions_without_exactly_the_operators_certificate_neither_receive_nor_send(
     case: str, robot: Robot, router: zenoh.Session
 ) -> None:
-    """`r1` and `operator`: their passwords beside a laptop's certificate give the rights of neither."""
+    """`r1` and `operator`: a password in addition to a laptop's certificate revokes its rights."""
     operator = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
     if case == "the word without a certificate":
         file = robot.folder / "guessed"
@@ -194,7 +194,7 @@ def test_what_is_let_in_without_the_operators_certificate_alone_hears_and_says_n
         assert_powerless(guest, router, operator)
 
 
-def test_a_laptop_refuses_a_robot_under_a_name_that_its_certificate_does_not_hold_for(
+def test_a_laptop_refuses_a_robot_whose_certificate_is_for_another_name(
     robot: Robot, router: zenoh.Session
 ) -> None:
     keys = robot.keys("operator", robot.issuer)
@@ -202,7 +202,7 @@ def test_a_laptop_refuses_a_robot_under_a_name_that_its_certificate_does_not_hol
     assert refused(laptop_config(keys, robot.endpoint.replace("127.0.0.1", "localhost")))
 
 
-def test_a_robots_password_goes_on_opening_its_own_socket(robot: Robot, router: zenoh.Session) -> None:
+def test_a_robots_password_still_opens_its_own_socket(robot: Robot, router: zenoh.Session) -> None:
     ear = Ear(router)
     config = rules.client_config(robot.issued.files["r1"], robot.issued.endpoint("r1"))
     with zenoh.open(config) as session:
@@ -222,10 +222,10 @@ with zenoh.open(laptop_config(load_keys(Path(sys.argv[1])), sys.argv[2])) as ses
 
 
 @pytest.mark.timeout(60, method="thread")  # a signal would not end it
-def test_a_laptop_that_stops_reading_does_not_hold_the_robot_up(robot: Robot, tmp_path: Path) -> None:
-    """With low latency on this link the first of these messages that finds no room would wait for ever.
+def test_a_laptop_that_stops_reading_does_not_block_the_robot(robot: Robot, tmp_path: Path) -> None:
+    """With low latency on this link, the first message without buffer space would block forever.
 
-    The laptop has none of this process's pipes: it is stopped, and who reads them would wait for their end.
+    The laptop shares no pipes with this process: it is suspended, and their readers would wait for EOF.
     """
     other = Robot(tmp_path)
     keys = other.keys("operator", other.issuer).certificate.parent
@@ -246,7 +246,7 @@ def test_a_laptop_that_stops_reading_does_not_hold_the_robot_up(robot: Robot, tm
 
 @pytest.fixture(scope="module")
 def robots(tmp_path_factory: pytest.TempPathFactory) -> list[Robot]:
-    """Two robots of one fleet, and one of another."""
+    """Return two robots of one fleet and one of another."""
     fleet = [Robot(tmp_path_factory.mktemp(f"robot{number}")) for number in range(3)]
     fleet[1].issuer = fleet[0].issuer
     fleet[1].own = fleet[1].keys("r1", fleet[0].issuer, SERVER, ["127.0.0.1"])
@@ -255,13 +255,13 @@ def robots(tmp_path_factory: pytest.TempPathFactory) -> list[Robot]:
 
 @pytest.fixture(scope="module")
 def keys(robots: list[Robot]) -> Path:
-    """The operator's folder."""
+    """Return the operator's folder of keys."""
     return robots[0].keys("operator", robots[0].issuer).authority.parent
 
 
 @contextmanager
 def base(robot: Robot, *, obeys: bool = True) -> Iterator[list[Order]]:
-    """The orders that a robot has got; it says what became of them, or nothing."""
+    """Yield the orders received by a robot, which confirms them if `obeys`."""
     orders: list[Order] = []
     with robot.router() as session:
 
@@ -280,7 +280,7 @@ def base(robot: Robot, *, obeys: bool = True) -> Iterator[list[Order]]:
         subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
-def test_all_robots_are_stopped_at_once_and_every_failure_is_named(robots: list[Robot], keys: Path) -> None:
+def test_all_robots_are_stopped_in_parallel_and_failures_are_named(robots: list[Robot], keys: Path) -> None:
     good, deaf, foreign = robots
     with ExitStack() as stack:
         silent = stack.enter_context(socket.socket())
@@ -296,22 +296,22 @@ def test_all_robots_are_stopped_at_once_and_every_failure_is_named(robots: list[
             [nobody, dumb, foreign.endpoint, deaf.endpoint, good.endpoint, good.endpoint], keys, Stop()
         )
         took = time.monotonic() - began
-    assert took < 2.5, "2 s, and what a loaded machine takes to start threads"
+    assert took < 2.5, "2 s, plus the start of threads on a loaded machine"
     assert got == heard == [Stop()] and theirs == []
-    late = "it was not reached within 2 s"
+    late = "no connection within 2 s"
     assert answers == [
         WatchAnswer(nobody, f"{late}: connection refused"),
-        WatchAnswer(dumb, f"{late}: no answer within 1.5 s"),
+        WatchAnswer(dumb, f"{late}: no response within 1.5 s"),
         WatchAnswer(
             foreign.endpoint,
-            f"{late}: its certificate is not accepted here, unable to get local issuer certificate",
+            f"{late}: its certificate is rejected: unable to get local issuer certificate",
         ),
-        WatchAnswer(deaf.endpoint, "it was given the order, but did not say within 2 s that it obeys"),
+        WatchAnswer(deaf.endpoint, "the order was sent, but not confirmed within 2 s"),
         WatchAnswer(good.endpoint, None),
     ]
 
 
-def test_a_router_that_does_not_accept_this_laptop_is_told_from_one_that_is_not_there(
+def test_a_rejected_laptop_certificate_is_reported_as_cause(
     robots: list[Robot],
 ) -> None:
     mixed = robots[0].keys("operator", robots[0].stranger)
@@ -319,10 +319,10 @@ def test_a_router_that_does_not_accept_this_laptop_is_told_from_one_that_is_not_
     with base(robots[0]) as got:
         (answer,) = watch.give([robots[0].endpoint], mixed.authority.parent, Stop())
     assert got == [] and answer.failure is not None
-    assert answer.failure.startswith("it was not reached within 2 s: it does not accept this laptop's cert")
+    assert answer.failure.startswith("no connection within 2 s: it rejects this laptop's certificate: ")
 
 
-def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
+def test_the_command_prints_each_robots_result_and_exits_with_1_after_a_failure(
     robots: list[Robot], keys: Path
 ) -> None:
     nobody = f"tls/127.0.0.1:{_free_port()}"
@@ -337,18 +337,16 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
             assert watch.give([robots[0].endpoint], keys, order) == [WatchAnswer(robots[0].endpoint, None)]
         assert got == [Pause(), Resume()]
         words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
-        command = [sys.executable, "-m", "acrc_testbed.command_line", *words]  # it ends its process at once
+        command = [sys.executable, "-m", "acrc_testbed.command_line", *words]  # it exits its process
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (
         1,
-        f"acrc: {robots[0].endpoint}: has stopped\n",
-        f"acrc: {nobody}: it was not reached within 2 s: connection refused\n",
+        f"acrc: {robots[0].endpoint}: stopped\n",
+        f"acrc: {nobody}: no connection within 2 s: connection refused\n",
     )
 
 
-def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
-    robots: list[Robot], keys: Path
-) -> None:
+def test_watching_continues_without_one_of_the_robots_and_reconnects(robots: list[Robot], keys: Path) -> None:
     one, other, nobody = robots[0], robots[1], f"tls/127.0.0.1:{_free_port()}"
     names = (nobody, one.endpoint, other.endpoint)
     words = ("fleet", "watch", *names, "--keys", str(keys))
@@ -364,27 +362,27 @@ def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
                 left.discard(next(lines).rstrip("\n"))
 
         try:
-            refused = "is not heard: connection refused; it is looked for"
-            until(f"{nobody}  {refused}", f"{other.endpoint}  {refused}", f"{one.endpoint}  is heard")
+            refused = "not connected, retrying: connection refused"
+            until(f"{nobody}  {refused}", f"{other.endpoint}  {refused}", f"{one.endpoint}  connected")
             with other.router():
-                until(f"{other.endpoint}  is heard")
-            until(f"{other.endpoint}  is no longer heard; it is looked for")
+                until(f"{other.endpoint}  connected")
+            until(f"{other.endpoint}  connection lost, reconnecting")
             first.put(PROGRESS.key(), encode(Progress(7, 0, 2, 1, False)))
             until(f"{one.endpoint}  step 7: 2 places left, 1 reported, running")
             held = ("the battery is nearly empty", "a wheel\x1b[2J")
             first.put(PROGRESS.key(), encode(Progress(8, 0, 2, 1, False, held=held)))
             until(f"{one.endpoint}  step 8: 2 places left, 1 reported, running, {held[0]}, a wheel\\x1b[2J")
             with other.router():
-                until(f"{other.endpoint}  is heard")
+                until(f"{other.endpoint}  connected")
         finally:
             watcher.kill()
             watcher.wait()
 
 
-def test_whoever_draws_robots_hears_what_they_hold_and_never_holds_a_listener_up(
+def test_listeners_pass_on_messages_of_further_topics(
     robots: list[Robot], keys: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(watch, "_RETRY_S", 3600.0)  # its thread never ends
+    monkeypatch.setattr(watch, "_RETRY_S", 3600.0)  # its thread never exits
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     taken: list[tuple[str, str, Message]] = []
     drive = Drive(7, 0.1, 0.0, 0.0, 0, pose=(1.0, 2.0, 0.5))
@@ -403,5 +401,5 @@ def test_whoever_draws_robots_hears_what_they_hold_and_never_holds_a_listener_up
             time.sleep(0.05)
     assert (robots[0].endpoint, messages.DRIVE.key("r1"), drive) in taken
     said = [lines.get_nowait() for _ in range(lines.qsize())]
-    assert f"{robots[0].endpoint}  is heard" in said
+    assert f"{robots[0].endpoint}  connected" in said
     assert any(line.endswith("step 3: 2 places left, 0 reported, running") for line in said)

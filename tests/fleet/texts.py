@@ -1,4 +1,4 @@
-"""Fleet texts for the tests."""
+"""Texts of fleet files for tests."""
 
 from pathlib import Path
 
@@ -24,12 +24,12 @@ radio = "/dev/beeclick"
 
 
 def fleet(text: str = ROBOT, head: str = HEAD, path: Path = ROOT / "some.toml") -> Fleet:
-    """The fleet with the text behind the line that names the map, as if it lay beside the maps."""
+    """Parse a fleet file of `head` (the map's line) and `text`, located beside the maps."""
     return parse(head + text, path)
 
 
 def fault(text: str, head: str = HEAD) -> str:
-    """The sentence that refuses the text, without the file's name."""
+    """Return the error about the text, without the file's name."""
     try:
         parse(head + text, Path("some.toml"))
     except AcrcError as error:
@@ -38,7 +38,7 @@ def fault(text: str, head: str = HEAD) -> str:
 
 
 def robot(number: int, more: str = "") -> str:
-    """A robot's table, with lines that replace or come to those of ROBOT."""
+    """Return a robot's table: ROBOT with lines replaced or added."""
     lines = ROBOT.replace('"r1"', f'"r{number}"').replace("address = 1", f"address = {number}").splitlines()
     keys = {line.partition(" =")[0] for line in more.splitlines()}
     return "\n".join([line for line in lines if line.partition(" =")[0] not in keys] + [more]) + "\n"

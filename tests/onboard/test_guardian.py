@@ -271,7 +271,7 @@ def test_systemd_hears_that_a_service_is_up_and_lives(tmp_path: Path, abstract: 
         ServiceNotice(environment).lives()
 
 
-STOPPED = "base is stopped (SIGSTOP or a debugger): stop is said in its place"
+STOPPED = "base process suspended (SIGSTOP or a debugger): sending stop commands to the wheels"
 
 
 def test_stop_is_said_once_for_a_base_that_is_stopped_and_not_for_one_that_runs(tmp_path: Path) -> None:

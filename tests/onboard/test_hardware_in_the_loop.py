@@ -157,8 +157,8 @@ def test_what_emulated_devices_do_not_have_is_refused_by_name(tmp_path: Path) ->
     text += '[[event]]\nat = 6\nkill = "r2"\n[[event]]\nat = 7\nlose = "r2"\nof = "r1"\n'
     with pytest.raises(OptionError) as refused:
         hardware_in_the_loop.check_limits(scenario(tmp_path, text))
-    assert "[[event]] kill: robots that run by their own clocks" in str(refused.value)
-    assert 'odometry = "stage": emulated bases have the errors of a Kobuki' in str(refused.value)
+    assert "[[event]] kill: robots in real time have no conductor" in str(refused.value)
+    assert 'odometry = "stage": emulated bases have the odometry errors of a Kobuki' in str(refused.value)
 
 
 def test_shipped_scenarios_and_everything_of_the_air_are_not_refused(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_an_empty_file_goes_on_by_the_clock_and_says_so(computer: Computer) -> N
     computer.file.write_bytes(b"")
     assert [computer.claim(), computer.claim()] == [BY_CLOCK, BY_CLOCK + 1]
     (said,) = computer.said
-    assert said.endswith(f"it holds no epoch that can be read; r1 goes on with {BY_CLOCK}, by the clock")
+    assert said.endswith(f"damaged; r1 continues with epoch {BY_CLOCK}, derived from the clock")
     computer.file.write_bytes(b"\0" * 10_000)
     computer.now += 60
     assert computer.claim() == BY_CLOCK + 60
@@ -121,7 +121,7 @@ def test_an_empty_file_goes_on_by_the_clock_and_says_so(computer: Computer) -> N
     assert computer.claim() == BY_CLOCK + 1001, "the later one of recordings and clock"
     computer.file.write_bytes(b"")
     computer.now = 100.0
-    with pytest.raises(AcrcError, match="and the clock, at 1970-01-01, was never set"):
+    with pytest.raises(AcrcError, match="and the clock shows 1970-01-01, so it was never set"):
         computer.claim()
 
 
@@ -296,7 +296,8 @@ def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
     link = OperatorLink(lambda: faults.pop(0), said.append)
     while faults:
         link.look()
-    assert said == [f"no laptop can watch or stop it: {why}" for why in ("it is over", "the clock is wrong")]
+    refused = "laptops cannot connect to watch or stop the robot"
+    assert said == [f"{refused}: {why}" for why in ("it is over", "the clock is wrong")]
     assert _link_fault(one, one.robot_named("r1")).startswith(
         f"{tmp_path}/keys/r1/authority.pem cannot be read (No "
     )

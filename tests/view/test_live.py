@@ -175,7 +175,7 @@ def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(t
     events = [row["TextLog:text"][0] for name in found for row in found[name] if name.startswith("/events")]
     assert "r1 2 places left, 0 reported, running, the bumper is pressed" in events
     assert "r2 cleaned r2/0" in events and "r1 adopts r2/0" in events
-    assert "the view lacks 4 messages: too many came" in events
+    assert "view dropped 4 messages: too many to draw" in events
     assert len(found["/plots/rssi/r1_at_r2"]) == 1
     assert found["/plots/copies/copies_heard"][0]["Scalars:scalars"] == [pytest.approx(1 / 6.0)]
     assert "/plots/error/r1" not in found
