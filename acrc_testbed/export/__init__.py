@@ -1,1 +1,1 @@
-"""A run as tables for notebooks and statistics: its columns, its rows, and Parquet files of them."""
+"""Export of runs: Parquet tables and ROS 2 logs."""

@@ -1,4 +1,4 @@
-"""`acrc export --mcap`: a run's folder as one ROS 2 log of all its robots."""
+"""Export of a run as one ROS 2 log of all its robots (`acrc export --mcap`)."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,23 +35,22 @@ from actors.runtime.process_setup import located_model
 
 @dataclass(frozen=True)
 class LogReport:
-    """Messages and gaps of a written log."""
+    """Messages and gaps of a log."""
 
     counts: Counter[str]
     """Messages by topic."""
     notes: tuple[str, ...]
-    """What is missing or unknown, a sentence each."""
+    """Missing or unknown data, a sentence each."""
 
 
 def log_run(out: Path, path: Path, robots: Sequence[str] = ()) -> LogReport:
-    """Write the log of a run, simulated or collected from robots, to a file that is not there yet.
+    """Write the log of a simulated or hardware run to a new file.
 
-    `robots`: of these all is in it, none named: of every one; of others where they were. Raises OptionError
-    for a robot that is none and a file that is there, RecordingError and the like for what is no folder of a
-    run.
+    `robots`: log all data of these, and only the poses of others; empty: of all. Raises OptionError for an
+    unknown robot or an existing file, RecordingError and the like for an invalid run.
     """
     if path.exists() or path.is_symlink():
-        raise OptionError(f"--out: {path} is there already; must be a new file")
+        raise OptionError(f"--out: {path} exists; give a new file")
     files = all_recordings(out)
     run = whole_run(out, internals=True)
     for robot in robots:
@@ -67,7 +66,7 @@ def log_run(out: Path, path: Path, robots: Sequence[str] = ()) -> LogReport:
         counts = write(part, entries, left_out)
     faults = [f"{one.process.actor}: {NOT_RECORDED}" for one in internals if not one.is_recorded]
     absent = [
-        f"{topic}: {count} messages are left out, which no sensor or clock of a run can have given"
+        f"{topic}: {count} messages with invalid instants or ranges are left out"
         for topic, count in sorted(left_out.items())
         if count
     ]
@@ -82,7 +81,7 @@ def _streams(
     spool: Spool,
     left_out: Counter[str],
 ) -> Iterator[Iterator[LogEntry]]:
-    """All entries, each stream in order of time; what is of one instant goes in the order of the streams."""
+    """Yield streams of entries, each by time; entries of one instant keep the order of the streams."""
     yield iter((map_entry(run.grid), static_frames(models)))
     yield from (place_entries(run), body_entries(run, models))
     if run.floor:
@@ -100,7 +99,7 @@ def _streams(
 
 
 def _models(run: RunData, files: Mapping[str, Path]) -> dict[str, RobotModel]:
-    """What kind of robot each is, as the world was told, or else the robot."""
+    """Return each robot's model from the world's set-up, or else its own."""
     if "world" in files:
         bodies = world_setup(files["world"]).robots
         return {body.id: load_model(body.model, body.sensor) for body in bodies}

@@ -1,4 +1,4 @@
-"""Tables of an export: their columns with types and meanings, and their Parquet files."""
+"""Schemas of the exported tables, and their Parquet files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,164 +21,162 @@ class Column:
     name: str
     kind: Kind
     meaning: str
-    """With the unit; may be null only where it says when."""
+    """Meaning with the unit, and with the condition for null, if any."""
 
 
 @dataclass(frozen=True)
 class ExportTable:
-    """One table: a file of the export."""
+    """Schema of one table, a file of the export."""
 
     name: str
     row: str
-    """What a row is."""
+    """Meaning of a row."""
     columns: tuple[Column, ...]
 
 
-_STEP: Final = Column("step", "int", "the step")
+_STEP: Final = Column("step", "int", "number of the step, from 0")
 _SECONDS: Final = Column("seconds", "float", "simulated time, s")
-_ROBOT: Final = Column("robot", "text", "the robot's id")
-_PROCESS: Final = Column(
-    "process", "text", "its process: the id, or `r2.1` for the first one after a restart"
-)
+_ROBOT: Final = Column("robot", "text", "id of the robot")
+_PROCESS: Final = Column("process", "text", "its process: `r2`, after the first restart `r2.1`")
 
 
-def _pose(whose: str) -> tuple[Column, ...]:
+def _pose(kind: str) -> tuple[Column, ...]:
     return (
-        Column("x", "float", f"{whose}, m, map frame"),
-        Column("y", "float", "the same"),
-        Column("heading", "float", "the same, rad, counter-clockwise from x"),
+        Column("x", "float", f"{kind} x, m, map frame"),
+        Column("y", "float", f"{kind} y, m, map frame"),
+        Column("heading", "float", f"{kind} heading, rad, counter-clockwise from x"),
     )
 
 
 TABLES: Final = (
     ExportTable(
         "poses",
-        "ground truth of one robot at the beginning of one step",
+        "the ground truth of one robot at the start of one step",
         (
-            _STEP, _SECONDS, _ROBOT, *_pose("its true pose"),
-            Column("vx", "float", "its velocity, m/s, map frame"),
-            Column("vy", "float", "the same"),
-            Column("omega", "float", "its rate of turning, rad/s"),
-            Column("stepping", "bool", "false while it is frozen, or its process has ended"),
-            Column("powered", "bool", "false while its transceiver is off"),
+            _STEP, _SECONDS, _ROBOT, *_pose("true"),
+            Column("vx", "float", "true velocity in x, m/s, map frame"),
+            Column("vy", "float", "true velocity in y, m/s, map frame"),
+            Column("omega", "float", "true turn rate, rad/s"),
+            Column("stepping", "bool", "false: its process is frozen or has exited"),
+            Column("powered", "bool", "false: its transceiver is off"),
         ),
     ),
     ExportTable(
         "estimates",
-        "the estimated pose of one robot at the beginning of one step that it took",
+        "the pose estimate of one robot at the start of one step that it executed",
         (
-            _STEP, _SECONDS, _ROBOT, _PROCESS, *_pose("its estimated pose"),
-            Column("located", "bool", "false while it was in doubt after a start, and stood"),
-            Column("var_x", "float", "its variance of x, m²"),
-            Column("var_y", "float", "the same of y, m²"),
-            Column("var_heading", "float", "the same of the heading, rad²"),
-            Column("lost", "float", "its probability of being lost"),
+            _STEP, _SECONDS, _ROBOT, _PROCESS, *_pose("estimated"),
+            Column("located", "bool", "false: it stands until localised after a start"),
+            Column("var_x", "float", "estimated variance of x, m²"),
+            Column("var_y", "float", "estimated variance of y, m²"),
+            Column("var_heading", "float", "estimated variance of the heading, rad²"),
+            Column("lost", "float", "estimated probability of being lost"),
             Column("error", "float", "localisation error: distance to the true position, m"),
         ),
     ),
     ExportTable(
         "goals",
-        "a goal of navigation that was given, or whose status or phase changed",
+        "a new goal of navigation, or a change of its status or phase",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
-            Column("x", "float", "the goal, m, map frame; null: from then on there is none"),
-            Column("y", "float", "the same"),
+            Column("x", "float", "x of the goal, m, map frame; null: the goal was removed"),
+            Column("y", "float", "y of the goal, m, map frame; null: the goal was removed"),
             Column("status", "text", "`active`, `succeeded` or `aborted`; null without a goal"),
-            Column("reason", "text", "why it was aborted; null otherwise"),
-            Column("phase", "text", "what navigation does while the goal is active; null otherwise"),
+            Column("reason", "text", "reason of the abort; null otherwise"),
+            Column("phase", "text", "phase of navigation while the goal is active; null otherwise"),
         ),
     ),
     ExportTable(
         "frames",
-        "a frame at one other robot, or a frame that never left its transceiver",
+        "a frame at one other robot, or a frame that was not sent",
         (
-            Column("frame", "int", "counts frames in the order in which they ended, from 0"),
-            Column("sender", "text", "the robot that sent it, or was to"),
-            Column("tag", "int", "the sender's own number of it"),
-            Column("handed", "float", "when the sender's transceiver was handed it, simulated s"),
-            Column("seconds", "float", "when it had left the antenna or was dropped, simulated s"),
-            Column("size", "int", "bytes of its data; MAC header and check sum are 9 more"),
+            Column("frame", "int", "number of the frame, from 0, by its end"),
+            Column("sender", "text", "id of the sending robot"),
+            Column("tag", "int", "the sender's number of the frame"),
+            Column("handed", "float", "when the transceiver was given the frame, simulated s"),
+            Column("seconds", "float", "when the frame ended or was dropped, simulated s"),
+            Column("size", "int", "payload, bytes; MAC header and checksum add 9"),
             Column("fate", "text", "`sent`, `access_failure` or `overflow`"),
-            Column("receiver", "text", "another robot whose transceiver was on; null of one not sent"),
-            Column("copy", "text", "`heard`, or why it was not heard there; null of one not sent"),
-            Column("strength", "float", "its strength there, dBm; -inf: too weak to count; null: not sent"),
+            Column("receiver", "text", "another robot whose transceiver was on; null: not sent"),
+            Column("copy", "text", "`heard`, or the reason of the loss at the receiver; null: not sent"),
+            Column("strength", "float", "received strength, dBm; -inf: too weak to track; null: not sent"),
         ),
     ),
     ExportTable(
         "knowledge",
-        "a field of a component's knowledge that has another value",
+        "a field of a component's knowledge that changed",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
-            Column("component", "text", "the component's id"),
-            Column("change", "int", "the same for all fields that changed at once; counts from 0 by process"),
+            Column("component", "text", "id of the component"),
+            Column("change", "int", "number of the change within `process`, from 0; one for all its fields"),
             Column(
                 "by", "text",
-                "the process, such as `CleaningRobot.sense`, "
+                "component process, such as `CleaningRobot.sense`, "
                 "or exchange, such as `DestinationAdoption.at_member`",
             ),
-            Column("adaptation", "bool", "true of an ensemble, and of a process of the adaptation layer"),
-            Column("field", "text", "such as `destination.owner`; of a mapping, `bids[r2]`"),
-            Column("before", "text", "the value before, as JSON"),
-            Column("after", "text", "the value from then on, as JSON"),
+            Column("adaptation", "bool", "true for an ensemble, and for a process of the adaptation layer"),
+            Column("field", "text", "such as `destination.owner`; in a mapping, `bids[r2]`"),
+            Column("before", "text", "previous value, JSON"),
+            Column("after", "text", "new value, JSON"),
         ),
     ),
     ExportTable(
         "exchanges",
-        "an exchange of an ensemble through which a component learned something",
+        "an exchange of an ensemble that changed a component's knowledge",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
-            Column("component", "text", "the id of the component that learned"),
-            Column("change", "int", "as in `knowledge`, where the fields stand"),
+            Column("component", "text", "id of the changed component"),
+            Column("change", "int", "as in `knowledge`, which lists the fields"),
             Column("ensemble", "text", "the exchange, as in `by` of `knowledge`"),
-            Column("peer", "text", "the component of which it learned"),
-            Column("epoch", "int", "restarts of the peer's node before; null: it is on the same node"),
-            Column("publication", "int", "number of the peer's publication in that epoch; null as before"),
-            Column("heard", "float", "when that had come here, simulated s; null as before"),
-            Column("age", "float", "how old it was when it was used, s; null as before"),
-            Column("hops", "int", "how often it had been relayed; null as before"),
-            Column("rssi", "float", "strength of the frame that brought it, dBm; null as before"),
-            Column("via", "text", "the robot whose transceiver sent that frame; null as before"),
+            Column("peer", "text", "id of the component whose replica was used"),
+            Column("epoch", "int", "restarts of the peer's node; null: the peer is on the same node"),
+            Column("publication", "int", "number of the publication in that epoch; null as for `epoch`"),
+            Column("heard", "float", "when it was received, simulated s; null as for `epoch`"),
+            Column("age", "float", "age of the replica when used, s; null as for `epoch`"),
+            Column("hops", "int", "number of relays; null as for `epoch`"),
+            Column("rssi", "float", "received strength of its last frame, dBm; null as for `epoch`"),
+            Column("via", "text", "robot that sent this frame; null as for `epoch`"),
         ),
     ),
     ExportTable(
         "places",
-        "a place to be cleaned, and what became of it",
+        "a place and its outcome",
         (
-            Column("owner", "text", "the robot to which it was given"),
-            Column("place", "int", "its number in the owner's list, from 0"),
-            Column("x", "float", "where it is, m, map frame"),
-            Column("y", "float", "the same"),
-            Column("given", "float", "when it was given to its owner, simulated s; 0: at the start"),
-            Column("verdict", "text", "what became of it in one word; null of a run that was cut off"),
-            Column("reached", "float", "when a robot first was there in truth, simulated s; null: never"),
-            Column("reached_by", "text", "robot, or null"),
-            Column("reported", "float", "when a robot first said so, simulated s; null: never"),
-            Column("reported_by", "text", "robot, or null"),
+            Column("owner", "text", "robot to which the place was assigned"),
+            Column("place", "int", "number in the owner's list, from 0"),
+            Column("x", "float", "x of the place, m, map frame"),
+            Column("y", "float", "y of the place, m, map frame"),
+            Column("given", "float", "when it was assigned, simulated s; 0: at the start"),
+            Column("verdict", "text", "outcome by the referee; null for a run that was cut off"),
+            Column("reached", "float", "when a robot truly was there first, simulated s; null: never"),
+            Column("reached_by", "text", "that robot; null: none"),
+            Column("reported", "float", "when a robot first reported a visit, simulated s; null: never"),
+            Column("reported_by", "text", "that robot; null: none"),
             Column("given_up", "float", "when a robot first gave it up, simulated s; null: never"),
-            Column("given_up_by", "text", "robot, or null"),
-            Column("reason", "text", "why, in that robot's words; null: it was not given up"),
+            Column("given_up_by", "text", "that robot; null: none"),
+            Column("reason", "text", "reason that the robot reported; null: not given up"),
         ),
     ),
     ExportTable(
         "decisions",
-        "something that the adaptation of a robot decided",
+        "a decision of a robot's adaptation",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
             Column("change", "int", "as in `knowledge`"),
-            Column("by", "text", "the process or exchange that decided"),
-            Column("words", "text", "what, in words"),
-            Column("source", "text", "the component whose knowledge it used"),
-            Column("old_x", "float", "where it wanted to be before, m, map frame; null: nowhere"),
-            Column("old_y", "float", "the same"),
-            Column("new_x", "float", "where it wants to be from then on, m; null: nowhere"),
-            Column("new_y", "float", "the same"),
+            Column("by", "text", "component process or exchange that decided"),
+            Column("words", "text", "description of the decision"),
+            Column("source", "text", "id of the component whose knowledge it used"),
+            Column("old_x", "float", "x of the previous goal, m, map frame; null: none"),
+            Column("old_y", "float", "y of the previous goal, m, map frame; null: none"),
+            Column("new_x", "float", "x of the new goal, m, map frame; null: none"),
+            Column("new_y", "float", "y of the new goal, m, map frame; null: none"),
         ),
     ),
 )  # fmt: skip
 
 
 def page() -> str:
-    """The tables for the documentation, as Markdown."""
+    """Return the schemas as Markdown for the documentation."""
     parts = []
     for table in TABLES:
         parts.append(
@@ -198,10 +196,10 @@ _TYPES: Final = {
 
 
 def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
-    """Write a file for each table, `NAME.parquet`, and return their paths and numbers of rows.
+    """Write each table to `NAME.parquet`, and return paths and numbers of rows.
 
-    Files of other runs are replaced, or removed where this run lacks the table. Each column has its meaning
-    as metadata `meaning`. OSError as for any file.
+    Existing files are replaced, or removed if the run lacks the table. Each column has its meaning as
+    metadata `meaning`. Raises OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in lacking(rows):
@@ -216,12 +214,12 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
 
 
 def lacking(rows: Tables) -> list[str]:
-    """Return the names of the tables that a lean recording lacks."""
+    """Return the names of the missing tables, as for a lean recording."""
     return [table.name for table in TABLES if table.name not in rows]
 
 
 def arrow(rows: Tables) -> dict[str, pyarrow.Table]:
-    """The tables in memory, by name, with the meanings of their columns as metadata."""
+    """Return the tables in memory by name, with the meanings of columns as metadata."""
     return {table.name: _columns(table, rows[table.name]) for table in TABLES if table.name in rows}
 
 

@@ -1,4 +1,4 @@
-"""Log entries of one robot: odometry, scans and poses of its recording, navigation state of its trace."""
+"""Log entries of a run: map, poses, scans, commands, introspection and markers."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,17 +38,16 @@ from actors.robot_model import RobotModel
 from actors.task.task import PlaceKey
 
 _NEAR_S: Final = 1e-6
-"""Two instants of one step differ by less, s."""
+"""Tolerance of instants of one step, s."""
 _BEFORE_S: Final = 1.0
-"""A robot's first scan may have been measured so much before the first step, where the run begins, s."""
+"""Maximum time of a robot's first scan before the start of the run, s."""
 _INSCRIBED: Final = 253
-"""The cost of a cell that the robot's middle must not enter, as costmap_2d has it; 254 blocks, and of 255
-nothing is known."""
+"""Cost of cells within the inscribed radius, as in costmap_2d; 254 is lethal, 255 unknown."""
 _LETHAL: Final = 254
 
 
 def true_entries(run: RunData) -> Iterator[LogEntry]:
-    """Where robots truly were, step by step; nothing where nobody knows."""
+    """Yield the true poses of all robots per step; nothing without ground truth."""
     if not run.description.has_truth:
         return
     tracks = list(run.trajectories.items())
@@ -60,7 +59,7 @@ def true_entries(run: RunData) -> Iterator[LogEntry]:
 
 
 def held_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
-    """Where a robot held itself to be, as often as it said so."""
+    """Yield the pose estimates that a robot reported."""
     for second, held in zip(track.seconds.tolist(), track.estimated.tolist(), strict=True):
         if held[0] == held[0]:
             yield _placed(second * 1e6, f"/{robot}/pose", Pose(*held))
@@ -69,9 +68,9 @@ def held_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
 def sensed_entries(
     path: Path, source: RecordedProcess, track: Trajectory, model: RobotModel, left_out: Counter[str]
 ) -> Iterator[LogEntry]:
-    """What a robot's process sensed, and its frames. Raises RecordingError and WireError.
+    """Yield odometry, scans and frames of a robot's process. Raises RecordingError and WireError.
 
-    `left_out` counts by topic what no sensor says.
+    `left_out` counts invalid messages by topic.
     """
     robot, clock = source.robot, source.clock
     for _, senses in messages_on(path, SENSES):
@@ -95,14 +94,14 @@ def sensed_entries(
 
 
 def command_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
-    """Yield the velocities that a robot commanded, at the instants of the senses that they answer."""
+    """Yield the commanded velocities, at the instants of the senses that they answer."""
     for second, (vx, vy, omega) in zip(track.seconds.tolist(), track.commanded.tolist(), strict=True):
         if not np.isnan(vx) and abs(at := round(second * 1e6)) <= LATEST:
             yield LogEntry(at, f"/{robot}/cmd_vel", ros2_log.twist(vx, vy, omega), at)
 
 
 def _is_of(scan: Scan, model: RobotModel) -> bool:
-    """True if a scan has a range for each ray of the sensor, and an instant."""
+    """Return True if a scan has one range per ray of the sensor and a valid instant."""
     return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= LATEST
 
 
@@ -118,7 +117,7 @@ def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iter
 
 
 def _held(track: Trajectory, second: float) -> Pose | None:
-    """Where the robot held itself to be at an instant; None: it did not say."""
+    """Return the pose estimate at an instant; None: not reported."""
     at = int(np.searchsorted(track.seconds, second - _NEAR_S))
     if at == len(track.seconds) or track.seconds[at] > second + _NEAR_S or np.isnan(track.estimated[at, 0]):
         return None
@@ -126,18 +125,18 @@ def _held(track: Trajectory, second: float) -> Pose | None:
 
 
 def _ranges(scan: Scan) -> NDArray[np.float32]:
-    """(rays,), m; inf: no echo (REP 117)."""
+    """Return the ranges, (rays,), m; inf: no echo (REP 117)."""
     told = np.frombuffer(scan.ranges_mm, "<u2")
     return np.where(told == NO_ECHO_MM, np.inf, told / 1000.0).astype(np.float32)
 
 
 def internal_entries(robot: RobotInternals) -> Iterator[LogEntry]:
-    """Yield what a robot computed, in order of time."""
+    """Yield a robot's introspection in order of time."""
     return merge(_activities(robot), _clouds(robot), _costs(robot), _plans(robot), key=lambda one: one.logged)
 
 
 def _times(seconds: Sequence[float] | NDArray[np.float64]) -> list[int]:
-    """Return µs of the run, in ascending order."""
+    """Return instants of the run in µs, in ascending order."""
     found: list[float] = (np.maximum.accumulate(np.asarray(seconds, np.float64)) * 1e6).tolist()
     return [round(one) for one in found]
 
@@ -163,7 +162,7 @@ def _costs(robot: RobotInternals) -> Iterator[LogEntry]:
 
 
 def _activities(robot: RobotInternals) -> Iterator[LogEntry]:
-    """Yield its activity in words, and its goal where that is another one."""
+    """Yield the activities as log lines, and each new goal."""
     before, name = None, robot.process.robot
     times = _times([one.second for one in robot.activities])
     for time, one in zip(times, robot.activities, strict=True):
@@ -175,9 +174,9 @@ def _activities(robot: RobotInternals) -> Iterator[LogEntry]:
 
 
 def occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
-    """Costs as nav_msgs/OccupancyGrid has them: 100 blocks, 99 is within a radius of that, 1 to 98 is near.
+    """Convert costs to values of nav_msgs/OccupancyGrid, as costmap_2d_ros does.
 
-    As costmap_2d_ros publishes them.
+    100: lethal; 99: within the inscribed radius; 1 to 98: inflated; -1: unknown.
     """
     found = np.zeros(256, np.int8)
     found[1:_INSCRIBED] = 1 + 97 * (np.arange(1, _INSCRIBED) - 1) // (_INSCRIBED - 2)
@@ -187,7 +186,7 @@ def occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
 
 
 def static_frames(models: Mapping[str, RobotModel]) -> LogEntry:
-    """Where each robot's range sensor sits."""
+    """Return the mounting poses of the range sensors."""
     frames = [
         Transform(f"{robot}/base_link", f"{robot}/laser", model.sensor.mount)
         for robot, model in models.items()
@@ -208,15 +207,15 @@ def _placed(microseconds: float, topic: str, pose: Pose) -> LogEntry:
 _PLACE_RADIUS: Final = 0.15
 _FLAT: Final = 0.02
 _HIGH: Final = 0.4
-"""Of a robot, a wall, a thing, m."""
+"""Height of robots, walls and obstacles, m."""
 _LINK: Final = 0.02
 _LETTERS: Final = 0.3
 _PERIOD_S: Final = 1.0
-"""Links are those over which something was heard within, s."""
+"""Interval for which links are counted, s."""
 
 
 def map_entry(grid: OccupancyGrid) -> LogEntry:
-    """The robots' map."""
+    """Return the robots' map."""
     values = np.full(grid.cells.shape, UNKNOWN_CELL, np.int8)
     values[grid.cells == FREE], values[grid.cells == OCCUPIED] = 0, 100
     corner = Pose(grid.origin.x, grid.origin.y, 0.0)
@@ -224,9 +223,9 @@ def map_entry(grid: OccupancyGrid) -> LogEntry:
 
 
 def place_entries(run: RunData) -> Iterator[LogEntry]:
-    """All places whenever one stands otherwise: solid, faint once cleaned, grey once given up.
+    """Yield all places at each change: solid, faint once cleaned, grey once given up.
 
-    One that came while the run went on is there from when a robot first speaks of it.
+    A place that was added during the run is included from the first report about it.
     """
     states: dict[PlaceKey, PlaceStatus] = {}
     shown: dict[PlaceKey, tuple[bool, bool]] | None = None
@@ -250,7 +249,7 @@ def _places(run: RunData, states: Mapping[PlaceKey, PlaceStatus]) -> list[Marker
 
 
 def body_entries(run: RunData, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
-    """The robots' discs whenever one acts otherwise: faint while it is frozen, grey while it is off."""
+    """Yield the robots' discs at each change of state: faint while frozen, grey while off."""
     acts: dict[str, str] = dict.fromkeys(models, "")
     said = [
         (second, robot, act)
@@ -280,7 +279,7 @@ def _bodies(run: RunData, models: Mapping[str, RobotModel], acts: Mapping[str, s
 
 
 def thing_entries(run: RunData) -> Iterator[LogEntry]:
-    """Obstacles, walls, jammers and closed doors, whenever one comes or goes."""
+    """Yield obstacles, walls, jammers and closed doors at each change."""
     for second, things in run.floor:
         yield _scene(second, "/things", [_thing(number, thing) for number, thing in enumerate(things)])
 
@@ -296,7 +295,7 @@ def _thing(number: int, thing: FloorObject) -> Marker:
 
 
 def link_entries(run: RunData) -> Iterator[LogEntry]:
-    """Once a second a line between each two robots one of which has just heard the other."""
+    """Yield, once per second, a line for each pair of robots that exchanged a frame in this second."""
     tracks = list(run.trajectories.values())
     for period in range(1, int(run.end / _PERIOD_S) + 1):
         second = period * _PERIOD_S
@@ -311,7 +310,7 @@ def link_entries(run: RunData) -> Iterator[LogEntry]:
 
 
 def _where(track: Trajectory, second: float) -> tuple[float, float] | None:
-    """Where a robot last was by then, m; None: nobody knows."""
+    """Return the last position of a robot until then, m; None: unknown."""
     at = int(np.searchsorted(track.seconds, second, side="right")) - 1
     if at < 0 or np.isnan(track.poses[at, 0]):
         return None

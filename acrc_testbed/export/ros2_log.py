@@ -1,8 +1,8 @@
-"""ROS 2 messages and their MCAP file (profile `ros2`, CDR), which rosbag2, RViz and Foxglove read.
+"""ROS 2 messages and their MCAP file (profile `ros2`, CDR) for rosbag2, RViz and Foxglove.
 
-Definitions are those of ROS 2 Humble, which later releases read as well. Frames are those of REP 105: `map`,
-and of each robot `rN/odom`, `rN/base_link` and `rN/laser`; `rN/truth` is the true pose of its base. Lengths
-are in m, angles in rad. The same entries give the same bytes.
+Definitions are those of ROS 2 Humble, which later releases also read. Frames follow REP 105: `map`, and per
+robot `rN/odom`, `rN/base_link` and `rN/laser`; `rN/truth` is the true pose of its base. Lengths are in m,
+angles in rad. Equal entries give equal bytes.
 """
 
 import tempfile
@@ -24,9 +24,9 @@ from actors.robot_model import RangeSensor
 Points = NDArray[np.float32]
 """(n, 2): x and y, m."""
 MAP: Final = "map"
-"""The frame of the floor plan."""
+"""Frame of the floor plan."""
 UNKNOWN_CELL: Final = -1
-"""An unknown cell of an occupancy grid. Else 0 is free, and 100 is occupied."""
+"""Value of an unknown cell of an occupancy grid; 0: free, 100: occupied."""
 TYPES: Final = {
     "tf": "tf2_msgs/msg/TFMessage",
     "tf_static": "tf2_msgs/msg/TFMessage",
@@ -48,23 +48,23 @@ TYPES: Final = {
 }
 """Message type of each topic, by the last part of its name."""
 LATCHED: Final = frozenset({"tf_static", "map", "places", "robots", "things"})
-"""Topics whose last message late subscribers receive."""
+"""Topics with durability transient local."""
 _FOR_EVER: Final = "{sec: 9223372036, nsec: 854775807}"
 _QOS: Final = (
     "- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n  deadline: {ever}\n"
     "  lifespan: {ever}\n  liveliness: 1\n  liveliness_lease_duration: {ever}\n"
     "  avoid_ros_namespace_conventions: false\n"
 )
-"""Keep last, reliable, automatic, in the numbers of rmw; rosbag2 reads them up to version 8 of a bag."""
+"""Keep last, reliable, automatic liveliness, as numbers of rmw; rosbag2 reads them up to bag version 8."""
 _TRANSIENT_LOCAL, _VOLATILE, _DEPTH = 1, 2, 10
 _INFO: Final = 20
 _FLOAT32: Final = 7
 _ADD, _DELETE_ALL = 0, 3
 _CYLINDER, _LINE_LIST, _TEXT = 3, 5, 9
 _LATEST: Final = 2**31 * 1_000_000
-"""End of the instants that a ROS 2 time can hold, µs."""
+"""End of the range of a ROS 2 time, µs."""
 _CHUNK: Final = 4 << 20
-"""Bytes of one chunk of the file, which a reader holds in memory."""
+"""Size of a chunk of the file, bytes; readers keep one in memory."""
 _STORE: Final = get_typestore(Stores.ROS2_HUMBLE)
 _CLASSES: Final[dict[str, Any]] = dict(_STORE.types)
 
@@ -75,17 +75,17 @@ class LogEntry(NamedTuple):
     """One message of the log."""
 
     logged: int
-    """When it is logged, µs of the run."""
+    """Log time, µs of the run."""
     topic: str
-    """Such as `/map` or `/r1/scan`."""
+    """Topic such as `/map` or `/r1/scan`."""
     message: Any
     """A ROS 2 message, or its CDR bytes."""
     stamp: int
-    """The instant that it describes, µs."""
+    """Stamp of the header, µs."""
 
 
 class Transform(NamedTuple):
-    """Pose of a frame in its parent's."""
+    """Pose of a frame in its parent frame."""
 
     parent: str
     child: str
@@ -133,7 +133,7 @@ def placed_pose(frame: str, pose: Pose, stamp: int) -> Any:
 
 
 def odometry(frame: str, child: str, pose: Pose, velocity: Any, stamp: int) -> Any:
-    """Return an Odometry; `velocity` is a Twist in the child's frame. It estimates no covariance."""
+    """Return an Odometry; `velocity`: a Twist in the child's frame. Covariances are 0 (unknown)."""
     unknown = np.zeros(36)
     placed = _new("geometry_msgs/PoseWithCovariance", pose=_pose(pose), covariance=unknown)
     moving = _new("geometry_msgs/TwistWithCovariance", twist=velocity, covariance=unknown)
@@ -178,7 +178,7 @@ def point_cloud(points: Points, stamp: int) -> Any:
 
 
 def occupancy_grid(corner: Pose, cell: float, values: NDArray[np.int8], stamp: int) -> Any:
-    """Return an OccupancyGrid of (rows, columns) cells of side `cell`, m, whose first lies at `corner`."""
+    """Return an OccupancyGrid of (rows, columns) cells of edge `cell`, m, with the first one at `corner`."""
     rows, columns = values.shape
     info = _new(
         "nav_msgs/MapMetaData", map_load_time=_time(stamp), resolution=cell, width=columns, height=rows,
@@ -188,7 +188,7 @@ def occupancy_grid(corner: Pose, cell: float, values: NDArray[np.int8], stamp: i
 
 
 def marker_array(markers: Sequence[Marker], stamp: int) -> Any:
-    """Return a MarkerArray that replaces everything its topic has drawn."""
+    """Return a MarkerArray that replaces all markers of its topic."""
     drawn = [_marker(label("", "", 0.0, (0, 0, 0)), 0, stamp, _DELETE_ALL)]
     drawn += [_marker(one, number, stamp, _ADD) for number, one in enumerate(markers)]
     return _new("visualization_msgs/MarkerArray", markers=drawn)
@@ -203,15 +203,15 @@ def log_line(robot: str, text: str, stamp: int) -> Any:
 
 
 def write(file: Path, entries: Iterable[LogEntry], left_out: Counter[str]) -> Counter[str]:
-    """Write a file, replacing it, and return the number of messages by topic. OSError as for any file.
+    """Write or replace a file, and return the number of messages by topic. Raises OSError.
 
-    `left_out` counts, by topic, entries whose instant a ROS 2 time cannot hold.
+    `left_out` counts entries whose instant exceeds a ROS 2 time, by topic.
     """
     counts = Counter[str]()
     with file.open("wb") as stream:
         writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.NONE, enable_data_crcs=True)
         writer.start(profile="ros2", library="acrc")
-        # Without it rosbag2 of ROS 2 Jazzy and later expects QoS as words, and refuses numbers.
+        # Without it, rosbag2 of ROS 2 Jazzy and later expects QoS as words and rejects numbers.
         writer.add_metadata("rosbag2", {"serialized_metadata": ""})
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
@@ -231,7 +231,7 @@ def write(file: Path, entries: Iterable[LogEntry], left_out: Counter[str]) -> Co
 
 
 class Spool:
-    """Encoded messages in a temporary file until the log reaches their instant; a context manager."""
+    """Encoded messages, sorted by time in a temporary file; a context manager."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115
@@ -254,7 +254,7 @@ class Spool:
             self._end += len(data)
 
     def entries(self) -> Iterator[LogEntry]:
-        """Yield all messages by instant, then by topic, then in the order of storing."""
+        """Yield all messages by instant, topic and order of storing."""
         for logged, topic, begin, size in sorted(self._index):
             self._file.seek(begin)
             yield LogEntry(logged, topic, self._file.read(size), logged)

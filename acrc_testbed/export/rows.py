@@ -1,4 +1,4 @@
-"""Rows of the exported tables, from recordings."""
+"""Rows of the exported tables."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,16 +13,16 @@ from acrc_testbed.run_model.simulated import read_run
 from actors.messages import TRUTH
 
 Row = tuple[Any, ...]
-"""Its cells."""
+"""Cells of a row."""
 Tables = dict[str, list[Row]]
 INTERNALS: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
-"""Tables of what robots computed."""
+"""Tables of the robots' introspection."""
 
 
 def tables(out: Path) -> Tables:
-    """Return the tables of a simulated run, by name; those that a lean recording lacks are left out.
+    """Return the tables of a simulated run by name; a lean recording lacks some.
 
-    Raises RecordingError and RunDataError for what is no whole folder of a run.
+    Raises RecordingError or RunDataError for an incomplete or damaged folder.
     """
     run, files = read_run(out, internals=True), all_recordings(out)
     found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
@@ -40,7 +40,7 @@ def tables(out: Path) -> Tables:
 
 
 def _robot_rows(run: RunData, one: RobotInternals) -> Tables:
-    """Return the rows of a robot's process by table."""
+    """Return the rows of one robot process by table."""
     return {
         "estimates": list(_estimates(run, one)),
         "goals": list(_goals(run, one)),
@@ -51,7 +51,7 @@ def _robot_rows(run: RunData, one: RobotInternals) -> Tables:
 
 
 def _begun(run: RunData, step: int) -> Row:
-    """Return the first cells of what holds from a step's beginning."""
+    """Return the first cells of a row at the start of a step."""
     return (step, step * run.step_us / 1e6)
 
 
@@ -94,7 +94,7 @@ def _exchanges(run: RunData, robot: RobotInternals) -> Iterator[Row]:
 
 
 def _decisions(robot: RobotInternals) -> Iterator[Row]:
-    """Yield what the robot's last record has, but of runs that were cut off, too."""
+    """Yield the decisions, also of runs that were cut off."""
     for one, decision in robot.decisions():
         source = one.commit.peer or one.commit.component
         head = (one.step, one.second, one.number, one.commit.by, decision.words, source)

@@ -1,1 +1,1 @@
-"""Contents of recordings, also while a run goes on."""
+"""Readers of recordings, also of a run in progress."""

@@ -26,11 +26,11 @@ from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 
 TAG: Final = "kind"
-"""The field that says which of several a value is, such as `heard` of the events of Received."""
+"""Field that names the variant of a union, such as `heard` in the events of Received."""
 
 
 def plain(value: object) -> Any:
-    """The value as JSON has it: a dict for each part of a message, base64 for bytes, mm for a scan."""
+    """Convert a value to JSON types: structs to dicts, bytes to base64, scans to ranges in mm."""
     if isinstance(value, msgspec.Struct):
         tag = value.__struct_config__.tag
         named: dict[str, Any] = {} if tag is None else {TAG: tag}
@@ -50,7 +50,7 @@ def _field(value: msgspec.Struct, name: str) -> object:
 
 
 def columns(kind: type[Message]) -> list[str]:
-    """The fields of a type of message as columns: `odometry.x`, `pose[0]`; a tuple of any length is one."""
+    """Return the columns of a message type, such as `odometry.x` or `pose[0]`; a variable tuple is one."""
     return _columns(inspect.type_info(kind), "")
 
 
@@ -69,9 +69,9 @@ def _columns(kind: inspect.Type, name: str) -> list[str]:
 
 
 def at_column(message: Message, column: str) -> Any:
-    """The value at a column such as `robots[2].x`, as `plain` has it; None if the message has nothing there.
+    """Return the value of a column such as `robots[2].x` in JSON types, or None if it is absent.
 
-    Raises LookupError for a column that no message of this type has.
+    Raises LookupError for a column that this type of message does not have.
     """
     value: Any = message
     for part in column.replace("[", ".[").split("."):
@@ -90,18 +90,18 @@ def at_column(message: Message, column: str) -> Any:
 
 
 class LineForm(Enum):
-    """How lines are printed."""
+    """Output format of messages and log lines."""
 
     TEXT = auto()
     CSV = auto()
     JSON = auto()
 
 
-_HASH_ONLY = "only its hash was kept: nobody took it"
+_HASH_ONLY = "only the hash was recorded: no process received it"
 
 
 def shown(recorded: Iterable[Recorded], form: LineForm) -> Iterator[str]:
-    """A line for each message. Raises TopicError for a table of messages of several types."""
+    """Format one line per message. Raises TopicError for a table of several message types."""
     return (
         table(recorded) if form is LineForm.CSV else map(_object if form is LineForm.JSON else line, recorded)
     )
@@ -114,7 +114,7 @@ def _object(one: Recorded) -> str:
 
 
 def line(one: Recorded) -> str:
-    """Simulated time, key and fields, in one line."""
+    """Format simulated time, key and fields of a message as one line."""
     message = one.message()
     said = _HASH_ONLY if message is None else _fields(message)
     return printable(f"{in_seconds(one.instant):10.3f} s  {short(one.key)}  {said}")
@@ -129,9 +129,9 @@ def _shown(value: Any) -> str:
 
 
 def table(recorded: Iterable[Recorded]) -> Iterator[str]:
-    """The same as CSV: a header, then a row for each message; times in simulated s.
+    """Format messages as CSV: a header, then one row per message with its time in simulated s.
 
-    Raises TopicError where there are messages of several types.
+    Raises TopicError for messages of several types.
     """
     topic: Topic[Message] | None = None
     names: list[str] = []
@@ -141,8 +141,8 @@ def table(recorded: Iterable[Recorded]) -> Iterator[str]:
             yield row(["seconds", "key", *names])
         if one.topic.kind is not topic.kind:
             raise TopicError(
-                f"--csv: messages on {short(one.key)} are {one.topic.kind.__name__}, and those before are "
-                f"{topic.kind.__name__}; must be keys of one type, such as */drive"
+                f"--csv: messages on {short(one.key)} have type {one.topic.kind.__name__}, earlier ones "
+                f"{topic.kind.__name__}; give keys of one type, such as */drive"
             )
         message = one.message()
         cells = [None if message is None else at_column(message, name) for name in names]
@@ -154,16 +154,16 @@ def _cell(value: Any) -> Any:
 
 
 def row(cells: list[Any]) -> str:
-    """Cells as a line of CSV."""
+    """Format cells as a line of CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(cells)
     return text.getvalue()
 
 
 def series(recorded: Iterable[Recorded], column: str) -> dict[str, tuple[list[float], list[float]]]:
-    """A numeric field of messages, such as `vx`, `odometry.x` or `robots[0].x`: by key seconds and values.
+    """Return times, s, and values of a numeric column, such as `odometry.x` or `robots[0].x`, by key.
 
-    Without what messages say nothing of. Raises TopicError where it is no number.
+    Messages without the column are left out. Raises TopicError if it is not a number.
     """
     found: dict[str, tuple[list[float], list[float]]] = {}
     for one in recorded:
@@ -176,7 +176,7 @@ def series(recorded: Iterable[Recorded], column: str) -> dict[str, tuple[list[fl
             seconds.append(in_seconds(one.instant))
             values.append(value)
     if not found:
-        raise TopicError(f"{column!r}: no message says anything of it")
+        raise TopicError(f"{column!r}: no message has a value")
     return found
 
 
@@ -185,12 +185,12 @@ def _number(message: Message, column: str, key: str) -> float | None:
         value = at_column(message, column)
     except (LookupError, ValueError):
         there = ", ".join(columns(type(message)))
-        raise TopicError(f"{column!r}: no field of {short(key)}; there are {there}") from None
+        raise TopicError(f"{column!r}: not a field of {short(key)}; choose from {there}") from None
     if value is None:
         return None
     if not isinstance(value, int | float):
         shown = msgspec.json.encode(value).decode()[:80]
-        raise TopicError(f"{column!r}: is {shown} in {short(key)}; must be a number")
+        raise TopicError(f"{column!r}: {shown} in {short(key)}; must be a number")
     return float(value)
 
 
@@ -200,25 +200,25 @@ _STAMP: Final = re.compile(r" *(\d+\.\d{3}) s  step \d+  ")
 
 
 class Printed(NamedTuple):
-    """A line of a robot's log."""
+    """One line of a robot's log."""
 
     robot: str
     seconds: float
-    """Simulated; of a line without a time that of the line before it."""
+    """Simulated s; a line without a time has that of the previous line."""
     line: str
 
 
 def is_log(key: str) -> bool:
-    """True for the key of a log: `r1/log`, `*/log`."""
+    """Return True for the key of a log, such as `r1/log` or `*/log`."""
     return key.endswith(_LOG)
 
 
 def read_logs(
     out: Path, keys: Sequence[str], begin: float, end: float | None, *, follow: bool
 ) -> Iterator[Printed]:
-    """Every line of these logs; with `follow` also what is added, to the run's end. Raises AcrcError."""
+    """Yield the lines of these logs; `follow`: also new ones until the run ends. Raises AcrcError."""
     if out.is_file():
-        raise TopicError(f"{out}: a recording, which has no log; must be a run's folder")
+        raise TopicError(f"{out}: a recording has no log; give a run's folder")
     wanted = [key.removesuffix(_LOG) for key in keys]
     check_names(wanted, robots(out), str(out))
     tail, now = LogTail(out, wanted), dict[str, float]()
@@ -240,7 +240,7 @@ def _within(
 
 
 def shown_logs(found: Iterable[Printed], form: LineForm, *, named: bool) -> Iterator[str]:
-    """Lines as they are printed; `named`: with the robot in front."""
+    """Format log lines; `named`: prefix them with the robot."""
     if form is LineForm.CSV:
         yield row(["seconds", "key", "text"])
     for one in found:
@@ -254,7 +254,7 @@ def shown_logs(found: Iterable[Printed], form: LineForm, *, named: bool) -> Iter
 
 
 class Rate:
-    """Statistics of the messages on one key, over simulated time."""
+    """Statistics of the messages on one key over simulated time."""
 
     def __init__(self) -> None:
         self._instants: list[float] = []
@@ -266,9 +266,9 @@ class Rate:
         self._sizes.append(one.size)
 
     def figures(self, key: str) -> dict[str, Any]:
-        """Return type and fields of the messages, their number, sizes in bytes, and the time between two, s.
+        """Return type, fields, number, sizes in bytes and intervals, s, of the messages.
 
-        `hertz` is 0, and `shortest_s` None, where there are not two of different steps.
+        `hertz` is 0 and `shortest_s` None if all messages are of one step.
         """
         kind, count, size = topic_of(key).kind, len(self._sizes), sum(self._sizes)
         first, last, gaps = self._instants[0], self._instants[-1], np.diff(self._instants)
@@ -283,8 +283,8 @@ class Rate:
 
 
 def rate_sentences(told: dict[str, Any]) -> list[str]:
-    """Return the figures of a key for people: fields, rate, sizes."""
-    often = ", all of one step"
+    """Describe the statistics of a key in words: fields, rate, sizes."""
+    often = ", all in one step"
     if told["hertz"]:
         often = (
             f": {told['hertz']:.2f} Hz, {told['shortest_s']:g} to {told['longest_s']:g} s apart, "
@@ -299,10 +299,10 @@ def rate_sentences(told: dict[str, Any]) -> list[str]:
 
 
 def info(target: Path) -> list[dict[str, Any]]:
-    """Return figures of every recording in a run's folder, or of one recording. Raises RecordingError.
+    """Return statistics of all recordings in a run's folder, or of one recording. Raises RecordingError.
 
-    `whole`: the process closed the file; False: it was cut, or the run goes on. `seals`: true checksums.
-    `commit`: of the testbed that wrote it; empty without a first record.
+    `whole`: the process closed the file. `seals`: number of verified checksums. `commit`: version of the
+    testbed that wrote it; empty without a first record.
     """
     return [_info(actor, path) for actor, path in files(target).items()]
 
@@ -326,13 +326,13 @@ def _info(actor: str, path: Path) -> dict[str, Any]:
 
 
 def sentences(told: dict[str, Any], *, topics: bool) -> list[str]:
-    """Return the figures of one recording for people; `topics`: with a line for each key."""
-    state = "whole" if told["whole"] else "cut, or not closed yet"
+    """Describe one recording in words; `topics`: with one line per key."""
+    state = "complete" if told["whole"] else "truncated or still open"
     where = f", on {told['processor']}" if topics and told["processor"] else ""
     lines = [
         f"{told['actor']}: {told['messages']} messages from {told['first_s']:g} to {told['last_s']:g} s, "
         f"{state}; {told['bytes']} B, {_per_minute(told['bytes'], told['first_s'], told['last_s']):.2f} MB "
-        f"per simulated minute; {told['seals']} seals; commit {told['commit'][:12] or 'unknown'}{where}"
+        f"per simulated minute; {told['seals']} checksums; commit {told['commit'][:12] or 'unknown'}{where}"
     ]
     if topics:
         width = max((len(one["key"]) for one in told["keys"]), default=0)
@@ -345,15 +345,15 @@ def sentences(told: dict[str, Any], *, topics: bool) -> list[str]:
 
 
 def _per_minute(size: int, first_s: float, last_s: float) -> float:
-    """MB per simulated minute; 0 for a recording without a span."""
+    """Return MB per simulated minute; 0 for a recording without duration."""
     return size / (last_s - first_s) * 60e-6 if last_s > first_s else 0.0
 
 
 def total(found: Sequence[dict[str, Any]]) -> str:
-    """Return the figures of all recordings of a run in one line."""
+    """Summarise all recordings of a run in one line."""
     size = sum(one["bytes"] for one in found)
     first, last = min(one["first_s"] for one in found), max(one["last_s"] for one in found)
     rate = f", {_per_minute(size, first, last):.2f} MB per simulated minute" if last > first else ""
     cut = sum(not one["whole"] for one in found)
-    state = f"{cut} cut, or not closed yet" if cut else "all whole"
+    state = f"{cut} truncated or still open" if cut else "all complete"
     return f"{len(found)} recordings, {state}: {last - first:g} s, {size} B{rate}"

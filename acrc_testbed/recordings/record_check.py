@@ -1,4 +1,4 @@
-"""The recordings of a run compared with one another and with its result: every message, sent and received."""
+"""Comparison of a run's recordings with each other, with its result and its seal."""
 
 import struct
 from collections import Counter, defaultdict
@@ -20,9 +20,9 @@ from actors.runtime.replay_bus import topic_of
 from actors.runtime.shell import ActorDigest, MessageHash, carries_digest, run_digest
 
 STAMP: Final = struct.Struct("<Q32s")
-"""A message in a trail: its step, and the sha256 of its bytes."""
+"""A message in a trail: its step and the sha256 of its bytes."""
 _TOGETHER: Final = 256
-"""Messages that wait to be hashed in one go."""
+"""Messages that are hashed in one batch."""
 
 
 class CheckError(AcrcError):
@@ -31,31 +31,31 @@ class CheckError(AcrcError):
 
 @dataclass
 class Pass:
-    """What one recording holds, as far as it is good."""
+    """Contents of one recording up to its first damage."""
 
     actor: str
-    """By the file's name."""
+    """Name of the file."""
     path: Path
     trails: dict[tuple[Direction, str], bytearray] = field(default_factory=lambda: defaultdict(bytearray))
-    """A stamp for each message, by direction and key."""
+    """Concatenated stamps of the messages, by direction and key."""
     digest: ActorDigest = field(default_factory=lambda: MessageHash().digest(""))
     final: FinalNote | None = None
     """None: the process did not end as planned."""
     step: int | None = None
-    """Up to this one everything is there; None: not even the first one."""
+    """Last complete step; None: none."""
     whole: bool = False
-    """True: the file was closed. False: it was cut."""
+    """True: the file was closed; False: it is truncated."""
     blank: bool = False
-    """True: it was cut before its first record."""
+    """True: the file is truncated before its first record."""
 
     @property
     def robot(self) -> str:
-        """The actor without the number of its start."""
+        """The actor without its restart number."""
         return self.path.parent.name
 
 
 def read_pass(actor: str, path: Path, *, strict: bool = False) -> Pass:
-    """Read a recording once. Raises CheckError where it contradicts itself, RecordingError: see Reading."""
+    """Read a recording. Raises CheckError if it is inconsistent, RecordingError as `Reading` does."""
     told, running, reading = Pass(actor, path), MessageHash(), Reading(path, strict=strict)
     first = True
     for item in reading:
@@ -79,7 +79,7 @@ def _check_first(actor: str, path: Path, item: Entry | Note) -> None:
         raise CheckError(f"{path}: does not begin with the record 'run'")
     run = decoded(path, "run", item.json, RunNote)
     if run.actor != actor and not path.parent.name.endswith(f".{run.actor}"):
-        raise CheckError(f"{path}: is a recording of {run.actor[:40]!r}, and should be one of {actor!r}")
+        raise CheckError(f"{path}: recording of {run.actor[:40]!r} instead of {actor!r}")
 
 
 def _follow(told: Pass, running: MessageHash, entry: Entry) -> None:
@@ -88,10 +88,10 @@ def _follow(told: Pass, running: MessageHash, entry: Entry) -> None:
     topic = topic_of(entry.key)
     if entry.sequence != number:
         raise CheckError(
-            f"{told.path}: step {entry.step}: message {number} on {entry.key} has the number {entry.sequence}"
+            f"{told.path}: step {entry.step}: message {number} on {entry.key} has number {entry.sequence}"
         )
     if not 0 <= entry.step < 1 << 64:
-        raise CheckError(f"{told.path}: a message on {entry.key} is of step {entry.step}")
+        raise CheckError(f"{told.path}: a message on {entry.key} has step {entry.step}")
     trail += STAMP.pack(entry.step, entry.sha256)
     if topic.is_digested:
         running.waiting += ((entry.key, entry.step, entry.sequence, entry.sha256),)
@@ -100,24 +100,24 @@ def _follow(told: Pass, running: MessageHash, entry: Entry) -> None:
 
 
 def _check_final(told: Pass) -> None:
-    """What the process itself counted must be what stands in its file."""
+    """Compare the process's final counts with the contents of its file."""
     final = told.final
     if final is None:
         return
-    counted, held = final.digest, told.digest  # on board a process calls itself "base", its file "r1.base"
+    counted, held = final.digest, told.digest  # on hardware the actor is "base", and its file "r1.base"
     if (counted.count, counted.sha256) != (held.count, held.sha256):
         raise CheckError(
-            f"{told.path}: holds {told.digest.count} messages of {told.actor} with hash "
-            f"{told.digest.sha256[:12]}; the process itself counted {final.digest.count} with hash "
+            f"{told.path}: contains {told.digest.count} messages of {told.actor} with hash "
+            f"{told.digest.sha256[:12]}; the process counted {final.digest.count} with hash "
             f"{final.digest.sha256[:12]}"
         )
     sent, took = _counted(told, "out"), _counted(told, "in")
     if dict(final.sent) != sent or final.published != sum(sent.values()):
-        raise CheckError(f"{told.path}: does not hold as many sent messages as its process counted")
+        raise CheckError(f"{told.path}: number of sent messages differs from the process's count")
     lost = {key for key in took if took[key] > final.arrived.get(key, 0)}
     unread = sum(final.arrived.values()) - sum(took.values())
     if lost or not 0 <= unread <= final.unread:
-        raise CheckError(f"{told.path}: does not hold as many received messages as its process counted")
+        raise CheckError(f"{told.path}: number of received messages differs from the process's count")
 
 
 def _counted(told: Pass, way: Direction) -> dict[str, int]:
@@ -136,55 +136,56 @@ _LARGEST_RESULT: Final = 64 * 1024 * 1024
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What the files of a run say."""
+    """Result of checking the files of a run."""
 
     digest: str
-    """Empty: nobody carries one, as robots on board run by their own clocks."""
+    """Empty: no actor has one, as on hardware."""
     messages: int
-    """Sent and taken, by all whose recordings there are."""
+    """Messages sent and received in all recordings."""
     complete: bool
-    """False: at least one process left no final record, so the digest is that of what was written."""
+    """False: a process wrote no final record, so the digest covers the recorded part only."""
     good_until: int | None
-    """Where it is not complete: the step up to which every recording is there; None: not even the first."""
+    """Last step that is complete in all recordings; None: none."""
     unreceived: int
-    """Messages that their receiver never took, because it had ended."""
+    """Messages that were not received, as their receiver had exited."""
     sealed: Sealed | None
-    """What its seal says, with which everything agrees; None: it has none."""
+    """The verified seal; None: there is none."""
 
 
 def sentences(report: CheckReport) -> Iterator[str]:
-    """What recordings say, for people, but for the seal."""
+    """Yield sentences about the recordings; the seal is reported separately."""
     digest = f"digest {report.digest}" if report.digest else "no digest without a recording of the world,"
     yield f"{digest} over {report.messages} messages"
     if report.unreceived:
-        yield f"{report.unreceived} messages were taken by nobody: who they were for had ended"
+        yield f"{report.unreceived} messages were not received: their receivers had exited"
     if not report.complete:
-        until = "not even to the first step" if report.good_until is None else f"to step {report.good_until}"
+        step = report.good_until
+        until = "no complete step" if step is None else f"complete up to step {step}"
         yield (
-            "the run did not end as planned: this is the digest of what was recorded until then; every "
-            f"recording is good up {until}"
+            "the run did not end as planned: the digest covers what was recorded until then; "
+            f"recordings: {until}"
         )
 
 
 def check_recording(file: Path) -> tuple[dict[str, object], str]:
-    """Compare one process's recording with its checksums; return what it is, for programs and in words.
+    """Verify the checksums of one recording; return the result as JSON types and as a sentence.
 
-    Raises RecordingError where it is damaged.
+    Raises RecordingError if it is damaged.
     """
     found = read_pass(file.stem, file, strict=True)
-    count, state = found.digest.count, "whole" if found.whole else "cut"
-    until = "" if found.step is None else f", good up to step {found.step}"
-    said = f"the recording of {found.actor}: {count} digested messages, {state}{until}"
+    count, state = found.digest.count, "complete" if found.whole else "truncated"
+    until = "" if found.step is None else f", valid up to step {found.step}"
+    said = f"recording of {found.actor}: {count} digested messages, {state}{until}"
     told = {"actor": found.actor, "messages": count, "whole": found.whole, "good_until": found.step}
     return {"is": "recording", **told}, said
 
 
 def check(out: Path, *, strict: bool = True) -> CheckReport:
-    """Read all recordings of a run, and compare them, also with its result and its seal.
+    """Compare all recordings of a run with each other, with its result and its seal.
 
-    `strict`: a damaged recording is a RecordingError, and one that was cut beside a result a CheckError;
-    otherwise both are compared with the other recordings alone, as far as they go. Raises CheckError,
-    RecordingError or SealError where files do not agree.
+    `strict`: raise RecordingError for a damaged recording, and CheckError for a truncated one of a run with a
+    result; otherwise compare their valid parts with the other recordings only. Raises CheckError,
+    RecordingError or SealError if files disagree.
     """
     passes = [read_pass(actor, path, strict=strict) for actor, path in all_recordings(out).items()]
     blank = [told for told in passes if told.blank]
@@ -213,7 +214,7 @@ def check(out: Path, *, strict: bool = True) -> CheckReport:
 
 
 def _meshes(passes: Sequence[Pass]) -> list[list[Pass]]:
-    """The recordings of those who heard one another: all, or on board each robot's own three."""
+    """Group the recordings of processes that exchanged messages: all, or on hardware those of one robot."""
     on_board = any(told.robot.endswith(".base") for told in passes)
     meshes = defaultdict[str, list[Pass]](list)
     for told in passes:
@@ -222,14 +223,14 @@ def _meshes(passes: Sequence[Pass]) -> list[list[Pass]]:
 
 
 def _keys(passes: Sequence[Pass]) -> list[str]:
-    """Every key that an actor with a recording sends and another one receives."""
+    """Return the keys on which recorded actors exchange messages."""
     keys = {key for told in passes for _, key in told.trails} - {ROSTER.pattern}
     topics = {key: topic_of(key) for key in keys}
     return sorted(k for k, one in topics.items() if not (one.is_from_outside or one.is_recorded_only))
 
 
 def _compare(key: str, passes: Sequence[Pass]) -> int:
-    """Compare what was sent and what was received on a key; how many messages nobody took."""
+    """Compare sent and received messages on a key; return the number that was not received."""
     senders = [told for told in passes if ("out", key) in told.trails]
     receivers = defaultdict[str, list[Pass]](list)
     for told in passes:
@@ -253,38 +254,38 @@ def _compare_stamps(
     left: Counter[tuple[int, bytes]],
     took: bytes,
 ) -> int:
-    """How many of the stamps that are `left` were not taken; CheckError if another one was."""
-    known = min((_known(told) for told in senders), default=-1)
+    """Return how many of the stamps `left` were not received. Raises CheckError for an unknown one."""
+    known, sender = min((_known(told) for told in senders), default=-1), senders[0].actor
     for stamp in _stamps(took):
         step, _ = stamp
         if left[stamp] > 0:
             left[stamp] -= 1
         elif step <= known:
             names = " and ".join(told.actor for told in receivers)
-            what = "other bytes than" if any(other == step for other, _ in left) else "nothing like what"
-            raise CheckError(f"step {step}: {senders[0].actor} sent {what} {names} received on {key}")
+            what = "differs from what" if any(other == step for other, _ in left) else "is not among what"
+            raise CheckError(f"step {step}: a message that {names} received on {key} {what} {sender} sent")
     unread = sum(told.final.unread for told in receivers if told.final is not None)
     missing = left.total()
     if _ended_by_clock(senders, receivers) and missing:
         last = max((step for step, _ in _stamps(took)), default=-1)
         if min(step for step, _ in left.elements()) > last:
-            return missing  # it was under way when its receiver ended
+            return missing  # in flight when the receiver exited
     if all(told.final is not None for told in (*senders, *receivers)) and missing > unread:
         names = " and ".join(told.actor for told in receivers)
         raise CheckError(
-            f"{key}: {missing - unread} messages of {senders[0].actor} never came to {names}, "
-            f"the first one of step {min(step for step, _ in left.elements())}"
+            f"{key}: {missing - unread} messages of {sender} were not received by {names}, "
+            f"the first one in step {min(step for step, _ in left.elements())}"
         )
     return missing
 
 
 def _ended_by_clock(senders: Sequence[Pass], receivers: Sequence[Pass]) -> bool:
-    """True on board, where nobody waits for the last message."""
+    """Return True on hardware, where no process waits for the last message."""
     return any("." in told.robot for told in (*senders, *receivers))
 
 
 def _known(told: Pass) -> int:
-    """The last step of which everything that was sent is known."""
+    """Return the last step whose sent messages are all recorded."""
     if told.final is not None:
         return 1 << 64
     return -1 if told.step is None else told.step
@@ -299,7 +300,7 @@ def _stamps(trail: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
-    """A result stands only beside recordings that are whole, and has their digest."""
+    """Raise CheckError unless a result has complete recordings with its digest."""
     result = out / "run.json"
     if not result.is_file():
         return
@@ -308,18 +309,18 @@ def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
     try:
         claimed = typed_json.decode(text, _Claim).digest
     except ValueError as error:
-        raise RecordingError(f"{result}: no result of a run: {error}") from None
+        raise RecordingError(f"{result}: not a valid run result: {error}") from None
     cut = next((told for told in passes if told.final is None or not told.whole), None)
     if cut is not None:
         until = "its first step" if cut.step is None else f"step {cut.step}"
         raise CheckError(
-            f"{cut.path}: ends after {until}, although the run has a result; it was cut or damaged"
+            f"{cut.path}: ends after {until}, but the run has a result; the file is truncated or damaged"
         )
     if claimed != digest:
-        raise CheckError(f"{result}: another digest than the recordings give, which is {digest}")
+        raise CheckError(f"{result}: digest differs from that of the recordings, {digest}")
 
 
 class _Claim(msgspec.Struct):
-    """The part of a result that recordings can give again."""
+    """The part of a result that follows from the recordings."""
 
     digest: str

@@ -1,4 +1,4 @@
-"""Actors replayed from what they received."""
+"""Replay of actors from their recordings."""
 
 import bdb
 import importlib.util
@@ -48,12 +48,12 @@ from actors.world.world_setup import WorldSetup
 
 
 class EnoughError(Exception):
-    """The instant has come after which nothing more was asked for, or somebody has left the debugger."""
+    """End of a replay: its time window is over, or the user quit the debugger."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """The part of a run that somebody wants to look at."""
+    """An interval of simulated time."""
 
     begin_s: float = 0.0
     end_s: float | None = None
@@ -61,7 +61,7 @@ class Stretch:
 
 
 def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] | None) -> None:
-    """Call `stop` before the first step of the stretch, and end with EnoughError behind the last one."""
+    """Call `stop` before the first step of the window, and raise EnoughError after the last one."""
     advance = core.advance
     begin, stopped = seconds(stretch.begin_s), stop is None
     end = None if stretch.end_s is None else seconds(stretch.end_s)
@@ -84,19 +84,18 @@ def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] |
 
 
 def terminal(*, own: bool) -> Callable[[], None]:
-    """Python's own debugger, at the next line of the user's code; `own`: as in `UserPdb`."""
+    """Return a call that stops pdb at the next line of the user's code; `own`: as in `UserPdb`."""
     return UserPdb(own=own).set_trace
 
 
 def debugpy_at(port: int) -> Callable[[], None]:
-    """A debugger that attaches to a port of this machine, and stops in the user's code by its breakpoints.
+    """Wait for a debugger at a local port, and return a call that stops it in the user's code.
 
-    Waits for it at once. Raises AcrcError where the package is missing.
+    Raises AcrcError if the package debugpy is missing.
     """
     if importlib.util.find_spec("debugpy") is None:
         raise AcrcError(
-            f"--debugpy {port}: needs the Python package debugpy, which is not installed; "
-            f"`{command()} add debugpy` brings it"
+            f"--debugpy {port}: the Python package debugpy is not installed; run `{command()} add debugpy`"
         )
     debugpy: Any = importlib.import_module("debugpy")
     debugpy.listen(("127.0.0.1", port))
@@ -106,38 +105,37 @@ def debugpy_at(port: int) -> Callable[[], None]:
 
 @dataclass(frozen=True)
 class ReplayReport:
-    """One actor replayed."""
+    """Result of one actor's replay."""
 
     actor: str
     outputs: int
-    """How many messages it sent again, all equal to the recorded ones."""
+    """Number of messages, all equal to the recorded ones."""
     whole: bool = True
-    """False: only up to where somebody wanted to look."""
+    """False: only up to the end of the time window."""
 
 
 @dataclass(frozen=True)
 class Onlook:
-    """What somebody wants of an actor that is replayed."""
+    """Options of an actor's replay."""
 
     prepare: Callable[[Core, int], None] | None = None
-    """Is given the actor's core before its first step, and the length of a step, µs; EnoughError, raised by
+    """Called before the first step with the actor's core and the length of a step, µs. EnoughError, raised by
     the core, ends the replay."""
     behaviour: str | None = None
-    """Entry string of a behaviour that is to decide in place of the recorded one, on settings of its own."""
+    """Entry string of a behaviour that replaces the recorded one, with its default settings."""
     prints: Callable[[int], Prints] | None = None
-    """Makes, from the length of a step, what takes the code's prints; None: they go their way."""
+    """Returns a capture of printed output for a length of a step; None: no capture."""
 
 
 def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
-    """Execute one actor again from what it received; ReplayError at the first output that differs.
+    """Run one actor on its recorded inputs. Raises ReplayError at the first output that differs.
 
-    Its code is loaded from where this process looks (`look_in`), not from where a recording says that it lay.
-    Raises RecordingError where there is no recording of it, AcrcError for a module that is not the recorded
-    one.
+    Code is loaded from this process's search path (`look_in`), not from the recorded one. Raises
+    RecordingError without a recording, AcrcError for a module that differs from the recorded one.
     """
     files = all_recordings(out)
     if actor not in files:
-        raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
+        raise RecordingError(f"{out}: no recording of {actor!r}; choose from {', '.join(files)}")
     path = files[actor]
     run = run_of(path)
     prints = None if onlook.prints is None else onlook.prints(run.step_us)
@@ -167,39 +165,39 @@ _RECHECK: Final = (
     "sys.exit(replay_all(sys.argv[1:]))"
 )
 _LONGEST: Final = 2000
-"""Characters of a fault; a pipe holds more."""
+"""Limit of a fault, characters; less than a pipe's buffer."""
 
 
 class RecheckError(AcrcError):
-    """A run that does not come out the same again."""
+    """A run whose replay differs."""
 
 
 class RecheckedActor(msgspec.Struct, frozen=True):
-    """Result of one actor's replay."""
+    """Result of one actor's replay in `recheck`."""
 
     actor: str
     outputs: int = 0
-    """Messages that it sent again, all equal."""
+    """Number of messages, all equal."""
     fault: str | None = None
-    """Why it did not do again what it did."""
+    """Description of the difference; None: there is none."""
 
 
 @dataclass(frozen=True)
 class Recheck:
-    """A run that came out the same."""
+    """Result of a successful `recheck`."""
 
     actors: int
     outputs: int
-    """Messages sent again, over all actors."""
+    """Messages of all actors."""
 
 
 def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
-    """Compare a run's recordings, and replay every actor, each in a new process with another hash seed.
+    """Check a run's recordings, and replay every actor in a new process with another hash seed.
 
-    Raises RecheckError with everyone's fault. A replay differs where an actor depends on more than its
-    inputs: a clock, random numbers of its own, the order of a set, an id().
+    Raises RecheckError with all differences. A replay differs if an actor depends on more than its inputs: a
+    clock, its own random numbers, the order of a set, an id().
 
-    `modules`: the folders that the run's own strategy was loaded from.
+    `modules`: folders of the run's strategy.
     """
     check(out)
     actors = tuple(all_recordings(out))
@@ -220,24 +218,22 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
             raise
     if len(told) != len(actors):
         raise RecheckError(
-            f"{out}: could not be replayed: the process for it has ended with exit code "
-            f"{process.returncode}; what it said stands above"
+            f"{out}: replay failed: its process exited with code {process.returncode}; see its output above"
         )
     told.sort(key=lambda one: actors.index(one.actor))
     faults = {one.actor: one.fault for one in told if one.fault is not None}
     if faults:
         raise RecheckError(
-            f"{' and '.join(faults)}: not the same again, so what they do follows more than what they are "
-            "told, such as a clock, random numbers of their own, the order of a set or id(). "
-            + "; ".join(faults.values())
+            f"{' and '.join(faults)}: the replay differs, so the code depends on more than its inputs, such "
+            "as a clock, its own random numbers, the order of a set or id(). " + "; ".join(faults.values())
         )
     return Recheck(len(told), sum(one.outputs for one in told))
 
 
 def replay_all(argv: Sequence[str]) -> int:
-    """Replay actors, as many at a time as there are processors; write a line of JSON for each.
+    """Replay actors in parallel, one per processor, and write a line of JSON for each.
 
-    `argv`: a number N, N folders with modules, the run's folder, the actors.
+    `argv`: number N, N folders with modules, the run's folder, the actors.
     """
     die_with_parent(os.getppid())
     count, *words = argv
@@ -259,17 +255,17 @@ def _all(out: Path, actors: Sequence[str]) -> Iterator[RecheckedActor]:
             running[pid] = (actor, pipe)
         pid, status = os.wait()
         if pid not in running:
-            continue  # left behind by what a strategy has started
+            continue  # a child of a process that a strategy started
         actor, pipe = running.pop(pid)
         with os.fdopen(pipe, "rb") as said:
             text = said.read(1 << 16) if status == 0 else b""
         code = os.waitstatus_to_exitcode(status)
-        ended = RecheckedActor(actor, fault=f"{actor}: its process has ended with exit code {code}")
+        ended = RecheckedActor(actor, fault=f"{actor}: the process exited with code {code}")
         yield msgspec.json.decode(text, type=RecheckedActor) if text else ended
 
 
 def _start(out: Path, actor: str) -> tuple[int, int]:
-    """A process of its own for one actor, and where its answer can be read."""
+    """Fork a process for one actor; return its pid and the descriptor of its answer."""
     mine, theirs = os.pipe()
     parent = os.getpid()
     pid = os.fork()
@@ -280,7 +276,7 @@ def _start(out: Path, actor: str) -> tuple[int, int]:
     try:
         die_with_parent(parent)
         failure.hold(Path(tempfile.gettempdir()))
-        os.dup2(2, 1)  # what a strategy prints is no answer
+        os.dup2(2, 1)  # prints of a strategy must not mix with the answer
         os.write(theirs, msgspec.json.encode(_again(out, actor)))
         code = 0
     finally:
@@ -292,13 +288,13 @@ def _again(out: Path, actor: str) -> RecheckedActor:
         return RecheckedActor(actor, replay_actor(out, actor).outputs)
     except AcrcError as error:
         return RecheckedActor(actor, fault=str(error)[:_LONGEST])
-    except Exception as error:  # a strategy that takes another way may fail there
+    except Exception as error:  # a strategy that diverges may fail
         failure.release()
         return RecheckedActor(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
 
 
 def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
-    """What the recorded process had loaded in the end, as far as is known."""
+    """Return the known modules of a recorded process."""
     notes = read_notes(path)
     if "final" not in notes:
         return RecordedModules(code, whole=False)
@@ -306,7 +302,7 @@ def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
 
 
 def recorded_code(out: Path) -> RecordedModules | None:
-    """What the robots of a run had loaded; None if that was not recorded of any."""
+    """Return the modules of a run's robots; None if none were recorded."""
     files = all_recordings(out)
     runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
     known = [_recorded(path, run.code) for path, run in runs if run.code is not None]
@@ -317,7 +313,7 @@ def recorded_code(out: Path) -> RecordedModules | None:
 
 
 def _part(path: Path, actor: str, run: RunNote, onlook: Onlook) -> ActorProcess:
-    """The recorded actor, but for what is to decide instead."""
+    """Build the recorded actor, with the behaviour replaced if `onlook` has one."""
     folder = path.parent
     if actor == "world":
         return world_program.part_of(told(path, run, WorldSetup, "a world"), folder, run.commit)
@@ -331,12 +327,12 @@ def _part(path: Path, actor: str, run: RunNote, onlook: Onlook) -> ActorProcess:
 
 
 def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:
-    """A large message as its receiver recorded it."""
+    """Find a large message in its receiver's recording."""
     for path in files:
         try:
             for item in read_recording(path):
                 if isinstance(item, Entry) and item.payload is not None and item.sha256 == sha256:
                     return item.payload
         except AcrcError:
-            continue  # another actor's file is damaged; that is not what was asked
+            continue  # damage of another actor's file does not matter here
     return None

@@ -1,4 +1,4 @@
-"""The recordings of a run: which files there are, and whose."""
+"""Recording files of a run, and their first records."""
 
 import os
 import re
@@ -19,16 +19,16 @@ _RESTART: Final = re.compile(r"\.[0-9]{1,9}")
 
 
 def recordings(out: Path) -> dict[str, Path]:
-    """The recordings of a run by actor, as far as they are here, in the order in which they were made.
+    """Return the local recordings of a run by actor, in order of creation.
 
-    A restarted robot's later ones are named `r2.1`, `r2.2`, …. Raises RecordingError if there is none, or one
-    that is not where its process writes.
+    Those of a restarted robot are named `r2.1`, `r2.2`, …. Raises RecordingError if there is none, or for one
+    with an unexpected name.
     """
     found: dict[str, Path] = {}
     for path in sorted(out.glob("*/*.mcap"), key=_place):
         actor, folder = path.stem, path.parent
         if folder.is_symlink():
-            raise RecordingError(f"{folder}: a link, and a run's folders never are")
+            raise RecordingError(f"{folder}: is a symbolic link; a run's folders must not be links")
         if actor != folder.name and not _RESTART.fullmatch(actor.removeprefix(folder.name)):
             raise RecordingError(
                 f"{path}: unexpected recording; this folder may contain {folder.name}.mcap, and "
@@ -38,37 +38,37 @@ def recordings(out: Path) -> dict[str, Path]:
             raise RecordingError(f"{found[actor]} and {path}: two recordings of {actor}")
         found[actor] = path
     if not found:
-        raise RecordingError(f"{out}: no run's folder: there is no */*.mcap in it")
+        raise RecordingError(f"{out}: not a run's folder: it contains no */*.mcap")
     return found
 
 
 def all_recordings(out: Path) -> dict[str, Path]:
-    """All recordings of a run. Raises RecordingError also where some are still on hosts."""
+    """Return all recordings of a run. Raises RecordingError also if some are still on other hosts."""
     if left := elsewhere(out):
         raise RecordingError(where(out, left))
     return recordings(out)
 
 
 def _place(path: Path) -> tuple[str, int, str]:
-    """Folders by name; in a folder by the number of the start."""
+    """Return the sort key of a recording: folder, then restart number."""
     return (path.parent.name, len(path.stem), path.stem)
 
 
 class GivenOrder(NamedTuple):
-    """An order of a person, a tool or the scenario."""
+    """An order of an operator, a tool or the scenario."""
 
     step: int
-    """At whose boundary it was taken."""
+    """Step at whose start it was executed."""
     order: Order
 
 
 S = TypeVar("S", bound=msgspec.Struct)
 _MOST_NAMES: Final = 100_000
-"""Bytes of it."""
+"""Limit of the file with code folders, bytes."""
 
 
 def run_of(path: Path) -> RunNote:
-    """The first record of a recording. Raises RecordingError if there is none."""
+    """Return the first record of a recording. Raises RecordingError if there is none."""
     notes = read_notes(path)
     if "run" not in notes:
         raise RecordingError(f"{path}: ends before its first record")
@@ -76,25 +76,25 @@ def run_of(path: Path) -> RunNote:
 
 
 def setup_of(path: Path, kind: type[S], actor: str) -> S:
-    """What was told to the process of a recording, which should be what is called `actor`: "a robot".
+    """Return the set-up of a recorded process; `actor`: the expected kind for errors, such as "a robot".
 
-    Its files are called as they are seen from the recording's folder. Raises RecordingError.
+    Paths are relative to the recording's folder. Raises RecordingError.
     """
     return told(path, run_of(path), kind, actor)
 
 
 def told(path: Path, run: RunNote, kind: type[S], actor: str) -> S:
-    """As `setup_of`, of a first record that has been read."""
+    """Decode the set-up in a first record; see `setup_of`."""
     try:
         return typed_json.decode(run.setup, kind)
     except (ValueError, AcrcError) as error:
         raise RecordingError(
-            f"{path}: its first record holds no set-up of {actor}: {str(error)[:300]}"
+            f"{path}: the first record is not the set-up of {actor}: {str(error)[:300]}"
         ) from None
 
 
 def code_folders(out: Path) -> tuple[Path, ...]:
-    """Where the code of the strategy of a run in the folder `out` is said to lie. Raises RecordingError."""
+    """Return the recorded code folders of a run's strategy. Raises RecordingError."""
     file = out / NAMES
     if not file.is_file() or file.is_symlink():
         return ()
@@ -106,5 +106,5 @@ def code_folders(out: Path) -> tuple[Path, ...]:
 
 
 def _folder(code: Path, then: Path, now: Path) -> Path:
-    """A folder where it was, or else where it lies now as seen from the run's folder."""
+    """Return the original folder if it exists, else its location relative to the run's folder."""
     return code if code.is_dir() else Path(os.path.normpath(now / os.path.relpath(code, then)))

@@ -1,14 +1,13 @@
-"""Replays of recorded code, each in a process of its own, in a sandbox where the machine has one.
+"""Replay of recorded code in a separate process, sandboxed where the machine supports it.
 
-`ask` runs a program and returns its answer, which is untrusted: bytes, bounded, nothing more. Such programs
-share `parser` and `answering`. The one here replays one actor:
-`python -m acrc_testbed.recordings.sandboxed --out DIR --actor NAME --answer FILE --own DIR`; its answer is a
-JSON object.
+`ask` runs a program and returns its answer: untrusted bytes of limited size. Such programs share `parser` and
+`answering`. The program of this module replays one actor and answers with a JSON object:
+`python -m acrc_testbed.recordings.sandboxed --out DIR --actor NAME --answer FILE --own DIR`.
 """
 
 import os
 
-if __name__ == "__main__":  # an importing process has an environment of its own
+if __name__ == "__main__":  # not in an importing process
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
 import re
@@ -46,22 +45,22 @@ from actors.runtime.replay_bus import ReplayError
 
 _PROGRAM: Final = "acrc_testbed.recordings.sandboxed"
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
-"""Processes on board that serve devices, which cannot be replayed."""
+"""Processes that serve devices of a real robot; they cannot be replayed."""
 _SHOWN: Final = 300
-"""Last characters of a failed program's log that its fault quotes."""
+"""Length of the quote from a failed program's log, characters."""
 _FILE_MB: Final = 64
-"""Limit of the answer; what the code prints is held to less by `Prints`."""
+"""Limit of the answer; `Prints` limits printed output to less."""
 
 
 def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | None:
     """Return the folders that a robot's recorded code may be loaded from; None for world and radio.
 
-    World and radio run this project's code only. Raises AcrcError for code that the permit does not cover,
-    and for code that is not here. Warns about code that was recorded without its hashes.
+    World and radio run only code of this project. Raises AcrcError for code that is missing or not permitted.
+    Warns about code that was recorded without hashes.
     """
     files = all_recordings(out)
     if actor in files and _ON_DEVICES.search(actor):
-        raise ReplayError(f"{actor}: is a process with devices on board; must be a robot, world or radio")
+        raise ReplayError(f"{actor}: serves devices and cannot be replayed; give a robot, world or radio")
     if actor not in files or actor in {"world", "radio"}:
         return None
     run = run_of(files[actor])
@@ -74,8 +73,8 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
 
 @cache
 def say_unhashed(place: Path) -> None:
-    """Warn once that a strategy cannot be compared with the recorded one."""
-    warn(f"{place}: was recorded without the hashes of its strategy's modules, which may be others here")
+    """Warn once that the strategy's code cannot be compared with the recorded one."""
+    warn(f"{place}: recorded without hashes of the strategy's modules; they may differ here")
 
 
 @dataclass(frozen=True)
@@ -83,12 +82,12 @@ class Bounds:
     """Limits of one program."""
 
     most_bytes: int
-    """Of its answer."""
+    """Limit of the answer."""
     least_s: float = 120.0
-    """Timeout, kernels included ..."""
+    """Timeout, including compilation of kernels ..."""
     bytes_per_s: float = 4096.0
-    """... plus a second for so many bytes of recordings: half of what a simulated second has, so that a run
-    slower than real time can be replayed, too."""
+    """... plus 1 s per this many bytes of the recording: half of the data of a simulated second, so that runs
+    slower than real time can be replayed."""
 
 
 class ProgramOutput(NamedTuple):
@@ -96,9 +95,9 @@ class ProgramOutput(NamedTuple):
 
     data: bytes | None
     fault: str | None
-    """A sentence that begins with the actor."""
+    """Sentence that begins with the actor."""
     said: str
-    """The end of what its code printed."""
+    """Last output of its code."""
 
 
 def ask(
@@ -106,12 +105,11 @@ def ask(
 ) -> ProgramOutput:
     """Run a program with a robot's recorded code; `words`: further arguments.
 
-    `isolate`: see `actors.runtime.isolation.sandbox`. Raises AcrcError for code that the permit does not
-    cover.
+    `isolate`: see `actors.runtime.isolation.sandbox`. Raises AcrcError for code that is not permitted.
     """
     folders = check_trust(out, actor, permit)
     if folders is None:
-        raise AcrcError(f"{actor}: is no robot")
+        raise AcrcError(f"{actor}: not a robot")
     patience_s = bounds.least_s + all_recordings(out)[actor].stat().st_size / bounds.bytes_per_s
     with scratch_folder() as home, launcher("exec") as launched:
         stage = home / actor
@@ -136,26 +134,24 @@ def ask(
             data = file.read(bounds.most_bytes + 1)
         printed, fault = said(program), None
         if is_late:
-            fault = (
-                f"could not be replayed: what it runs has not ended after {patience_s:.0f} s, and was ended"
-            )
+            fault = f"replay timed out after {patience_s:.0f} s and was killed"
         elif len(data) > bounds.most_bytes:
-            fault = f"answers with more than {bounds.most_bytes} bytes"
+            fault = f"answer is larger than {bounds.most_bytes} bytes"
         elif not data or child.exit_code != 0:
             last = " ".join(printed.split())[-_SHOWN:]
-            why = f"exit code {child.exit_code}" + (f"; the last that it said: {last}" if last else "")
-            fault = f"could not be replayed ({why})"
+            why = f"exit code {child.exit_code}" + (f"; last output: {last}" if last else "")
+            fault = f"replay failed ({why})"
         return (
             ProgramOutput(None, f"{actor}: {fault}", printed) if fault else ProgramOutput(data, None, printed)
         )
 
 
 BOUNDS: Final = Bounds(1 << 16)
-"""Of a replay: a difference between two messages is one sentence that quotes both."""
+"""Limits of a replay; a difference is one sentence that quotes two messages."""
 
 
 class ReplayAnswer(msgspec.Struct, frozen=True):
-    """ProgramOutput of a replay: one of the two."""
+    """Answer of a replay: a report or a fault."""
 
     report: ReplayReport | None = None
     fault: str | None = None
@@ -164,10 +160,9 @@ class ReplayAnswer(msgspec.Struct, frozen=True):
 def replay(
     out: Path, actor: str, *, permit: Permit, isolate: bool | None, bounds: Bounds = BOUNDS
 ) -> ReplayReport:
-    """Replay one actor; a robot in a sandbox, where the machine has one and `isolate` lets it.
+    """Replay one actor; a robot in a sandbox if the machine supports it and `isolate` permits it.
 
-    Raises AcrcError for a robot whose recording names code that the permit does not cover; ReplayError at the
-    first output that differs.
+    Raises AcrcError for code that is not permitted, ReplayError at the first output that differs.
     """
     folders = check_trust(out, actor, permit)
     if folders is None:
@@ -176,7 +171,7 @@ def replay(
     warn(choice.warning)
     if isolate is False:
         look_in(folders, any_content=permit.trust)
-        return replay_actor(out, actor)  # in this process, where a debugger may be
+        return replay_actor(out, actor)  # in this process, for debuggers
     report_damage(all_recordings(out)[actor])
     outcome = ask(out, _PROGRAM, actor, (), bounds, permit=permit, isolate=choice.isolate)
     show(outcome.said)
@@ -185,36 +180,36 @@ def replay(
         try:
             answer = msgspec.json.decode(outcome.data, type=ReplayAnswer)
         except (ValueError, RecursionError):
-            raise ReplayError(f"{actor}: what it answers makes no sense") from None
+            raise ReplayError(f"{actor}: invalid answer of the replay") from None
         if answer.report is not None:
             return answer.report
         fault = printable(answer.fault or "")
-    raise ReplayError(fault or f"{actor}: nothing was answered")
+    raise ReplayError(fault or f"{actor}: no answer of the replay")
 
 
 def parser(program: str) -> ArgumentParser:
-    """Return the parser of the arguments that all programs have; `program` is the module."""
+    """Return the parser of the common arguments; `program`: the module."""
     options = ArgumentParser(prog=f"python -m {program}")
     for name in ("--out", "--answer", "--own"):
         options.add_argument(name, type=Path, required=True)
     options.add_argument("--actor", required=True)
-    options.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
-    options.add_argument("--any-content", action="store_true", help="accept code other than the recorded")
+    options.add_argument("--path", type=Path, action="append", default=[], help="load code from this folder")
+    options.add_argument("--any-content", action="store_true", help="accept code other than recorded")
     options.add_argument("--isolate", action="store_true")
     return options
 
 
 @contextmanager
 def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
-    """Open the new file for the answer, then enter the sandbox if `--isolate` is given.
+    """Create the answer's file, then enter the sandbox if `--isolate` is given.
 
-    The process ends with its parent, and no file that it writes becomes larger than `file_mb`. Raises OSError
-    where the file exists already, or cannot be made.
+    The process exits with its parent; files that it writes are limited to `file_mb`. Raises OSError if the
+    file exists or cannot be created.
     """
     Reading.reports = False
     with options.answer.open("xb", buffering=0) as answer:
         parent = os.getppid()
-        assembly.kernels()  # while their cache can still be written
+        assembly.kernels()  # before their cache becomes read-only
         if options.isolate:
             view = file_view(options.own, (options.own.parent,), (options.out,), options.path)
             isolate(lambda: Handover(view), (1, 2, answer.fileno()), parent=parent)
@@ -228,14 +223,14 @@ def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
 
 
 def bug(actor: str, error: Exception) -> str:
-    """Return the answer where the code failed; the traceback goes to the log, if that has room."""
+    """Return the fault of failed code; its traceback goes to the log, if that has room."""
     failure.release()
     print_traceback(error)
     return f"{actor}: {type(error).__name__}: {error}"
 
 
 def write_whole(answer: FileIO, data: bytes) -> None:
-    """Write all of it, however much a single call takes. OSError beyond what a file may have."""
+    """Write all data. Raises OSError beyond the limit of a file."""
     left = memoryview(data)
     while left:
         left = left[answer.write(left) :]

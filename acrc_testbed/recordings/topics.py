@@ -1,7 +1,4 @@
-"""The keys of a run as recorded: which there are, and every message on each, also while the run goes on.
-
-Only files are read, which is why nobody needs credentials of the mesh.
-"""
+"""Recorded messages by key, also of a run in progress. Only files are read; no credentials are needed."""
 
 import heapq
 import os
@@ -29,77 +26,77 @@ from actors.topic import Message, Topic
 
 _POLL_S: Final = 0.1
 _HASH: Final = 40
-"""Bytes of a message of which only the hash was kept."""
+"""Recorded bytes of a message of which only the hash was kept."""
 _WITHOUT_STEP: Final = frozenset({CONTROL.pattern, BOARD.pattern})
 _UNTAKEN: Final = frozenset({ROSTER.pattern, BOARD.pattern})
-"""Keys whose receivers record nothing."""
+"""Keys whose receivers do not record."""
 
 
 def _is_from_sender(key: str) -> bool:
-    """Return True for keys whose messages are taken from the sender's recording, as no receiver has them."""
+    """Return True for keys that are read from the sender's recording, as no receiver records them."""
     return key in _UNTAKEN or topic_of(key).is_recorded_only
 
 
 class TopicError(AcrcError):
-    """A key that nothing was recorded on, or a field that its messages have not."""
+    """A key without recorded messages, or an unknown field."""
 
 
 class Recorded(NamedTuple):
-    """One message as a recording has it."""
+    """One recorded message."""
 
     step: int
-    """The message's own; of what has none, such as an order, that in which it was taken."""
+    """Step of the message; without one, as for an order, the step in which it was processed."""
     instant: Instant
-    """When that step began."""
+    """Start of that step."""
     key: str
     direction: Direction
     sequence: int
-    """Counts the messages of the key in its recording."""
+    """Number of the message on its key, from 0."""
     payload: bytes | None
-    """None where only its hash was kept."""
+    """None: only the hash was recorded."""
     sha256: bytes
-    """Of the message's bytes."""
+    """Hash of the message's bytes."""
     size: int
-    """Bytes in the recording."""
+    """Size in the recording, bytes."""
 
     @property
     def topic(self) -> Topic[Message]:
-        """The family of its key."""
+        """Topic of the key."""
         return topic_of(self.key)
 
     def message(self) -> Message | None:
-        """What it says; None where only its hash was kept. Raises WireError for what is no such message."""
+        """Decode the message; None: only its hash was recorded. Raises WireError for an invalid one."""
         return None if self.payload is None else decode(self.topic, self.key, self.payload)
 
 
 def short(key: str) -> str:
-    """A key without what all have in common: `r1/drive`, `truth`."""
+    """Return a key without the common prefix, such as `r1/drive` or `truth`."""
     return key.removeprefix("swarm/up/").removeprefix("swarm/down/").removeprefix("swarm/infra/")
 
 
 def fits(key: str, wanted: str) -> bool:
-    """True if a key is the wanted one, in full or in short; `*` stands for any part: `*/drive`."""
+    """Return True if a key, in full or short, matches a pattern such as `*/drive`."""
     return fnmatchcase(key, wanted) or fnmatchcase(short(key), wanted)
 
 
 def files(target: Path) -> dict[str, Path]:
-    """The recordings by actor: of a run's folder, also of one that is going on, or the one that is named."""
+    """Return recordings by actor: those of a run's folder, or the given file."""
     if not target.is_file():
         return recordings(target)
     return {target.stem: target}
 
 
 def messages(target: Path, wanted: str) -> Iterator[Recorded]:
-    """Every message on the keys that fit, once each, in the order of the instants.
+    """Yield every message on the matching keys once, in order of time.
 
-    As its receiver has it: who sends a large one keeps its hash only. Raises RecordingError, and TopicError
-    where nothing was recorded on such a key.
+    Messages come from the receiver's recording, as senders record only the hash of a large one. Raises
+    RecordingError, and TopicError if there is no such message.
     """
     return follow(target, [wanted], lambda: True)
 
 
 def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> Iterator[Recorded]:
-    """The same, and then what is added, until `ended` says that nothing more will be."""
+    """Yield messages as `messages` does, then new ones until `ended` returns True."""
     alone, found = target.is_file(), False
     readers: dict[Path, Growing] = {}
     with ExitStack() as stack:
@@ -116,33 +113,33 @@ def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> It
             time.sleep(_POLL_S)
     if not found:
         raise TopicError(
-            f"{target}: nothing was recorded on {', '.join(map(repr, wanted))}; it should be a key that "
-            f"`acrc record info {target} '*'` shows"
+            f"{target}: no messages on {', '.join(map(repr, wanted))}; "
+            f"`acrc record info {target} '*'` lists the keys"
         )
 
 
 def within(recorded: Iterable[Recorded], begin: float, end: float | None) -> Iterator[Recorded]:
-    """Those of them between two simulated seconds, both included; None: to the end."""
+    """Yield the messages from `begin` to `end`, simulated s, both included; None: to the end."""
     for one in recorded:
         if begin <= in_seconds(one.instant) and (end is None or in_seconds(one.instant) <= end):
             yield one
 
 
 def has_ended(target: Path) -> bool:
-    """True once nothing will be added: there is the run's result, or all recordings were closed."""
+    """Return True if the run has a result, or all recordings were closed."""
     if (target / "run.json").is_file():
         return True
     return all(is_closed(path) for path in files(target).values())
 
 
 class Growing:
-    """A recording that may be written to meanwhile; a context manager that closes the file."""
+    """A recording that may still be written; a context manager that closes the file."""
 
     def __init__(self, path: Path) -> None:
         self.reading = Reading(path)
         self._stream = opened(path)
         self.run: RunNote | None = None
-        """What the process was started with; None: it has not been read yet."""
+        """First record of the process; None: not read yet."""
         self._step = -1
 
     def __enter__(self) -> Self:
@@ -152,7 +149,7 @@ class Growing:
         self._stream.close()
 
     def poll(self) -> Iterator[Recorded]:
-        """What has been sealed since the last call; to be read to its end. Raises RecordingError."""
+        """Yield the messages completed since the last call; read it to the end. Raises RecordingError."""
         for item in self.reading.more(self._stream):
             if isinstance(item, Note):
                 if item.name == "run":
@@ -163,7 +160,7 @@ class Growing:
     def _recorded(self, entry: Entry) -> Recorded:
         step = entry.step
         if entry.key in _WITHOUT_STEP:
-            step = self._step + 1  # it was taken at the boundary
+            step = self._step + 1  # processed at the start of the next step
         elif not entry.key.endswith("/ready"):
             self._step = max(step, self._step)
         size = _HASH if entry.payload is None else len(entry.payload)
@@ -181,7 +178,7 @@ class Growing:
 
 
 def _of(growing: Growing, wanted: Sequence[str], alone: bool) -> Iterator[Recorded]:
-    """What counts of one file: all where there is no other, else what came in, or what nobody takes down."""
+    """Yield the matching messages of one file; unless it is `alone`, those that it records for the run."""
     for one in growing.poll():
         if any(fits(one.key, name) for name in wanted) and (
             alone or (one.direction == "out") == _is_from_sender(one.key)
@@ -194,7 +191,7 @@ def _order(one: Recorded) -> int:
 
 
 def is_closed(path: Path) -> bool:
-    """True if the process that wrote a recording has ended in order."""
+    """Return True if the process that wrote a recording closed it."""
     with opened(path) as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - len(MCAP0_MAGIC)))
@@ -202,20 +199,20 @@ def is_closed(path: Path) -> bool:
 
 
 class Standing(Enum):
-    """How a run stands."""
+    """State of a run."""
 
     ENDED = "ended"
-    """World and radio have closed their recordings, or there is a result."""
+    """World and radio closed their recordings, or the run has a result."""
     GOING_ON = "going on"
     DIED = "died"
-    """They have not, and nobody writes to them any more."""
+    """They did not, and no process writes to them."""
 
 
 def standing(out: Path) -> Standing:
-    """How the run in a folder stands. RecordingError if there is no recording in it.
+    """Return the state of the run in a folder. Raises RecordingError without a recording.
 
-    On systems other than Linux, and of somebody else's processes, nobody can be seen to write: then a run
-    that has not ended is held to go on.
+    Writing processes are detected on Linux only, and only those of this user; otherwise a run that has not
+    ended counts as running.
     """
     files = recordings(out)
     conducting = [path for actor, path in files.items() if actor in ("world", "radio")]
@@ -225,23 +222,23 @@ def standing(out: Path) -> Standing:
 
 
 def so_far(out: Path, end: float) -> str:
-    """Until when a run without a result is known, s, and why no further: a title, or the end of one."""
-    return f"up to {end:g} s: it is going on" if goes_on(out) else f"cut off after {end:g} s"
+    """Describe the recorded part of a run without a result, as the end of a title."""
+    return f"up to {end:g} s, still running" if goes_on(out) else f"cut off after {end:g} s"
 
 
 def goes_on(out: Path) -> bool:
-    """Whether a run of which no result was read goes on, or has gone on until just now: it has one since."""
+    """Return True if a run is running, or has got its result since its data were read."""
     return standing(out) is Standing.GOING_ON or (out / "run.json").is_file()
 
 
 def drawn_until(out: Path, end: float) -> str:
-    """What is said while a run without a result is drawn, until a second."""
-    how = "is going on" if goes_on(out) else "has died without a result"
-    return f"the run {how}: it is drawn as far as it was recorded, up to {end:g} s"
+    """Return a notice that a run without a result is drawn up to `end`, s."""
+    how = "is still running" if goes_on(out) else "was cut off"
+    return f"the run {how}; drawn up to {end:g} s"
 
 
 def _written(files: list[Path]) -> bool:
-    """True if a process of this user has one of the files open, or that cannot be told."""
+    """Return True if a process of this user has one of the files open, or if that is unknown."""
     if sys.platform != "linux" or files[0].stat().st_uid != os.getuid():
         return True
     wanted = {(there.st_dev, there.st_ino) for there in (path.stat() for path in files)}
@@ -250,18 +247,18 @@ def _written(files: list[Path]) -> bool:
 
 def _has_open(descriptors: Path, wanted: set[tuple[int, int]]) -> bool:
     if descriptors.parent.name == str(os.getpid()):
-        return False  # it reads
+        return False  # this process only reads
     try:
         for link in descriptors.iterdir():
             there = link.stat()
             if (there.st_dev, there.st_ino) in wanted and _writes(descriptors.parent / "fdinfo" / link.name):
                 return True
-    except OSError:  # it has ended, or is somebody else's
+    except OSError:  # exited, or of another user
         return False
     return False
 
 
 def _writes(info: Path) -> bool:
-    """By the flags with which the file was opened (proc_pid_fdinfo(5))."""
+    """Return True if a file was opened for writing (proc_pid_fdinfo(5))."""
     flags = next(line for line in info.read_text().splitlines() if line.startswith("flags:"))
     return bool(int(flags.split()[1], 8) & os.O_ACCMODE)

@@ -1,4 +1,4 @@
-"""Source of the run model for runs on hardware: the robots' own recordings, on one aligned time."""
+"""Run model of hardware runs, from the robots' recordings with aligned clocks."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -29,14 +29,14 @@ from actors.runtime.replay_bus import topic_of
 from actors.topic import Message
 
 _MARGIN: Final = 2.0
-"""Around the robots' estimates on a floor without a map, m."""
+"""Margin around the robots' estimates on a floor without a map, m."""
 _CELL: Final = 0.1
 
 
 def whole_run(out: Path, *, internals: bool = False) -> RunData:
-    """Return a run as far as it was recorded, simulated or collected from robots. Raises an AcrcError.
+    """Return the recorded part of a simulated or hardware run. Raises an AcrcError.
 
-    `internals`: with what the robots computed.
+    `internals`: include the robots' introspection.
     """
     if "world" not in recordings(out):
         return collected_run(out, internals=internals)
@@ -48,7 +48,7 @@ def whole_run(out: Path, *, internals: bool = False) -> RunData:
 
 
 def collected_run(out: Path, *, internals: bool = False) -> RunData:
-    """Read a folder with the robots' folders. Raises FieldTrialError if they do not make up one trial."""
+    """Read a folder with the robots' folders. Raises FieldTrialError if they are not of one trial."""
     trial = read_field_trial([out])
     clocks = AlignedClocks(trial)
     times = {id(log): _Times(log, clocks) for log in trial.all_logs()}
@@ -81,10 +81,10 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
 
 
 def _computed(log: RobotLog, process: RecordedProcess) -> RobotInternals:
-    """Return what a robot computed, as far as its recording makes sense."""
+    """Return a robot's introspection up to the first damage of its recording."""
     model = process_model(process, log.path, run_of(log.path))
     topics = (SENSES, RECEIVED, INTROSPECTION)
-    with suppress(AcrcError):  # the trial's notes name the damage
+    with suppress(AcrcError):  # the trial's notes report the damage
         for item in read_recording(log.path):
             if not isinstance(item, Note) and item.payload is not None and topic_of(item.key) in topics:
                 model.extend(decode(topic_of(item.key), item.key, item.payload))
@@ -103,7 +103,7 @@ class _Times:
         self._shift = self.ticks - self._own / 1e6
 
     def seconds(self, instants: NDArray[np.int64]) -> Floats:
-        """Convert instants; between two steps linearly."""
+        """Convert instants, interpolating linearly between steps."""
         if not len(self._own):
             return np.zeros(len(instants))
         shift: Floats = np.interp(instants, self._own, self._shift)
@@ -115,7 +115,7 @@ class _Times:
 
 
 class TimedMessage(NamedTuple):
-    """A message, and when its step began by the run's clock, s."""
+    """A message with the start of its step by the run's clock, s."""
 
     second: float
     key: str
@@ -123,7 +123,7 @@ class TimedMessage(NamedTuple):
 
 
 def _messages(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[TimedMessage]:
-    """Yield the robots' messages with all instants by the trial's clock."""
+    """Yield the robots' messages with all instants converted to the trial's clock."""
     for log in trial.all_logs():
         own = times[id(log)]
         for tick, key, message in log.messages:
@@ -131,7 +131,7 @@ def _messages(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[TimedM
 
 
 def _states(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[tuple[str, float, str]]:
-    """Yield each robot's starts and ends, by time."""
+    """Yield the starts and exits of each robot in order of time."""
     for robot, logs in trial.logs.items():
         spans = [ticks for log in logs if len(ticks := times[id(log)].ticks)]
         changes = [change for ticks in spans for change in ((float(ticks[0]), ""), (float(ticks[-1]), "off"))]
@@ -140,7 +140,7 @@ def _states(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[tuple[st
 
 
 def _grid(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
-    """Return the map beside a recording; else bare floor around the robots' estimates, and a note."""
+    """Return the map stored with a recording; else empty floor around the robots' estimates, and a note."""
     for log in trial.all_logs():
         for path in (log.path.parent / "map.yaml", log.path.parent.parent / "map" / "map.yaml"):
             if path.is_file():
@@ -151,4 +151,4 @@ def _grid(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
     columns, rows = np.ceil((high - low + 2 * _MARGIN) / _CELL).astype(np.int64).tolist()
     bare = np.full((rows, columns), FREE, np.uint8)
     corner = Point(*(low - _MARGIN).tolist())
-    return OccupancyGrid(bare, _CELL, corner), ("no map lies beside the recordings: the floor is drawn bare",)
+    return OccupancyGrid(bare, _CELL, corner), ("the recordings have no map; the floor is drawn empty",)

@@ -1,7 +1,7 @@
-"""Columns, events and description of a run, whole or in parts, and the schema of the columns.
+"""Data of a run: columns with their schema, events and description.
 
-One form for runs that have ended, were cut or are going on, simulated or on hardware. Nothing is replayed, so
-no code of a strategy runs.
+The same types describe finished, truncated and running runs, simulated or on hardware. Reading them replays
+nothing, so no strategy code runs.
 """
 
 import math
@@ -32,7 +32,7 @@ Points = tuple[tuple[float, float], ...]
 
 
 class RunDataError(AcrcError):
-    """A folder or a stream of messages that does not describe one run."""
+    """Files or messages that do not describe one run."""
 
 
 class StepColumn(NamedTuple):
@@ -45,7 +45,7 @@ class StepColumn(NamedTuple):
     width: int = 1
     """Values per step and robot."""
     missing: float = 0
-    """What stands where nothing was recorded."""
+    """Fill value where nothing was recorded."""
 
 
 STEP_COLUMNS: Final = (
@@ -59,12 +59,11 @@ STEP_COLUMNS: Final = (
     StepColumn("frames_sent", np.int64, "", "frames that the robot handed to its transceiver in the step"),
     StepColumn("frames_heard", np.int64, "", "frames that the robot received in the step"),
 )  # fmt: skip
-"""The table by step and robot: of a column `c` of `RunData` the shape is (steps, robots) or (steps, robots,
-`width`)."""
+"""Columns of `RunData` per step and robot, each of shape (steps, robots) or (steps, robots, `width`)."""
 
 
 def step_columns(steps: int, robots: int) -> dict[str, NDArray[Any]]:
-    """Return the columns of the table by step and robot, filled with what stands for a missing value."""
+    """Return the columns per step and robot, filled with their missing values."""
     return {
         one.name: np.full((steps, robots) if one.width == 1 else (steps, robots, one.width), one.missing,
                           one.dtype)
@@ -81,7 +80,7 @@ class PlaceEvent(NamedTuple):
 
 
 class Route(NamedTuple):
-    """The places that a robot intends to visit from an instant on."""
+    """Places that a robot intends to visit from an instant on."""
 
     robot: str
     second: float
@@ -90,40 +89,40 @@ class Route(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """One robot over time, at its own n instants."""
+    """One robot over time, sampled at n instants of its own."""
 
     seconds: Floats
     """(n,)"""
     poses: Floats
-    """(n, 3): x, y, m, and heading, rad: true poses; without ground truth estimated ones."""
+    """(n, 3): true x, y, m, and heading, rad; estimated ones without ground truth."""
     estimated: Floats
     """(n, 3): the robot's own estimates; NaN where it reported none."""
     commanded: Floats
     """(n, 3): commanded velocity in the robot's frame, m/s, m/s, rad/s; NaN: none."""
     states: tuple[tuple[float, str], ...]
-    """State changes: "" (active), "frozen", "off" or "not heard", and from when on, s."""
+    """State changes: the time, s, and the new state: "" (active), "frozen", "off" or "not heard"."""
 
 
 @dataclass(frozen=True)
 class RobotReport:
-    """What one robot's processes report in their last records; instants in µs."""
+    """Final records of one robot's processes; instants in µs."""
 
     goals: tuple[GivenGoal, ...] | None = ()
-    """None: none of them left a last record, as in a run that was cut."""
+    """None: no process wrote a final record, as in a truncated run."""
     planless: tuple[tuple[int, int], ...] = ()
-    """Intervals in which navigation found no way."""
+    """Intervals in which navigation found no path."""
     paused: tuple[tuple[int, int | None], ...] = ()
     """Intervals in which the strategy had paused navigation; None: to the end of the run."""
     blocked: tuple[tuple[int, int | None], ...] | None = None
-    """Intervals in which the component considered itself blocked; None: it never asks."""
+    """Intervals in which the component detected that it was blocked; None: it has no such detection."""
     decisions: tuple[AdaptationDecision, ...] = ()
     unlisted: int = 0
-    """Further decisions."""
+    """Number of decisions beyond those listed."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunDescription:
-    """What does not change during a run."""
+    """Properties that are constant during a run."""
 
     out: Path
     """The run's folder."""
@@ -133,32 +132,32 @@ class RunDescription:
     """The robots' map."""
     step_us: int
     own_places: Mapping[str, Points]
-    """By robot the places that it has at the start, m."""
+    """Initial places of each robot, m."""
     addresses: Mapping[int, str] = field(default_factory=dict)
     """Robots by short address."""
     radius: float = 0.0
-    """Of the largest robot, m."""
+    """Radius of the largest robot, m."""
     has_truth: bool = True
-    """False: nobody recorded where the robots were; poses are estimates."""
+    """False: ground truth was not recorded; poses are estimates."""
     records_frames: bool = False
-    """The radio recorded what became of frames."""
+    """The radio recorded the outcomes of frames."""
     seed: int | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunData:
-    """A run, or the next part of one that grows: what was recorded from `since` to `end`.
+    """A run, or the next part of a running one, from `since` to `end`.
 
-    The columns by step and robot are STEP_COLUMNS; they have no rows where there is no ground truth.
+    The columns per step and robot are STEP_COLUMNS; they have no rows without ground truth.
     """
 
     description: RunDescription
     since: float = 0.0
-    """Begin of the part, s."""
+    """Start of the part, s."""
     end: float
-    """End of the part, s; of a run that goes on, the beginning of its last complete step."""
+    """End of the part, s; for a running run, the start of its last complete step."""
     seconds: Floats
-    """(steps,): when each step began, s."""
+    """(steps,): start of each step, s."""
     true: Floats
     estimated: Floats
     commanded: Floats
@@ -168,41 +167,40 @@ class RunData:
     frames_sent: NDArray[np.int64]
     frames_heard: NDArray[np.int64]
     trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
-    """By robot, in their order."""
+    """By robot, in scenario order."""
     heard: Floats = field(default_factory=lambda: np.zeros((0, 4)))
-    """(k, 4): s, index of sender and of receiver, RSSI, dBm, of all frames received from known senders, by
-    instant."""
+    """(k, 4): frames received from known senders, by instant: s, index of sender, of receiver, RSSI, dBm."""
     places: Mapping[str, Points] = field(default_factory=dict)
-    """By owner, m: its own places, then those that it was given meanwhile."""
+    """Places by owner, m: initial ones, then those assigned during the run."""
     reported: tuple[PlaceEvent, ...] = ()
-    """Places that robots reported as cleaned, in order of the instants."""
+    """Places that robots reported as cleaned, in order of time."""
     taken_over: tuple[PlaceEvent, ...] = ()
     """Places of other owners that robots added to their routes."""
     given_up: tuple[PlaceEvent, ...] = ()
     routes: tuple[Route, ...] = ()
-    """In order of the instants; before its first route each robot intends to visit its own places."""
+    """In order of time; before its first route each robot intends to visit its own places."""
     jams: tuple[tuple[float, Jam], ...] = ()
-    """Jammers, and when each was switched on, s."""
+    """Jammers, each with its switch-on time, s."""
     orders: tuple[GivenOrder, ...] = ()
-    """Orders of the scenario and of people, by step; refused ones are among them."""
+    """Orders of the scenario and of operators, by step, including rejected ones."""
     floor: tuple[tuple[float, FloorState], ...] = ()
-    """Changes of the floor: from when on, s, these objects were on it beside the map."""
+    """Changes of the floor: time, s, and all objects not on the map from then on."""
     records_floor: bool = True
-    """False: the floor was changed by orders, and the recording does not show how."""
+    """False: orders changed the floor, but the changes were not recorded."""
     copies: Copies = NO_COPIES
-    """Of frames that ended, where the radio recorded them."""
+    """Copies of completed frames, if the radio recorded them."""
     processes: tuple[RecordedProcess, ...] = ()
-    """Of the robots, as far as their recordings have begun."""
+    """Robot processes whose recordings have begun."""
     internals: tuple[RobotInternals, ...] = ()
-    """What the robots' processes computed, where that is wanted."""
+    """Introspection of the robots' processes, if requested."""
     reports: Mapping[str, RobotReport] = field(default_factory=dict)
-    """By robot; only of a whole simulated run."""
+    """By robot; only for a whole simulated run."""
     notes: tuple[str, ...] = ()
     """Missing or unknown data, a sentence each."""
     outcomes: tuple[PlaceOutcome, ...] = ()
-    """Of each place, as judged by the referee; only of a whole run."""
+    """Outcome of each place by the referee; only for a whole run."""
     result: RunResult | None = None
-    """None where the run did not end as planned, and of a part."""
+    """None if the run did not end as planned, and for a part."""
 
     @property
     def out(self) -> Path:
@@ -211,7 +209,7 @@ class RunData:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """In their order."""
+        """The robots in scenario order."""
         return self.description.robots
 
     @property
@@ -226,12 +224,12 @@ class RunData:
 
     @property
     def busy(self) -> NDArray[np.bool_]:
-        """(steps, robots): False from when on a robot intends to visit no place any more."""
+        """(steps, robots): False once a robot has no places left."""
         return self.places_left > 0
 
     @property
     def frozen(self) -> NDArray[np.bool_]:
-        """(steps, robots): the process is alive and does not step."""
+        """(steps, robots): the process is alive, but does not step."""
         return self.powered & ~self.stepping
 
     def index(self, instant: int) -> int:
@@ -239,27 +237,27 @@ class RunData:
         return min(instant // self.step_us, len(self.true) - 1)
 
     def duration(self, steps: int) -> float:
-        """Return the length of so many steps, s."""
+        """Return the duration of a number of steps, s."""
         return in_seconds(steps * self.step_us)
 
 
 _THERE: Final = 0.1
-"""A robot that was carried is within this of the ordered point at that step, m."""
+"""Distance between a carried robot and the ordered point at that step, at most, m."""
 
 
 class OrderedChange(NamedTuple):
-    """A change of the world by an order."""
+    """An order that changed the world."""
 
     second: float
     robot: str
-    """The robot that is concerned; empty: none."""
+    """The affected robot; empty: none."""
     words: str
 
 
 def ordered_changes(run: RunData) -> list[OrderedChange]:
-    """Return the orders that took effect and that no other mark shows, by step.
+    """Return the orders that took effect and have no other mark, by step.
 
-    A robot that is to be carried is listed only if it was: the world may have refused.
+    A move is listed only if the robot arrived: the world may have rejected the order.
     """
     found = []
     for step, order in run.orders:
@@ -279,23 +277,23 @@ def _carried(run: RunData, step: int, order: Move) -> bool:
 
 
 def _words(order: Order) -> str:
-    """Describe an order; "" for one that other marks show."""
+    """Describe an order; "" for one with other marks."""
     words = ""
     match order:
         case Obstacle(x, y, radius):
-            words = f"a thing of {2 * radius:g} m is put at ({x:.1f}, {y:.1f})"
+            words = f"obstacle of {2 * radius:g} m placed at ({x:.1f}, {y:.1f})"
         case Wall(x, y, to_x, to_y):
-            words = f"a wall is put from ({x:.1f}, {y:.1f}) to ({to_x:.1f}, {to_y:.1f})"
+            words = f"wall placed from ({x:.1f}, {y:.1f}) to ({to_x:.1f}, {to_y:.1f})"
         case CloseDoor(x, y):
-            words = f"the door at ({x:.1f}, {y:.1f}) is to close"
+            words = f"door at ({x:.1f}, {y:.1f}) is closing"
         case OpenDoor(x, y):
-            words = f"the door at ({x:.1f}, {y:.1f}) opens"
+            words = f"door at ({x:.1f}, {y:.1f}) opens"
         case StartJam(x, y, radius, duration):
-            words = f"a jammer of {radius:g} m at ({x:.1f}, {y:.1f}) for {in_seconds(duration):g} s"
+            words = f"jammer of {radius:g} m at ({x:.1f}, {y:.1f}) for {in_seconds(duration):g} s"
         case Give(_, places):
-            words = f"is given {len(places)} more place{'' if len(places) == 1 else 's'}"
+            words = f"receives {len(places)} more place{'' if len(places) == 1 else 's'}"
         case Move(_, x, y, _):
             words = f"is carried to ({x:.1f}, {y:.1f})"
         case Lose(_, sender):
-            words = f"is to lose the next frame of {sender}"
+            words = f"loses the next frame of {sender}"
     return words

@@ -15,9 +15,7 @@ from actors.orders import CloseDoor, Obstacle, OpenDoor, Wall
 Cells = NDArray[np.bool_]
 FLOOR_ORDERS: Final = (CloseDoor, OpenDoor, Obstacle, Wall)
 """Orders that change the floor."""
-NO_CHANGES: Final = (
-    "its world, an older version, did not record what was put on the floor and which doors closed"
-)
+NO_CHANGES: Final = "obstacles, walls and closed doors were not recorded: an older version recorded the world"
 
 
 class FloorObject(NamedTuple):
@@ -26,9 +24,9 @@ class FloorObject(NamedTuple):
     kind: str
     """`wall`, `obstacle`, `closed door` or `jammer`: a mark of the drawing language."""
     points: tuple[tuple[float, float], ...]
-    """m: the centre of a round object, both ends of a straight one."""
+    """m: centre of a disc, or both ends of a line."""
     radius: float
-    """m; of a straight object, half of its thickness."""
+    """m; for a line, half of its thickness."""
 
     @property
     def is_round(self) -> bool:
@@ -37,11 +35,11 @@ class FloorObject(NamedTuple):
 
 
 FloorState = tuple[FloorObject, ...]
-"""Everything on the floor beside its map, in the order in which it came."""
+"""All objects on the floor that are not on the map, oldest first."""
 
 
 def door_cells(grid: OccupancyGrid, radius: float) -> Cells | None:
-    """Return which cells are doors, (rows, columns), for robots of a radius, m; None without a radius."""
+    """Return the mask of door cells, (rows, columns), for robots of a radius, m; None without a radius."""
     if not radius:
         return None
     parts = Doorways(grid, radius).regions
@@ -49,30 +47,30 @@ def door_cells(grid: OccupancyGrid, radius: float) -> Cells | None:
 
 
 class FloorHistory:
-    """The floor of one run over time, part by part, as the world recorded its changes."""
+    """The floor of one run over time, from the changes that the world recorded."""
 
     def __init__(self, step_us: int) -> None:
         self._step_us = step_us
         self._changes: list[FloorChanged] = []
-        """Later than what `advance` gave."""
+        """Changes that `advance` has not returned yet."""
         self._things: dict[int, FloorThing] = {}
         self._jams: list[tuple[float, Jam]] = []
-        """Those that have not ended."""
+        """Active jammers."""
         self._state: FloorState = ()
         self.is_recorded = False
-        """False as long as the world has recorded nothing of its floor."""
+        """True once the world has recorded its floor."""
 
     def extend(self, changed: FloorChanged) -> None:
-        """Fold a change."""
+        """Add a change."""
         self.is_recorded = True
         self._changes.append(changed)
 
     def advance(
         self, until: int, jams: Sequence[tuple[float, Jam]], end: float
     ) -> Iterator[tuple[float, FloorState]]:
-        """Yield each instant at which the floor changes, and its state from then on.
+        """Yield the time of each change, s, and the new state of the floor.
 
-        Up to the step `until` and the instant `end`, s; `jams`: jammers that were switched on in these steps.
+        `until`, `end`: last step, and last instant, s; `jams`: jammers that were switched on in these steps.
         """
         due = [one for one in self._changes if one.step <= until]
         self._changes = self._changes[len(due) :]
@@ -109,7 +107,7 @@ class FloorHistory:
 
 
 class FloorInterval(NamedTuple):
-    """An object, and from when to when it was there."""
+    """An object and the interval in which it was on the floor."""
 
     object: FloorObject
     begin: float
@@ -118,7 +116,7 @@ class FloorInterval(NamedTuple):
 
 
 def floor_intervals(changes: Sequence[tuple[float, FloorState]], end: float) -> list[FloorInterval]:
-    """Return the intervals of all objects of a run that lasted until `end`, s, by begin."""
+    """Return the intervals of all objects, by start; `end`: end of the run, s."""
     open_: list[FloorInterval] = []
     found: list[FloorInterval] = []
     for second, now in changes:

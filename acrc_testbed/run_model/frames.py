@@ -1,4 +1,4 @@
-"""Outcomes of frames and their copies, as the radio recorded them: frame by frame, and as arrays."""
+"""Recorded outcomes of radio frames and of their copies, as rows and as arrays."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,46 +15,48 @@ from actors.runtime.errors import AcrcError
 LOSSES: Final = tuple(
     one for one in Outcome if one not in (Outcome.HEARD, Outcome.FILTERED, Outcome.NOT_COUNTED)
 )
-"""Why a copy may be lost."""
+"""Reasons for the loss of a copy."""
 _LISTED: Final = np.dtype([("receiver", "<u2"), ("outcome", "u1"), ("tenths", "<i2")])
 
 
 class FrameOutcomesError(AcrcError):
-    """Outcomes of frames that are missing, or that cannot be."""
+    """Invalid outcomes of frames."""
 
 
 def listed_copies(frame: FrameOutcome, robots: int) -> NDArray[np.void]:
-    """Return the listed copies of a frame: number of the receiver, outcome, and strength, 0.1 dBm.
+    """Return the listed copies of a frame: receiver number, outcome, and strength, 0.1 dBm.
 
-    Raises FrameOutcomesError for bytes that describe no copies among so many robots.
+    Raises FrameOutcomesError for invalid bytes.
     """
     parts = (frame.receivers, frame.outcomes, frame.strengths)
     count = len(frame.outcomes)
     if [len(part) for part in parts] != [2 * count, count, 2 * count] or not 0 <= frame.sender < robots:
         raise FrameOutcomesError(
-            f"the frame {frame.tag} of robot {frame.sender} has copies of unequal numbers"
+            f"frame {frame.tag} of robot {frame.sender}: fields of its copies differ in length"
         )
     listed = np.zeros(count, _LISTED)
     for name, part in zip(_LISTED.names or (), parts, strict=True):
         listed[name] = np.frombuffer(part, _LISTED[name])
     if (listed["receiver"] >= robots).any() or (listed["outcome"] > max(Outcome)).any():
-        raise FrameOutcomesError(f"the frame {frame.tag} of robot {frame.sender} has a copy that cannot be")
+        raise FrameOutcomesError(
+            f"frame {frame.tag} of robot {frame.sender}: a copy has an unknown receiver or outcome"
+        )
     return listed
 
 
 @dataclass(frozen=True, eq=False)
 class Copies:
-    """Copies of frames, in the order of the instants at which these ended; (n,) each."""
+    """Copies of frames, by end of the frame; (n,) each."""
 
     seconds: NDArray[np.float64]
     senders: NDArray[np.int64]
-    """Index among the robots."""
+    """Indices of robots."""
     receivers: NDArray[np.int64]
     outcomes: NDArray[np.int64]
-    """Of `Outcome`."""
+    """Values of `Outcome`."""
 
     def part(self, which: NDArray[np.bool_]) -> "Copies":
-        """Those that are wanted, (n,)."""
+        """Return the copies selected by a mask, (n,)."""
         return Copies(self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which])
 
 
@@ -62,9 +64,9 @@ NO_COPIES: Final = Copies(np.zeros(0), *(np.zeros(0, np.int64) for _ in range(3)
 
 
 def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) -> Copies:
-    """Return the copies of all sent frames at the transceivers that were on. Raises FrameOutcomesError.
+    """Return the copies of all sent frames at active transceivers. Raises FrameOutcomesError.
 
-    `transceivers`: for each of the radio's numbers the index of its robot.
+    `transceivers`: index of the robot for each number that the radio uses.
     """
     sent = [frame for message in messages for frame in message.frames if frame.end == "sent"]
     outcomes = np.full((len(sent), len(transceivers)), Outcome.BELOW_SENSITIVITY, np.int64)
@@ -79,14 +81,14 @@ def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) ->
 
 
 def together(parts: Sequence[Copies]) -> Copies:
-    """Return the copies of several parts, one after another."""
+    """Concatenate the copies of several parts."""
     names = ("seconds", "senders", "receivers", "outcomes")
     return Copies(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
 
 def by_outcome(copies: Copies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
-    """Return copies per second by outcome, (bins, outcomes), from `begin` on, s; the last bin has all later
-    ones, too."""
+    """Return copies per second by outcome, (bins, outcomes), from `begin`, s; the last bin counts all later
+    copies, too."""
     table = np.zeros((bins, len(Outcome)))
     places = np.clip(((copies.seconds - begin) / bin_s).astype(np.int64), 0, bins - 1)
     np.add.at(table, (places, copies.outcomes), 1)
@@ -94,40 +96,40 @@ def by_outcome(copies: Copies, begin: float, bins: int, bin_s: float) -> NDArray
 
 
 def outcome_name(outcome: Outcome) -> str:
-    """In words: "half duplex"."""
+    """Return the outcome in words, such as "half duplex"."""
     return outcome.name.lower().replace("_", " ")
 
 
 class CopyRow(NamedTuple):
-    """What became of a frame at one other robot."""
+    """Outcome of a frame at one other robot."""
 
     robot: str
     outcome: str
     """A name of `Outcome` in lower case."""
     strength_dbm: float
-    """-inf: too weak to be followed."""
+    """-inf: too weak to be tracked."""
 
 
 class FrameRow(NamedTuple):
-    """What became of one frame that a transceiver was handed."""
+    """Outcome of one frame that was handed to a transceiver."""
 
     robot: str
     tag: int
-    """As its robot knows it; another one for each of the robot's frames."""
+    """The sender's number of the frame, unique per robot."""
     handed: int
     """µs."""
     ended: int
-    """When it had left the antenna, or was given up, µs."""
+    """End of the transmission, or when the frame was dropped, µs."""
     size: int
-    """Bytes of its data."""
+    """Payload, bytes."""
     end: str
     """`sent`, `access_failure` or `overflow`."""
     copies: tuple[CopyRow, ...]
-    """At every other robot whose transceiver was on when it began; none of one that was not sent."""
+    """One per other robot whose transceiver was on at the start; empty for a frame that was not sent."""
 
 
 def frame_rows(robots: Sequence[str], messages: Iterable[FrameOutcomes]) -> list[FrameRow]:
-    """Return every frame that ended; `robots`: by the radio's numbers. Raises FrameOutcomesError."""
+    """Return all completed frames; `robots`: in the order of the radio. Raises FrameOutcomesError."""
     return [_row(frame, robots) for message in messages for frame in message.frames]
 
 

@@ -1,4 +1,4 @@
-"""What robots computed, from the introspection in their recordings: one process, part by part."""
+"""Introspection of robots, read from their recordings process by process."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,17 +35,17 @@ from actors.topic import Message
 
 Floats = NDArray[np.float64]
 Clock = Callable[[NDArray[np.int64]], Floats]
-"""From a process's own instants, µs, to the run's seconds."""
+"""Conversion of a process's instants, µs, to seconds of the run."""
 Singles = NDArray[np.float32]
 Pose = tuple[float, float, float]
 _NO_WINDOWS: Final = np.zeros((0, 1, 1), np.uint8)
 _MOST_FIELDS: Final = 1000
-"""Of a robot's knowledge."""
-NOT_RECORDED: Final = "its introspection was not recorded; record the run with --record full"
+"""Limit of the fields of a robot's knowledge."""
+NOT_RECORDED: Final = "introspection was not recorded; record the run with --record full"
 
 
 class RecordedProcess(NamedTuple):
-    """A recording of one process of a robot."""
+    """One recorded process of a robot."""
 
     actor: str
     robot: str
@@ -53,13 +53,13 @@ class RecordedProcess(NamedTuple):
 
 
 def seconds_of(instants: NDArray[np.int64]) -> Floats:
-    """Return instants of the simulation, µs, in s: the clock of simulated processes."""
+    """Convert simulated instants, µs, to s: the clock of simulated processes."""
     seconds: Floats = instants / 1e6
     return seconds
 
 
 class IntrospectionError(AcrcError):
-    """Introspection that contradicts itself."""
+    """Invalid or inconsistent introspection."""
 
 
 class _Stack(msgspec.Struct, frozen=True):
@@ -67,7 +67,7 @@ class _Stack(msgspec.Struct, frozen=True):
 
 
 class _PerceptionSetup(msgspec.Struct, frozen=True):
-    """The part of a robot's set-up that its introspection is read with."""
+    """The part of a robot's set-up that is needed to decode its introspection."""
 
     model: str
     sensor: str | None
@@ -76,7 +76,7 @@ class _PerceptionSetup(msgspec.Struct, frozen=True):
 
 
 def process_model(process: RecordedProcess, path: Path, run: RunNote) -> "ProcessModel":
-    """Return the empty model of a robot's process; `run`: first record of its recording. RecordingError."""
+    """Return an empty model of a robot's process; `run`: first record. Raises RecordingError."""
     setup = first_record(path, run, _PerceptionSetup, "a robot")
     model = load_model(located_model(setup.model, path.parent), setup.sensor)
     local = CostMap(model.sensor, model.footprint.circumradius, setup.stack.local_map)
@@ -99,27 +99,27 @@ class PointSets(NamedTuple):
 
 
 class ActivityChange(NamedTuple):
-    """What the robot is doing from an instant on."""
+    """The robot's activity from an instant on."""
 
     second: float
     activity: str
     destination: str
-    """A place, as in "r1/3"; empty: none."""
+    """A place such as "r1/3"; empty: none."""
     point: tuple[float, float] | None
-    """Its goal, m, map frame."""
+    """The goal, m, map frame; None: none."""
 
 
 class ReplicaChange(NamedTuple):
-    """A replica that the robot has from an instant on, or has no longer."""
+    """A replica that was updated or removed."""
 
     second: float
     peer: str
     heard: float | None
-    """When it had come, s; None: it is forgotten."""
+    """Time of its reception, s; None: removed."""
 
 
 class StepEstimate(NamedTuple):
-    """The robot's estimate at the start of one step."""
+    """The robot's pose estimate at the start of one step."""
 
     step: int
     pose: Pose
@@ -127,7 +127,7 @@ class StepEstimate(NamedTuple):
 
 
 class StepGoal(NamedTuple):
-    """Navigation's goal at the end of one step."""
+    """The goal of navigation at the end of one step."""
 
     step: int
     goal: GoalState
@@ -139,20 +139,20 @@ class StepCommit(NamedTuple):
     step: int
     second: float
     number: int
-    """Counts the changes of the process."""
+    """Sequence number within the process."""
     commit: KnowledgeCommit
     via: int | None
-    """Short address of the transceiver whose frame completed the replica; None: no frame was recorded."""
+    """Short address of the sender whose frame completed the replica; None: no frame was recorded."""
 
 
 @dataclass(frozen=True, eq=False)
 class CostWindows:
-    """Local cost maps that navigation steered by."""
+    """Local cost maps of navigation."""
 
     seconds: Floats
     """(c,)"""
     costs: NDArray[np.uint8]
-    """(c, rows, columns), the southernmost row first; costs as costmap_2d has them."""
+    """(c, rows, columns), southernmost row first; costs as in costmap_2d."""
     corners: Floats
     """(c, 3): pose of the south-west corner: x, y, m, heading, rad, map frame."""
     cell: float
@@ -161,37 +161,37 @@ class CostWindows:
 
 @dataclass(frozen=True, eq=False)
 class RobotInternals:
-    """What one process of a robot computed: all of it, or the next part; sampled at n instants."""
+    """Introspection of one robot process, whole or the next part; sampled at n instants."""
 
     process: RecordedProcess
     end: float
-    """Last instant of this part, s; 0: it has none."""
+    """Last instant of this part, s; 0: the part is empty."""
     seconds: Floats
     """(n,)"""
     estimates: Floats
     """(n, 3): x, y, m, heading, rad, map frame."""
     covariances: Floats
-    """(n, 3): of x, of x and y, of y, m²."""
+    """(n, 3): xx, xy and yy, m²."""
     twists: Floats
     """(n, 2): commanded speed, m/s, and turn rate, rad/s."""
     scans: PointSets
-    """Of the same instants: where the last sweep met something, by the estimate."""
+    """End points of the last scan at the same instants, placed by the estimate."""
     particles: PointSets
     plans: PointSets
-    """An empty set: the plan was dropped."""
+    """Empty sets: the plan was dropped."""
     windows: CostWindows
     activities: tuple[ActivityChange, ...]
     knowledge: tuple[tuple[float, tuple[tuple[str, str], ...]], ...]
-    """All fields in words, from when on, s."""
+    """Time, s, and all fields as text from then on."""
     contacts: tuple[ReplicaChange, ...]
     step_estimates: tuple[StepEstimate, ...]
     goals: tuple[StepGoal, ...]
     commits: tuple[StepCommit, ...]
     is_recorded: bool
-    """False: the robot was not to record any of this."""
+    """False: recording of introspection was off."""
 
     def decisions(self) -> Iterator[tuple[StepCommit, DecisionRecord]]:
-        """Yield the changes of knowledge that decided something."""
+        """Yield the changes of knowledge that contain a decision."""
         for one in self.commits:
             if one.commit.decision is not None:
                 yield one, one.commit.decision
@@ -202,38 +202,38 @@ class _SensedStep(NamedTuple):
     instant: int
     odometry: geometry.Pose
     scan: Scan | None
-    """The newest one that the robot had."""
+    """The newest scan that the robot had received."""
 
 
 class ProcessModel:
-    """Folds the messages of one process of a robot."""
+    """Introspection of one robot process, accumulated from its messages."""
 
     def __init__(
         self, process: RecordedProcess, sensor: RangeSensor, local: CostMap, *, is_recorded: bool
     ) -> None:
-        """`local`: a cost map like the robot's."""
+        """`local`: a cost map with the robot's parameters."""
         self.process, self._sensor, self._local = process, sensor, local
         angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
         self._rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
         self._scan: Scan | None = None
         self._steps: list[_SensedStep] = []
         self._records: dict[int, StepRecord] = {}
-        """By step, as of the samples."""
+        """By step, like `_samples`."""
         self._samples: dict[int, Introspection] = {}
         self.covered = -1
-        """The last step up to which introspection has been read."""
+        """Last step whose introspection has been read."""
         self._senders: dict[int, int] = {}
-        """Of frames by when they were received, µs."""
+        """Senders of frames by reception time, µs."""
         self._quality: EstimateQuality | None = None
         self._knowledge: dict[str, str] = {}
         self._values: dict[tuple[str, str], str | None] = {}
-        """As JSON, by component and path."""
+        """JSON values by component and path."""
         self._commits = 0
         self.is_recorded = is_recorded
-        """Its set-up asks for introspection; a process that ended at once may still have left none."""
+        """Recording is enabled; a process that exited at once may still have recorded nothing."""
 
     def extend(self, message: Message) -> None:
-        """Fold one message that the process received or recorded."""
+        """Add one message that the process received or recorded."""
         match message:
             case Senses():
                 scans = (*message.earlier_scans, message.scan)
@@ -250,10 +250,9 @@ class ProcessModel:
                 self.covered = message.step
 
     def take(self, until: int, answers: Mapping[int, Drive]) -> RobotInternals:
-        """Take out the steps up to `until` of which introspection has been read; `answers`: of the robot, by
-        step.
+        """Remove and return the steps up to `until` whose introspection has been read.
 
-        Raises IntrospectionError for values that cannot be.
+        `answers`: the robot's answers by step. Raises IntrospectionError for invalid values.
         """
         steps = [one for one in self._steps if one.number <= min(until, self.covered)]
         self._steps = self._steps[len(steps) :] if self.is_recorded else []
@@ -264,20 +263,20 @@ class ProcessModel:
                 part.extend(step, record, self._samples.pop(step.number, None), answers.get(step.number))
             except ValueError as error:
                 raise IntrospectionError(
-                    f"{self.process.actor}: its introspection of step {step.number} is damaged: {error}"
+                    f"{self.process.actor}: introspection of step {step.number} is damaged: {error}"
                 ) from None
         return part.result()
 
     def quality(self, changed: EstimateQuality | None) -> EstimateQuality | None:
-        """Return the present quality of the estimate."""
+        """Return the current quality of the estimate."""
         if changed is not None:
             if len(changed.covariance) != 9:
-                raise ValueError(f"its covariance has {len(changed.covariance)} values, but must have 9")
+                raise ValueError(f"covariance has {len(changed.covariance)} values instead of 9")
             self._quality = changed
         return self._quality
 
     def commit(self, step: int, second: float, commit: KnowledgeCommit) -> StepCommit:
-        """Return a change of knowledge with its number and the frame that brought what it used."""
+        """Return a change of knowledge with its number and the sender of the frame that caused it."""
         self._commits += 1
         via = None if commit.replica is None else self._senders.get(commit.replica.heard)
         changed = tuple(self._whole(commit.component, one) for one in commit.changed)
@@ -285,37 +284,37 @@ class ProcessModel:
         return StepCommit(step, second, self._commits - 1, commit, via)
 
     def _whole(self, component: str, change: ValueChange) -> ValueChange:
-        """Return the change with the value before it, also where that is the one of the last change."""
+        """Return the change with its previous value filled in."""
         place = component, change.path
         before = self._values.get(place) if change.before == "" else change.before
         self._values[place] = change.after
         return msgspec.structs.replace(change, before=before)
 
     def costs(self, window: CostWindow) -> NDArray[np.uint8]:
-        """Return all costs of a window, (rows, columns). Raises ValueError for one of another size."""
+        """Return all costs of a window, (rows, columns). Raises ValueError for a wrong size."""
         side, cells = self._local.side, np.frombuffer(window.marked, cell_type(self._local.side))
         if window.side != side or (len(cells) and cells.max() >= side * side):
-            raise ValueError(f"a cost window has {window.side} rows, but must have {side}, and all its marks")
+            raise ValueError(f"a cost window has {window.side} rows instead of {side}, or cells beyond them")
         marks = np.zeros(side * side, np.uint8)
         marks[cells] = 1
         self._local.restore(Instant(0), self._local.corner, marks.reshape(side, side))
         return self._local.costs()
 
     def words(self, changes: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-        """Return all fields of the knowledge in words after these changes."""
+        """Return all fields of the knowledge as text after these changes."""
         self._knowledge |= dict(changes)
         if len(self._knowledge) > _MOST_FIELDS:
-            raise ValueError(f"its knowledge has more than {_MOST_FIELDS} fields")
+            raise ValueError(f"knowledge has more than {_MOST_FIELDS} fields")
         return tuple(self._knowledge.items())
 
     def scan_points(self, body: geometry.Pose | None, scan: Scan | None) -> Singles:
-        """Return where a scan met something, (k, 2), m, map frame; `body`: the robot's pose at the scan."""
+        """Return the end points of a scan, (k, 2), m, map frame; `body`: the robot's pose at the scan."""
         if scan is None or body is None:
             return np.zeros((0, 2), np.float32)
         sensor = body.compose(self._sensor.mount)
         ranges = np.frombuffer(scan.ranges_mm, "<u2")
         if len(ranges) != len(self._rays):
-            raise ValueError(f"a scan has {len(ranges)} rays, but must have {len(self._rays)}")
+            raise ValueError(f"a scan has {len(ranges)} rays instead of {len(self._rays)}")
         met = (ranges != NO_ECHO_MM) & (ranges >= 1000 * self._sensor.range_min)
         x, y = (self._rays[met] * (ranges[met, None] / 1000.0)).T
         c, s = np.cos(sensor[2]), np.sin(sensor[2])
@@ -328,13 +327,13 @@ class ProcessModel:
 
 
 class _Part:
-    """Rows of one part of a process."""
+    """Rows of one part of a process's introspection."""
 
     def __init__(self, model: ProcessModel, steps: Sequence[_SensedStep]) -> None:
         self._model = model
         instants = np.array([one.instant for one in steps], np.int64)
         if (np.abs(instants) > LATEST).any():
-            raise IntrospectionError(f"{model.process.actor}: an instant of its steps is beyond any clock")
+            raise IntrospectionError(f"{model.process.actor}: the instant of a step is out of range")
         self._seconds = dict(
             zip((one.number for one in steps), model.process.clock(instants).tolist(), strict=True)
         )
@@ -353,7 +352,7 @@ class _Part:
     def extend(
         self, step: _SensedStep, record: StepRecord, message: Introspection | None, drive: Drive | None
     ) -> None:
-        """Add one step; `message`: with its sample. Raises ValueError for values that cannot be."""
+        """Add one step; `message`: its sample. Raises ValueError for invalid values."""
         second, quality = self._seconds[step.number], self._model.quality(record.quality)
         pose = record.pose or (None if drive is None else drive.pose)
         if pose is not None and quality is not None:
@@ -394,7 +393,7 @@ class _Part:
 
     def _at(self, instant: int) -> float:
         if abs(instant) > LATEST:
-            raise ValueError(f"an instant is {instant} µs, as no clock shows")
+            raise ValueError(f"instant {instant} µs is out of range")
         return float(self._model.process.clock(np.array([instant], np.int64))[0])
 
     def result(self) -> RobotInternals:
@@ -428,9 +427,9 @@ class _Part:
 
 
 def _points(data: bytes) -> Singles:
-    """Return points, (k, 2), of little-endian float32. Raises ValueError for other bytes."""
+    """Decode points, (k, 2), from little-endian float32. Raises ValueError for a wrong length."""
     if len(data) % 8:
-        raise ValueError(f"{len(data)} bytes are no points of 8 bytes each")
+        raise ValueError(f"{len(data)} bytes of points are not a multiple of 8")
     return np.frombuffer(data, "<f4").reshape(-1, 2)
 
 

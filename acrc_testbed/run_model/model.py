@@ -1,4 +1,4 @@
-"""The run model: folds the messages of a run, from any source, into columns, places, floor and events."""
+"""The run model: accumulates the messages of a run into columns, places, floor and events."""
 
 from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
@@ -40,13 +40,13 @@ T = TypeVar("T", bound=Any)
 
 
 def robot_of(key: str) -> str:
-    """Return the robot of a key such as `swarm/up/ID/drive`; "" for a key of no robot."""
+    """Return the robot of a key such as `swarm/up/ID/drive`; "" for other keys."""
     parts = key.split("/")
     return parts[2] if len(parts) == 4 and parts[1] in ("up", "down") else ""
 
 
 def with_instants(message: Message, convert: Callable[[int], int]) -> Message:
-    """Return a robot's message with the instants of its reports and radio events on another clock, µs."""
+    """Return a robot's message with the instants of its reports and radio events converted, µs."""
 
     def converted(parts: Sequence[T]) -> tuple[T, ...]:
         return tuple(msgspec.structs.replace(one, instant=convert(one.instant)) for one in parts)
@@ -61,10 +61,10 @@ def with_instants(message: Message, convert: Callable[[int], int]) -> Message:
 
 
 class RunModel:
-    """One run; messages are folded by `extend`, and what is new is taken out by `advance` or `observed`.
+    """Accumulated messages of one run: `extend` adds them, `advance` or `observed` removes finished data.
 
-    With ground truth a row is complete once the Truth of its step and all messages that belong to it are
-    there, which the source knows. Without ground truth each report of a robot is a row of its own.
+    With ground truth a row needs the Truth of its step and all messages of that step; the caller decides when
+    it is complete. Without ground truth each report of a robot is a row.
     """
 
     def __init__(self, description: RunDescription, scheduled: Sequence[GivenOrder] = ()) -> None:
@@ -78,31 +78,31 @@ class RunModel:
         self._truths: list[Truth] = []
         self._drives: list[tuple[str, Drive]] = []
         self._rows: dict[str, list[tuple[float, ...]]] = {}
-        """Without ground truth: s, estimated pose, commanded velocity, by robot."""
+        """Rows without ground truth, by robot: s, estimated pose, commanded velocity."""
         self._heard: list[tuple[int, float, int, int, float]] = []
-        """Step, and a row of `RunData.heard`; the sender's index is -1 if unknown."""
+        """Step and a row of `RunData.heard`; sender -1 is unknown."""
         self._given: dict[str, Points] = {}
         self._orders = [one for one in scheduled if fault(one.order, OrderLimits()) is None]
-        """Not taken out yet; without those that the world refuses for their numbers."""
+        """Valid orders that were not returned yet."""
         self._boundary = 0
-        """The step at which the world takes the next order from outside."""
+        """Step at which the world executes the next order from outside."""
         self._states: dict[str, str] = {}
         self._changes: dict[str, list[tuple[float, str]]] = {}
         self._notes: list[str] = []
         self.since = 0.0
-        """Up to this instant everything has been taken out, s."""
+        """Everything before this instant has been returned, s."""
         self.step = -1
-        """The last step that was taken out."""
+        """Last step that was returned."""
 
     @property
     def truths(self) -> Sequence[Truth]:
-        """Steps with ground truth that were not taken out yet."""
+        """Steps with ground truth that were not returned yet."""
         return self._truths
 
     def extend(self, key: str, message: Message, second: float | None = None) -> None:
-        """Fold one message; `second`: when its step began, where that does not follow from the step's number.
+        """Add one message; `second`: start of its step, if the step's number does not determine it.
 
-        Raises RunDataError where the robots change.
+        Raises RunDataError if the set of robots changes.
         """
         robot = robot_of(key)
         match message:
@@ -117,7 +117,7 @@ class RunModel:
                 self._receive(robot, message)
             case Senses() if robot in self._index and message.places:
                 self._given[robot] = (*self._given.get(robot, ()), *message.places)
-            case Ready() if robot in self._index:  # a new process is given all places once more
+            case Ready() if robot in self._index:  # a new process receives all places again
                 self._given[robot] = ()
             case FloorChanged() | FrameOutcomes():
                 self._extend_recorded(message)
@@ -134,19 +134,19 @@ class RunModel:
             self._frames.append(message)
 
     def set_state(self, robot: str, second: float, state: str) -> None:
-        """Note a robot's state from an instant on, if it is another one: a value of `Trajectory.states`."""
+        """Record a change of a robot's state: a value of `Trajectory.states`."""
         if self._states.get(robot) != state:
             self._states[robot] = state
             self._changes.setdefault(robot, []).append((second, state))
 
     def note(self, sentence: str) -> None:
-        """Note missing or unknown data."""
+        """Add a sentence about missing or unknown data."""
         self._notes.append(sentence)
 
     def advance(
         self, until: int, *, last: bool = False, processes: Sequence[RecordedProcess] = ()
     ) -> RunData:
-        """Take out the steps up to `until`; `last`: nothing will follow."""
+        """Remove and return the steps up to `until`; `last`: nothing will follow."""
         truths = [one for one in self._truths if one.step <= until]
         self._truths = self._truths[len(truths) :]
         seconds = np.array([in_seconds(one.instant) for one in truths], np.float64)
@@ -186,14 +186,14 @@ class RunModel:
         )
 
     def _copies(self, *, last: bool) -> Copies:
-        """Take out what became of copies of frames up to the current step."""
+        """Remove and return the copies of frames up to the current step."""
         now = [one for one in self._frames if last or one.step <= self.step]
         self._frames = self._frames[len(now) :]
         transceivers = [self._index.get(robot, -1) for robot in self.description.addresses.values()]
         return copies_of(now, transceivers)
 
     def observed(self, end: float, processes: Sequence[RecordedProcess] = ()) -> RunData:
-        """Take out what robots reported up to `end`, s, where there is no ground truth."""
+        """Remove and return the robots' reports up to `end`, s, of a run without ground truth."""
         trajectories = {}
         for robot in self.description.robots:
             table = np.array(self._rows.pop(robot, []), np.float64).reshape(-1, 7)
@@ -232,7 +232,7 @@ class RunModel:
         if truth.halt or not truth.robots:
             return
         if tuple(robot.id for robot in truth.robots) != self.description.robots:
-            raise RunDataError("its robots change; they should be the same in all steps")
+            raise RunDataError("the set of robots changes between steps")
         self._truths.append(truth)
 
     def _reported(self, robot: str, drive: Drive, second: float) -> None:
@@ -252,13 +252,13 @@ class RunModel:
         return tuple(self._changes.pop(robot, ()))
 
     def _links(self, until: int | None) -> Any:
-        """Take out the frames received up to a step; None: all."""
+        """Remove and return the frames received up to a step; None: all."""
         now = [one for one in self._heard if until is None or one[0] <= until]
         self._heard = [] if until is None else [one for one in self._heard if one[0] > until]
         return np.array(sorted(one[1:] for one in now if one[2] >= 0), np.float64).reshape(-1, 4)
 
     def _ordered(self) -> tuple[GivenOrder, ...]:
-        """Take out the orders up to the current step; at one boundary the scenario's come first."""
+        """Remove and return the orders up to the current step; those of the scenario come first."""
         now = sorted((one for one in self._orders if one.step <= self.step), key=attrgetter("step"))
         self._orders = [one for one in self._orders if one.step > self.step]
         return tuple(now)
@@ -281,7 +281,7 @@ class RunModel:
         return columns
 
     def _answer(self, columns: dict[str, Any], index: int, robot: str, drive: Drive, row: int) -> None:
-        """Fold a robot's answer to the senses of a step."""
+        """Add a robot's answer to the senses of a step."""
         self._reports.extend(robot, drive, in_seconds(drive.step * self.description.step_us))
         if drive.route is not None:
             self._left[index] = self._reports.left(robot)

@@ -1,4 +1,4 @@
-"""Reports of robots about places: one fold of them, and the table of all places over time."""
+"""Robots' reports about places, and the status of all places over time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -10,29 +10,29 @@ from actors.task.task import PlaceKey
 
 
 class PlaceReports:
-    """Folds what robots report about places.
+    """Accumulated reports of robots about places.
 
-    Without a new route a robot keeps the last one, and before its first route it has its own places.
+    A robot keeps its last route until it sends a new one; before its first route it has its own places.
     """
 
     def __init__(self, places: Mapping[str, Points]) -> None:
-        """`places`: that each robot has at the start."""
+        """`places`: initial places of each robot."""
         self._routes = {robot: {PlaceKey(robot, n) for n in range(len(own))} for robot, own in places.items()}
         self.clear()
 
     def clear(self) -> None:
-        """Begin new lists; the robots keep their routes."""
+        """Clear the lists of events; routes are kept."""
         self.reported: list[PlaceEvent] = []
         self.taken_over: list[PlaceEvent] = []
         self.given_up: list[PlaceEvent] = []
         self.routes: list[Route] = []
 
     def left(self, robot: str) -> int:
-        """Return how many places a robot intends to visit."""
+        """Return the number of places that a robot intends to visit."""
         return len(self._routes.get(robot, ()))
 
     def extend(self, robot: str, drive: Drive, second: float) -> None:
-        """Fold the reports of one step, which began at `second`."""
+        """Add the reports of one step that began at `second`."""
         for done in drive.reports:
             key = PlaceKey(done.owner, done.place)
             self.reported.append(PlaceEvent(robot, in_seconds(done.instant), key))
@@ -51,7 +51,7 @@ class PlaceReports:
 
 
 def first_reports(events: Sequence[PlaceEvent], known: set[PlaceKey]) -> list[PlaceEvent]:
-    """Return the first report of each place that is not `known`; their places are added to those."""
+    """Return the first report of each place that is not in `known`, and add these places to it."""
     found = []
     for one in events:
         if one.place not in known:
@@ -67,7 +67,7 @@ class PlaceStatus(NamedTuple):
     """m, map frame."""
     y: float
     done: bool = False
-    """A robot has reported it as cleaned."""
+    """Reported as cleaned."""
     given_up: bool = False
     holders: tuple[str, ...] = ()
     """Robots that intend to visit it."""
@@ -83,15 +83,15 @@ class PlaceChange(NamedTuple):
 class _Report(NamedTuple):
     second: float
     kind: str
-    """done, given_up or route: in this order at one instant."""
+    """done, given_up or route; also the order at one instant."""
     robot: str
     places: tuple[PlaceKey, ...]
 
 
 class PlaceTable:
-    """All places of a run with their states, part by part.
+    """Status of all places of a run over time.
 
-    A place that came during the run is listed from the first report about it on.
+    A place that was added during the run is listed from the first report about it.
     """
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ class PlaceTable:
         self._routes: dict[str, frozenset[PlaceKey]] = {}
 
     def extend(self, run: RunData) -> Iterator[PlaceChange]:
-        """Fold a run, or its next part, and yield the changes in order of time."""
+        """Add a run or its next part, and yield the changes in order of time."""
         if not self.states:
             own = {
                 PlaceKey(owner, number): PlaceStatus(x, y, holders=(owner,))
@@ -127,7 +127,7 @@ class PlaceTable:
         return sorted(now ^ before, key=lambda key: (key.owner, key.place))
 
     def _after(self, run: RunData, key: PlaceKey, report: _Report) -> PlaceStatus | None:
-        """Return the state after a report; None for a place that does not exist."""
+        """Return the state after a report; None for an unknown place."""
         points = run.places.get(key.owner, ())
         if not 0 <= key.place < len(points):
             return None
@@ -140,7 +140,7 @@ class PlaceTable:
 
 
 def _reports(run: RunData) -> list[_Report]:
-    """Return all reports in order of time, at one instant what became of places before the routes."""
+    """Return all reports in order of time; at one instant, visits come before routes."""
     found = [_Report(one.second, "done", one.robot, (one.place,)) for one in run.reported]
     found += [_Report(one.second, "given_up", one.robot, (one.place,)) for one in run.given_up]
     found += [_Report(one.second, "route", one.robot, one.places) for one in run.routes]

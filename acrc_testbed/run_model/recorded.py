@@ -1,4 +1,4 @@
-"""Contents of single recordings of a run: messages of a topic, set-ups, last records; the run's result."""
+"""Readers of single recordings of a run (messages, set-ups, final records) and of the run's result."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -27,15 +27,14 @@ from actors.world.world_setup import WorldSetup
 T = TypeVar("T")
 NO_FRAMES: Final = "radio: outcomes of frames were not recorded; record the run with --record full"
 _MOST_BYTES: Final = 64 * 1024 * 1024
-"""Of a result; one of 1000 robots has less than 1 MB."""
+"""Limit of a result's file; a run of 1000 robots has less than 1 MB."""
 
 
 def messages_on(path: Path, topic: Topic[M], direction: Direction = "in") -> Iterator[tuple[str, M]]:
-    """Yield the messages of a topic that the process received, each with the robot in its key, or "".
+    """Yield the messages of a topic, each with the robot in its key, or "".
 
-    `direction`: "out" for the messages that it sent.
-
-    Raises RecordingError for a damaged file, WireError for a message that is none of the topic.
+    `direction`: "in" for received messages, "out" for sent ones. Raises RecordingError for a damaged file,
+    WireError for an invalid message.
     """
     prefix, hole, suffix = topic.pattern.partition("{id}")
     for item in read_recording(path):
@@ -48,9 +47,9 @@ def messages_on(path: Path, topic: Topic[M], direction: Direction = "in") -> Ite
 
 
 def frame_outcomes(out: Path) -> tuple[list[str], list[FrameOutcomes]]:
-    """Return the robots by the radio's numbers, and what became of frames.
+    """Return the robots in the order of the radio, and the outcomes of frames.
 
-    Raises RecordingError for damaged recordings, RunDataError where the radio did not record it.
+    Raises RecordingError for damaged recordings, RunDataError if the radio did not record outcomes.
     """
     path = recordings(out)["radio"]
     setup = setup_of(path, RadioSetup, "a radio")
@@ -60,20 +59,20 @@ def frame_outcomes(out: Path) -> tuple[list[str], list[FrameOutcomes]]:
 
 
 def final_outcomes(path: Path) -> Mapping[str, msgspec.Raw]:
-    """Return the process's last record by subject; empty if it left none. Raises RecordingError."""
+    """Return a process's final record by subject; empty if it has none. Raises RecordingError."""
     text = read_notes(path).get("final")
     return {} if text is None else decoded(path, "final", text, FinalNote).outcome
 
 
 def final_outcome(path: Path, subject: str, kind: type[T], whose: str) -> T | None:
-    """Return one subject of the last record; None if it is absent. Raises OutcomeError, too."""
+    """Return one subject of the final record, or None. Raises RecordingError or OutcomeError."""
     return told(path, final_outcomes(path), subject, kind, whose)
 
 
 def robot_report(records: Iterable[Path]) -> RobotReport:
-    """Return what the processes of one robot report; `records`: in the order of their starts.
+    """Return the final records of one robot's processes; `records`: recordings in order of start.
 
-    Raises RecordingError and OutcomeError for what cannot be read.
+    Raises RecordingError or OutcomeError for invalid records.
     """
     goals: list[GivenGoal] | None = None
     blocked: list[tuple[int, int | None]] | None = None
@@ -105,7 +104,7 @@ def robot_report(records: Iterable[Path]) -> RobotReport:
 
 
 def world_setup(path: Path) -> WorldSetup:
-    """Return the set-up of a world, with its files as they lie now. Raises RecordingError."""
+    """Return the set-up of a world with current paths of its files. Raises RecordingError."""
     return setup_of(path, WorldSetup, "a world").located(path.parent)
 
 
@@ -115,7 +114,7 @@ def largest_radius(setup: WorldSetup) -> float:
 
 
 def place_outcomes(run: RunData) -> tuple[PlaceOutcome, ...]:
-    """Return what became of each place, as the referee judged; of a run that was cut, as robots reported."""
+    """Return the outcome of each place by the referee; for a truncated run, by the robots' reports."""
     judged = final_outcome(recordings(run.out)["world"], "places", tuple[PlaceOutcome, ...], "a world")
     if judged is not None:
         return judged
@@ -130,7 +129,7 @@ def place_outcomes(run: RunData) -> tuple[PlaceOutcome, ...]:
 def _unjudged(
     owner: str, index: int, point: tuple[float, float], at: int | None, by: str | None
 ) -> PlaceOutcome:
-    """Return a place of a run without a referee's record."""
+    """Return the outcome of a place without the referee's record."""
     return PlaceOutcome(
         owner=owner, place=index, x=point[0], y=point[1], reached_at=at, reached_by=by, reported_at=at,
         reported_by=by, given_up_at=None, given_up_by=None, reason=None,
@@ -139,13 +138,13 @@ def _unjudged(
 
 
 def run_result(out: Path) -> RunResult | None:
-    """Return the run's result; None where there is none."""
+    """Return the run's result; None if there is none. Raises RunDataError."""
     path = out / "run.json"
     if not path.is_file():
         return None
     if path.stat().st_size > _MOST_BYTES:
-        raise RunDataError(f"{path}: has more than {_MOST_BYTES} bytes; it should be a run's result")
+        raise RunDataError(f"{path}: larger than {_MOST_BYTES} bytes; not the result of a run")
     try:
         return typed_json.decode(regular_file.content(path), RunResult)
     except ValueError as error:
-        raise RunDataError(f"{path}: is no run's result: {error}") from error
+        raise RunDataError(f"{path}: not a valid run result: {error}") from error

@@ -1,4 +1,4 @@
-"""Source of the run model for simulated runs: the recordings in a run's folder, finished, cut or growing."""
+"""Run model of simulated runs, from the recordings in a run's folder: finished, truncated or growing."""
 
 import time
 from contextlib import ExitStack
@@ -36,19 +36,19 @@ from actors.radio.radio_model import RadioSetup
 from actors.world.world_setup import WorldSetup
 
 _PATIENCE_S: Final = 1.0
-"""How long the robots' recordings of a step are waited for, s."""
+"""Timeout for the robots' recordings of a step, s."""
 _TOPICS: Final[dict[str, frozenset[str]]] = {
     "radio": frozenset({TRUTH.pattern}),
     "world": frozenset({DRIVE.pattern, AIRED.pattern, CONTROL.pattern}),
 }
 _OF_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
-"""The messages that are folded, by the actor whose recording they are taken from."""
+"""Topics of received messages to read, by the actor whose recording has them."""
 _BY_ROBOTS: Final = frozenset({READY.pattern, INTROSPECTION.pattern})
 _BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern})
 
 
 def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
-    """Return the model of a simulated run that has taken no step yet."""
+    """Return the model of a simulated run before its first step."""
     description = RunDescription(
         out=out,
         title=f"{len(setup.robots)} robots, seed {setup.seed}",
@@ -65,12 +65,13 @@ def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
 
 
 class RunReader:
-    """Reads a run's folder piece by piece; a context manager that closes the files."""
+    """Incremental reader of a run's folder; a context manager that closes the files."""
 
     def __init__(self, out: Path, *, internals: bool = False) -> None:
-        """`internals`: read also what the robots computed.
+        """Open a run; `internals`: also read the robots' introspection.
 
-        RecordingError or RunDataError where there is no run that has begun, or a damaged one."""
+        Raises RecordingError or RunDataError if the run has not begun or is damaged.
+        """
         files = recordings(out)
         for actor in ("world", "radio"):
             if actor not in files:
@@ -82,18 +83,18 @@ class RunReader:
         self.description = self.model.description
         self._stack, self._files = ExitStack(), dict[str, Growing]()
         self._internals: dict[str, ProcessModel] | None = {} if internals else None
-        """By actor; None: not wanted."""
+        """By actor; None: not requested."""
         self._answers: dict[str, dict[int, Drive]] = {}
-        """Of the robots, by step, for their internals."""
+        """Answers of each robot by step, for its introspection."""
         self._sensed: dict[str, int] = {}
-        """By robot the last step of which its senses were read."""
+        """Last step whose senses were read, by robot."""
         self._closed = -1
-        """The last step that the world has closed."""
+        """Last step that the world has completed."""
         self._aired = -1
-        """The last step of which all outcomes of frames were read."""
+        """Last step whose outcomes of frames were read."""
         self._moved = time.monotonic()
         self._over = False
-        """The last part has been taken out."""
+        """The last part was returned."""
 
     def __enter__(self) -> Self:
         return self
@@ -103,16 +104,16 @@ class RunReader:
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """In the order of the scenario."""
+        """The robots in scenario order."""
         return self.description.robots
 
     @property
     def behind(self) -> int:
-        """Steps that were read and not taken out."""
+        """Number of steps that were read but not returned."""
         return len(self.model.truths)
 
     def unread(self) -> int:
-        """Read what the radio recorded by now, and return how many steps were not taken out."""
+        """Read the radio's recording, and return the number of steps that were not returned."""
         self._take("radio", "", self._opened("radio", recordings(self.description.out)["radio"]))
         return self.behind
 
@@ -121,9 +122,9 @@ class RunReader:
         return self.model.advance(-1)
 
     def poll(self, *, last: bool = False) -> RunData | None:
-        """Return what has come since the last call; None: nothing. `last`: nothing will follow, so all of it.
+        """Return the data since the last call, or None; `last`: the run has ended, so return everything.
 
-        Raises RecordingError for damaged files, RunDataError where the robots change.
+        Raises RecordingError for damaged files, RunDataError if the set of robots changes.
         """
         for actor, path in recordings(self.description.out).items():
             self._take(actor, path.parent.name, self._opened(actor, path))
@@ -159,7 +160,7 @@ class RunReader:
         return self._files[actor]
 
     def _take(self, actor: str, robot: str, growing: Growing) -> None:
-        """Fold the messages of a recording; each kind is taken from the one process that keeps it in full."""
+        """Add the messages of a recording; each topic is read from the process that records it in full."""
         path, is_robot = growing.reading.path, robot in self.robots
         received = _TOPICS.get(actor, _OF_ROBOTS if is_robot else frozenset())
         sent = _BY_ROBOTS if is_robot else _BY_OTHERS
@@ -193,7 +194,7 @@ class RunReader:
             internals[actor].extend(message)
 
     def _complete(self) -> int:
-        """Return the last step of which everything is there that was recorded."""
+        """Return the last step whose messages have all been read."""
         truths = self.model.truths
         if not truths:
             return -1
@@ -207,9 +208,9 @@ class RunReader:
 
 
 def recorded_run(out: Path, *, internals: bool = False) -> RunData:
-    """Return a simulated run as far as its recordings go; `internals`: with what the robots computed.
+    """Return the recorded part of a simulated run; `internals`: include the robots' introspection.
 
-    Raises RecordingError and OutcomeError for damaged files, RunDataError where there is no simulated run.
+    Raises RecordingError or OutcomeError for damaged files, RunDataError without a simulated run.
     """
     with RunReader(out, internals=internals) as reader:
         run = reader.poll(last=True)
@@ -223,9 +224,9 @@ def recorded_run(out: Path, *, internals: bool = False) -> RunData:
 
 
 def read_run(out: Path, *, internals: bool = False) -> RunData:
-    """Return the same with what became of each place, and the result.
+    """Return a simulated run with the outcomes of places and the result.
 
-    Raises RunDataError for a damaged result, too.
+    Raises as `recorded_run`, and RunDataError for a damaged result.
     """
     run = recorded_run(out, internals=internals)
     return replace(run, outcomes=place_outcomes(run), result=run_result(out))

@@ -123,7 +123,7 @@ def test_a_list_for_people_has_a_line_for_each_and_breaks_no_name(columns: str) 
 
 def test_colons_and_brackets_in_a_name_stay_what_they_are(tmp_path: Path) -> None:
     done = acrc("view", "a:x:[b]", "--png", cwd=tmp_path)
-    assert done.stderr == "acrc: a:x:[b]: no run's folder: there is no */*.mcap in it\n"
+    assert done.stderr == "acrc: a:x:[b]: not a run's folder: it contains no */*.mcap\n"
 
 
 def test_there_is_one_kind_of_console() -> None:

@@ -99,7 +99,7 @@ def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_b
     assert again.returncode == 0 and ": identical: " in again.stdout, again.stderr
     base = acrc("replay", out, "--robot", "r2.base")
     assert (base.returncode, base.stdout, base.stderr) == (
-        1, "", "acrc: r2.base: is a process with devices on board; must be a robot, world or radio\n"
+        1, "", "acrc: r2.base: serves devices and cannot be replayed; give a robot, world or radio\n"
     )  # fmt: skip
     assert processes_of(out) == [] and leftovers(out) == []
 

@@ -106,7 +106,7 @@ def test_where_robots_stood_is_as_long_as_somebody_did(evidence: RunData) -> Non
 
 
 def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"no run's folder: there is no \*/\*\.mcap in it"):
+    with pytest.raises(RecordingError, match=r"not a run's folder: it contains no \*/\*\.mcap"):
         read_run(tmp_path)
     part = tmp_path / "part"
     shutil.copytree(folder / "r1", part / "r1")
@@ -117,7 +117,7 @@ def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> N
     wrong = tmp_path / "wrong"
     shutil.copytree(folder, wrong)
     (wrong / "run.json").write_text("{}")
-    with pytest.raises(RunDataError, match=r"run\.json: is no run's result"):
+    with pytest.raises(RunDataError, match=r"run\.json: not a valid run result"):
         read_run(wrong)
 
 
@@ -131,7 +131,7 @@ def test_a_robot_that_comes_and_goes_is_no_run(folder: Path, monkeypatch: pytest
         return told
 
     monkeypatch.setattr(Recorded, "message", fickle)
-    with pytest.raises(RunDataError, match=r"radio\.mcap: its robots change; they should be the same"):
+    with pytest.raises(RunDataError, match=r"radio\.mcap: the set of robots changes between steps"):
         read_run(folder)
 
 
@@ -189,11 +189,11 @@ def test_a_run_in_pieces_tells_the_same(recorded: RunData) -> None:
 
 def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: RunData) -> None:
     assert [(one.second, one.robot, one.words) for one in ordered_changes(ordered_run)] == [
-        (2.0, "", "the door at (17.2, 9.4) is to close"),
-        (3.0, "", "a thing of 0.6 m is put at (9.0, 11.5)"),
-        (4.0, "", "a jammer of 2 m at (20.0, 11.5) for 5 s"),
-        (5.0, "", "a wall is put from (7.0, 11.0) to (7.0, 12.0)"),
-        (9.0, "r1", "is given 1 more place"),
+        (2.0, "", "door at (17.2, 9.4) is closing"),
+        (3.0, "", "obstacle of 0.6 m placed at (9.0, 11.5)"),
+        (4.0, "", "jammer of 2 m at (20.0, 11.5) for 5 s"),
+        (5.0, "", "wall placed from (7.0, 11.0) to (7.0, 12.0)"),
+        (9.0, "r1", "receives 1 more place"),
         (10.0, "", "the door at (17.2, 9.4) opens"),
         (11.0, "r2", "is carried to (20.0, 11.5)"),
     ]
@@ -222,7 +222,7 @@ def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunData, tmp_
 def test_the_page_of_a_run_lists_it(ordered_run: RunData) -> None:
     page = run_html.html(ordered_run, b"")
     rows = re.findall(r"<tr><td[^>]*>([^<]*)</td><td>([^<]*)</td><td>([^<]*)</td></tr>", page)
-    assert ("5.0", "", "a wall is put from (7.0, 11.0) to (7.0, 12.0)") in rows
+    assert ("5.0", "", "wall placed from (7.0, 11.0) to (7.0, 12.0)") in rows
     assert ("6.0", "r1", "is frozen until 8 s") in rows and ("13.0", "r2", "is off until 16 s") in rows
 
 

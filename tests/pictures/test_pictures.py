@@ -169,19 +169,19 @@ def test_a_run_without_a_result_was_cut_off_or_goes_on(short_run_copy: Path) -> 
         writer = subprocess.Popen(["sleep", "60"], stdout=file)
     try:
         drawn = acrc("view", out, "--html")
-        assert style.title(cut) == "2 robots, seed 1: up to 3 s: it is going on"
+        assert style.title(cut) == "2 robots, seed 1: up to 3 s, still running"
     finally:
         writer.kill()
         writer.wait()
     told = re.search(
-        r"the run is going on: it is drawn as far as it was recorded, up to ([\d.]+) s\n", drawn.stderr
+        r"the run is still running; drawn up to ([\d.]+) s\n", drawn.stderr
     )
     assert told is not None, drawn.stderr
     html = (out / "run.html").read_text()
-    assert f"<h1>up to {told[1]} s: it is going on</h1>" in html
+    assert f"<h1>up to {told[1]} s, still running</h1>" in html
     said = f"<p>The run is going on; this is what was recorded in its first {told[1]} simulated s.</p>"
     assert said in html and "cut off" not in html
-    assert acrc("view", out, "--png").stderr.startswith("the run has died without a result: it is drawn as ")
+    assert acrc("view", out, "--png").stderr.startswith("the run was cut off; drawn up to ")
 
 
 @pytest.mark.nightly

@@ -21,7 +21,7 @@ from tests.in_process import acrc
 
 def test_check_of_one_recording(recorded_run: Path, tmp_path: Path) -> None:
     told, words = check_recording(recorded_run / "r1" / "r1.mcap")
-    assert told["whole"] and told["good_until"] == 300 and words.endswith(", whole, good up to step 300")
+    assert told["whole"] and told["good_until"] == 300 and words.endswith(", complete, valid up to step 300")
     damaged = tmp_path / "r1.mcap"
     content = bytearray((recorded_run / "r1" / "r1.mcap").read_bytes())
     content[len(content) // 2] ^= 1
@@ -41,12 +41,12 @@ def test_info_counts_what_is_there_and_says_what_was_cut(recorded_run: Path, tmp
     assert senses["hertz"] == pytest.approx(10.0)
     done = acrc("record", "info", recorded_run)
     assert re.search(
-        r"^4 recordings, all whole: 30 s, \d+ B, \d\.\d\d MB per simulated minute$", done.stdout, re.M
+        r"^4 recordings, all complete: 30 s, \d+ B, \d\.\d\d MB per simulated minute$", done.stdout, re.M
     )
     cut = tmp_path / "r1.mcap"
     cut.write_bytes((recorded_run / "r1" / "r1.mcap").read_bytes()[:-5000])
     done = acrc("record", "info", cut)
-    assert ", cut, or not closed yet; " in done.stdout and re.search(
+    assert ", truncated or still open; " in done.stdout and re.search(
         r"^  in  r1/senses +\d+ messages", done.stdout, re.M
     )
 
@@ -98,7 +98,7 @@ def test_echo_shows_every_message_with_its_time(recorded_run: Path) -> None:
     assert second["message"]["step"] == 151 and len(second["message"]["pose"]) == 3
     one = next(iter(messages(recorded_run / "r1" / "r1.mcap", "r1/senses"))).message()
     assert one is not None and at_column(one, "scan.ranges_mm[3]") == plain(one)["scan"]["ranges_mm"][3]
-    with pytest.raises(TopicError, match="must be keys of one type"):
+    with pytest.raises(TopicError, match="give keys of one type"):
         list(lines.table(messages(recorded_run, "r1/*")))
 
 
@@ -107,9 +107,9 @@ def test_a_number_is_drawn_and_what_is_none_is_told(recorded_run: Path, tmp_path
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "vx.png").read_bytes().startswith(b"\x89PNG")
     for key, field, sentence in (
-        ("*/drive", "speed", "'speed': no field of r1/drive; there are step, vx"),
+        ("*/drive", "speed", "'speed': not a field of r1/drive; choose from step, vx"),
         ("r1/drive", "route", "'route': is [{"),
-        ("r9/drive", "vx", f"{recorded_run}: nothing was recorded on 'r9/drive'"),
+        ("r9/drive", "vx", f"{recorded_run}: no messages on 'r9/drive'"),
     ):
         done = acrc("record", "plot", recorded_run, key, field, "--out", tmp_path / "x.png")
         assert done.returncode == 1 and done.stderr.startswith(f"acrc: {sentence}"), done.stderr

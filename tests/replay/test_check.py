@@ -79,7 +79,7 @@ def test_a_cut_run_says_up_to_which_step_it_is_good(copy: Path) -> None:
     assert (report.complete, report.good_until) == (False, last)
     done = acrc("record", "check", copy)
     assert done.returncode == 0
-    assert done.stdout.splitlines()[-2].endswith(f"; every recording is good up to step {last}")
+    assert done.stdout.splitlines()[-2].endswith(f"; recordings: complete up to step {last}")
 
 
 def test_any_cut_is_read_up_to_its_last_whole_step(copy: Path) -> None:
@@ -131,14 +131,15 @@ def test_other_bytes_received_than_sent(copy: Path) -> None:
 
     path = copy / "r1" / "r1.mcap"
     forge(path, change)
-    assert fault(copy).startswith(f"{path}: holds ")  # no longer what its process counted
+    assert fault(copy).startswith(f"{path}: contains ")  # differs from the process's count
     forge(path, lambda item: None if isinstance(item, Note) and item.name == "final" else item)
     (copy / "run.json").unlink()
-    assert fault(copy) == "step 7: world sent other bytes than r1 received on swarm/down/r1/senses"
+    key = "swarm/down/r1/senses"
+    assert fault(copy) == f"step 7: a message that r1 received on {key} differs from what world sent"
     forge(path, lambda item: None if isinstance(item, Entry) and item.step == 9 else item)
-    assert "has the number" in fault(copy)
+    assert "has number" in fault(copy)
     path.write_bytes((copy / "r2" / "r2.mcap").read_bytes())
-    assert fault(copy) == f"{path}: is a recording of 'r2', and should be one of 'r1'"
+    assert fault(copy) == f"{path}: recording of 'r2' instead of 'r1'"
     path.unlink()
     with Recorder(path, 100_000) as recorder:
         recorder.note("run", Earlier())
@@ -157,7 +158,7 @@ def test_counters_that_are_not_those_of_the_file(copy: Path) -> None:
 
     path = copy / "r1" / "r1.mcap"
     forge(path, boast)
-    assert fault(copy) == f"{path}: does not hold as many sent messages as its process counted"
+    assert fault(copy) == f"{path}: number of sent messages differs from the process's count"
 
 
 def test_recordings_that_lie_where_none_is_written(copy: Path) -> None:

@@ -326,7 +326,7 @@ def test_of_other_robots_it_is_where_they_were(out: Path, tmp_path: Path) -> Non
 def test_of_real_robots_no_truth_is_told(out: Path, tmp_path: Path) -> None:
     trial = copies(out, tmp_path / "trial", {"r1": clock(5_000_000), "r2": clock(0)})
     bare, early = write(trial, tmp_path / "trial.mcap").notes
-    assert bare == "no map lies beside the recordings: the floor is drawn bare"
+    assert bare == "the recordings have no map; the floor is drawn empty"
     # The copies keep the stamps of scans, and the clock of r1 is 5 s ahead of them.
     assert early.startswith("/r1/scan: 50 messages are left out")
     log = decoded(tmp_path / "trial.mcap")
@@ -344,7 +344,7 @@ def test_of_real_robots_no_truth_is_told(out: Path, tmp_path: Path) -> None:
         ({"mcap": "foxglove"}, "--mcap: foxglove; must be ros2, which RViz and Foxglove read"),
         ({"mcap": "ros2", "robot": ["r9"]}, "--robot: r9; must be one of r1, r2"),
         ({"robot": ["r1"]}, "--robot: requires --mcap; tables are of all robots"),
-        ({"mcap": "ros2", "out": "empty"}, "empty: no run's folder: there is no */*.mcap in it"),
+        ({"mcap": "ros2", "out": "empty"}, "empty: not a run's folder: it contains no */*.mcap"),
     ],
 )
 def test_wrong_options(options: dict[str, Any], sentence: str, out: Path, tmp_path: Path) -> None:

@@ -181,6 +181,6 @@ def test_with_modules_or_trust_it_runs(received: Received) -> None:
         assert done.stderr == (
             ""
             if word == ("--trust",)
-            else f"acrc: {received.run}: was recorded without the hashes of its strategy's modules, which "
-            "may be others here\n"
+            else f"acrc: {received.run}: recorded without hashes of the strategy's modules; they "
+            "may differ here\n"
         )

@@ -48,12 +48,12 @@ def sample(**parts: object) -> Introspection:
 
 
 HOSTILE = {
-    "its covariance has 2 values": step(quality=EstimateQuality((1.0, 2.0), 0.0, True)),
-    "5 bytes are no points": sample(plan=b"12345"),
+    "covariance has 2 values": step(quality=EstimateQuality((1.0, 2.0), 0.0, True)),
+    "5 bytes of points": sample(plan=b"12345"),
     "7 bytes": sample(particles=b"1234567"),
     "has 3 rows": sample(window=CostWindow((0, 0), 3, b"")),
     "and all its marks": sample(window=CostWindow((0, 0), 80, np.array([6400], "<u2").tobytes())),
-    "no clock shows": step(contacts=(("r2", 2**62),)),
+    "µs is out of range": step(contacts=(("r2", 2**62),)),
     "a scan has 2 rays": sample(scanned=POSE),
     "as no clock": step(commits=(KnowledgeCommit(2**62, "r1", "a", True, "", 0, ()),)),
 }
@@ -63,7 +63,7 @@ HOSTILE = {
 def test_what_cannot_be_is_refused(model: ProcessModel, fault: str, told: Introspection) -> None:
     model.extend(senses(0, Scan(0, b"1234")))
     model.extend(told)
-    with pytest.raises(IntrospectionError, match=f"r1: its introspection of step 0 is damaged: .*{fault}"):
+    with pytest.raises(IntrospectionError, match=f"r1: introspection of step 0 is damaged: .*{fault}"):
         model.take(0, {})
 
 

@@ -99,7 +99,7 @@ def test_a_view_that_lacks_something_says_so_and_fails(
         with pytest.raises(AcrcError, match="the view lacks what is named above"):
             look._show(folders, (), save=path, screenshot=None, at=None)
         told = capsys.readouterr().err
-        assert "r1: its introspection was not recorded; record the run with --record full" in told
+        assert "r1: introspection was not recorded; record the run with --record full" in told
         assert told.splitlines()[-1].endswith(" s, without what is named above")
     states = {state[0] for _, state in of(rows(path), "/1/r1", "StateChange:state")}
     assert states & {"driving", "standing"}, "as seen from outside"

@@ -149,7 +149,7 @@ def test_what_was_put_there_stands_there_until_it_does_not(tmp_path: Path) -> No
     widths = [row["LineStrips3D:strips"] for row in found["/world/put"]]
     assert len(widths[0]) == 1 + 12 and len(widths[1]) == 1, "a ring of dashes"
     assert [row["TextLog:text"][0] for row in found["/events/run/recorded"]] == [
-        "a wall is put from (0.0, 4.0) to (1.0, 4.0)"
+        "wall placed from (0.0, 4.0) to (1.0, 4.0)"
     ]
 
 
