@@ -1,1 +1,1 @@
-"""Why a robot decided as it did: from a decision back to knowledge, replicas and frames."""
+"""Causes of lost time, and causes of robots' decisions."""

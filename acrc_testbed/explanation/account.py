@@ -1,4 +1,4 @@
-"""Time accounting of a simulated run: its causes per robot, decisions and their outcome, self-diagnosis."""
+"""Time accounting of a simulated run: causes per robot, decisions with outcomes, self-diagnosis."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -48,7 +48,7 @@ END = "end"
 
 
 def decision_events(run: RunData, classified: Classified, p: EpisodeParameters) -> tuple[DecisionEvent, ...]:
-    """Every decision that was listed, by its instant and robot."""
+    """Return all listed decisions by instant and robot."""
     found = [
         event
         for index, robot in enumerate(run.robots)
@@ -86,7 +86,7 @@ def _of_robot(
 def _outcome(
     way: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: EpisodeParameters
 ) -> tuple[str, int | None]:
-    """What came of it until the next decision, and after how many steps the robot got on."""
+    """Return the outcome until the next decision, and after how many steps the robot moved again."""
     moves = np.flatnonzero(~stood)
     free = int(moves[0]) if moves.size else None
     if decision.new is not None:
@@ -99,16 +99,15 @@ def _outcome(
 
 
 def _stretch(stood: NDArray[np.bool_]) -> int:
-    """For how many steps up to the last one it has stood."""
+    """Return for how many steps the robot has stood at the end."""
     moves = np.flatnonzero(~stood)
     return len(stood) - (int(moves[-1]) + 1 if moves.size else 0)
 
 
 def diagnosis_score(run: RunData, classified: Classified) -> DiagnosisScore | None:
-    """Over all robots that ask themselves whether they are blocked; None if none does.
+    """Return the score of all robots that detect blocking; None if none does.
 
-    A robot is truly blocked while it stands although it wants to be elsewhere, whatever the cause; a robot
-    that waits on purpose is not.
+    A robot is truly blocked while it stands with a goal, whatever the cause, unless it waits on purpose.
     """
     both = told = true = count = noticed = false_alarms = 0
     delays: list[float] = []
@@ -139,28 +138,28 @@ def diagnosis_score(run: RunData, classified: Classified) -> DiagnosisScore | No
 
 
 class Judged(NamedTuple):
-    """A run, and what each step of each robot went into."""
+    """Floor of a run, and the cause of each step of each robot."""
 
     floor: TrueFloor
     causes: Classified
 
 
 def judge(run: RunData, parameters: EpisodeParameters = STANDARD) -> Judged:
-    """Return what every robot's time went into; without its recordings by what is visible from outside.
+    """Determine the cause of each step of each robot; without its reports, from ground truth alone.
 
-    Raises RunDataError if the floor was changed, and the world did not record how.
+    Raises RunDataError if changes of the floor were not recorded.
     """
     if not run.records_floor:
-        raise RunDataError(f"{run.out}: {NO_CHANGES}, without which causes cannot be told")
+        raise RunDataError(f"{run.out}: causes are unknown: {NO_CHANGES}")
     changes = [(round(second * 1e6) // run.step_us, state) for second, state in run.floor]
     floor = TrueFloor(run.grid, run.description.radius, changes, parameters)
     return Judged(floor, classify(run, floor, parameters))
 
 
 def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
-    """Where the time went of the run in the folder `out`.
+    """Return the time accounting of the run in a folder.
 
-    Raises RunDataError if that holds no simulated run, and RecordingError or OutcomeError if it is damaged.
+    Raises RunDataError if it is not a simulated run, RecordingError or OutcomeError if it is damaged.
     """
     all_recordings(out)
     run = read_run(out)
@@ -178,7 +177,7 @@ def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
 
 
 def _robots(run: RunData, classified: Classified) -> dict[str, dict[str, float]]:
-    """In s, from whole µs: each robot's add up to the run's time."""
+    """Return seconds by robot and cause, from whole µs; those of a robot sum to the run's duration."""
     spent = {}
     for index, robot in enumerate(run.robots):
         steps = np.bincount(classified.causes[:, index], minlength=len(CAUSES)).tolist()
@@ -189,7 +188,7 @@ def _robots(run: RunData, classified: Classified) -> dict[str, dict[str, float]]
 
 
 def _blames(run: RunData, classified: Classified) -> tuple[Blame, ...]:
-    """In s, from whole µs."""
+    """Return the waiting time per root and cause, s, from whole µs."""
     waits = (classified.before != NOBODY) & (classified.root != NOBODY)
     pairs = np.column_stack([classified.root[waits], classified.causes[waits]])
     kinds, counts = np.unique(pairs, axis=0, return_counts=True)
@@ -200,7 +199,7 @@ def _blames(run: RunData, classified: Classified) -> tuple[Blame, ...]:
 
 
 class Spell(NamedTuple):
-    """A while that went into one thing for one robot."""
+    """Interval of one robot with one cause."""
 
     robot: str
     cause: Cause
@@ -208,15 +207,12 @@ class Spell(NamedTuple):
     """Simulated s."""
     end: float
     x: float
-    """Where it was in the middle of it, m."""
+    """True position in the middle of the interval, m."""
     y: float
 
 
 def spells(run: RunData) -> list[Spell]:
-    """Everything that every robot's time went into, robot by robot in the order of time, without gaps.
-
-    Raises RunDataError: see `judge`.
-    """
+    """Return the intervals of all causes without gaps, by robot and time. Raises as `judge`."""
     causes = judge(run).causes.causes
     found: list[Spell] = []
     for index, robot in enumerate(run.robots):

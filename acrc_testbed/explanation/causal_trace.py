@@ -1,6 +1,6 @@
-"""The causal trace of one process of a robot: every change of its knowledge, and what each came from.
+"""Causal trace of one robot process: all changes of knowledge and their sources.
 
-A replay makes it, in a process that runs the strategy's code; so its bytes are checked against these types.
+A replay produces it in a process that runs the strategy's code, so its bytes are validated.
 """
 
 from typing import Annotated
@@ -13,7 +13,7 @@ from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
 
 Moment = Annotated[Instant, msgspec.Meta(ge=0, le=LATEST)]
-"""By the process's own time, µs."""
+"""Instant by the process's clock, µs."""
 Span = Annotated[Duration, msgspec.Meta(ge=0, le=LATEST)]
 """µs."""
 Number = Annotated[int, msgspec.Meta(ge=0, le=LATEST)]
@@ -23,52 +23,52 @@ Place = tuple[float, float]
 
 
 class TraceError(AcrcError):
-    """A trace that cannot be made, or makes no sense."""
+    """A failed replay, or an invalid trace."""
 
 
 class FieldChange(msgspec.Struct, frozen=True):
-    """A field of the component in which something has changed, in words."""
+    """Change of a field of a component, as text."""
 
     before: str
     after: str
     direction: Annotated[int, msgspec.Meta(ge=-1, le=1)] = 0
-    """1: a number became more; -1: less; 0: it was none."""
+    """1: a number increased; -1: decreased; 0: not a number."""
     is_place: bool = False
-    """It is a point or a pose now."""
+    """The new value is a point or a pose."""
 
 
 class Arrival(msgspec.Struct, frozen=True):
-    """The frame that made a replica's packet whole; earlier frames may have brought other parts of it."""
+    """The frame that completed a replica's packet; earlier frames may contain other fragments."""
 
     step: Number
-    """In which the robot got it from its transceiver."""
+    """Step in which the robot received the frame from its transceiver."""
     instant: Moment
-    """When its last symbol ended."""
+    """End of its last symbol."""
     sender: int
-    """Short address of the transceiver that sent it: the peer's own, or a relaying robot's."""
+    """Short address of the sender: the peer, or a relaying robot."""
     rssi_dbm: float
     lqi: int
 
 
 class ReplicaRead(msgspec.Struct, frozen=True):
-    """What a robot knew of a peer's component."""
+    """Replica of a peer's component, as read by a process or exchange."""
 
     component: str
     epoch: Number
-    """Of the peer's node, when it published this ..."""
+    """Restarts of the peer's node before this publication."""
     publication: Number
-    """... and its number, counted from 1 in that epoch."""
+    """Number of the publication in that epoch, from 1."""
     heard: Moment
     age: Span
-    """How long ago that was when it was read."""
+    """Age when it was read."""
     hops: Number
-    """How often it had been relayed."""
+    """Number of relays."""
     rssi_dbm: float | None
-    """None: it did not come by radio."""
+    """None: not received by radio."""
     arrival: Arrival | None
-    """None where the recording has no such frame."""
+    """None: the frame was not recorded."""
     known: dict[str, str]
-    """What was read of it, by field, in words."""
+    """Fields that were read, as text."""
 
 
 class KnowledgeChange(msgspec.Struct, frozen=True):
@@ -78,67 +78,67 @@ class KnowledgeChange(msgspec.Struct, frozen=True):
     instant: Moment
     component: str
     by: str
-    """The process or the ensemble's exchange, `CleaningRobot.sense` or `DestinationAdoption.at_member`."""
+    """Process such as `CleaningRobot.sense`, or exchange such as `DestinationAdoption.at_member`."""
     adaptation: bool
-    """True of an ensemble, and of a process of the adaptation layer."""
+    """True for an ensemble, and for a process of the adaptation layer."""
     peer: str
     """The component whose knowledge an ensemble used; empty for a process."""
     age: Span
-    """How old that was; 0 for a process, and for a peer on the same node."""
+    """Age of that knowledge; 0 for a process, and for a peer on the same node."""
     changed: tuple[ValueChange, ...]
     fields: dict[str, FieldChange]
-    """The same by field of the component."""
+    """The changes by field of the component."""
     own: tuple[str, ...]
-    """The component's fields that it depends on, as far as the source tells."""
+    """Fields of the component on which it depends, determined from the source code."""
     read: ReplicaRead | None
-    """The replica that it used; None for a process, and for a peer on the same node."""
+    """The replica used; None for a process, and for a peer on the same node."""
     decision: DecisionRecord | None = None
 
 
 class ReplicaNews(msgspec.Struct, frozen=True):
-    """A newer replica of a peer's component, and when it had come."""
+    """Reception of a newer replica of a peer's component."""
 
     peer: str
     heard: Moment
 
 
 class Order(msgspec.Struct, frozen=True):
-    """Something that a behaviour wanted its robot to do from a step on."""
+    """Order of a behaviour to its robot."""
 
     step: Number
     instant: Moment
-    """The step's start, or when the behaviour says that it was."""
+    """Start of the step, or the instant given by the behaviour."""
     words: str
     verb: str
-    """What kind of order it is: the first of the words."""
+    """Kind of order: the first part of `words`."""
     point: Place | None
-    """Where to; of `STOPS`, where it had been heading for."""
+    """Goal; for `STOPS`, the previous goal; None: none."""
     goal: GoalState | None
-    """How navigation's last goal stood before."""
+    """State of navigation's previous goal."""
     moved: tuple[Number, ...] = ()
-    """The changes of knowledge that brought its point, or took it away, newest first."""
+    """Numbers of the changes of knowledge that set or removed the point, newest first."""
 
 
 class CausalTrace(msgspec.Struct, frozen=True):
-    """What one process of a robot knew, heard and ordered."""
+    """Changes of knowledge, received replicas and orders of one robot process."""
 
     changes: tuple[KnowledgeChange, ...]
     news: tuple[ReplicaNews, ...]
     orders: tuple[Order, ...]
     has_nodes: bool
-    """False: the behaviour is without the component model, or no node has begun."""
+    """False: the behaviour does not use the component model, or has started no node."""
     fault: str | None = None
-    """Why it could not be followed to its end."""
+    """Why the trace is incomplete; None: it is complete."""
 
 
 def decode(data: bytes, actor: str) -> CausalTrace:
-    """Return the trace in the answer for an actor. Raises TraceError for what is none."""
+    """Decode the trace of an actor. Raises TraceError for an invalid one."""
     try:
         return typed_json.decode(data, CausalTrace, form=msgspec.msgpack)
     except (ValueError, TypeError) as error:
-        raise TraceError(f"{actor}: its trace makes no sense: {printable(str(error))}") from None
+        raise TraceError(f"{actor}: invalid trace: {printable(str(error))}") from None
 
 
 def seconds(instant: Instant) -> str:
-    """Return an instant as people read it, s."""
+    """Format an instant in s."""
     return f"{in_seconds(instant):.3f}".rstrip("0").rstrip(".")

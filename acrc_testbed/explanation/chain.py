@@ -1,4 +1,4 @@
-"""The chain of causes of one decision: newest first, causes below their effects."""
+"""Chain of causes of one decision: newest first, causes below their effects."""
 
 import struct
 from collections.abc import Iterator, Sequence
@@ -30,52 +30,52 @@ from actors.robot.behaviour.ports import GoalStatus
 from deeco.fragments import HEADER
 
 _TOGETHER_US: Final = 2_000_000
-"""Fragments of one packet lie no farther apart (`deeco.link.LinkParameters`)."""
+"""Maximum time between fragments of one packet (`deeco.link.LinkParameters`)."""
 
 
 class Frame(NamedTuple):
-    """A frame as its receiver heard it."""
+    """One received frame."""
 
     instant: Instant
-    """When its last symbol ended."""
+    """End of its last symbol."""
     sender: str
-    """The robot that sent it."""
+    """Robot that sent it."""
     octets: int
-    """Data bytes."""
+    """Payload, bytes."""
     airtime_us: int
     rssi_dbm: float
     lqi: int
     handed: Instant | None
-    """When the sender gave it to its transceiver; None where the radio's recording is not there."""
+    """When the sender handed it to its transceiver; None without a recording of the radio."""
 
 
 class FrameLoss(NamedTuple):
-    """A frame that did not arrive."""
+    """One frame that was lost at the receiver."""
 
     instant: Instant
-    """When it ended."""
+    """End of the frame."""
     sender: str
     cause: str
 
 
 @dataclass(frozen=True)
 class Air:
-    """The air of one run, as one robot's process heard it; read when it is asked for the first time."""
+    """Radio traffic of one run as received by one robot process; read on first use."""
 
     out: Path
     actor: str
 
     @property
     def simulated(self) -> bool:
-        """True if the radio's recording is there."""
+        """True if the radio was simulated and recorded."""
         return "radio" in self._files
 
     def robot(self, address: int) -> str:
-        """Whose short address it is; in words where nobody knows."""
-        return self._robots.get(address, f"the address {address}")
+        """Return the robot with a short address, or a description of the address."""
+        return self._robots.get(address, f"address {address}")
 
     def frames(self, arrival: Arrival) -> tuple[Frame, ...]:
-        """The frames that brought the packet, in their order; the arrival itself is the last."""
+        """Return the frames of a packet in order; the last one is the arrival."""
         last = next((one for one in self._heard if one.instant == arrival.instant), None)
         if last is None:
             return ()
@@ -90,7 +90,7 @@ class Air:
         )
 
     def losses(self, senders: tuple[str, ...], since: Instant, until: Instant) -> tuple[FrameLoss, ...]:
-        """Return frames of these robots that ended after `since` and before `until` and were lost here."""
+        """Return the frames of `senders` between `since` and `until` that were lost at this robot."""
         return tuple(
             FrameLoss(Instant(frame.ended), frame.robot, copy.outcome.replace("_", " "))
             for frame in self._sent
@@ -101,7 +101,7 @@ class Air:
 
     @property
     def robot_here(self) -> str:
-        """The robot whose process it is."""
+        """The robot of the process."""
         return self._files[self.actor].parent.name
 
     @cached_property
@@ -136,7 +136,7 @@ class Air:
 
 
 def _packets(data: bytes) -> set[tuple[int, int]]:
-    """Number and node of each packet of which a frame brings something."""
+    """Return number and node of each packet with a fragment in a frame."""
     found, at = set(), 0
     while len(data) - at > HEADER.size:
         try:
@@ -150,28 +150,28 @@ def _packets(data: bytes) -> set[tuple[int, int]]:
 
 _CONSTANT: Final = "parameters"
 _OFTEN: Final = 0.3
-"""A point that changes more often than this, per second, is where the robot is, and not what it wants."""
+"""A point that changes more often than this, 1/s, is a position and not a goal."""
 _FEW: Final = 5
-"""So many changes are not often."""
+"""Up to this number of changes is never frequent."""
 
 Changes = Sequence[KnowledgeChange]
 
 
 class ChangeRun(NamedTuple):
-    """A field of knowledge that one process or exchange has changed; a count, several times in a row."""
+    """Changes of one field by one process or exchange: one change, or for a counter several in a row."""
 
     field: str
     numbers: tuple[int, ...]
-    """Those changes."""
+    """Numbers of the changes."""
 
     @property
     def last(self) -> int:
-        """The newest of them."""
+        """Number of the newest change."""
         return self.numbers[-1]
 
 
 def runs(changes: Changes, number: int) -> list[ChangeRun]:
-    """How each field that a change depended on had come to be what it was before, the newest first."""
+    """Return the preceding changes of each field on which a change depended, newest first."""
     own = changes[number].own
     found = [
         run for field in own if field != _CONSTANT and (run := _last_run(changes, field, number)) is not None
@@ -180,13 +180,13 @@ def runs(changes: Changes, number: int) -> list[ChangeRun]:
 
 
 def is_routine(changes: Changes, number: int) -> bool:
-    """True if whatever made a change changes something all the time."""
+    """Return True if the process or exchange of a change makes changes all the time."""
     by = changes[number].by
     return _is_frequent(changes, [other for other, one in enumerate(changes) if one.by == by])
 
 
 def _last_run(changes: Changes, field: str, before: int) -> ChangeRun | None:
-    """A field's last changes before a change; None if it never changed, or only says where the robot is."""
+    """Return a field's last changes before a change; None if it did not change, or is the position."""
     numbers = list(_changes_of(changes, field, before))
     if not numbers:
         return None
@@ -196,7 +196,7 @@ def _last_run(changes: Changes, field: str, before: int) -> ChangeRun | None:
 
 
 def _one_way(changes: Changes, field: str, numbers: list[int]) -> list[int]:
-    """The last change; of a count, those too by which it had gone the same way."""
+    """Return the last change; for a counter, all consecutive changes in the same direction."""
     newest = numbers[-1]
     direction, found = changes[newest].fields[field].direction, [newest]
     for number in reversed(numbers[:-1]):
@@ -220,23 +220,23 @@ def _is_frequent(changes: Changes, numbers: list[int]) -> bool:
 
 
 class Made(NamedTuple):
-    """A decision."""
+    """One decision in a trace."""
 
     step: int
     instant: Instant
     words: str
     by: str
-    """The process or the exchange that changed the knowledge; "behaviour" for what it told the robot."""
+    """Process or exchange that changed the knowledge; "behaviour" for an order."""
     change: int | None
-    """Its number among the changes of knowledge ..."""
+    """Number of the change of knowledge; None for an order."""
     order: int | None
-    """... or among the orders."""
+    """Number of the order; None for a change of knowledge."""
 
 
 def decisions(trace: CausalTrace) -> list[Made]:
-    """Return all decisions in order: changes of knowledge that decide something, and orders.
+    """Return all decisions in order: changes of knowledge with a decision, and orders.
 
-    An order that repeats what a change of knowledge of the same step says is left out.
+    An order that follows from a change of knowledge in the same step is left out.
     """
     made = [
         Made(one.step, one.instant, one.decision.words, one.by, number, None)
@@ -253,34 +253,34 @@ def decisions(trace: CausalTrace) -> list[Made]:
 
 
 _WIDEST: Final = 4
-"""Own fields that one change depended on, the newest of which are told."""
+"""Maximum number of fields reported per change; the newest ones."""
 _DEEPEST: Final = 3
 _MOST_LOSSES: Final = 5
-"""Told one by one; of more there is the number."""
+"""Maximum number of losses listed."""
 _LONGEST: Final = 90
-"""Characters of a value."""
+"""Maximum length of a value, characters."""
 
 
 Second = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
-"""Simulated s; nobody lives to see more."""
+"""Simulated s."""
 
 
 class Link(msgspec.Struct, frozen=True):
-    """One cause."""
+    """One cause in a chain."""
 
     at_s: Second
     kind: str
     """`order`, `goal`, `process`, `exchange`, `state`, `replica`, `frame`, `lost` or `unknown`."""
     says: str
-    """A sentence without its instant."""
+    """Sentence without the instant."""
     depth: Annotated[int, msgspec.Meta(ge=0, le=100)]
-    """How far below the decision it stands: 0 is the decision itself."""
+    """Depth below the decision; 0: the decision itself."""
     about: dict[str, Any] = {}
-    """The same in values: names, numbers, and fields with what they were and became."""
+    """The data of the sentence: names, numbers, old and new values of fields."""
 
 
 class Chain:
-    """Makes the chain of one decision after the other."""
+    """Builder of the chains of decisions of one process."""
 
     def __init__(self, trace: CausalTrace, air: Air) -> None:
         self._trace = trace
@@ -288,7 +288,7 @@ class Chain:
         self._told: set[int] = set()
 
     def of(self, made: Made) -> list[Link]:
-        """The links, the decision's own first."""
+        """Return the links of a decision, starting with itself."""
         self._told = set()
         if made.change is not None:
             return list(self._change(made.change, 0, made.words))
@@ -296,7 +296,7 @@ class Chain:
         return list(self._order(self._trace.orders[made.order]))
 
     def _order(self, order: Order) -> Iterator[Link]:
-        """What the behaviour told its robot."""
+        """Yield the links of an order."""
         about = {"words": order.words, "point": None if order.point is None else list(order.point)}
         yield _link(order.instant, "order", f"{self._air.robot_here} {order.words}", 0, about)
         if order.verb == AGAIN or order.goal is not None:
@@ -313,13 +313,13 @@ class Chain:
 
     def _unknown(self, order: Order) -> Link:
         if not self._trace.has_nodes:
-            says = "the strategy runs without the component model, so what it knew cannot be told"
+            says = "unknown: the strategy does not use the component model"
         else:
-            says = "no change of knowledge names it: it follows from what was so from the beginning"
+            says = "no change of knowledge led to it; it follows from the initial knowledge"
         return _link(order.instant, "unknown", says, 1, {})
 
     def _behind(self, order: Order) -> Sequence[int]:
-        """The changes that brought the point of an order, or took it away; else those of the same step."""
+        """Return the changes that set or removed the point of an order; else those of the same step."""
         if order.point is not None:
             return order.moved
         changes = self._trace.changes
@@ -328,27 +328,27 @@ class Chain:
         return adapting or [number for number in now if not is_routine(changes, number)]
 
     def _change(self, number: int, depth: int, words: str = "") -> Iterator[Link]:
-        """A change of knowledge and what it depended on."""
+        """Yield a change of knowledge and its causes."""
         self._told.add(number)
         change = self._trace.changes[number]
         kind = "exchange" if change.peer else "process"
         values = {field: (one.before, one.after) for field, one in change.fields.items()}
         told = ", ".join(f"{_named(one)} {_turned(*pair)}" for one, pair in values.items())
         what = f"{self._air.robot_here} {words}" if words else told
-        by = f"the exchange {change.by} with {change.peer}" if change.peer else f"the process {change.by}"
+        by = f"exchange {change.by} with {change.peer}" if change.peer else f"process {change.by}"
         about = {
             "by": change.by, "adaptation": change.adaptation, "peer": change.peer,
             "changed": {one: list(pair) for one, pair in values.items()},
         }  # fmt: skip
         yield _link(change.instant, kind, f"{what}, by {by}", depth, about)
         if words:
-            yield _link(change.instant, "state", f"so {told}", depth + 1, {})
+            yield _link(change.instant, "state", f"changes: {told}", depth + 1, {})
         if change.read is not None:
             yield from self._replica(change.read, depth + 1)
         yield from self._own(number, depth + 1)
 
     def _own(self, number: int, depth: int) -> Iterator[Link]:
-        """What a change found in the component's own knowledge."""
+        """Yield the causes of a change in the component's own knowledge."""
         found = [run for run in runs(self._trace.changes, number) if run.last not in self._told]
         told: dict[int, list[ChangeRun]] = {}
         for run in found[:_WIDEST]:
@@ -385,7 +385,7 @@ class Chain:
         return first.before, last.after
 
     def _replica(self, read: ReplicaRead, depth: int) -> Iterator[Link]:
-        """What was known of the peer, and how it had come."""
+        """Yield the replica of a peer and the frames that delivered it."""
         text = ", ".join(f"{_named(one)} {_short(value)}" for one, value in read.known.items())
         age = in_seconds(read.age)
         about = {
@@ -394,7 +394,7 @@ class Chain:
         }  # fmt: skip
         yield _link(
             read.heard, "replica",
-            f"what it knew of {read.component}, {age:.3g} s old (publication {read.publication}): {text}",
+            f"replica of {read.component}, {age:.3g} s old (publication {read.publication}): {text}",
             depth, about,
         )  # fmt: skip
         if read.arrival is not None:
@@ -403,9 +403,9 @@ class Chain:
         yield from self._lost(read, depth + 1)
 
     def _lost(self, read: ReplicaRead, depth: int) -> Iterator[Link]:
-        """What of this peer, or of who relayed it, was lost here since the last news of it."""
+        """Yield the losses from this peer or its relay since the previous replica."""
         if not self._air.simulated:
-            says = "what was lost before is not recorded: only a simulated radio knows"
+            says = "earlier losses are unknown: only a simulated radio records them"
             yield _link(read.heard, "unknown", says, depth, {})
             return
         earlier = [
@@ -418,10 +418,10 @@ class Chain:
 
 
 def _frame_link(frame: Frame, hops: int, depth: int) -> Link:
-    relayed = "its own" if not hops else "relayed once" if hops == 1 else f"relayed {hops} times"
-    handed = "" if frame.handed is None else f", handed to its transceiver at {seconds(frame.handed)} s"
+    relayed = "direct" if not hops else "relayed once" if hops == 1 else f"relayed {hops} times"
+    handed = "" if frame.handed is None else f", handed to the transceiver at {seconds(frame.handed)} s"
     says = (
-        f"a frame of {frame.sender} brought it, {relayed}: {frame.octets} bytes, "
+        f"received in a frame of {frame.sender}, {relayed}: {frame.octets} bytes, "
         f"{frame.airtime_us / 1000:.2f} ms on the air, {frame.rssi_dbm:.0f} dBm{handed}"
     )
     about = {
@@ -438,12 +438,12 @@ def _loss_link(
     who = " and ".join(senders)
     between = f"between {seconds(since)} and {seconds(until)} s"
     if not lost:
-        says = f"nothing that {who} sent {between} was lost here"
+        says = f"no frame of {who} was lost {between}"
         return _link(until, "lost", says, depth, {"senders": list(senders), "lost": []})
     told = ", ".join(f"{seconds(one.instant)} s {one.cause}" for one in lost[-_MOST_LOSSES:])
     more = "" if len(lost) <= _MOST_LOSSES else f", the last {_MOST_LOSSES} of them"
     count = "1 frame" if len(lost) == 1 else f"{len(lost)} frames"
-    says = f"{count} of {who} {'was' if len(lost) == 1 else 'were'} lost here {between}{more}: {told}"
+    says = f"{count} of {who} {'was' if len(lost) == 1 else 'were'} lost {between}{more}: {told}"
     rows = [{"at_s": in_seconds(one.instant), "sender": one.sender, "cause": one.cause} for one in lost]
     return _link(lost[-1].instant, "lost", says, depth, {"senders": list(senders), "lost": rows})
 
@@ -453,16 +453,16 @@ def _link(at: Instant, kind: str, says: str, depth: int, about: dict[str, Any]) 
 
 
 def _stands(goal: GoalState) -> str:
-    """How a goal stood, in words."""
+    """Describe the state of a goal."""
     if goal.point is None:
-        return "there was no goal before"
+        return "there was no previous goal"
     at = f"({goal.point[0]:.2f}, {goal.point[1]:.2f})"
     if goal.status == GoalStatus.ABORTED.value and goal.reason is not None:
-        return f"navigation had given up the goal {at}: {goal.reason}"
+        return f"navigation had aborted the goal {at}: {goal.reason}"
     if goal.status == GoalStatus.SUCCEEDED.value:
         return f"navigation had reached the goal {at}"
     phase = "" if goal.phase is None else f", {goal.phase}"
-    return f"navigation was under way to {at}{phase}"
+    return f"navigation was driving to {at}{phase}"
 
 
 def _named(field: str) -> str:

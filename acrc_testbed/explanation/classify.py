@@ -1,7 +1,7 @@
-"""Each step of each robot by what its time went into, from ground truth; the order of `Cause` decides.
+"""Cause of each step of each robot, from ground truth; the first `Cause` that applies counts.
 
-A robot that stands, or moves to and fro, waits for the first robot on its way, and that for the next one. The
-last one of the chain says what all of its time went into; where there is no last one, it is a deadlock.
+A robot without progress waits for the first robot on its path, which may wait for another one. All robots of
+such a chain have the cause of its last robot, the root; a ring has no root and is a deadlock.
 """
 
 from collections import Counter
@@ -27,18 +27,21 @@ from actors.instant import seconds
 
 
 class Roots(NamedTuple):
-    """Where the chains of all robots end."""
+    """Roots of the chains of all robots; (steps, robots) each."""
 
     root: NDArray[np.int32]
-    """(steps, robots): where its chain ends, itself if it waits for nobody; NOBODY: in a ring."""
+    """Root of the robot's chain, itself if it does not wait; NOBODY: the chain ends in a ring."""
     ring: NDArray[np.bool_]
-    """(steps, robots): it is in a ring itself."""
+    """The robot is part of a ring."""
     at_door: NDArray[np.bool_]
-    """(steps, robots): its chain leads through a door, or up to one."""
+    """The chain leads through a door or up to one."""
 
 
 def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
-    """Both (steps, robots): `before`: for whom each waits, NOBODY: for none; `at_door`: it does so at one."""
+    """Find the roots of all chains.
+
+    `before`: the robot that each waits for, or NOBODY; `at_door`: where it waits at a door; (steps, robots).
+    """
     root = np.where(before == NOBODY, np.arange(before.shape[1], dtype=np.int32), np.int32(NOBODY))
     doors = at_door & (before != NOBODY)
     while True:
@@ -54,7 +57,7 @@ def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
 
 
 def behind(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(steps, robots): those that are marked, and all whose chain leads to one of them."""
+    """Return the marked robots and all robots that wait for them, (steps, robots)."""
     whole = marked.copy()
     while True:
         rows, robots = np.nonzero(~whole & (before != NOBODY))
@@ -65,7 +68,7 @@ def behind(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.b
 
 
 def _rings(left: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """What is left once nobody waits for nobody: of chains into a ring the ring alone."""
+    """Reduce the robots without a root to those that are part of a ring."""
     ring = left.copy()
     while True:
         rows, robots = np.nonzero(ring)
@@ -83,23 +86,23 @@ Causes = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Classified:
-    """What every step of every robot went into."""
+    """Causes of all steps of all robots; (steps, robots) each."""
 
     causes: Causes
-    """(steps, robots): index in CAUSES."""
+    """Index in CAUSES."""
     before: NDArray[np.int32]
-    """(steps, robots): the robot for which it waits, NOBODY if none is why."""
+    """The robot that it waits for, or NOBODY."""
     root: NDArray[np.int32]
-    """(steps, robots): at which the chain of those ends; itself if it waits for nobody, NOBODY in a ring."""
+    """Root of its chain, itself if it does not wait; NOBODY: the chain ends in a ring."""
     ring: Flags
-    """(steps, robots): it is in a ring of robots that wait for one another."""
+    """It is part of a ring of robots that wait for each other."""
     stood: Flags
-    """(steps, robots): it stood, not on purpose, although it wanted to be elsewhere, whatever the cause."""
+    """It stood with a goal, not on purpose, whatever the cause."""
     at_door: Flags
-    """(steps, robots): it waited for a robot, and one of the two was in or at a door."""
+    """It waited for a robot, and its chain leads through a door or up to one."""
 
     def is_(self, *wanted: Cause) -> Flags:
-        """(steps, robots): where one of these is the cause."""
+        """Return where one of these is the cause, (steps, robots)."""
         return np.isin(self.causes, [CAUSES.index(cause) for cause in wanted])
 
 
@@ -108,7 +111,7 @@ def classify(
     floor: TrueFloor,
     parameters: EpisodeParameters = STANDARD,
 ) -> Classified:
-    """What every robot's time went into."""
+    """Determine the cause of each step of each robot."""
     states = RobotStates(run, floor.stages(), parameters)
     own = _own(states, in_wall(run, floor.grid))
     stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
@@ -123,7 +126,7 @@ def classify(
 
 
 def _own(states: RobotStates, walled: Flags) -> Causes:
-    """What holds of a robot whoever is in its way; _NONE: nothing does."""
+    """Return the causes that do not depend on other robots; _NONE: none."""
     own = np.full(states.on.shape, _NONE, np.uint8)
     for cause, where in (
         (Cause.NO_PLAN, walled & states.wants),
@@ -139,7 +142,7 @@ def _own(states: RobotStates, walled: Flags) -> Causes:
 
 
 def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: EpisodeParameters) -> Causes:
-    """CLOSED_DOOR or UNREACHABLE where no way leads to the goal, or a closed door is on it; else _NONE."""
+    """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _NONE."""
     found = np.full(stuck.shape, _NONE, np.uint8)
     closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
     for robot in range(stuck.shape[1]):
@@ -160,7 +163,7 @@ def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: Epi
 def _leads_through(
     states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float], p: EpisodeParameters
 ) -> Flags:
-    """(rows,): a closed door fills the way that it would go if all were open, before it has gone far."""
+    """Return where a closed door is near on the path that would exist with open doors, (rows,)."""
     found = np.zeros(len(rows), np.bool_)
     here = states.run.true[rows, robot, :2]
     for number in np.unique(states.stage[rows]).tolist():
@@ -178,7 +181,7 @@ def _leads_through(
 
 
 def _doors(run: RunData, before: NDArray[np.int32], passages: Passages, p: EpisodeParameters) -> Flags:
-    """(steps, robots): it waits, and one of the two, or their middle, is in or just before a door."""
+    """Return where a robot waits and one of the pair, or their midpoint, is at a door, (steps, robots)."""
     doors = np.zeros(before.shape, np.bool_)
     rows, robots = np.nonzero(before != NOBODY)
     if rows.size:
@@ -191,10 +194,10 @@ def _doors(run: RunData, before: NDArray[np.int32], passages: Passages, p: Episo
 def _followed(
     states: RobotStates, own: Causes, before: NDArray[np.int32], barred: Causes, doors: Flags
 ) -> tuple[Causes, Roots]:
-    """The cause of everybody, from the roots of all chains."""
+    """Return the causes of all robots from the roots of their chains."""
     is_barred = barred != _NONE
     found = roots(before, doors)
-    before = np.where(found.ring & is_barred, NOBODY, before)  # who gets nowhere anyway is no part of a ring
+    before = np.where(found.ring & is_barred, NOBODY, before)  # without a path, a robot is not part of a ring
     found = roots(before, doors)
     alone = _alone(states, own, barred)
     causes = alone.copy()
@@ -229,13 +232,13 @@ _BEHIND: Final = np.array(
     ],
     np.uint8,
 )
-"""By the cause of the last one of a chain, that of those who wait."""
+"""Cause of the waiting robots of a chain, by the cause of its root."""
 _VAGUE: Final = (Cause.DOOR, Cause.OPEN_FLOOR, Cause.NO_PROGRESS, Cause.NO_PLAN, Cause.LIVELOCK)
-"""Whoever waits for such a robot, and has no way anyway, waits for the way."""
+"""Causes of waiting robots that a blocked path overrides."""
 
 
 def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
-    """What everybody's time would go into if nobody else was there."""
+    """Return the causes as if each robot were alone."""
     causes = np.full(own.shape, CAUSES.index(Cause.DRIVING), np.uint8)
     causes[states.long_waits] = CAUSES.index(Cause.NO_PROGRESS)
     causes[states.loops] = CAUSES.index(Cause.LIVELOCK)
@@ -245,7 +248,7 @@ def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
 
 
 def _stays(states: RobotStates, own: Causes) -> Flags:
-    """(steps, robots): who is waited for will not get out of the way soon."""
+    """Return where a robot will not move out of the way soon, (steps, robots)."""
     ended = np.isin(own, [CAUSES.index(cause) for cause in (Cause.OFF, Cause.FROZEN)])
     stays: Flags = states.still | states.loops | ended
     return stays
@@ -256,16 +259,16 @@ ON_FLOOR: Final = "open floor"
 
 
 def blocked_by_robots(classified: Classified) -> NDArray[np.bool_]:
-    """(steps, robots): it stands, and another robot is why."""
+    """Return where a robot stands because of another one, (steps, robots)."""
     blocked: NDArray[np.bool_] = classified.stood & (classified.before != NOBODY)
     return blocked
 
 
 def blocking_events(run: RunData, classified: Classified, p: EpisodeParameters) -> tuple[BlockingEvent, ...]:
-    """Every blocking, by begin and robots: two of which one at least stands before the other.
+    """Return all blockings by start and robots: pairs of which one or both wait for the other.
 
-    A while of at most `pause_s` in between does not part them, and what lasts no longer is none. A queue of
-    three is two blockings.
+    Interruptions of up to `pause_s` are ignored, and so are shorter blockings. A queue of three is two
+    blockings.
     """
     patience = seconds(p.pause_s) // run.step_us
     found = [
@@ -277,7 +280,7 @@ def blocking_events(run: RunData, classified: Classified, p: EpisodeParameters) 
 
 
 def deadlocks(run: RunData, classified: Classified, p: EpisodeParameters) -> DeadlockCount:
-    """Pairs that were in a deadlock for `deadlock_s` or longer, and how many came free before the end."""
+    """Count pairs in a deadlock of at least `deadlock_s`, and those resolved before the end."""
     patience, least = (seconds(each) // run.step_us for each in (p.pause_s, p.deadlock_s))
     steps, pairs, free = len(run.true), 0, 0
     for mask in _pairs(classified, classified.ring & classified.is_(Cause.DEADLOCK)).values():
@@ -288,7 +291,7 @@ def deadlocks(run: RunData, classified: Classified, p: EpisodeParameters) -> Dea
 
 
 def _pairs(classified: Classified, where: NDArray[np.bool_]) -> dict[tuple[int, int], NDArray[np.bool_]]:
-    """For each two robots, the steps in which one of them stands before the other; none: not there."""
+    """Return, for each pair with a blocking, the steps in which one waits for the other."""
     found: dict[tuple[int, int], NDArray[np.bool_]] = {}
     for robot in range(where.shape[1]):
         for other in np.unique(classified.before[where[:, robot], robot]).tolist():
@@ -299,7 +302,7 @@ def _pairs(classified: Classified, where: NDArray[np.bool_]) -> dict[tuple[int, 
 
 
 def _bridged(mask: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
-    """The mask with gaps of at most `patience` samples between two stretches closed."""
+    """Return the mask with gaps of at most `patience` samples closed."""
     whole = mask.copy()
     stretches = runs(mask)
     for one, after in pairwise(stretches):
@@ -332,18 +335,18 @@ def _event(
 NO_CONTACT: Final = "no contact"
 CARRIED: Final = "carried"
 _FRAMES: Final = 3
-"""Who has given so many frames to its radio in a while wants to be heard."""
+"""Minimum number of frames handed to the radio by a robot that should be received."""
 
 
 def findings(run: RunData, passages: Passages, p: EpisodeParameters) -> tuple[Finding, ...]:
-    """All there are."""
+    """Return all findings of a run."""
     return (*_silent(run, passages, p), *_carried(run, p))
 
 
 def _silent(run: RunData, passages: Passages, p: EpisodeParameters) -> Iterator[Finding]:
-    """Robots that heard nobody for a while in which others within reach had something to send.
+    """Yield the intervals in which a robot received nothing although others in range had frames to send.
 
-    Whether these sent it does not matter: whoever finds the channel taken all the time does not.
+    Their frames need not have been sent: the channel may have been busy.
     """
     least = seconds(p.silent_s) // run.step_us
     for index, robot in enumerate(run.robots):
@@ -354,8 +357,8 @@ def _silent(run: RunData, passages: Passages, p: EpisodeParameters) -> Iterator[
                 since, until = run.duration(begin), run.duration(end)
                 jam = _jam(run, index, begin, end)
                 says = (
-                    f"{robot} heard nobody from {since:g} s to {until:g} s, with {', '.join(near)} within "
-                    f"{p.contact:g} m{jam}"
+                    f"{robot} received no frames from {since:g} s to {until:g} s, with {', '.join(near)} "
+                    f"within {p.contact:g} m{jam}"
                 )
                 yield Finding(NO_CONTACT, (robot,), says)
 
@@ -368,7 +371,7 @@ def _within_reach(
     passages: Passages,
     p: EpisodeParameters,
 ) -> list[str]:
-    """The robots that were near all of this while, and had frames to send."""
+    """Return the robots that were in range during the whole interval and had frames to send."""
     here = run.true[begin:end, index, :2]
     found = []
     for other, name in enumerate(run.robots):
@@ -381,17 +384,17 @@ def _within_reach(
 
 
 def _jam(run: RunData, index: int, begin: int, end: int) -> str:
-    """For how long of the while the robot was within a jammer's reach, in words."""
+    """Describe for how long the robot was in range of a jammer; "" if it was not."""
     begins = np.arange(begin, end) * run.step_us
     within = np.zeros(end - begin, np.bool_)
     for since, jam in run.jams:
         gaps = np.hypot(*(run.true[begin:end, index, :2] - (jam.x, jam.y)).T)
         within |= (gaps <= jam.radius) & (begins >= round(since * 1e6)) & (begins < jam.until)
-    return f"; for {run.duration(int(within.sum())):g} s within a jammer's reach" if within.any() else ""
+    return f"; for {run.duration(int(within.sum())):g} s in range of a jammer" if within.any() else ""
 
 
 def _carried(run: RunData, p: EpisodeParameters) -> Iterator[Finding]:
-    """Robots that were somewhere else from one step to the next."""
+    """Yield robots that changed position between two steps."""
     hops = np.hypot(*np.moveaxis(np.diff(run.true[..., :2], axis=0), -1, 0))
     for index, robot in enumerate(run.robots):
         for step in np.flatnonzero(hops[:, index] > p.jump).tolist():

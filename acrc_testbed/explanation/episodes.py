@@ -1,4 +1,4 @@
-"""Parameters of the accounting, and intervals of steps."""
+"""Parameters of time accounting, and intervals of steps."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,16 +13,15 @@ from actors.robot.navigation.navigation_counts import GivenGoal
 
 NO_GOAL: Final = -1
 REACHED: Final = "succeeded"
-"""How a goal ended to which the robot came."""
+"""Result of a reached goal."""
 ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
-"""How goals ended that navigation gave up."""
+"""Results of aborted goals."""
 
 
 def pursued(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:
-    """(steps,): which of the goals a robot has and has not reached; NO_GOAL: none.
+    """Return the number of the robot's current goal, (steps,); NO_GOAL: none.
 
-    A goal that navigation gave up counts until the next one, or until the end of the run: nobody has told the
-    robot that it need not go there any more.
+    An aborted goal counts until the next one or the end of the run, as the strategy has not cancelled it.
     """
     pursuing = np.full(len(run.true), NO_GOAL, np.int64)
     for number, goal in enumerate(goals):
@@ -35,7 +34,7 @@ def pursued(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:
 
 
 def during(found: Sequence[tuple[int, int | None]], run: RunData) -> NDArray[np.bool_]:
-    """(steps,): True during the spells, from begin to end, µs; None: to the end of the run."""
+    """Return the mask of intervals, (steps,); each from begin to end, µs; None: to the end of the run."""
     during = np.zeros(len(run.true), np.bool_)
     for begin, end in found:
         during[begin // run.step_us : None if end is None else -(-end // run.step_us)] = True
@@ -44,85 +43,82 @@ def during(found: Sequence[tuple[int, int | None]], run: RunData) -> NDArray[np.
 
 @dataclass(frozen=True)
 class EpisodeParameters:
-    """What counts as a failure, and where time goes; own choices, as the chapter gives no numbers."""
+    """Criteria of causes and blockings; chosen here, as the chapter gives no numbers."""
 
     lost: float = 1.0
-    """A robot is lost from when it holds itself to be farther than this from where it is, m ..."""
+    """A robot is lost once its localisation error exceeds this, m ..."""
     found: float = 0.5
-    """... until it is nearer than this, m."""
+    """... until the error is below this, m."""
     still: float = 0.1
     """A robot stands while it stays this close to its position at the start of a window, m."""
     near: float = 1.6
-    """Robots that stand stand in each other's way within this distance, centre to centre, m. Measured, robots
-    that stood for 30 s by how far the nearest other one was that did (24 runs of the chapter's scenario):
-    80 % of their time below 1 m, 10 % at 1.3 to 1.5 m, head-on at doors, and 0.1 % at 1.5 to 1.7 m."""
+    """Standing robots block each other within this distance, centre to centre, m. Measured in 24 runs of the
+    chapter's scenario, distance of robots that stood for 30 s to the nearest one that did: 80 % of the time
+    below 1 m, 10 % at 1.3 to 1.5 m, head-on at doors, and 0.1 % at 1.5 to 1.7 m."""
     pause_s: float = 3.0
-    """A robot with another one in its way that stays within `still` for so many s does not get on; to stand
-    for less is part of driving: strategies ask every 2 s for the next goal."""
+    """A robot behind another one makes no progress once it stays within `still` for this time, s; shorter
+    stops are part of driving, as strategies request goals every 2 s."""
     turn_s: float = 10.0
-    """The same of a robot with nobody within `near`: move_base's oscillation_timeout. Measured: a turn on the
-    spot takes a robot alone up to 7.9 s."""
+    """The same for a robot with no other within `near`, s: move_base's oscillation_timeout. Measured: a turn
+    on the spot takes a single robot up to 7.9 s."""
     wait_s: float = 30.0
-    """Who moves, and gets no nearer to any of its goals for so many s, is in a livelock."""
+    """A robot that moves without progress towards any goal for this time, s, is in a livelock."""
     nearer: float = 0.25
-    """To be nearer than ever by so much, m, is to get on; less is what a robot that turns comes to."""
+    """Progress is a new minimum of the distance to the goal by this much, m; turning changes it by less."""
     to_and_fro: float = 3.0
-    """Who has driven so many times the size of the floor that it was on moves to and fro; who makes a detour
-    does not."""
+    """A robot moves to and fro if it drives this multiple of the extent of its path; a detour is shorter."""
     turning: float = 0.1
-    """Who turns faster than this, rad/s, does not stand idly."""
+    """A robot that turns faster than this, rad/s, is moving."""
     seen: float = 2.5
-    """Before a robot so near, m, stands who does so for `turn_s`: what is farther away is not in the local
-    map (obstacle_range). Before a door that is closed robots stop 1.6 to 2.5 m from what closes it."""
+    """Distance of the obstacle for which a robot stands for `turn_s`, at most, m: the local map ends there
+    (obstacle_range). Robots stop 1.6 to 2.5 m before what closes a door."""
     in_way: float = 0.45
-    """A robot nearer to another one's way than this, m, is in it: nearer than their two inscribed circles and
-    two cells of the local map, so that the local planner finds no way past. Two that do not get on and are so
-    near to each other are in each other's way wherever they go."""
+    """A robot nearer to another one's path than this, m, blocks it: two inscribed radii and two cells of the
+    local map, so the local planner finds no path. Two robots without progress at this distance block each
+    other in any direction."""
     sensed: float = 5.0
-    """So far on its way, m, another robot keeps it from finding a plan: as far as its sensor sees."""
+    """Distance along the path at which another robot can prevent a plan, m: range of the sensor."""
     deadlock_s: float = 10.0
-    """A pair counts as a deadlock from so many s on; for less it is a touch and go."""
+    """Minimum duration of a deadlock, s."""
     reported: float = 0.5
-    """A goal can be reached where a robot can come so near, m: as robots report places."""
+    """A goal is reachable if a robot can get this near, m, as for reports of places."""
     contact: float = 5.0
-    """Robots so near, m, with no wall between are within each other's reach by radio: half of the range of
-    the radio `chapter`."""
+    """Radio range without walls in between, m: half of the range of the radio `chapter`."""
     silent_s: float = 5.0
-    """Who hears nobody for so many s although others within reach have frames to send has no contact: they
-    publish once a second."""
+    """A robot that receives nothing for this time, s, although others in range have frames to send, has no
+    contact; robots publish once per second."""
     beside: float = 0.5
-    """A robot is at a door if it is so near to where one robot closes the way, m."""
+    """A robot is at a door if it is this near to a position where one robot closes the passage, m."""
     neck: float = 1.6
-    """A passage between rooms that is narrower, m, is a door, too: between the corridor's cabinets there are
-    1.5 m, in which two robots could pass; with the chapter's local planner they do not."""
+    """Narrower passages between rooms, m, are doors, too: two robots could pass in the 1.5 m between the
+    corridor's cabinets, but do not with the chapter's local planner."""
     fit: float = 0.7
-    """A goal was visited by whoever was so near, m: as the world judges places (WorldSetup.reach)."""
+    """A goal was visited by a robot this near, m, as in the world's judgement (WorldSetup.reach)."""
     jump: float = 0.3
-    """Who is farther away one step later, m, was carried: six times what a robot can drive in 0.1 s."""
+    """A robot that moves farther in one step, m, was carried: six times what it can drive in 0.1 s."""
 
 
 STANDARD: Final = EpisodeParameters()
 
 
 class Episode(NamedTuple):
-    """Something that one robot is in for a while."""
+    """Interval of steps, from `begin` to before `end`."""
 
     begin: int
     end: int
 
 
 def runs(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
-    """The longest stretches of True in `mask`, (samples,), that have at least `least` samples."""
+    """Return the intervals of True in `mask`, (samples,), with at least `least` samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
     return [Episode(begin, end) for begin, end in pairs if end - begin >= least]
 
 
 def lost(errors: NDArray[np.float64], parameters: EpisodeParameters = STANDARD) -> list[Episode]:
-    """When one robot was lost: from an error above `lost` until one below `found`.
+    """Return when a robot was lost: from an error above `lost` until one below `found`.
 
-    `errors`: (samples,), how far it was from where it held itself to be, m; NaN where nobody knows, which
-    changes nothing.
+    `errors`: (samples,), localisation error, m; NaN (unknown) keeps the state.
     """
     is_lost = np.zeros(errors.size, np.bool_)
     now = False
@@ -138,10 +134,10 @@ def lost(errors: NDArray[np.float64], parameters: EpisodeParameters = STANDARD) 
 def standing(
     true: NDArray[np.float64], pursuing: NDArray[np.bool_], window: int, still: float
 ) -> NDArray[np.bool_]:
-    """(samples,): when one robot stood although it wanted to be elsewhere.
+    """Return when a robot with a goal stood, (samples,).
 
-    That is in all samples of every window of `window` samples throughout which it was `pursuing` a goal,
-    (samples,), and at most `still` m from where it was in the window's first; `true`: (samples, 2), m.
+    It stands in a window of `window` samples if it is `pursuing` a goal, (samples,), in all of them, and
+    stays within `still` m of the first position; `true`: (samples, 2), m.
     """
     stood = np.zeros(len(true), np.bool_)
     if len(true) < window:
@@ -156,23 +152,22 @@ def standing(
 
 
 class ObservedActivity:
-    """One robot's activity as observed from outside, part by part: driving, standing or idle.
+    """Activity of one robot by ground truth, updated part by part: driving, standing or idle.
 
-    A robot stands if it stays within `still` for `pause_s` although it intends to visit places; an idle one
-    intends to visit none.
+    A robot that stays within `still` for `pause_s` stands if it has places left; otherwise it is idle.
     """
 
     def __init__(self, robot: str, *, has_places: bool = True) -> None:
-        """`has_places`: it intends to visit places before its first route."""
+        """`has_places`: it has places before its first route."""
         self._robot, self._has_places = robot, has_places
         self._activity = ""
         self._is_active = True
-        """False: it is frozen or off."""
+        """False: frozen or off."""
         self._window: deque[tuple[float, float, float]] = deque()
-        """Instants, s, and positions, m, of the last `pause_s` in which it was active."""
+        """Times, s, and positions, m, of the last `pause_s` of activity."""
 
     def extend(self, track: Trajectory, routes: Iterable[Route]) -> Iterator[tuple[float, str]]:
-        """Yield each change of activity, and since when, s."""
+        """Yield each change of activity: its time, s, and the new activity."""
         for route in routes:
             if route.robot == self._robot:
                 self._has_places = bool(route.places)
@@ -190,7 +185,7 @@ class ObservedActivity:
                 yield begin if stays else second, activity
 
     def _stays(self, second: float, x: float, y: float) -> tuple[float, bool]:
-        """Return since when it is observed, s, and whether it has stayed there for `pause_s`."""
+        """Return the start of the window, s, and whether the robot stayed in place for `pause_s`."""
         window = self._window
         window.append((second, x, y))
         while len(window) > 1 and second - window[1][0] >= STANDARD.pause_s:

@@ -1,4 +1,4 @@
-"""Explains decisions of the robots of a run, from their traces."""
+"""Explanations of robots' decisions, from causal traces."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -17,58 +17,58 @@ from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
 
 _SAME_S: Final = 0.0501
-"""Who asks for an instant means a decision that is no farther away: half a step."""
+"""Tolerance for the instant of a decision, s: half a step."""
 
 
 class ExplanationError(AcrcError):
-    """Something that nobody can explain."""
+    """A request that cannot be answered."""
 
 
 class Wish(NamedTuple):
-    """Of whom which decision is to be explained."""
+    """Request to explain a robot's decision."""
 
     robot: str
     at_s: float | None
-    """None: all are to be listed."""
+    """Simulated s; None: list all decisions."""
 
 
 class DecisionRow(msgspec.Struct, frozen=True):
-    """A decision as it is listed."""
+    """One decision in a list."""
 
     at_s: Second
     words: str
     by: str
-    """The process or exchange that changed the knowledge; "behaviour": what it told its robot."""
+    """Process or exchange that changed the knowledge; "behaviour" for an order."""
 
 
 class Explanation(msgspec.Struct, frozen=True):
-    """Why a robot decided something."""
+    """Causes of one decision."""
 
     robot: str
     asked_s: Second
     at_s: Second
-    """When the decision was made: the nearest before `asked_s`, unless `exact`."""
+    """Instant of the decision: the last one before `asked_s`, unless `exact`."""
     exact: bool
     decision: str
     by: str
     chain: tuple[Link, ...]
-    """The decision's own link first; causes stand below, one deeper than their effects."""
+    """The decision first; causes follow, one level deeper than their effects."""
 
 
 def wish(text: str) -> Wish:
-    """`r2@157`: the decision of r2 at 157 s; `r2`: all of r2's. Raises ExplanationError."""
+    """Parse `r2@157`, the decision of r2 at 157 s, or `r2`, all of its decisions. Raises ExplanationError."""
     robot, at, instant = text.partition("@")
     if not at:
         return Wish(robot, None)
     if not robot or not re.fullmatch(r"[0-9]+(\.[0-9]*)?", instant):
         raise ExplanationError(
-            f"{text}: should be a robot and simulated seconds, such as r2@157, or r2 alone"
+            f"{text}: must be a robot, such as r2, or a robot and simulated seconds, such as r2@157"
         )
     return Wish(robot, float(instant))
 
 
 class Explainer:
-    """Explains decisions of one robot of a run that is over, which it replays."""
+    """Explanations of decisions of one robot, which is replayed."""
 
     def __init__(
         self, out: Path, robot: str, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
@@ -84,14 +84,14 @@ class Explainer:
             raise ExplanationError(printable(str(error))) from None
 
     def listed(self) -> tuple[DecisionRow, ...]:
-        """Return all decisions, those of later processes behind."""
+        """Return all decisions, by process and time."""
         made = (one for _, found in self._traces for one in decisions(found))
         return tuple(DecisionRow(in_seconds(one.instant), one.words, one.by) for one in made)
 
     def explain(self, at_s: float) -> tuple[Explanation, ...]:
-        """Return every decision that was made at an instant, or the one before it.
+        """Return the decisions at an instant, or the last ones before it.
 
-        Raises ExplanationError if nothing was decided by then.
+        Raises ExplanationError if there is none.
         """
         earliest: float | None = None
         for actor, found_trace in reversed(self._traces):
@@ -100,12 +100,12 @@ class Explainer:
                 chain = Chain(found_trace, Air(self._out, actor))
                 return tuple(_explanation(self._robot, at_s, one, chain) for one in found)
             earliest = in_seconds(made[0].instant) if made else earliest
-        then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
-        raise ExplanationError(f"{self._robot} had decided nothing by {at_s:g} s; {then}")
+        then = "it makes none" if earliest is None else f"its first decision is at {earliest:g} s"
+        raise ExplanationError(f"{self._robot} made no decision before {at_s:g} s; {then}")
 
 
 def _chosen(made: Sequence[Made], at_s: float) -> list[Made]:
-    """Those at the instant, or of the last instant before it."""
+    """Return the decisions at the instant, or those of the last instant before it."""
     by_then = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
     if not by_then:
         return []
@@ -120,9 +120,9 @@ def _explanation(robot: str, asked_s: float, made: Made, chain: Chain) -> Explan
 
 
 def processes(out: Path, robot: str) -> list[str]:
-    """The processes of a robot, or the one that is named, in the order in which they were started.
+    """Return the processes of a robot, or the named process, in order of start.
 
-    Raises ExplanationError where there is none.
+    Raises ExplanationError if there is none.
     """
     files = all_recordings(out)
     found = [actor for actor, path in files.items() if path.parent.name == robot] or [
@@ -130,14 +130,14 @@ def processes(out: Path, robot: str) -> list[str]:
     ]
     robots = sorted({path.parent.name for path in files.values()} - {"world", "radio"})
     if not found or robot in ("world", "radio"):
-        raise ExplanationError(f"{robot}: is no robot of this run; there are {', '.join(robots)}")
+        raise ExplanationError(f"{robot}: not a robot of this run; choose from {', '.join(robots)}")
     return found
 
 
 def sentences(explanation: Explanation) -> Iterator[str]:
-    """A line for each link."""
+    """Yield one line per link."""
     robot, asked, at_s = explanation.robot, explanation.asked_s, explanation.at_s
     if not explanation.exact:
-        yield f"{robot} decided nothing at {asked:g} s; before that it last did at {at_s:g} s:"
+        yield f"{robot} made no decision at {asked:g} s; its last one before that, at {at_s:g} s:"
     for link in explanation.chain:
         yield f"{link.at_s:9.3f} s  {'   ' * link.depth}{link.says}"

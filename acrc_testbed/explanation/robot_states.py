@@ -1,4 +1,4 @@
-"""State of each robot by itself: standing, goal, progress, and the robot that it waits for."""
+"""State of each robot: standing, goal, progress, and the robot that it waits for."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
@@ -29,57 +29,57 @@ _OUTLINE: Final = 0.177
 
 
 class RobotStates:
-    """All robots of a run; each flag: (steps, robots)."""
+    """States of all robots of a run; flags are (steps, robots)."""
 
     def __init__(self, run: RunData, stages: Sequence[Stage], p: EpisodeParameters) -> None:
         steps = len(run.true)
         self.run, self.stages, self._p = run, stages, p
         self._reports = [run.reports.get(robot, RobotReport()) for robot in run.robots]
         self.stage = np.searchsorted([one.begin for one in stages], np.arange(steps), side="right") - 1
-        """(steps,): the floor's."""
+        """(steps,): index of the floor's stage."""
         self.goal = np.column_stack(
             [
                 np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, run)
                 for one in self._reports
             ]
         )
-        """(steps, robots): which of its goals; NO_GOAL, too, where nobody knows."""
+        """(steps, robots): number of the current goal; NO_GOAL: none or unknown."""
         self.on = run.stepping
         self.frozen = np.zeros_like(self.on) if run.frozen is None else run.frozen
         self.still = self._standing(self.on, p.pause_s)
         unknown = np.array([one.goals is None for one in self._reports])
         self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
-        """It has a goal not reached yet, and something left to do."""
+        """It has a goal that is not reached, and places left."""
         self.waits = self.still & self.wants
-        """It stands, and so waits for whoever is in its way."""
+        """It stands although it has a goal."""
         self.long_waits = self._standing(self.wants, p.turn_s)
         self.done = self.still & ~run.busy
         self.asleep = _columns(
             _longer(self.still[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s))
             for index in range(len(self._reports))
         )
-        """It stands with something left to do, and has no goal."""
+        """It stands with places left, but without a goal."""
         self.planless = _columns(during(one.planless, run) for one in self._reports) & self.wants
         self.paused = _columns(during(one.paused, run) for one in self._reports) & self.wants
-        """Its strategy has paused navigation; it keeps its goal."""
+        """Its strategy has paused navigation and keeps the goal."""
         self.lost = _columns(_lost(error, p) for error in errors(run).T)
         self._turns = _turns(run)
         turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
         idle_ways = [self._no_way(index) for index in range(len(self._reports))]
         self.roams = self._moving(idle_ways, ~self.still)
-        """It drives to and fro, and gets no nearer to what it wants."""
+        """It drives to and fro without progress."""
         self.loops = self.roams | self._moving(idle_ways, ~self.still | turning)
-        """It does, or turns to and fro on the spot."""
+        """It drives or turns to and fro without progress."""
 
     def goal_of(self, robot: int, number: int) -> tuple[float, float] | None:
-        """Where one goal of a robot is, m."""
+        """Return the position of a robot's goal, m; None: none."""
         goals = self._reports[robot].goals
         if goals is None or number == NO_GOAL:
             return None
         return goals[number].x, goals[number].y
 
     def far(self, robot: int) -> NDArray[np.float64]:
-        """(steps,): how far it truly was from its goal, m; by beeline without a way; NaN without a goal."""
+        """Return the true path length to the goal, (steps,), m; beeline without a path; NaN: no goal."""
         found = np.full(len(self.run.true), np.nan)
         here = self.run.true[:, robot, :2]
         for rows, goal, stage in self.pursuits(robot, self.wants[:, robot]):
@@ -92,7 +92,7 @@ class RobotStates:
     def pursuits(
         self, robot: int, where: Flags
     ) -> Iterator[tuple[NDArray[np.int64], tuple[float, float] | None, Stage]]:
-        """The steps in which something holds, by the point that it wants to get to and the floor's stage."""
+        """Yield the steps where a mask is true, grouped by goal and stage of the floor."""
         points: dict[tuple[tuple[float, float] | None, int], list[NDArray[np.int64]]] = {}
         rows = np.flatnonzero(where)
         pairs = np.column_stack([self.goal[rows, robot], self.stage[rows]])
@@ -104,7 +104,7 @@ class RobotStates:
             yield np.sort(np.concatenate(parts)), point, self.stages[stage]
 
     def _standing(self, during: Flags, lasting_s: float) -> Flags:
-        """Where it stands for so long, and something holds all the while."""
+        """Return where a robot stands for `lasting_s` while a mask is true."""
         true, window = self.run.true, min(self._steps(lasting_s), len(self.run.true))
         robots = range(true.shape[1])
         return _columns(
@@ -112,13 +112,13 @@ class RobotStates:
         )
 
     def _no_way(self, robot: int) -> list[Episode]:
-        """The stretches without a step nearer to any goal that it has had."""
+        """Return the intervals without progress towards any goal."""
         if self._reports[robot].goals is None:
             return []
         return runs(~self._gets_on(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
 
     def _moving(self, stretches: Sequence[Sequence[Episode]], moves: Flags) -> Flags:
-        """(steps, robots): the stretches of each robot of which it moves to and fro most of the time."""
+        """Return the intervals in which a robot moves to and fro most of the time, (steps, robots)."""
         found = np.zeros_like(moves)
         for robot, own in enumerate(stretches):
             for one in own:
@@ -128,14 +128,14 @@ class RobotStates:
         return found
 
     def _to_and_fro(self, robot: int, stretch: Episode) -> bool:
-        """As a point of its outline goes, it has gone much farther than it has come."""
+        """Return True if a point of the outline travelled much farther than the extent of its path."""
         during = slice(*stretch)
         way = self.run.true[during, robot, :2]
         driven = np.hypot(*np.diff(way, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[during, robot]).sum()
         return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(way, axis=0)))
 
     def _gets_on(self, robot: int) -> Flags:
-        """(steps,): it has come nearer than ever to what it wants, or reached something."""
+        """Return where a robot gets nearer to a goal than before, or reaches one, (steps,)."""
         far, wants = self.far(robot).tolist(), self.wants[:, robot].tolist()
         goals, stages = self.goal[:, robot].tolist(), self.stage.tolist()
         ended = self._reached(robot)
@@ -153,7 +153,7 @@ class RobotStates:
         return gets_on
 
     def _reached(self, robot: int) -> Flags:
-        """(steps,): it came to a goal, as navigation or, if it was told another one there, the truth says."""
+        """Return where a goal was reached by navigation, or by ground truth if it was replaced, (steps,)."""
         reached = np.zeros(len(self.run.true), np.bool_)
         for goal in self._reports[robot].goals or ():
             if goal.end is None or goal.how in ABORTED:
@@ -169,20 +169,20 @@ class RobotStates:
 
 
 def errors(run: RunData) -> NDArray[np.float64]:
-    """(steps, robots): how far each robot is from where it holds itself to be, m; NaN where nobody knows."""
+    """Return the localisation errors, (steps, robots), m; NaN: unknown."""
     offset = run.estimated[..., :2] - run.true[..., :2]
     far: NDArray[np.float64] = np.hypot(offset[..., 0], offset[..., 1])
     return far
 
 
 def _turns(run: RunData) -> NDArray[np.float64]:
-    """(steps, robots): by how much each heading changes in a step, rad."""
+    """Return the change of each heading per step, (steps, robots), rad."""
     turned = np.diff(run.true[..., 2], axis=0, append=run.true[-1:, :, 2])
     return turned - 2 * np.pi * np.rint(turned / (2 * np.pi))
 
 
 def in_wall(run: RunData, grid: OccupancyGrid) -> Flags:
-    """(steps, robots): it holds itself to be where something is; not where it has not said anything."""
+    """Return where the estimated position is in an obstacle of the map, (steps, robots)."""
     corner = np.array([grid.origin.x, grid.origin.y])
     known = np.isfinite(run.estimated[..., 0])
     cells = np.floor((np.where(known[..., None], run.estimated[..., :2], corner) - corner) / grid.resolution)
@@ -202,7 +202,7 @@ def _lost(error: NDArray[np.float64], p: EpisodeParameters) -> Flags:
 
 
 def _longer(mask: Flags, least: int) -> Flags:
-    """Its stretches that have so many samples at least."""
+    """Return the mask reduced to intervals of at least `least` samples."""
     whole = np.zeros_like(mask)
     for begin, end in runs(mask, min(least, len(mask))):
         whole[begin:end] = True
@@ -215,13 +215,13 @@ def _columns(parts: Iterable[Flags]) -> Flags:
 
 NOBODY: Final = -1
 _APART: Final = 0.1
-"""Points of a way that are so far apart, m, are looked at; who is ahead by less than it is aside is not."""
+"""Distance of the examined points of a path, m."""
 Points = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
 def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
-    """(steps, robots): the first robot on its way, where it is stuck; NOBODY: there is none."""
+    """Return the first robot on the path of each stuck robot, (steps, robots); NOBODY: none."""
     found = np.full(stuck.shape, NOBODY, np.int32)
     for robot in range(stuck.shape[1]):
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
@@ -235,7 +235,7 @@ def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParam
 
 
 def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
-    """(steps, robots): the nearest robot that stands, too, so near that neither gets past the other."""
+    """Return the nearest standing robot that a robot cannot pass, (steps, robots); NOBODY: none."""
     found = np.full(stuck.shape, NOBODY, np.int32)
     for robot in range(stuck.shape[1]):
         rows = np.flatnonzero(stuck[:, robot])
@@ -253,7 +253,7 @@ def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodePara
 def _way(
     states: RobotStates, robot: int, step: int, goal: tuple[float, float] | None, stage: Stage, length: float
 ) -> Points:
-    """(n, 2): where it would go first; straight ahead where nobody knows what it wants."""
+    """Return the start of a robot's path, (n, 2); straight ahead without a known goal."""
     x, y, heading = states.run.true[step, robot].tolist()
     if goal is not None:
         for ways in (stage.ways, stage.opened):
@@ -275,7 +275,7 @@ def _first(
     passages: Passages,
     p: EpisodeParameters,
 ) -> Indices:
-    """(rows,): which of the others is first on the way, and in it."""
+    """Return the first robot that blocks the path, (rows,); NOBODY: none."""
     there = states.run.true[rows, :, :2]
     gaps = np.hypot(*(there[:, :, None] - way).transpose(3, 0, 1, 2))
     along = gaps.argmin(axis=2)

@@ -1,4 +1,4 @@
-"""What is told of where a run's time went; see docs/experiments.md for what each word means."""
+"""Records of a run's time accounting; docs/concepts.md defines the causes."""
 
 from enum import Enum
 from typing import Final
@@ -7,76 +7,76 @@ import msgspec
 
 
 class Cause(Enum):
-    """What a robot's time went into. Where several hold at once, the first of them does.
+    """Cause of a robot's step; the first one that applies counts.
 
-    Who waits for another robot has the cause for which the last one of the chain does not get on: if that is
-    off or frozen, BY_DEAD; if it is idle, DONE_IN_WAY; else what it has itself.
+    A waiting robot has a cause that follows from the root of its chain: BY_DEAD if the root is off or frozen,
+    DONE_IN_WAY if it is idle, else the root's own cause.
     """
 
     OFF = "off"
-    """Its process has ended."""
+    """Its process has exited."""
     FROZEN = "frozen"
-    """Its process is stopped, and goes on later."""
+    """Its process is stopped and will continue."""
     IDLE = "idle"
-    """It stands, and has nothing left to do."""
+    """It stands and has no places left."""
     LOST = "lost"
-    """It holds itself to be somewhere else."""
+    """Its localisation error is too large."""
     STRATEGY_IDLE = "strategy idle"
-    """It stands with places left, and its strategy asks for no goal."""
+    """It stands with places left, and its strategy requests no goal."""
     ON_PURPOSE = "waits on purpose"
-    """Its strategy has paused navigation and keeps the goal, whether or not anything is in the way."""
+    """Its strategy has paused navigation and keeps the goal."""
     DEADLOCK = "deadlock"
-    """Robots that stand wait for one another in a ring."""
+    """Standing robots wait for each other in a ring."""
     BY_DEAD = "blocked by dead robot"
     """The chain ends at a robot that is off or frozen."""
     DONE_IN_WAY = "done robot in the way"
     """The chain ends at a robot that is idle."""
     CLOSED_DOOR = "closed door"
-    """It does not get on, and a door that was closed is in its way."""
+    """It makes no progress, and a closed door is in the way."""
     UNREACHABLE = "unreachable"
-    """It does not get on, and no way leads to its goal, whichever doors are open."""
+    """It makes no progress, and no path leads to its goal even with all doors open."""
     NO_PLAN = "no plan"
-    """It holds itself to be in a wall, or navigation finds no way although there is one."""
+    """Its estimate is in a wall, or navigation finds no path although one exists."""
     LIVELOCK = "livelock"
-    """It moves, alone or with others, and makes no way towards its goals."""
+    """It moves, alone or with others, without progress towards a goal."""
     DOOR = "waiting at a door"
-    """The chain ends at a robot that gets on, and leads through a door or up to one."""
+    """The root makes progress, and the chain leads through a door or up to one."""
     OPEN_FLOOR = "blocked on open floor"
-    """The same anywhere else."""
+    """The root makes progress elsewhere."""
     NO_PROGRESS = "no progress"
-    """It stands for longer than a turn on the spot takes, and none of these is why."""
+    """It stands longer than a turn on the spot takes, for none of these reasons."""
     DRIVING = "driving"
-    """None of these: it gets on."""
+    """None of these."""
 
 
 BY_ROBOTS: Final = (Cause.DEADLOCK, Cause.BY_DEAD, Cause.DONE_IN_WAY, Cause.DOOR, Cause.OPEN_FLOOR)
-"""Another robot is why."""
+"""Causes due to other robots."""
 
 
 class BlockingEvent(msgspec.Struct, frozen=True):
-    """Robots that stood in each other's way, from the first instant to the last."""
+    """Blocking of two robots."""
 
     begin_s: float
     end_s: float
     robots: tuple[str, ...]
     x: float
     y: float
-    """The middle of them where they stood last, m, map frame."""
+    """Midpoint of their last positions, m, map frame."""
     place: str
     """`door` or `open floor`."""
     cause: str
-    """Of `Cause`: the one that most of their time went into."""
+    """Value of `Cause` with most of their time."""
     at_end: bool
     """It lasted to the end of the run."""
 
 
 class KnowledgeUsed(msgspec.Struct, frozen=True):
-    """What a decision was made from."""
+    """Knowledge on which a decision is based."""
 
     source: str
-    """The robot that said it; the own id for what the robot itself saw."""
+    """Robot that sent it; the robot's own id for its observations."""
     age_s: float
-    """How old it was, s."""
+    """Age, s."""
 
 
 class DecisionEvent(msgspec.Struct, frozen=True):
@@ -85,46 +85,46 @@ class DecisionEvent(msgspec.Struct, frozen=True):
     robot: str
     instant_s: float
     trigger: str
-    """The process or the ensemble that decided, as in `AdaptiveCleaningRobot.auto_unblock`."""
+    """Component process or ensemble that decided, such as `AdaptiveCleaningRobot.auto_unblock`."""
     words: str
-    """What it decided, as in `turns elsewhere`."""
+    """Description of the decision, such as `turns elsewhere`."""
     knowledge: tuple[KnowledgeUsed, ...]
     old_goal: tuple[float, float] | None
     """m, map frame; None: none."""
     new_goal: tuple[float, float] | None
     outcome: str
-    """`visited` the new goal; got `free`; was free and `blocked again`; `overtaken` by another decision while
-    it stood; or still stood at the `end` of the run."""
+    """`visited` (the new goal), `free`, `blocked again` (after being free), `overtaken` (by another decision
+    while standing) or `end` (of the run while standing)."""
     blocked_s: float
-    """How long it truly had stood by then, s; 0 if it got on."""
+    """How long it had truly stood at the decision, s."""
     free_after_s: float | None
-    """From the decision until the robot truly got on, s; None if it did not, or had not stood."""
+    """Time from the decision until it truly moved, s; None if it did not, or had not stood."""
 
     @property
     def adopts(self) -> bool:
-        """True if the robot takes over a place of another one, in the words of `CleaningRobot`."""
+        """True if the robot takes over a place of another one, by the words of `CleaningRobot`."""
         return "takes over" in self.words
 
 
 class DiagnosisScore(msgspec.Struct, frozen=True):
-    """How well the robots' own word "blocked" agrees with the truth, over all robots of the run."""
+    """Agreement of the robots' detection of blocking with ground truth, over all robots of a run."""
 
     precision: float | None
-    """Share of the time said to be blocked that was; None if nothing was said."""
+    """Share of the time detected as blocked that was truly blocked; None: nothing was detected."""
     recall: float | None
-    """Share of the time blocked that was said to be; None if no robot was."""
+    """Share of the truly blocked time that was detected; None: no robot was blocked."""
     delay_s: float | None
-    """Median time from the beginning of a blocked spell until it was said, s; None if none was."""
+    """Median time from the start of a blocking to its detection, s; None: none was detected."""
     spells: int
-    """Times that a robot was blocked."""
+    """Number of true blockings."""
     noticed: int
-    """Of them, those that were said at all."""
+    """Number of detected true blockings."""
     false_alarms: int
-    """Times that a robot said so while it was not."""
+    """Number of detections without a true blocking."""
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """Something that holds of the run and not of a robot's second."""
+    """Observation about a run beyond the causes of single steps."""
 
     name: str
     """`no contact` or `carried`."""
@@ -134,36 +134,36 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 class DeadlockCount(msgspec.Struct, frozen=True):
-    """Pairs of robots in the ring of a deadlock, one of which waits for the other."""
+    """Deadlocks of pairs of robots, one of which waits for the other."""
 
     pairs: int
     came_free: int
-    """Of them, before the end of the run."""
+    """Pairs whose deadlock was resolved before the end of the run."""
 
 
 class Blame(msgspec.Struct, frozen=True):
-    """A robot at which chains ended."""
+    """Waiting time due to one robot as the root of chains."""
 
     robot: str
     cause: str
-    """Of `Cause`: what those had that waited."""
+    """Value of `Cause` of the waiting robots."""
     seconds: float
-    """Of all that waited, together."""
+    """Total waiting time of all robots."""
 
 
 class TimeSpent(msgspec.Struct, frozen=True):
-    """Where the time of one run went, by ground truth."""
+    """Time accounting of one run by ground truth."""
 
     robots: dict[str, dict[str, float]]
-    """Robot, cause (the values of `Cause`, all of them), s; a robot's add up to the run's time."""
+    """Seconds by robot and cause (all values of `Cause`); those of a robot sum to the run's duration."""
     blockings: tuple[BlockingEvent, ...] = ()
     diagnosis: DiagnosisScore | None = None
-    """None if no robot has said how it holds itself to be."""
+    """None: no robot detects blocking."""
     decisions: tuple[DecisionEvent, ...] = ()
     decisions_left_out: int = 0
-    """Made, and not listed."""
+    """Number of decisions that are not listed."""
     findings: tuple[Finding, ...] = ()
     deadlocks: DeadlockCount | None = None
-    """None in records from before they were counted."""
+    """None in records of older versions."""
     blames: tuple[Blame, ...] = ()
-    """In the order of the scenario's robots; a deadlock has none."""
+    """By robot in scenario order; a deadlock has no root."""

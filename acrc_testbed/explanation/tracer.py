@@ -1,4 +1,4 @@
-"""Changes of knowledge in a replayed robot, and the values that each one came from."""
+"""Recorder of the changes of knowledge and the orders of a replayed robot, with their sources."""
 
 import inspect
 from collections import defaultdict
@@ -34,18 +34,18 @@ from deeco.network import Replica
 
 
 class KnownPoints:
-    """Follows the points in a component's fields, change by change."""
+    """Points in a component's fields, with the changes that set or removed them."""
 
     def __init__(self) -> None:
         self._brought: dict[Point, dict[str, int]] = defaultdict(dict)
         self._taken: dict[Point, dict[str, int]] = defaultdict(dict)
-        """By point the number of the last change of each field."""
+        """Number of the last change of each field, by point."""
         self._step = -1
         self._kept: dict[Point, dict[str, int]] = defaultdict(dict)
-        """The same of points that a change of the last step has left in a field."""
+        """The same for points that a change of the last step kept in a field."""
 
     def note(self, number: int, step: int, field: str, before: object, after: object) -> None:
-        """A change of a field."""
+        """Add a change of a field."""
         if step != self._step:
             self._step = step
             self._kept.clear()
@@ -58,9 +58,9 @@ class KnownPoints:
             self._kept[point][field] = number
 
     def behind(self, point: Point | None, step: int, *, gone: bool, again: bool) -> tuple[int, ...]:
-        """The last change of each field that brought the point, newest first.
+        """Return the last change of each field that set the point, newest first.
 
-        `gone`: that took it away; `again`: also those of this step that have left it in the field.
+        `gone`: changes that removed it instead; `again`: also changes of this step that kept it.
         """
         if point is None:
             return ()
@@ -71,7 +71,7 @@ class KnownPoints:
 
 
 def _points(value: object) -> Iterator[Point]:
-    """Every point that is somewhere in the value."""
+    """Yield all points in a nested value."""
     if isinstance(value, Point):
         yield value
     elif isinstance(value, tuple):
@@ -94,10 +94,10 @@ GIVES_UP: Final = "gives up"
 
 
 class OrderWatch:
-    """Takes down the orders of one core's behaviour; none of one that is an object nobody can look at."""
+    """Recorder of a behaviour's orders; it records none if the behaviour cannot be wrapped."""
 
     def __init__(self, points: KnownPoints) -> None:
-        """`points`: of the same robot's knowledge."""
+        """`points`: points in the same robot's knowledge."""
         self.found: list[Order] = []
         self._points = points
         self._heading: Point | None = None
@@ -105,11 +105,11 @@ class OrderWatch:
 
     @property
     def ensembles(self) -> tuple[object, ...]:
-        """Those of its node, the last one of several; empty without one."""
+        """Ensembles of the last node; empty without a node."""
         return ensembles_of(self._behaviour)
 
     def attach(self, core: RobotCore) -> None:
-        """Look at every step that the behaviour takes from now on."""
+        """Record the orders of all further steps."""
         behaviour = self._behaviour = core.behaviour
         advance = behaviour.advance
 
@@ -118,7 +118,7 @@ class OrderWatch:
             self.found += self._told(core.step, view, decision)
             return decision
 
-        with suppress(AttributeError):  # an object with slots takes no other method
+        with suppress(AttributeError):  # an object with slots cannot be patched
             object.__setattr__(behaviour, "advance", watched)
 
     def _told(self, step: int, view: View, decision: Decision) -> Iterator[Order]:
@@ -135,11 +135,11 @@ class OrderWatch:
             yield order(GIVES_UP, named, at=Instant(place.instant))
         yield from self._driving(view, decision, order)
         if decision.paused is not None:
-            yield order("pauses" if decision.paused else "goes on")
+            yield order("pauses" if decision.paused else "resumes")
         if decision.back_out is not None:
             yield order("backs out", f"{decision.back_out:g} m along its trail")
         if decision.relocalise:
-            yield order("looks for itself anew")
+            yield order("relocalises")
 
     def _driving(self, view: View, decision: Decision, order: Any) -> Iterator[Order]:
         if isinstance(decision.goal, Point):
@@ -152,18 +152,18 @@ class OrderWatch:
 
 
 class Dependence(NamedTuple):
-    """What a process or an exchange reads."""
+    """Fields that a process or exchange reads."""
 
     own: tuple[str, ...]
-    """Fields of the component's own."""
+    """Fields of the component."""
     peer: tuple[str, ...]
-    """Fields of the peer, for an exchange."""
+    """Fields of the peer of an exchange."""
 
 
 def dependence(
     kind: type[Knowledge], by: str, ensembles: tuple[object, ...], *, exchange: bool
 ) -> Dependence:
-    """What is read by the process or exchange `by` of a component; nothing where the source does not say."""
+    """Return the fields that the process or exchange `by` reads; empty if its source is unknown."""
     owner, _, name = by.rpartition(".")
     if not exchange:
         function = getattr(kind, name, None)
@@ -179,7 +179,7 @@ def dependence(
 
 
 def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence:
-    """Membership and exchange together: both had to agree."""
+    """Return the fields that the membership and the exchange read."""
     described = ensemble_type(ensemble)
     assert described is not None
     local = name.removeprefix("at_")
@@ -196,11 +196,11 @@ def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence
 
 
 class Tracer:
-    """Takes down what the nodes of one core do: for `looking_on`, while the core is replayed."""
+    """Recorder of the nodes of a replayed core, for `looking_on`."""
 
     def __init__(self) -> None:
         self.changes: list[KnowledgeChange] = []
-        """Since they were taken last."""
+        """Changes so far."""
         self.news: list[ReplicaNews] = []
         self.has_nodes = False
         self.orders = OrderWatch(points := KnownPoints())
@@ -211,7 +211,7 @@ class Tracer:
         self._reads: dict[tuple[type, str], Dependence] = {}
 
     def prepare(self, core: Core, step_us: int) -> None:
-        """Look at what the core is given from now on."""
+        """Record the inputs of the core from now on."""
         advance = core.advance
 
         def watched(inputs: Inputs) -> Any:
@@ -221,11 +221,11 @@ class Tracer:
         cast(Any, core).advance = watched
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
-        """See `deeco.node.Onlooker`, as for the next ones."""
+        """Implement `deeco.node.Onlooker`."""
         self.has_nodes = True
 
     def committed(self, commit: Commit, replica: Replica | None) -> None:
-        """One change."""
+        """Record a change of knowledge."""
         found = list(differences(commit.before, commit.after))
         touched = dict.fromkeys(root(one.path) for one in found)
         for field in touched:
@@ -253,7 +253,7 @@ class Tracer:
         )
 
     def heard(self, component: str, replica: Replica, now: Instant) -> None:
-        """One newer replica."""
+        """Record a newer replica."""
         self.news.append(ReplicaNews(replica.id, replica.contact(now).heard))
 
     def _dependence(self, commit: Commit) -> Dependence:
@@ -290,7 +290,7 @@ class Tracer:
 
 
 def root(path: str) -> str:
-    """The field of the component that a path begins with."""
+    """Return the field of the component at the start of a path."""
     return path.partition(".")[0].partition("[")[0]
 
 
@@ -306,7 +306,7 @@ def _field_change(commit: Commit, field: str) -> FieldChange:
 
 
 def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, str]:
-    """What an exchange read of a replica; all of it where nobody knows what that is."""
+    """Return the fields of a replica that an exchange read; all of them if that is unknown."""
     fitting = [role for role in roles if any(hasattr(role, one) for one in wanted)] or list(roles)
     if not fitting:
         return {}
@@ -319,7 +319,7 @@ def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, s
 
 
 def _worded(knowledge: Knowledge, field: str) -> str:
-    """A field's value; an instant as seconds."""
+    """Format a field's value; instants in seconds."""
     value = getattr(knowledge, field)
     if isinstance(value, int) and "Instant" in str(type_of(type(knowledge), field)):
         return f"{seconds(Instant(value))} s"

@@ -1,4 +1,4 @@
-"""Makes causal traces by replaying robots, in a sandbox where the machine has one.
+"""Causal traces by replay of robots, sandboxed where the machine supports it.
 
 `python -m acrc_testbed.explanation.tracing --out DIR --actor NAME --answer FILE --own DIR` replays one robot
 and writes its trace, which `causal_trace.decode` reads.
@@ -6,7 +6,7 @@ and writes its trace, which `causal_trace.decode` reads.
 
 import os
 
-if __name__ == "__main__":  # an importing process has an environment of its own
+if __name__ == "__main__":  # not in an importing process
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
 import sys
@@ -32,13 +32,13 @@ from deeco.node import looking_on
 
 _PROGRAM: Final = "acrc_testbed.explanation.tracing"
 BOUNDS: Final = Bounds(1 << 30)
-"""Ten minutes of a robot have some 20 MB."""
+"""Limits of a trace; ten minutes of a robot take about 20 MB."""
 
 
 def trace(out: Path, actor: str, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> CausalTrace:
     """Replay a robot's process and return its trace; `isolate`: see `actors.runtime.isolation.sandbox`.
 
-    Raises TraceError for a fault, AcrcError for code that the permit does not cover.
+    Raises TraceError for a fault, AcrcError for code that is not permitted.
     """
     report_damage(all_recordings(out)[actor])
     words = ("--file-mb", str(max(1, bounds.most_bytes // 1_000_000)))
@@ -52,9 +52,9 @@ def trace(out: Path, actor: str, *, permit: Permit, isolate: bool, bounds: Bound
 
 
 def traced(out: Path, actor: str) -> CausalTrace:
-    """Return the trace of a recording, as far as that goes. The robot's code runs in this process.
+    """Return the trace of a recording up to its end or the first fault. The code runs in this process.
 
-    Raises an AcrcError where there is nothing to replay.
+    Raises AcrcError if there is nothing to replay.
     """
     tracer, fault = Tracer(), None
 
@@ -67,7 +67,7 @@ def traced(out: Path, actor: str) -> CausalTrace:
             replay_actor(out, actor, Onlook(attach, prints=lambda step_us: nowhere()))
     except AcrcError as error:
         fault = str(error)
-    except Exception as error:  # a strategy on another processor may behave otherwise
+    except Exception as error:  # a strategy may diverge on another processor
         fault = sandboxed.bug(actor, error)
     return CausalTrace(
         tuple(tracer.changes), tuple(tracer.news), tuple(tracer.orders.found), tracer.has_nodes, fault
@@ -88,7 +88,7 @@ def main(argv: Sequence[str]) -> int:
             sys.stderr.write(f"{error}\n")
             return 2
         except OSError as error:
-            sys.stderr.write(f"its trace has more than {options.file_mb} MB: {error}\n")
+            sys.stderr.write(f"the trace is larger than {options.file_mb} MB: {error}\n")
             return 2
     return 0
 

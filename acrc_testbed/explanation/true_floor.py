@@ -1,4 +1,4 @@
-"""A run's true floor by stages, the paths on it, and the passages that bodies leave free."""
+"""True floor of a run over time, the paths on it, and its narrow passages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,23 +18,23 @@ from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, po
 
 Points = NDArray[np.float64]
 _SIDE: Final = 0.067
-"""Cells are joined until they would be larger, m: a way need not be finer than a third of a robot."""
+"""Maximum edge of a cell of the path grid, m: a third of a robot."""
 _OPEN: Final = 10
-"""Cost of a cell far from walls,"""
+"""Cost of a cell far from walls."""
 _TIGHT: Final = 30
-"""and so much more where a robot just fits: ways keep to the middle as navigation's do."""
+"""Additional cost where a robot just fits, so that paths keep to the middle as navigation's do."""
 _WAY_ROOM: Final = 0.3
-"""From so much room on, m, beside what a robot needs, a cell is far from walls."""
+"""Clearance beyond a robot's radius from which a cell is far from walls, m."""
 _ASIDE: Final = 0.3
-"""A robot that stands where none fits, as in a corner, begins at the nearest cell within, m."""
+"""Maximum distance to the first free cell for a robot in a cell where it does not fit, m."""
 _CELL_COST: Final = 2 * STRAIGHT * _OPEN
 
 
 class FloorWays:
-    """Of discs of one radius on one floor; what was computed for a goal is kept."""
+    """Shortest paths of discs of one radius on one floor; cached per goal."""
 
     def __init__(self, grid: OccupancyGrid, radius: float, reach: float) -> None:
-        """`radius` of a robot, m; a goal is reached by who is within `reach` of it, m."""
+        """`radius` of a robot, m; `reach`: distance at which a goal is reached, m."""
         by = max(int(_SIDE / grid.resolution), 1)
         rows, columns = grid.rows // by, grid.columns // by
         blocks = grid.clearance[: rows * by, : columns * by].reshape(rows, by, columns, by)
@@ -49,7 +49,7 @@ class FloorWays:
         self._begins: dict[tuple[int, int], Cell | None] = {}
 
     def far(self, points: Points, goal: tuple[float, float]) -> NDArray[np.float64]:
-        """(n,): how far it is from each point, (n, 2), m, where there is room; inf without a way."""
+        """Return path lengths from points, (n, 2), m, to the goal, (n,), m; inf without a path."""
         field = self._field(goal)
         if field is None:
             return np.full(len(points), np.inf)
@@ -60,7 +60,7 @@ class FloorWays:
         return metres[which.reshape(-1)]
 
     def way(self, point: tuple[float, float], goal: tuple[float, float], length: float) -> Points | None:
-        """(n, 2): points from this one on, for so many m, about as far apart as cells; None without a way."""
+        """Return the first `length` m of the path, (n, 2), points about a cell apart; None without a path."""
         field, begin = self._field(goal), self._begin(*self.squares(np.array([point]))[0].tolist())
         if field is None or begin is None or field[begin] == UNREACHABLE:
             return None
@@ -69,7 +69,7 @@ class FloorWays:
         return self._straight(np.column_stack([x[cells[:, 1]], y[cells[:, 0]]]))
 
     def _straight(self, way: Points) -> Points:
-        """The same way without the bends that come of going from cell to cell in eight directions."""
+        """Return the path without the bends of an 8-connected grid."""
         parts, here = [way[:1]], 0
         while here < len(way) - 1:
             there = next(
@@ -80,13 +80,13 @@ class FloorWays:
         return np.concatenate(parts)
 
     def _clear(self, one: Points, other: Points) -> bool:
-        """True if a robot fits everywhere on the straight line between two points."""
+        """Return True if a robot fits everywhere on the line between two points."""
         count = 2 * int(np.hypot(*(other - one)) / self._grid.resolution) + 2
         rows, columns = self.squares(np.linspace(one, other, count).astype(np.float64)).T
         return bool(self._fits[rows, columns].all())
 
     def squares(self, points: Points) -> NDArray[np.int64]:
-        """(n, 2): row and column of the cells that points, (n, 2), are in; from one cell leads one way."""
+        """Return row and column of the cells of points, (n, 2); all points of a cell have one path."""
         corner = np.array([self._grid.origin.x, self._grid.origin.y])
         cells: NDArray[np.int64] = np.floor((points - corner) / self._grid.resolution).astype(np.int64)
         return cells[:, ::-1]
@@ -105,16 +105,16 @@ class FloorWays:
 
 
 _ROOM: Final = 1.0
-"""What is cut off counts from so much floor on, for the centre of a robot, m²: more than a niche has."""
+"""Minimum area that counts as cut off, for the centre of a robot, m²; larger than a niche."""
 _AROUND: Final = 1.0
-"""So far around a robot it is looked first whether it leaves a way, m; of no influence on what comes out."""
+"""Radius of the first, local check of a passage, m; it does not affect the result."""
 
 
 class Passages:
-    """The narrow places of one floor plan, for discs of one radius."""
+    """Narrow passages of one floor plan for discs of one radius."""
 
     def __init__(self, grid: OccupancyGrid, radius: float, neck: float = 0.0) -> None:
-        """`radius`, m; `neck`: for `at`, passages between rooms that are narrower count as well, m."""
+        """`radius`, m; `neck`: narrower passages between rooms count for `at`, too, m."""
         self.grid = self._grid = grid
         self._radius = radius
         self._floor = largest_region(grid, radius)
@@ -124,7 +124,7 @@ class Passages:
         self._judged: dict[tuple[float, float, float], bool] = {}
 
     def closed_by(self, point: Point) -> bool:
-        """True if a robot at `point` cuts off at least 1 m² from the floor that the others can get to."""
+        """Return True if a robot at `point` cuts off at least 1 m² of the reachable floor."""
         if self._leaves_way(point):
             return False
         left = self._floor & ~self._taken(point)
@@ -132,9 +132,9 @@ class Passages:
         return cut_off * self._grid.resolution**2 >= _ROOM
 
     def at(self, points: NDArray[np.float64], within: float) -> NDArray[np.bool_]:
-        """(k,): which of the points, (k, 2), m, are at a neck, or at a passage as `beside` has it.
+        """Return which of the points, (k, 2), m, are at a neck or at a passage (see `beside`), (k,).
 
-        All points of one square of a lattice of half of `within` are judged by its middle, and once.
+        Points are rounded to the centres of squares of edge `within` / 2; results are cached.
         """
         side = within / 2
         squares, which = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
@@ -142,7 +142,7 @@ class Passages:
         return np.array(judged, np.bool_)[which.reshape(-1)]
 
     def sees(self, one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(k,): where no wall stands between two points of the map, each (k, 2), m."""
+        """Return where no wall is between pairs of points, each (k, 2), m; (k,)."""
         farthest = float(np.hypot(*(other - one).T).max(initial=0.0))
         along = np.linspace(0.0, 1.0, int(farthest / self._grid.resolution) + 2)[:, None, None]
         corner = np.array([self._grid.origin.x, self._grid.origin.y])
@@ -159,22 +159,22 @@ class Passages:
         return self._judged[key]
 
     def beside(self, point: Point, within: float = 0.5) -> bool:
-        """True if some point of the floor not farther than `within`, m, is one at which a robot would.
+        """Return True if a robot at some floor point within `within`, m, would close a passage.
 
-        Looked at are points of a lattice of a quarter of `within` around `point`.
+        Checks points of a lattice of spacing `within` / 4 around `point`.
         """
         marks = np.linspace(-within, within, 9)
         around = [(point.x + dx, point.y + dy) for dx in marks for dy in marks if np.hypot(dx, dy) <= within]
         return any(self._is_floor(Point(*xy)) and self.closed_by(Point(*xy)) for xy in [point, *around])
 
     def _leaves_way(self, point: Point) -> bool:
-        """True if the floor around hangs together without where the robot stands: then nothing is cut off.
+        """Return True if the floor around the robot is connected without it, so that nothing is cut off.
 
-        The other way round nothing follows: there may be another way about.
+        False is inconclusive: there may be a path farther around.
         """
         cell, side = self._grid.cell(point), self._grid.resolution
         if self._grid.contains(point) and self._grid.clearance[cell] >= 3 * self._radius + 2 * side:
-            return True  # others get by on every side
+            return True  # others can pass on every side
         reach = int((2 * self._radius + _AROUND) / side)
         bottom, left = max(cell.row - reach, 0), max(cell.column - reach, 0)
         around = np.s_[bottom : cell.row + reach + 1, left : cell.column + reach + 1]
@@ -186,7 +186,7 @@ class Passages:
         return self._grid.contains(point) and bool(self._floor[self._grid.cell(point)])
 
     def _taken(self, point: Point, around: tuple[slice, slice] = np.s_[:, :]) -> NDArray[np.bool_]:
-        """(rows, columns) of a part of the map: where the centre of another robot cannot be."""
+        """Return where the centre of another robot cannot be, in a part of the map."""
         x, y = self._centres
         taken: NDArray[np.bool_] = (x[around[1]] - point.x) ** 2 + (y[around[0], None] - point.y) ** 2 < (
             2 * self._radius
@@ -195,7 +195,7 @@ class Passages:
 
 
 def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArray[np.bool_]:
-    """(rows, columns): floor under no free disc of this width, m, without which rooms fall apart."""
+    """Return the floor narrower than `width`, m, whose removal disconnects rooms, (rows, columns)."""
     roomy = raster.squared_distance(grid.clearance >= width / 2) * grid.resolution**2 < (width / 2) ** 2
     rest, necks = floor & ~roomy, np.zeros_like(floor)
     while rest.any():
@@ -210,19 +210,19 @@ def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArr
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """The floor from one step on until the next stage."""
+    """The floor from one step until the next stage."""
 
     begin: int
     ways: FloorWays
-    """As it is."""
+    """Paths on the floor as it is."""
     opened: FloorWays
-    """If all doors were open."""
+    """Paths if all doors were open."""
     leaves: NDArray[np.float64]
-    """(n, 2): the middles of the cells that closed doors fill, m."""
+    """(n, 2): centres of the cells of closed doors, m."""
 
 
 class TrueFloor:
-    """All stages of a run's floor, and its narrow places."""
+    """All stages of a run's floor, and its narrow passages."""
 
     def __init__(
         self,
@@ -231,9 +231,9 @@ class TrueFloor:
         changes: Sequence[tuple[int, FloorState]] = (),
         parameters: EpisodeParameters = STANDARD,
     ) -> None:
-        """`grid`: the robots' map; `radius`: of the largest robot, m.
+        """`grid`: the robots' map; `radius`: radius of the largest robot, m.
 
-        `changes`: steps from which on these objects were on the floor.
+        `changes`: steps, each with all objects on the floor from then on.
         """
         self.grid = grid
         self.passages = Passages(grid, radius, parameters.neck)
@@ -241,7 +241,7 @@ class TrueFloor:
         self._changes = changes
 
     def stages(self) -> list[Stage]:
-        """From the first step on."""
+        """Return all stages in order."""
         found: list[Stage] = [self._stage(0, ())]
         before: FloorState = ()
         for begin, state in self._changes:
@@ -265,7 +265,7 @@ class TrueFloor:
         return Stage(begin, ways, opened, np.column_stack([x[columns], y[rows]]))
 
     def _leaf(self, door: FloorObject) -> NDArray[np.bool_]:
-        """(rows, columns): the cells of the map that a closed door fills; none if it is on no door of it."""
+        """Return the cells of a closed door, (rows, columns); none if the map has no door there."""
         (x, y), (to_x, to_y) = door.points
         try:
             return self._doorways.closed(self._doorways.at(Point((x + to_x) / 2, (y + to_y) / 2)))
@@ -289,7 +289,7 @@ class TrueFloor:
         return {}
 
     def _from(self, thing: FloorObject) -> NDArray[np.float64]:
-        """(rows, columns): how far cells are from a line or a point, m."""
+        """Return the distances of cells from a line or a point, (rows, columns), m."""
         columns, rows = self.grid.centres()
         (x, y), (to_x, to_y) = thing.points[0], thing.points[-1]
         dx, dy = to_x - x, to_y - y

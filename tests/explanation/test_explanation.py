@@ -71,61 +71,61 @@ class Known(NamedTuple):
 
 PLANTED = (
     Known("planted", "r1@2", "sets off for (5.00, 12.50)", (
-        ("process", 2.0, "going - → 5.00, 12.50, by the process Planted.go"),
+        ("process", 2.0, "going - → 5.00, 12.50, by process Planted.go"),
         ("state", 2.0, "wish - → 5.00, 12.50, by Planted.want"),
         ("state", 2.0, "number 0 → 3 since 0 s, by Planted.count"))),
     Known("planted", "r1@7", "pauses", (
-        ("process", 7.0, "standing False → True, by the process Planted.halt"),
+        ("process", 7.0, "standing False → True, by process Planted.halt"),
         ("state", 7.0, "number 0 → 8 since 0 s, by Planted.count"))),
     Known("planted", "r1@8", "backs out 0.5 m along its trail", (
         ("goal", 8.0, "paused"),
-        ("process", 8.0, "by the process Planted.retreat"),
+        ("process", 8.0, "by process Planted.retreat"),
         ("state", 8.0, "number 0 → 9 since 0 s, by Planted.count"))),
-    Known("planted", "r1@9", "looks for itself anew", (
-        ("process", 9.0, "by the process Planted.doubt"),
+    Known("planted", "r1@9", "relocalises", (
+        ("process", 9.0, "by process Planted.doubt"),
         ("state", 9.0, "number 0 → 10 since 0 s, by Planted.count"))),
     Known("planted", "r1@10", "gives up r1/0: eleven", (
-        ("process", 10.0, "place left False → True, by the process Planted.leave"),
+        ("process", 10.0, "place left False → True, by process Planted.leave"),
         ("state", 10.0, "number 0 → 11 since 0 s, by Planted.count"))),
     Known("planted", "r1@11", "stops", (
-        ("process", 11.0, "going 4.00, 12.00 → -, by the process Planted.rest"),
+        ("process", 11.0, "going 4.00, 12.00 → -, by process Planted.rest"),
         ("state", 11.0, "number 0 → 12 since 0 s, by Planted.count"))),
     Known("planted", "r2@3.5", "sets off for (5.00, 12.50)", (
         ("state", 3.0, "wish - → 5.00, 12.50, by Following.at_member with r1"),
-        ("replica", 2.701, "what it knew of r1, 0.299 s old (publication 3): wish 5.00, 12.50"),
-        ("frame", 2.701, "a frame of r1 brought it, its own"),
-        ("lost", 2.701, "nothing that r1 sent between 1.7 and 2.701 s was lost here"))),
+        ("replica", 2.701, "replica of r1, 0.299 s old (publication 3): wish 5.00, 12.50"),
+        ("frame", 2.701, "received in a frame of r1, direct"),
+        ("lost", 2.701, "no frame of r1 was lost between 1.7 and 2.701 s"))),
     Known("planted", "r2@9.5", "sets off for (4.00, 12.00)", (
         ("state", 9.0, "wish 5.00, 12.50 → 4.00, 12.00, by Following.at_member with r1"),
-        ("frame", 8.702, "a frame of r1 brought it, its own"),
-        ("lost", 7.701, "3 frames of r1 were lost here between 4.702 and 8.702 s: 5.701 s disturbed"))),
+        ("frame", 8.702, "received in a frame of r1, direct"),
+        ("lost", 7.701, "3 frames of r1 were lost between 4.702 and 8.702 s: 5.701 s disturbed"))),
     Known("planted", "r3@5.5", "sets off for (5.00, 12.50)", (
         ("state", 5.0, "by Following.at_member with r1"),
         ("frame", 4.866, "relayed once"))),
     Known("planted", "r3@9.5", "sets off for (4.00, 12.00)", (
         ("state", 9.0, "by Following.at_member with r1"),
-        ("frame", 8.872, "a frame of r4 brought it, relayed once"),
+        ("frame", 8.872, "received in a frame of r4, relayed once"),
         ("lost", 8.78, "below sensitivity"))),
 )  # fmt: skip
 """r1 decides by its count; r2 hears r1, r3 by relay only, r4 follows r2; r2 and r4 are jammed for a while."""
 DOORWAY = (
     Known("doorway", "r2@12", "sets off again for (12.52, 4.68)", (
-        ("goal", 12.0, "navigation had given up the goal (12.52, 4.68): blocked"),)),
+        ("goal", 12.0, "navigation had aborted the goal (12.52, 4.68): blocked"),)),
     Known("doorway", "r2@15", "takes over r1/0", (
-        ("exchange", 15.0, "by the exchange DestinationAdoption.at_member with r1"),
+        ("exchange", 15.0, "by exchange DestinationAdoption.at_member with r1"),
         ("replica", 14.702, "state blocked"),
-        ("frame", 14.702, "a frame of r1 brought it, its own"),
+        ("frame", 14.702, "received in a frame of r1, direct"),
         ("state", 15.0, "blocked for 0 → 1, by AdaptiveCleaningRobot.auto_unblock"),
         ("state", 15.0, "state free → blocked, by AdaptiveCleaningRobot.detect_blocked"))),
     Known("doorway", "r2@16", "sets off for (9.00, 12.50)", (
-        ("process", 16.0, "by the process AdaptiveCleaningRobot.drive"),
+        ("process", 16.0, "by process AdaptiveCleaningRobot.drive"),
         ("state", 15.0, "destination r2/0 → r1/0"),
-        ("replica", 14.702, "what it knew of r1"))),
+        ("replica", 14.702, "replica of r1"))),
     Known("doorway", "r1@18", "takes over r2/0, leaves to another r1/0", (
-        ("exchange", 18.0, "by the exchange AdoptedDestinationRemove.at_member with r2"),
+        ("exchange", 18.0, "by exchange AdoptedDestinationRemove.at_member with r2"),
         ("replica", 17.445, "adopted r1/0, destination r1/0, former r2/0"))),
     Known("doorway", "r2@57", "takes over r1/1", (
-        ("exchange", 57.0, "by the exchange DestinationAdoption.at_member with r1"),
+        ("exchange", 57.0, "by exchange DestinationAdoption.at_member with r1"),
         ("replica", 56.701, "state blocked"),
         ("state", 57.0, "blocked for 0 → 3 since 55 s"),
         ("state", 55.0, "state free → blocked"))),
@@ -183,13 +183,13 @@ def test_causes_stand_below_their_effects(doorway: Path) -> None:
 def test_between_decisions_it_is_the_one_before(doorway: Path) -> None:
     (answer,) = explainer(doorway, "r2").explain(50.0)
     assert (answer.at_s, answer.exact) == (32.0, False)
-    assert next(sentences(answer)) == "r2 decided nothing at 50 s; before that it last did at 32 s:"
+    assert next(sentences(answer)) == "r2 made no decision at 50 s; its last one before that, at 32 s:"
 
 
 def test_who_has_not_decided_yet_is_told_when_it_does(planted: Path) -> None:
     with pytest.raises(ExplanationError) as caught:
         explainer(planted, "r2").explain(1.0)
-    assert str(caught.value) == "r2 had decided nothing by 1 s; its first decision is at 3.5 s"
+    assert str(caught.value) == "r2 made no decision before 1 s; its first decision is at 3.5 s"
 
 
 @pytest.mark.parametrize("text", ["r2@", "@3", "r2@soon", "r2@-1"])
@@ -197,7 +197,8 @@ def test_a_wish_that_makes_no_sense(text: str) -> None:
     with pytest.raises(ExplanationError) as caught:
         wish(text)
     assert (
-        str(caught.value) == f"{text}: should be a robot and simulated seconds, such as r2@157, or r2 alone"
+        str(caught.value)
+        == f"{text}: must be a robot, such as r2, or a robot and simulated seconds, such as r2@157"
     )
 
 
@@ -205,9 +206,7 @@ def test_the_command_says_it_as_text_and_as_json(doorway: Path) -> None:
     told = acrc("explain", doorway, "r2@15")
     assert told.returncode == 0, told.stderr
     lines = told.stdout.splitlines()
-    assert lines[0].startswith(
-        "   15.000 s  r2 takes over r1/0, by the exchange DestinationAdoption.at_member"
-    )
+    assert lines[0].startswith("   15.000 s  r2 takes over r1/0, by exchange DestinationAdoption.at_member")
     (answer,) = json.loads(acrc("explain", doorway, "r2@15", "--json").stdout)
     assert answer["decision"] == "takes over r1/0" and len(answer["chain"]) == len(lines)
     rows = acrc("explain", doorway, "r2").stdout.splitlines()
