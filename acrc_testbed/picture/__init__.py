@@ -1,1 +1,1 @@
-"""Pictures of runs and scenarios for people and papers, drawn with matplotlib; nothing here runs anything."""
+"""Pictures, movies and HTML pages of runs and scenarios, drawn with matplotlib."""

@@ -1,4 +1,4 @@
-"""A floor with what was on it: trails, places, and where robots were in each other's way."""
+"""Picture of a floor with trails, places, obstacles and blocked robots."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -26,30 +26,30 @@ from actors.task.referee import PlaceOutcome, Verdict
 DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"
 JUMP: Final = 1.0
-"""m in one step: it was carried, and no line is drawn."""
+"""Distance in one step from which a robot counts as carried, m; no line is drawn."""
 _STOOD: Final = "#7a1116"
 _STOPPED: Final = (Cause.OFF, Cause.FROZEN)
 _TOGETHER: Final = 1.6
-"""Meetings nearer to one another than this are marked once, m."""
+"""Blocked positions closer than this share one mark, m."""
 _MEETING_S: Final = 5.0
-"""Meetings that took less long in all are not marked, s."""
+"""Minimum total duration of a marked position, s."""
 
 
 def draw_floor(axes: Axes, grid: OccupancyGrid) -> None:
-    """The floor plan, with a scale in m."""
+    """Draw the floor plan with a scale in m."""
     colours = np.zeros((3, 3))
     for kind, colour in ((FREE, style.FLOOR), (UNKNOWN, style.UNKNOWN), (OCCUPIED, style.WALL)):
         colours[kind] = to_rgb(colour)
     extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
     axes.imshow(colours[grid.cells], extent=extent, origin="lower", interpolation="nearest", zorder=0)
     axes.set_aspect("equal")
-    axes.autoscale(enable=False)  # what reaches beyond the floor, such as a jammer, is cut off
+    axes.autoscale(enable=False)  # clip marks beyond the floor, such as jammers
     axes.set_xlabel("m")
     axes.set_ylabel("m")
 
 
 def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArray[np.bool_]) -> bool:
-    """Doors, and free floor with room for a robot that none gets to; True if there is such."""
+    """Draw doors and unreachable free floor; return True if there is unreachable floor."""
     tint = np.zeros((grid.rows, grid.columns, 4))
     shut = (parts.labels > 0) & ~reached
     for mask, colour in ((parts.labels > parts.count, DOOR), (shut, SHUT)):
@@ -60,25 +60,25 @@ def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArr
 
 
 def draw_doors(axes: Axes, run: RunData) -> bool:
-    """The doors of the map; True if it has any."""
+    """Draw the doors of the map; return True if it has any."""
     parts = Doorways(run.grid, run.description.radius).regions
     draw_regions(axes, run.grid, parts, np.ones_like(parts.labels, np.bool_))
     return bool(parts.doors)
 
 
 class DrawnRun(NamedTuple):
-    """What was drawn of a run, and what is to be written beside it."""
+    """Marks drawn for a run, and labels to place."""
 
     kinds: frozenset[str]
     """Names of the marks."""
     labels: tuple[PointLabel, ...]
-    """The most important first."""
+    """Labels, the most important first."""
     taken: tuple[tuple[float, float], ...]
-    """Points on which no words should lie, m."""
+    """Points that labels should not cover, m."""
 
 
 def draw_run(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
-    """Trails, where robots are at the end, places, what was put there, where robots stood before others."""
+    """Draw trails, final positions, places, obstacles and positions of blocked robots."""
     few = glyphs.has_few(run.robots)
     put = floor_intervals(run.floor, run.end)
     labels = [_name(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
@@ -102,12 +102,12 @@ def draw_run(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
 
 
 def legend(kinds: Collection[str]) -> list[Artist]:
-    """What the marks mean that there are."""
+    """Return legend entries for these marks."""
     return [marks.sample(name) for name in MARKS if name in kinds]
 
 
 def _trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
-    """The way, its begin, and its end; whether somebody carried it."""
+    """Draw a robot's trail with start and end; return {"carried"} if it was carried."""
     track, colour = run.true[:, index, :2].copy(), style.colour(index)
     start, end = track[0].copy(), track[-1].copy()
     jumps = np.flatnonzero(np.hypot(*np.diff(track, axis=0).T) > JUMP) + 1
@@ -126,13 +126,13 @@ def _name(run: RunData, index: int, robot: str, *, few: bool) -> PointLabel:
 
 
 def _stopped(axes: Axes, spell: Spell, run: RunData) -> None:
-    """Where a robot was while it was off or frozen."""
+    """Mark the position of a robot that was off or frozen."""
     colour = style.colour(run.robots.index(spell.robot))
     marks.plot(axes, spell.cause.value, spell.x, spell.y, colour, size=9.0, zorder=7)
 
 
 def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
-    """Which mark it got."""
+    """Draw a place, and return the name of its mark."""
     robots = run.robots
     owner = style.colour(robots.index(place.owner)) if place.owner in robots else style.INK
     size = 4.6 if few else 2.6
@@ -148,14 +148,14 @@ def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
 
 
 def _meeting(axes: Axes, x: float, y: float, lasted: float) -> PointLabel:
-    """A disc where robots stood before others, larger the longer somebody did."""
+    """Draw a disc where robots were blocked, larger for a longer time; return its label."""
     size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
     marks.plot(axes, "stood", x, y, "", size=size, zorder=7)
     return PointLabel(f"{lasted:.0f} s", x, y, _STOOD, size / 2, 7.0)
 
 
 def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:
-    """Where robots stood before others, x and y, m, and for how long in all, s; short ones left out."""
+    """Return positions where robots blocked others, x, y, m, with total durations, s, without short ones."""
     clusters: list[list[Spell]] = []
     for one in sorted((one for one in doing if one.cause in BY_ROBOTS), key=lambda one: one.begin - one.end):
         near = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _TOGETHER)
@@ -169,7 +169,7 @@ def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:
 
 
 def _middle(cluster: Sequence[Spell]) -> tuple[float, float]:
-    """Weighted by how long they lasted."""
+    """Return the mean position, weighted by duration."""
     lasted = [one.end - one.begin for one in cluster]
     x = sum(one.x * weight for one, weight in zip(cluster, lasted, strict=True))
     y = sum(one.y * weight for one, weight in zip(cluster, lasted, strict=True))
@@ -177,7 +177,7 @@ def _middle(cluster: Sequence[Spell]) -> tuple[float, float]:
 
 
 def _union(cluster: Sequence[Spell]) -> float:
-    """How long at least one of them lasted, s."""
+    """Return the total duration of the union of intervals, s."""
     lasted, until = 0.0, -math.inf
     for one in sorted(cluster, key=lambda one: one.begin):
         lasted += max(0.0, one.end - max(one.begin, until))

@@ -12,28 +12,28 @@ from actors.runtime.errors import printable
 
 
 class PageTable(NamedTuple):
-    """A table of written cells; without rows it is left out."""
+    """A table of formatted cells; omitted if it has no rows."""
 
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     numeric: Sequence[bool]
-    """Whether each column holds numbers."""
+    """True for columns of numbers."""
     folded: bool = False
-    """Show the table only when the reader opens it."""
+    """Show the table collapsed."""
 
 
 class PagePicture(NamedTuple):
-    """A drawing within the page."""
+    """A drawing embedded in a page."""
 
     svg: bytes
     alt: str
-    """Description for readers who do not see it."""
+    """Alternative text."""
     caption: str
 
     @property
     def base64(self) -> str:
-        """The drawing as a data URL holds it."""
+        """The drawing in base64."""
         return base64.b64encode(self.svg).decode()
 
 
@@ -64,5 +64,5 @@ _TEMPLATES: Final = jinja2.Environment(
 
 
 def html(title: str, sections: Sequence[PageSection]) -> str:
-    """Return a page; every text in it is escaped."""
+    """Render a page; all texts are escaped."""
     return _TEMPLATES.get_template("page.html").render(title=title, sections=sections)

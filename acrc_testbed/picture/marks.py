@@ -1,4 +1,4 @@
-"""Marks of the drawing language, and obstacles, walls, doors and jammers, as matplotlib draws them."""
+"""Marks, floor objects and labels in matplotlib."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -19,40 +19,39 @@ from acrc_testbed.run_model.floor import FloorInterval, FloorObject
 from actors.observer.glyphs import MARKS, Mark, hexadecimal
 
 _AROUND: Final = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
-"""Where words may stand beside a point: right and above, left and above, and so on."""
+"""Directions of a label from its point: right above, left above, and so on."""
 _FARTHER: Final = (0.0, 6.0, 14.0, 24.0, 38.0)
-"""By so many more points away, if nearer there is no room."""
+"""Additional distances of a label, points, tried in order."""
 _LINE: Final = 10.0
-"""Words that are farther away, points, are joined with their point by a line."""
+"""Labels farther than this, points, are connected with their point by a line."""
 _COVERS: Final = 8.0
-"""Covering a point of somebody else's costs so much; a point farther away costs 1."""
+"""Cost of covering another point; one more step of distance costs 1."""
 
 
 class PointLabel(NamedTuple):
-    """Words that belong to a point."""
+    """Label of a point."""
 
     words: str
     x: float
-    """Of the point, in the axes' units."""
+    """Position of the point, axes' units."""
     y: float
     colour: str
     gap: float = 5.0
-    """Points between the point and its words: the size of what is drawn there."""
+    """Distance between the point and the label, points: size of the mark."""
     size: float = 8.5
     bold: bool = False
 
 
 def settle(figure: Figure) -> None:
-    """Fix the layout, so that what is where does not change any more; then labels can be placed."""
+    """Fix the layout so that labels can be placed."""
     cast(Any, figure).draw_without_rendering()
     figure.set_layout_engine("none")
 
 
 def place(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple[float, float]] = ()) -> int:
-    """Write labels, the first ones first, where none lies on another; gives how many found no room.
+    """Place labels in order without overlaps; return the number of labels without room.
 
-    `taken`: points, in the axes' units, on which words should not lie if they can stand elsewhere. The figure
-    has to be settled.
+    `taken`: points, in the axes' units, that labels should not cover. Call `settle` first.
     """
     points = [(one.x, one.y) for one in labels]
     covered = axes.transData.transform(np.array([*points, *taken], np.float64).reshape(-1, 2))
@@ -65,7 +64,7 @@ def place(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple[float,
 
 
 def _room(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: NDArray[np.float64]) -> Bbox | None:
-    """Write a label; the box that it takes, pixels; None, and nothing is written, without room."""
+    """Write a label and return its box, pixels; None if there is no room."""
     said = axes.annotate(
         label.words, (label.x, label.y), xytext=(0, 0), textcoords="offset points", color=label.colour,
         fontsize=label.size, fontweight="bold" if label.bold else "normal", ha="center", va="center",
@@ -101,7 +100,7 @@ def _room(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: NDArray
 
 
 def _count(box: Bbox, points: NDArray[np.float64]) -> int:
-    """How many points lie in a box."""
+    """Count the points in a box."""
     x, y = points.T
     return int(((box.x0 <= x) & (x <= box.x1) & (box.y0 <= y) & (y <= box.y1)).sum())
 
@@ -112,23 +111,23 @@ _MARKERS: Final[dict[str, Any]] = {
 }  # fmt: skip
 _UNFILLED: Final = frozenset({"ring", "diamond", "square"})
 _SOFT: Final = "30"
-"""How opaque the middle of a soft ring is, in hexadecimal digits."""
+"""Opacity of the middle of a soft ring, hexadecimal."""
 
 
 def colour_of(mark: Mark, own: str = style.INK) -> str:
-    """The mark's colour; `own` if it has that of a robot."""
+    """Return the mark's colour; `own` if it has the colour of a robot."""
     return own if mark.colour is None else hexadecimal(mark.colour)
 
 
 def plot(
     axes: Axes, name: str, x: float, y: float, own: str, *, size: float, fill: str = "", zorder: float = 5.0
 ) -> None:
-    """A mark at a point; `own`: the robot's colour; `fill`: instead of what the mark's shape has."""
+    """Draw a mark at a point; `own`: the robot's colour; `fill`: overrides the fill of the shape."""
     axes.plot(x, y, ls="", zorder=zorder, **_look(MARKS[name], own, size, fill))
 
 
 def sample(name: str) -> Artist:
-    """The mark with what it says, for a legend."""
+    """Return the legend entry of a mark."""
     mark = MARKS[name]
     colour = colour_of(mark)
     match mark.shape:
@@ -158,18 +157,18 @@ def _look(mark: Mark, own: str, size: float, fill: str) -> dict[str, Any]:
 
 _ZORDER: Final = 3.5
 _WORDS: Final = {"closed door": "closed"}
-"""Where the mark's name says too much."""
+"""Shorter labels of kinds."""
 
 
 def draw(axes: Axes, put: Sequence[FloorInterval]) -> list[PointLabel]:
-    """All of them, with what each is and from when to when it was there, to be written beside it."""
+    """Draw floor objects; return their labels with kind and interval."""
     for one in put:
         artist(axes, one.object)
     return [_label(one) for one in put]
 
 
 def artist(axes: Axes, thing: FloorObject) -> Line2D | Patch:
-    """One thing, drawn on the floor."""
+    """Draw one floor object."""
     colour = colour_of(MARKS[thing.kind])
     if thing.is_round:
         dashed = MARKS[thing.kind].shape == "dashed ring"

@@ -1,4 +1,4 @@
-"""A run as a movie: the floor with robots as they moved, their latest trails, places, and the time."""
+"""Movie of a run: floor, moving robots with recent trails, places and time."""
 
 import contextlib
 import itertools
@@ -34,9 +34,9 @@ from actors.task.referee import PlaceOutcome
 from actors.task.task import PlaceKey
 
 _FRAMES_PER_S: Final = 10
-"""Of the movie: robots move at 0.3 m/s."""
+"""Frame rate of the movie; robots move at 0.3 m/s."""
 _TRAIL_S: Final = 20.0
-"""So much of the way is drawn behind a robot, simulated s."""
+"""Length of the trail behind a robot, simulated s."""
 _DPI: Final = 80
 _GIF: Final = ".gif"
 _MP4: Final = ".mp4"
@@ -45,18 +45,18 @@ Pixels = NDArray[np.uint8]
 
 
 class MovieError(AcrcError):
-    """A movie that nothing here can write."""
+    """A movie that cannot be written."""
 
 
 def check(path: Path) -> None:
-    """Raises OptionError for a file that is no movie's, MovieError for an MP4 without ffmpeg."""
+    """Raise OptionError for an unknown file type, MovieError for an MP4 without ffmpeg."""
     output_file("--movie", path, _GIF, _MP4)
     if path.suffix == _MP4 and shutil.which("ffmpeg") is None:
-        raise MovieError(f"--movie {path}: needs the program ffmpeg, which is not here; a .gif needs nothing")
+        raise MovieError(f"--movie {path}: the program ffmpeg is not installed; install it or write a .gif")
 
 
 def write(run: RunData, path: Path, speed: float) -> None:
-    """The movie; `speed`: simulated seconds per second. Call `check` first."""
+    """Write the movie; `speed`: simulated seconds per second. Call `check` first."""
     with style.applied(style.LOOK):
         scene = _Scene(run)
         pictures = (scene.picture(step) for step in instants(run, speed))
@@ -68,7 +68,7 @@ def write(run: RunData, path: Path, speed: float) -> None:
 
 
 def _write_gif(pictures: Iterator[Pixels], path: Path, colours: Pixels) -> None:
-    """All pictures have the colours of `colours`, which shows all that there are."""
+    """Write a GIF with one palette; `colours`: a picture with all colours."""
     palette = Image.fromarray(colours).quantize(256)
     drawn = (Image.fromarray(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
     first, others = next(drawn), drawn
@@ -76,9 +76,9 @@ def _write_gif(pictures: Iterator[Pixels], path: Path, colours: Pixels) -> None:
 
 
 def _write_mp4(pictures: Iterator[Pixels], part: Path, path: Path) -> None:
-    """Into `part`, which will be called `path`. Raises MovieError with what ffmpeg says."""
+    """Write an MP4 to `part`, later renamed to `path`. Raises MovieError with ffmpeg's output."""
     first = next(pictures)
-    high, wide = (side // 2 * 2 for side in first.shape[:2])  # the codec wants even sides
+    high, wide = (side // 2 * 2 for side in first.shape[:2])  # the codec requires even sides
     words = [
         *("ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"),
         *("-s", f"{wide}x{high}", "-r", str(_FRAMES_PER_S), "-i", "-", "-pix_fmt", "yuv420p", str(part)),
@@ -91,11 +91,11 @@ def _write_mp4(pictures: Iterator[Pixels], part: Path, path: Path) -> None:
                     ffmpeg.stdin.write(np.ascontiguousarray(one[:high, :wide]).tobytes())
         if ffmpeg.returncode:
             said.seek(0)
-            raise MovieError(f"--movie {path}: ffmpeg says {said.read().decode(errors='replace').strip()}")
+            raise MovieError(f"--movie {path}: ffmpeg failed: {said.read().decode(errors='replace').strip()}")
 
 
 def instants(run: RunData, speed: float) -> Iterator[int]:
-    """The steps that are shown, the last one among them."""
+    """Yield the steps shown, including the last one."""
     every = max(1, round(speed / _FRAMES_PER_S / in_seconds(run.step_us)))
     last = len(run.seconds) - 1
     yield from range(0, last, every)
@@ -104,7 +104,7 @@ def instants(run: RunData, speed: float) -> Iterator[int]:
 
 @dataclass(frozen=True)
 class _Body:
-    """What moves of one robot."""
+    """Moving artists of one robot."""
 
     disc: Circle
     nose: Line2D
@@ -113,12 +113,12 @@ class _Body:
 
     @property
     def artists(self) -> tuple[Artist, ...]:
-        """In the order in which they are drawn."""
+        """The artists in drawing order."""
         return self.trail, self.disc, self.nose, self.name
 
 
 class _Scene:
-    """The floor, and what is on it at one step: only what changes is drawn again."""
+    """The floor and its changing artists at one step; the background is drawn once."""
 
     def __init__(self, run: RunData) -> None:
         self._run = run
@@ -131,7 +131,7 @@ class _Scene:
         self._begins = {
             PlaceKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
         }
-        """When places came that were not there from the beginning, s."""
+        """Times of places that were added during the run, s."""
         self._places = {
             (key := PlaceKey(one.owner, one.place)): _place(
                 axes, run, one, few=few, given=key in self._begins
@@ -160,16 +160,16 @@ class _Scene:
             artist.set_animated(True)
         self._canvas = cast(Any, self._figure.canvas)  # its methods have no types
         self._canvas.draw()
-        self._figure.set_layout_engine("none")  # everything stays where it is now
+        self._figure.set_layout_engine("none")  # positions stay fixed
         self._floor = self._canvas.copy_from_bbox(self._figure.bbox)
 
     def picture(self, step: int) -> Pixels:
-        """A step as it looked; steps may only grow."""
+        """Return the picture of a step; steps must not decrease."""
         self._show(step)
         return self._drawn()
 
     def all_at_once(self) -> Pixels:
-        """The floor with all that is ever on it, for its colours."""
+        """Return a picture of all artists, for the palette."""
         for artist in self._changing:
             artist.set_visible(True)
         return self._drawn()
@@ -181,7 +181,7 @@ class _Scene:
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _show(self, step: int) -> None:
-        """Everything as it was at a step; steps may only grow."""
+        """Update the artists for a step; steps must not decrease."""
         run, now = self._run, float(self._run.seconds[step])
         while self._next < len(run.reported) and run.reported[self._next].second <= now:
             deed = run.reported[self._next]
@@ -207,7 +207,7 @@ class _Scene:
 
 
 def _size(run: RunData) -> tuple[float, float]:
-    """Of the picture, inches: as wide as a page, as tall as the floor."""
+    """Return the size of the picture, inches: width of a page, height by the floor."""
     width, height = run.grid.corner.x - run.grid.origin.x, run.grid.corner.y - run.grid.origin.y
     return 10.0, min(max(10.0 * height / width + 1.4, 3.6), 10.6)
 
@@ -231,7 +231,7 @@ def _body(axes: Axes, index: int, *, few: bool) -> _Body:
 
 
 def _move(body: _Body, way: Floats, *, alive: bool) -> None:
-    """`way`: (steps, 3), the newest last."""
+    """Move a robot along its poses `way`, (steps, 3), newest last."""
     x, y, heading = way[-1].tolist()
     reach = glyphs.RADIUS
     body.disc.set_center((x, y))

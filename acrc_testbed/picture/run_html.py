@@ -1,4 +1,4 @@
-"""A run on one HTML page: its result in sentences, the picture, and tables of the numbers behind it."""
+"""HTML page of a run: result, picture and tables."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -18,16 +18,16 @@ from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
 
 _FEW_ROWS: Final = 25
-"""Longer tables are folded."""
+"""Number of rows from which tables are collapsed."""
 _ALT: Final = (
-    "The floor plan with the way of each robot, places and where robots stood near each other; below, what "
-    "each robot did when, radio frames per second, and places cleaned over time. The tables say the same."
+    "Floor plan with robots' trails, places and positions of blocked robots; below, each robot's activity, "
+    "radio frames per second, and places cleaned over time. The tables contain the same data."
 )
-_CAPTION: Final = "Drawn from the recordings; the legend stands below the floor."
+_CAPTION: Final = "From the recordings; legend below the floor."
 
 
 def write(run: RunData, path: Path) -> None:
-    """The page as a file that needs nothing beside itself."""
+    """Write the page as one self-contained file."""
     with style.applied(style.LOOK):
         drawn = style.svg(run_page.draw(run))
     regular_file.write(path, html(run, drawn).encode())
@@ -42,29 +42,29 @@ def sections(run: RunData, drawn: bytes) -> list[PageSection]:
     """Return the sections about a run that have any content."""
     doing = spells(run)
     every = [
-        PageSection("What came of it", list(_words(run))),
-        PageSection("What happened", picture=PagePicture(drawn, _ALT, _CAPTION)),
-        PageSection("What each robot did", tables=[_deeds(run, doing)]),
-        PageSection("Where robots stood before others", tables=[_meetings(doing)]),
-        PageSection("What was put into the world", tables=[_put(run, doing)]),
-        PageSection("What was decided", tables=[_decided(run)]),
+        PageSection("Result", list(_words(run))),
+        PageSection("Overview", picture=PagePicture(drawn, _ALT, _CAPTION)),
+        PageSection("Time of each robot", tables=[_deeds(run, doing)]),
+        PageSection("Blocked robots", tables=[_meetings(doing)]),
+        PageSection("Events and orders", tables=[_put(run, doing)]),
+        PageSection("Decisions", tables=[_decided(run)]),
         PageSection("Places", tables=[_places(run.outcomes)]),
         PageSection("Radio", tables=[_radio(run)]),
-        PageSection("How to make it again", list(_origin(run))),
+        PageSection("Reproduction", list(_origin(run))),
     ]
     return [one for one in every if not one.is_empty]
 
 
 def _words(run: RunData) -> Iterator[str]:
     if run.result is None:
-        how = "is going on" if goes_on(run.out) else "was cut off"
-        yield f"The run {how}; this is what was recorded in its first {run.end:g} simulated s."
+        how = "is still running" if goes_on(run.out) else "was cut off"
+        yield f"The run {how}; this page shows its first {run.end:g} simulated s."
     else:
         yield from summary.sentences(run.result)
 
 
 def _deeds(run: RunData, doing: Sequence[Spell]) -> PageTable:
-    """Seconds by what a robot did, and what it did with places."""
+    """Return seconds by cause, and numbers of places, per robot."""
     lasted: defaultdict[tuple[str, Cause], float] = defaultdict(float)
     for one in doing:
         lasted[one.robot, one.cause] += one.end - one.begin
@@ -81,7 +81,7 @@ def _deeds(run: RunData, doing: Sequence[Spell]) -> PageTable:
         for robot in run.robots
     ]
     columns = ["robot", *(f"{kind.value}, s" for kind in kinds), "cleaned", "taken over", "given up"]
-    return _table("Seconds by what each robot did, and how many places it reported.", columns, rows, 1)
+    return _table("Seconds by cause, and numbers of places, per robot.", columns, rows, 1)
 
 
 def _meetings(doing: Sequence[Spell]) -> PageTable:
@@ -89,27 +89,29 @@ def _meetings(doing: Sequence[Spell]) -> PageTable:
         [f"{x:.2f}", f"{y:.2f}", f"{lasted:.1f}"]
         for x, y, lasted in sorted(floor_picture.meetings(doing), key=lambda one: -one[2])
     ]
-    return _table("Where, m, and how long in all.", ["x", "y", "s"], rows, 0)
+    return _table("Positions where robots waited for others, with total duration.",
+                  ["x, m", "y, m", "duration, s"], rows, 0)  # fmt: skip
 
 
 def _put(run: RunData, doing: Sequence[Spell]) -> PageTable:
-    """What was ordered, and which robots were frozen or off."""
+    """Return the orders, and the intervals of frozen and stopped robots."""
     stopped = [one for one in doing if one.cause in (Cause.FROZEN, Cause.OFF)]
     told = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
     told += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
     rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(told)]
-    return _table("By the scenario's events, and by orders.", ["s", "robot", "what"], rows, -1, numbers=(0,))
+    columns = ["time, s", "robot", "event"]
+    return _table("Events of the scenario, and orders.", columns, rows, -1, numbers=(0,))
 
 
 def _decided(run: RunData) -> PageTable:
-    """What the robots' adaptations decided, by their last records."""
+    """Return the decisions in the robots' final records."""
     made = [(one, robot) for robot, report in run.reports.items() for one in report.decisions]
     rows = [
         [f"{in_seconds(one.instant):.1f}", robot, one.words, one.by, one.source, f"{one.age / 1e6:.2f}"]
         for one, robot in sorted(made, key=lambda pair: (pair[0].instant, pair[1]))
     ]
-    columns = ["s", "robot", "decision", "by", "from what it knew of", "as old as, s"]
-    caption = "Decisions of the adaptation. Why, says `acrc explain OUT ROBOT@S`; OUT is the run's folder."
+    columns = ["time, s", "robot", "decision", "by", "knowledge of", "age, s"]
+    caption = "Decisions of the adaptation. For their causes, run `acrc explain OUT ROBOT@S`."
     return _table(caption, columns, rows, -1, numbers=(0, 5))
 
 
@@ -124,14 +126,14 @@ def _places(places: Sequence[PlaceOutcome]) -> PageTable:
         ]
         for one in places
     ]  # fmt: skip
-    columns = ["place", "x, m", "y, m", "what became of it", "reported by", "reported, s", "reached, s"]
-    return _table("Every place.", columns, rows, -1, numbers=(1, 2, 5, 6))
+    columns = ["place", "x, m", "y, m", "outcome", "reported by", "reported, s", "reached, s"]
+    return _table("All places.", columns, rows, -1, numbers=(1, 2, 5, 6))
 
 
 def _radio(run: RunData) -> PageTable:
     counts = {} if run.result is None else run.result.frames
     rows = [[name.replace("_", " "), str(count)] for name, count in counts.items() if count]
-    return _table("What became of frames, and of each frame at each other robot.", ["", "count"], rows, 1)
+    return _table("Outcomes of frames, and of each frame at each other robot.", ["", "count"], rows, 1)
 
 
 def _origin(run: RunData) -> Iterator[str]:
@@ -141,7 +143,7 @@ def _origin(run: RunData) -> Iterator[str]:
     origin = result.origin
     what = f"Scenario {origin.scenario}, strategy {origin.strategy}, seed {result.seed}"
     yield f"{what}, commit {origin.commit}: digest {result.digest}."
-    yield "acrc replay OUT, OUT being the run's folder, makes it again and compares every message."
+    yield "To repeat the run and compare every message, run acrc replay with the run's folder."
 
 
 def _table(
@@ -151,6 +153,6 @@ def _table(
     first: int,
     numbers: Sequence[int] = (),
 ) -> PageTable:
-    """A table whose columns from `first` on hold numbers, or, if that is negative, those in `numbers`."""
+    """Return a table; numeric columns are those from `first` on, or `numbers` if `first` is negative."""
     numeric = [place >= first if first >= 0 else place in numbers for place in range(len(columns))]
     return PageTable(caption, columns, rows, numeric, folded=len(rows) > _FEW_ROWS)

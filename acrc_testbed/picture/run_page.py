@@ -1,4 +1,4 @@
-"""A run on one page, and several beside each other: floor, a lane for each robot, radio, progress."""
+"""One-page picture of a run, or of several side by side: floor, lanes of robots, radio, progress."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, WHITE, StateGlyph, contrast, hexadecimal
 
 _HALF: Final = 0.38
-"""Half the height of a lane, of which there is one per unit."""
+"""Half the height of a lane; lanes are one unit apart."""
 _WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE})
-_ORDERED: Final = "something was ordered"
+_ORDERED: Final = "event or order"
 
 
 def draw_lanes(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool) -> None:
-    """Draw a lane for each robot.
+    """Draw one lane per robot.
 
-    Ticks: a place cleaned, in its owner's colour; triangles: one taken over; dashed lines: orders.
+    Ticks: cleaned places, in the owner's colour; triangles: adoptions; dashed lines: orders.
     """
     few = glyphs.has_few(run.robots)
     rows = {robot: row for row, robot in enumerate(lane_order(run, doing))}
@@ -57,7 +57,7 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool
 
 
 def lane_order(run: RunData, doing: Sequence[Spell]) -> list[str]:
-    """The robots from above: a few as they are, many by how long something kept them, the longest first."""
+    """Return the robots from top to bottom: few in scenario order, many by lost time, longest first."""
     if glyphs.has_few(run.robots):
         return list(run.robots)
     kept: defaultdict[str, float] = defaultdict(float)
@@ -67,7 +67,7 @@ def lane_order(run: RunData, doing: Sequence[Spell]) -> list[str]:
 
 
 def lane_legend(runs: Sequence[RunData], doing: Sequence[Spell]) -> list[Artist]:
-    """What the colours and marks mean that there are."""
+    """Return legend entries for the colours and marks used."""
     seen = {one.cause.value for one in doing}
     states = [(word, glyph) for word, glyph in SEEN_STATES.items() if word in seen]
     kinds: list[Artist] = [Patch(label=word, **look_of(glyph)) for word, glyph in states]
@@ -85,7 +85,7 @@ def lane_legend(runs: Sequence[RunData], doing: Sequence[Spell]) -> list[Artist]
 
 
 def look_of(glyph: StateGlyph) -> dict[str, Any]:
-    """Colour, and a hatch that can be seen on it."""
+    """Return the colour, and a hatch with enough contrast to it."""
     ink = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
     colour = hexadecimal(glyph.colour)
     edge = ink if glyph.hatch else colour
@@ -98,7 +98,7 @@ def _mark(
     if deed.robot in rows:
         owner = run.robots.index(deed.place.owner) if deed.place.owner in run.robots else 0
         marks.plot(axes, name, deed.second, rows[deed.robot] + shift, style.colour(owner), size=size)
-        if MARKS[name].shape == "tick":  # a robot's colour may be that of what it did
+        if MARKS[name].shape == "tick":  # the robot's colour may equal the lane's
             axes.lines[-1].set_path_effects(style.HALO)
 
 
@@ -138,7 +138,7 @@ def write(run: RunData, path: Path) -> None:
 
 
 def draw_progress(axes: Axes, run: RunData) -> None:
-    """Places cleaned: robot by robot; of many robots their mean, and how far they differ."""
+    """Draw places cleaned per robot; for many robots, their mean and percentiles."""
     first = {deed.place: deed for deed in reversed(run.reported)}
     by_robot = {
         robot: sorted(deed.second for deed in first.values() if deed.robot == robot) for robot in run.robots
@@ -153,9 +153,9 @@ def draw_progress(axes: Axes, run: RunData) -> None:
         counts = np.array([np.searchsorted(done, at, side="right") for done in by_robot.values()])
         low, high = np.percentile(counts, [10, 90], axis=0)
         axes.fill_between(
-            at, low, high, step="post", color=style.INK, alpha=0.2, lw=0, label="of 8 robots in 10"
+            at, low, high, step="post", color=style.INK, alpha=0.2, lw=0, label="10 to 90 % of robots"
         )
-        axes.step(at, counts.mean(axis=0), where="post", color=style.INK, lw=1.4, label="mean of a robot")
+        axes.step(at, counts.mean(axis=0), where="post", color=style.INK, lw=1.4, label="mean per robot")
     axes.legend(fontsize=7, frameon=False, loc="upper left")
     axes.set_xlim(0.0, run.end)
     axes.set_ylim(0, max(3.0, axes.get_ylim()[1]))
@@ -166,19 +166,19 @@ def draw_progress(axes: Axes, run: RunData) -> None:
 
 
 def _draw_radio(axes: Axes, run: RunData) -> None:
-    """Frames sent and heard per second, over 5 s each."""
+    """Draw frames sent and received per second, in bins of 5 s."""
     window = max(1, round(5.0 / max(run.end / len(run.seconds), 1e-9)))
     whole = len(run.seconds) // window * window
     if whole:
         at = np.append(run.seconds[:whole:window], run.end)
         for counts, label, colour in (
-            (run.frames_heard, "heard", "#6baed6"),
+            (run.frames_heard, "received", "#6baed6"),
             (run.frames_sent, "sent", "#08306b"),
         ):
             rate = counts[:whole].sum(axis=1).reshape(-1, window).sum(axis=1) / 5.0
             rate = np.append(rate, rate[-1])
             axes.step(at, rate, where="post", color=colour, lw=1.2, label=label)
-            if label == "heard":
+            if label == "received":
                 axes.fill_between(at, rate, step="post", color=colour, alpha=0.35)
     axes.set_ylim(bottom=0)
     axes.set_ylabel("radio frames/s")
@@ -188,11 +188,11 @@ def _draw_radio(axes: Axes, run: RunData) -> None:
 
 
 _MARGIN: Final = 1.5
-"""Around what happened, m."""
+"""Margin around trails and places, m."""
 
 
 def draw_several(runs: Sequence[RunData]) -> Figure:
-    """Draw runs beside each other: a column for each, with its floor and its lanes."""
+    """Draw runs side by side, one column each with floor and lanes."""
     figure = style.new_figure(4.6 * len(runs), 6.6)
     grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
     end = max(run.end for run in runs)
@@ -221,13 +221,13 @@ def draw_several(runs: Sequence[RunData]) -> Figure:
 
 
 def write_several(runs: Sequence[RunData], path: Path) -> None:
-    """Write several runs beside each other as a PNG or SVG file."""
+    """Write several runs side by side as a PNG or SVG file."""
     with style.applied(style.LOOK):
         style.save(draw_several(runs), path)
 
 
 def _draw_part(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
-    """Draw the part of the floor where something happened."""
+    """Draw the part of the floor with trails and places."""
     floor_picture.draw_floor(axes, run.grid)
     drawn = floor_picture.draw_run(axes, run, doing)
     points = np.concatenate(

@@ -1,4 +1,4 @@
-"""Look of pictures: colours that colour-blind people tell apart, the same bytes for the same content."""
+"""Style of pictures: colours safe for colour blindness, equal bytes for equal content."""
 
 import contextlib
 import re
@@ -22,18 +22,18 @@ from actors.runtime import regular_file
 
 @contextlib.contextmanager
 def applied(settings: Mapping[str, Any]) -> Iterator[None]:
-    """Pictures are made and written in here, by matplotlib's defaults and these settings of it."""
+    """Apply matplotlib's defaults and these settings within the context."""
     with mpl.rc_context(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # it becomes a box, as anywhere else
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # drawn as a box
         mpl.rcdefaults()
-        mpl.rcParams.update(cast(Any, settings))  # its type lists all settings by name
+        mpl.rcParams.update(cast(Any, settings))  # typed with literal names
         yield
 
 
 def dark_too(svg: bytes, dark: Mapping[str, str], rules: str = "") -> bytes:
-    """A drawing of matplotlib's that follows whether the reader's screen is light or dark.
+    """Return a drawing of matplotlib with a dark colour scheme.
 
-    `dark`: what colours, as "#22262b", become on a dark one; `rules`: what else holds there, in CSS.
+    `dark`: replacement of each colour, such as "#22262b"; `rules`: further CSS for dark screens.
     """
     changed = "".join(
         f'[style*="{key}: {light}"]{{{key}:{other} !important}}'
@@ -45,7 +45,7 @@ def dark_too(svg: bytes, dark: Mapping[str, str], rules: str = "") -> bytes:
 
 
 ROBOTS: Final = tuple(glyphs.hexadecimal(one) for one in glyphs.ROBOTS)
-"""The same as in the viewer."""
+"""Robot colours, as in the viewer."""
 FLOOR: Final = "#ffffff"
 UNKNOWN: Final = "#eceef1"
 WALL: Final = "#464a52"
@@ -53,7 +53,7 @@ INK: Final = "#22262b"
 LOOK: Final[dict[str, Any]] = {
     "font.size": 8.5,
     "font.family": "DejaVu Sans",
-    "text.parse_math": False,  # names of strategies may hold anything
+    "text.parse_math": False,  # strategy names may contain any character
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": INK,
@@ -65,25 +65,25 @@ LOOK: Final[dict[str, Any]] = {
     "svg.hashsalt": "acrc",
     "svg.fonttype": "path",
 }
-"""Letters of an SVG are outlines, so that it looks the same everywhere."""
+"""Settings of pictures; text in SVG files is converted to outlines, independent of fonts."""
 
 HALO: Final[list[patheffects.AbstractPathEffect]] = [patheffects.withStroke(linewidth=2.5, foreground=FLOOR)]
-"""Around words on a floor, which walls and trails would run into otherwise."""
+"""Outline of labels on a floor."""
 
 _DARK_GROUND: Final[Colour] = (22, 25, 29)
 _CONTRAST: Final = 4.5
-"""What words have at least to the ground that they lie on: success criterion 1.4.3 of WCAG 2.1."""
+"""Minimum contrast of text: success criterion 1.4.3 of WCAG 2.1."""
 _DARK_RASTER: Final = "image{filter:invert(.9) hue-rotate(180deg)}"
-"""The floor plan is one: its free floor becomes nearly as dark as the ground, its walls become light."""
+"""CSS rule for the floor plan: dark free floor and light walls."""
 
 
 def colour(index: int) -> str:
-    """The colour of the robot with this index in the run's order."""
+    """Return the colour of a robot by its index in scenario order."""
     return ROBOTS[index % len(ROBOTS)]
 
 
 def title(run: RunData) -> str:
-    """What run it is and what came of it."""
+    """Return a title with robots, seed and result."""
     count, result = len(run.robots), run.result
     robots = "1 robot" if count == 1 else f"{count} robots"
     if result is None:
@@ -92,7 +92,7 @@ def title(run: RunData) -> str:
 
 
 def short_title(run: RunData) -> str:
-    """The strategy, and what came of it."""
+    """Return a title with strategy and result."""
     if run.result is None:
         return so_far(run.out, run.end)
     strategy = run.result.origin.strategy or "a strategy"
@@ -104,14 +104,14 @@ Axes = axes.Axes
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of this size, inches; to be drawn while LOOK is applied."""
+    """Return an empty figure, inches; draw it while LOOK is applied."""
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as an SVG for a page, light or dark as the reader's screen is."""
+    """Return the figure as an SVG with light and dark colour schemes."""
     file = BytesIO()
     figure.savefig(file, format="svg", metadata={"Date": None})
     drawn = file.getvalue()
@@ -119,7 +119,7 @@ def svg(figure: Figure) -> bytes:
 
 
 def _dark(drawn: bytes) -> dict[str, str]:
-    """What the colours of a drawing become on a dark ground: what could not be seen there becomes lighter."""
+    """Return replacements for the colours of a drawing that lack contrast on a dark background."""
     used = {found.decode() for found in re.findall(rb"(?:fill|stroke): (#[0-9a-f]{6})", drawn)}
     seen = {one: glyphs.hexadecimal(_seen(one)) for one in sorted(used)}
     exchanged = {FLOOR: glyphs.hexadecimal(_DARK_GROUND), INK: "#e6e8eb"}
@@ -127,25 +127,25 @@ def _dark(drawn: bytes) -> dict[str, str]:
 
 
 def _seen(colour: str) -> Colour:
-    """The colour, or one lighter than it that has enough contrast to the dark ground."""
+    """Return the colour, lightened if necessary for contrast to the dark background."""
     red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
     lighter = (glyphs.faded((red, green, blue), 1 - part / 20, glyphs.WHITE) for part in range(20))
     return next(one for one in lighter if glyphs.contrast(one, _DARK_GROUND) >= _CONTRAST)
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG or an SVG, by the file's ending, without anything that differs from day to day."""
+    """Write a PNG or SVG, by the file's suffix, without dates."""
     dates = {"Date": None} if path.suffix == ".svg" else {"Software": None}
     with regular_file.replaced(path) as part:
         figure.savefig(part, metadata=dates)
 
 
 Series = Mapping[str, tuple[Sequence[float], Sequence[float]]]
-"""By name: simulated s, and values."""
+"""Simulated times, s, and values, by name."""
 
 
 def write(series: Series, label: str, path: Path) -> None:
-    """One line for each name, as a PNG or SVG file; `label` says what the values are."""
+    """Write a line plot as a PNG or SVG file; `label`: label of the values' axis."""
     with applied(LOOK):
         figure = new_figure(8.0, 3.5)
         axes = figure.add_subplot()

@@ -1,1 +1,1 @@
-"""A run opened in the viewer: read from its recordings, drawn, computed where nothing was recorded, shown."""
+"""View of a run in the viewer, drawn from its recordings."""

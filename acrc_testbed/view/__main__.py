@@ -1,4 +1,4 @@
-"""The view of a run while it goes on: `python -m acrc_testbed.view --out FOLDER`, for `--view`."""
+"""Live view of a run in progress, for `--view`: `python -m acrc_testbed.view --out FOLDER`."""
 
 import os
 import sys
@@ -14,20 +14,20 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.linux import die_with_parent, leave_in_order
 
 _NICE = 10
-"""The run comes first."""
+"""Niceness, so that the run has priority."""
 
 
 def main(argv: Sequence[str]) -> int:
-    """Show a run until it has ended, into FOLDER/view.rrd; the exit code."""
+    """Show a run until it ends, and write FOLDER/view.rrd; return the exit code."""
     leave_in_order()
     parser = ArgumentParser(prog="python -m acrc_testbed.view")
-    parser.add_argument("--out", type=Path, required=True, help="the run's folder")
-    parser.add_argument("--robot", action="append", default=[], help="to look into")
+    parser.add_argument("--out", type=Path, required=True, help="read the run in this folder")
+    parser.add_argument("--robot", action="append", default=[], help="draw this robot in detail")
     options = parser.parse_args(argv)
     die_with_parent(os.getppid())
     os.nice(_NICE)
     path = options.out / FILE_NAME
-    opened = viewer.open_any(say_at_once, f"the view goes to {path} only")
+    opened = viewer.open_any(say_at_once, f"the view is written to {path} only")
     try:
         if opened is not None and opened.page:
             say_at_once(f"{LIVE_VIEW}, open {opened.page} in a browser on this machine.")

@@ -1,4 +1,4 @@
-"""`acrc view`: runs drawn into a view file, shown in a window or a browser, or taken as a picture."""
+"""Commands of `acrc view`: write a view file, show it in a window or browser, or take a screenshot."""
 
 import os
 import sys
@@ -28,12 +28,12 @@ from actors.runtime.recording import read_notes
 
 FILE_NAME: Final = "view.rrd"
 SEVERAL: Final = "beside.rrd"
-"""Of several runs beside one another."""
+"""View file of several runs side by side."""
 _POLL_S: Final = 0.1
 _LOOK_S: Final = 1.0
-"""Between two looks at whether the run goes on, and whether the viewer is open, s."""
+"""Period of checking whether the run is running and the viewer open, s."""
 _SETTLING_S: Final = 0.5
-"""How long recordings may still grow when world and radio have closed theirs, s."""
+"""Time for which recordings may still grow after world and radio closed theirs, s."""
 Say = Callable[[str], None]
 
 
@@ -44,9 +44,9 @@ def say_at_once(sentence: str) -> None:
 
 
 def save(folders: Sequence[Path], robots: Sequence[str], path: Path, say: Say) -> bool:
-    """Draw runs into a view file; return whether it has everything.
+    """Draw runs into a view file; return True if it is complete.
 
-    `robots`, here and below: those drawn in detail; empty: the first DETAILED.
+    `robots`, here and below: robots drawn in detail; empty: the first DETAILED.
     """
     began = time.monotonic()
     return draw(_read(folders, say), path, robots, None, say, began)
@@ -55,7 +55,7 @@ def save(folders: Sequence[Path], robots: Sequence[str], path: Path, say: Say) -
 def picture(
     folders: Sequence[Path], robots: Sequence[str], path: Path, second: float | None, say: Say
 ) -> bool:
-    """Draw runs, and take a picture of the window at an instant, s; None: in the middle of the runs."""
+    """Take a screenshot of runs at an instant, s; None: in the middle. Return True if it is complete."""
     began, runs = time.monotonic(), _read(folders, say)
     with scratch_folder() as folder:
         view = folder / FILE_NAME
@@ -67,9 +67,9 @@ def picture(
 
 
 def show(folders: Sequence[Path], robots: Sequence[str], say: Say) -> bool:
-    """Draw runs into a view file and show it meanwhile; a single run that goes on is followed to its end.
+    """Draw runs into a view file and show them; a single running run is followed to its end.
 
-    In a window if there is a display. Else it is served to a browser on this machine until Interrupted.
+    Opens a window if there is a display, else serves a page to a local browser until Interrupted.
     """
     began = time.monotonic()
     goes_on = len(folders) == 1 and standing(folders[0]) is Standing.GOING_ON
@@ -97,14 +97,14 @@ def draw(
     say: Say,
     began: float | None = None,
 ) -> bool:
-    """Draw runs beside one another into `path`, which takes its name once it is whole, and to a viewer.
+    """Draw runs side by side into `path`, which appears once it is complete, and to a viewer.
 
-    `began`: when the user began to wait, by the monotonic clock.
+    `began`: start of the command by the monotonic clock, s.
     """
     began = time.monotonic() if began is None else began
     detailed = [looked_into(run.robots, robots) for run in runs]
     arranged = [arrangement(run, each) for run, each in zip(runs, detailed, strict=True)]
-    if runs[1:]:  # all have the time of the longest, so that lanes and plots are aligned
+    if runs[1:]:  # the longest run sets the time axis of all
         end = max(run.end for run in runs)
         arranged = [
             replace(one, root=f"/{number}", name=run.out.name, end=end)
@@ -120,7 +120,7 @@ def draw(
         for run, drawing in zip(runs, drawings, strict=True):
             drawing.recorded(run)
         sheet.flush()
-        say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
+        say(f"recorded data drawn after {time.monotonic() - began:.1f} s")
         faults = []
         for run, drawing in zip(runs, drawings, strict=True):
             drawing.computed(run, last=True)
@@ -131,22 +131,22 @@ def draw(
     for fault in faults:
         say(fault)
     lasted = f"after {time.monotonic() - began:.1f} s"
-    say(f"drawn {lasted}, without what is named above" if faults else f"all of it {lasted}")
+    say(f"view without the data listed above {lasted}" if faults else f"complete view {lasted}")
     if lost:
-        say(f"the viewer was closed before that: the whole view is in {path}")
+        say(f"the viewer was closed early; the complete view is in {path}")
     return not faults or any(elsewhere(run.out) for run in runs)
 
 
 def _missing(run: RunData) -> list[str]:
-    """Return where recordings are that were left on hosts."""
+    """Return a sentence about recordings that are still on other hosts, if any."""
     left = elsewhere(run.out)
     return [where(run.out, left)] if left else []
 
 
 def follow(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer | None, say: Say) -> None:
-    """Draw a run that goes on into `path` and to a viewer, until it has ended or the viewer was closed.
+    """Draw a running run into `path` and to a viewer until it ends or the viewer is closed.
 
-    `robots`: to draw in detail. AcrcError where the folder holds no run, a damaged one, or `path` cannot be
+    `robots`: robots drawn in detail. Raises AcrcError for a missing or damaged run, or if `path` cannot be
     written.
     """
     while standing(out) is Standing.GOING_ON and not _begun(out):
@@ -154,28 +154,27 @@ def follow(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer | No
     with RunReader(out, internals=True) as reader:
         what = Arrangement(reader.description.grid, reader.robots, looked_into(reader.robots, robots))
         address = None if opened is None else opened.address
-        with Sheet(path, what, name="a run that goes on", send_to=address) as sheet:
+        with Sheet(path, what, name="live run", send_to=address) as sheet:
             view = LiveView(reader, sheet, what.looked_into)
             try:
                 _follow(out, view, sheet, opened, say)
             finally:
                 steps = 0 if isinstance(sys.exception(), Interrupted) else reader.unread()
                 if steps:
-                    later = f"{steps} steps that were recorded later are not in it"
-                    say(f"the view ends at {view.end:g} s: {later}")
+                    say(f"the view ends at {view.end:g} s; {steps} later steps are not included")
 
 
 class LiveView:
-    """A run that goes on, drawn as its recordings grow."""
+    """Drawing of a run in progress."""
 
     def __init__(self, reader: RunReader, sheet: Sheet, detailed: Sequence[str]) -> None:
         self._reader = reader
         self._drawing = RunDrawing(Canvas(sheet.recording, reader.robots), reader.beginning(), detailed)
         self.end = 0.0
-        """Until when the run is drawn, s."""
+        """Time up to which the run is drawn, s."""
 
     def draw(self, *, last: bool = False) -> bool:
-        """Draw what is new; True if there was anything. `last`: no step will follow."""
+        """Draw new data; return True if there was any. `last`: no step will follow."""
         run = self._reader.poll(last=last)
         if run is None:
             return False
@@ -186,7 +185,7 @@ class LiveView:
 
 
 def _begun(out: Path) -> bool:
-    """Return whether world and radio have written their first records."""
+    """Return True if world and radio have written their first records."""
     files = recordings(out)
     return all(actor in files and "run" in read_notes(files[actor]) for actor in ("world", "radio"))
 
@@ -203,7 +202,7 @@ def _follow(out: Path, view: LiveView, sheet: Sheet, opened: OpenViewer | None, 
             sheet.flush()
             look, how = time.monotonic(), standing(out)
     if how is Standing.DIED:
-        say("the run has died: its processes are gone, and there is no result")
+        say("the run was cut off: its processes exited without a result")
     settled = time.monotonic() + _SETTLING_S
     while time.monotonic() < settled and view.draw():
         time.sleep(_POLL_S)
@@ -211,7 +210,7 @@ def _follow(out: Path, view: LiveView, sheet: Sheet, opened: OpenViewer | None, 
 
 
 def _read(folders: Sequence[Path], say: Say) -> list[RunData]:
-    """Return the runs; of each that has not ended it is said until when it is drawn."""
+    """Read runs; report up to when those without an end are drawn."""
     runs = [whole_run(folder, internals=True) for folder in folders]
     for run in runs:
         if standing(run.out) is not Standing.ENDED:
@@ -220,22 +219,22 @@ def _read(folders: Sequence[Path], say: Say) -> list[RunData]:
 
 
 def place(out: Path, name: str = FILE_NAME) -> Path:
-    """Return the path of a run's view: in its folder, or a temporary one where that cannot be written."""
+    """Return the path of a run's view: in its folder, or in a temporary one if that is not writable."""
     if os.access(out, os.W_OK):
         return out / name
     return Path(tempfile.mkdtemp(prefix="acrc-view-")) / name
 
 
 def _opened(say: Say) -> OpenViewer | None:
-    """Open a viewer; None where none opens, which is said."""
-    shown = viewer.open_any(say, "the view goes to its file only")
+    """Open a viewer; report and return None if that fails."""
+    shown = viewer.open_any(say, "the view is written to its file only")
     if shown is not None and shown.page:
-        say(f"to see it, open {shown.page} in a browser on this machine; Ctrl-C ends it")
+        say(f"open {shown.page} in a browser on this machine; press Ctrl-C to stop")
     return shown
 
 
 def _rest(shown: OpenViewer | None, path: Path, say: Say) -> None:
-    """Say where the view is, and serve it until this program or the viewer is ended, if that is a page."""
+    """Report the path of the view; serve a page until this program or the viewer ends."""
     say(f"the view is in {path}")
     if shown is None or not shown.page:
         return
@@ -243,4 +242,4 @@ def _rest(shown: OpenViewer | None, path: Path, say: Say) -> None:
         shown.process.wait()
     except Interrupted:
         return
-    raise AcrcError(f"the viewer has ended with exit code {shown.process.returncode}")
+    raise AcrcError(f"the viewer exited with code {shown.process.returncode}")

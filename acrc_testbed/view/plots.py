@@ -26,7 +26,7 @@ class RunEventTexts:
         self._begun: set[str] = set()
 
     def of(self, run: RunData) -> Iterator[DrawnEvent]:
-        """Yield what happened in a run, or in its next part."""
+        """Yield the events of a run, or of its next part."""
         for deed in first_reports(run.reported, self._known):
             own = "" if deed.place.owner == deed.robot else f", adopted from {deed.place.owner}"
             yield DrawnEvent(deed.second, deed.robot, f"cleaned {name(deed.place)}{own}")
@@ -37,7 +37,7 @@ class RunEventTexts:
         for robot, track in run.trajectories.items():
             for second, state in track.states:
                 if state or robot in self._begun:
-                    yield DrawnEvent(second, robot, f"is {state}" if state else "acts again", "WARN")
+                    yield DrawnEvent(second, robot, f"is {state}" if state else "is active again", "WARN")
                 self._begun.add(robot)
         for change in ordered_changes(run):
             yield DrawnEvent(change.second, change.robot, change.words, "WARN")
@@ -48,33 +48,33 @@ class RunEventTexts:
 
 
 def name(place: PlaceKey) -> str:
-    """As in "r1/3"."""
+    """Return a place's name such as "r1/3"."""
     return f"{place.owner}/{place.place}"
 
 
 _PLOT_S: Final = 0.5
-"""Between two points of a plot."""
+"""Interval between points of a plot, s."""
 _BIN_S: Final = 5.0
-"""Copies are counted over so long."""
+"""Length of a bin of copies, s."""
 _NEVER: Final = -1e9
-_SPREAD: Final = {"mean_of_a_robot": WHITE, "one_robot_in_10_has_fewer": GREY, "one_in_10_has_more": GREY}
-"""Lines of places done where there are too many robots for one each."""
+_SPREAD: Final = {"mean_per_robot": WHITE, "percentile_10": GREY, "percentile_90": GREY}
+"""Lines of places done if there are too many robots for one line each."""
 
 
 class Plots:
-    """Draws them piece by piece."""
+    """Plots of a run, drawn part by part."""
 
     def __init__(self, canvas: Canvas, *, true: bool) -> None:
-        """`true`: somebody knows where robots were."""
+        """`true`: the run has ground truth."""
         self._canvas, self._true = canvas, true
         self._done = dict.fromkeys(canvas.robots, 0)
         self._known: set[PlaceKey] = set()
         self._last: dict[str, tuple[float, float, float]] = {}
-        """By robot the last point of its plots: s, and where it was, m."""
+        """Last point of each robot's plots: time, s, and position, m."""
         self._pairs: set[int] = set()
         self._copies: list[Copies] = []
         self._bins = 0
-        """Of copies, that have been drawn."""
+        """Number of drawn bins of copies."""
         self._counted: set[Outcome] = set()
         self._many = not canvas.has_few
         shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
@@ -85,7 +85,7 @@ class Plots:
                 words.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
 
     def extend(self, run: RunData) -> None:
-        """Take in a run, or its next piece."""
+        """Draw a run or its next part."""
         first = sorted(first_reports(run.reported, self._known), key=lambda deed: deed.second)
         ends = [run.since, *(deed.second for deed in first), max([run.end, *(d.second for d in first)])]
         rows = [list(self._done.values())]
@@ -101,7 +101,7 @@ class Plots:
         self._strengths(run.heard)
 
     def _drive(self, robot: str, track: Trajectory) -> None:
-        """Speed, and how far off it held itself to be, twice a second."""
+        """Draw speed and localisation error twice a second."""
         rows, due = [], self._last.get(robot, (_NEVER,))[0] + _PLOT_S
         for row, second in enumerate(track.seconds.tolist()):
             if second >= due - 1e-6:
@@ -123,7 +123,7 @@ class Plots:
             words.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[told], values[told])
 
     def _strengths(self, heard: Floats) -> None:
-        """RSSI of each link, by its sender's colour; of many robots the strongest copy heard of each."""
+        """Draw the RSSI of each link in the sender's colour; with many robots one line per sender."""
         canvas, names = self._canvas, self._canvas.robots
         pairs = heard[:, 1] if self._many else heard[:, 1] * len(names) + heard[:, 2]
         for pair in np.unique(pairs).tolist():
@@ -167,24 +167,24 @@ class Plots:
 
 
 def _spread(counts: Floats) -> dict[str, Floats]:
-    """Of many robots: (n, robots) places done, and (n,) each."""
+    """Return mean and percentiles, (n,) each, of places done, (n, robots)."""
     low, high = np.percentile(counts, [10, 90], axis=1)
     return dict(zip(_SPREAD, (counts.mean(axis=1), low, high), strict=True))
 
 
 class PositionHistory:
-    """One robot's way."""
+    """Positions of one robot over time."""
 
     def __init__(self) -> None:
         self._points: Floats = np.zeros((0, 3))
 
     def extend(self, seconds: Floats, poses: Floats) -> None:
-        """Add (n,) s, later than all before, and (n, 2 or more): x and y, m; NaN is left out."""
+        """Add times, (n,), s, later than all before, and x, y, m, (n, 2 or more), without NaN."""
         known = np.isfinite(poses[:, 0])
         self._points = np.concatenate((self._points, np.column_stack((seconds, poses[:, :2]))[known]))
 
     def at(self, seconds: Floats) -> Floats:
-        """(n, 2) m, interpolated linearly; NaN where no point is known."""
+        """Return positions, (n, 2), m, interpolated linearly; NaN without any point."""
         if not len(self._points):
             return np.full((len(seconds), 2), np.nan)
         times, x, y = self._points.T
@@ -192,30 +192,30 @@ class PositionHistory:
 
 
 class RobotLane:
-    """The lane of a robot, which itself does not know when it was frozen or off."""
+    """Lane of a robot: its own activities, overridden by states that it cannot observe."""
 
     def __init__(self, canvas: Canvas, robot: str) -> None:
         self._lane = words.Lane(canvas, robot)
         self._back: list[float] = []
-        """When it acted again, s, as far as nothing is drawn from then on."""
+        """Times when it became active again, s, not drawn yet."""
         self._last: Occupation | None = None
         self._deadlocks: Sequence[tuple[float, float]] = ()
 
     def deadlocks(self, spells: Sequence[tuple[float, float]]) -> None:
-        """When it was in one, s, which it does not know itself."""
+        """Set the intervals of deadlocks, s."""
         self._deadlocks = spells
 
     def end(self, second: float) -> None:
-        """Draw nothing from an instant on."""
+        """End the lane at an instant, s."""
         self._lane.end(second)
 
     def act(self, acts: Sequence[tuple[float, str]]) -> None:
-        """From when on it acts (""), is frozen, or off."""
+        """Draw changes of state: time, s, and "" (active), frozen or off."""
         self._lane.draw([Occupation(second, state) for second, state in acts if state])
         self._back += [second for second, state in acts if not state]
 
     def do(self, spells: Sequence[Occupation], until: float) -> None:
-        """What it has been about by its own account, until an instant, s."""
+        """Draw the robot's own activities until an instant, s."""
         known = [*([] if self._last is None else [self._last]), *spells]
         back = []
         for second in [one for one in self._back if one <= until]:
@@ -228,7 +228,7 @@ class RobotLane:
 
 
 def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) -> list[Occupation]:
-    """Its own account, in order, but for where ground truth has a deadlock."""
+    """Return the robot's activities in order, overridden by deadlocks."""
     for begin, end in deadlocks:
         before = [one for one in own if one.second <= begin]
         inside = [one for one in own if begin < one.second <= end]

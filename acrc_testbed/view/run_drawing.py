@@ -1,4 +1,4 @@
-"""One run on one canvas, whole or part by part, finished or going on."""
+"""Drawing of one run on a canvas, whole or part by part."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -31,9 +31,9 @@ from actors.observer.words import DrawnEvent, LearntExchange, Occupation
 from actors.radio.medium.state import Outcome
 
 _LINE_S: Final = 0.5
-"""Between two lines to a destination."""
+"""Interval between lines to a destination, s."""
 _AGE_S: Final = 1.0
-"""Between two points of the plot of replicas' ages."""
+"""Interval between points of the plot of replicas' ages, s."""
 
 
 class ProcessEvents:
@@ -45,7 +45,7 @@ class ProcessEvents:
         self._activity = ""
 
     def of(self, inside: RobotInternals) -> Iterator[DrawnEvent]:
-        """Yield what happened in its next part."""
+        """Yield the events of the next part."""
         for one in inside.activities:
             if one.activity == "blocked" and self._blocked is None:
                 self._blocked = one.second
@@ -55,7 +55,7 @@ class ProcessEvents:
                 yield DrawnEvent(one.second, self._robot, f"free again after {lasted:.0f} s")
                 self._blocked = None
             if one.activity == "aborted" and self._activity != "aborted":
-                yield DrawnEvent(one.second, self._robot, "navigation gives its goal up", "ERROR")
+                yield DrawnEvent(one.second, self._robot, "navigation aborts its goal", "ERROR")
             self._activity = one.activity
         for change, decision in inside.decisions():
             made = change.commit
@@ -65,7 +65,7 @@ class ProcessEvents:
 
 
 class ProcessDrawing:
-    """What one process of a robot computed, drawn part by part."""
+    """Drawing of one robot process's introspection, part by part."""
 
     def __init__(
         self,
@@ -77,19 +77,19 @@ class ProcessDrawing:
         is_detailed: bool,
         has_goals: bool,
     ) -> None:
-        """`is_detailed`: draw what it perceives; `has_goals`: draw where it heads for."""
+        """`is_detailed`: draw perception; `has_goals`: draw goals."""
         self._canvas, self._robot, self._way, self._lane = canvas, robot, way, lane
         self._is_detailed, self._has_goals = is_detailed, has_goals
         self._events = ProcessEvents(robot)
         self._last: ActivityChange | None = None
         self._line_due: float | None = None
         self._met: dict[str, tuple[float, float]] = {}
-        """By peer: when the plot of its age goes on, and when it was heard last, s."""
+        """By peer: next time of the plot of its age, and last reception, s."""
         if is_detailed:
             words.introduce_inside(canvas, robot)
 
     def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[LearntExchange]:
-        """Draw the next part, and yield what it learnt from others. `end`: of the run, if nothing follows."""
+        """Draw the next part, and yield exchanges with others. `end`: end of the run, if nothing follows."""
         canvas, robot = self._canvas, self._robot
         until = inside.end if end is None else end
         if self._is_detailed:
@@ -107,7 +107,7 @@ class ProcessDrawing:
                 yield LearntExchange(one.second, one.commit.by.partition(".")[0], one.commit.peer, robot)
 
     def _intents(self, activities: Sequence[ActivityChange], until: float) -> None:
-        """Draw where the robot heads for, twice a second."""
+        """Draw the robot's goal twice a second."""
         known = [*([] if self._last is None else [self._last]), *activities]
         if not known:
             return
@@ -124,7 +124,7 @@ class ProcessDrawing:
         places.draw_intents(self._canvas, self._robot, seconds, self._way.at(seconds), there)
 
     def _ages(self, inside: RobotInternals, until: float) -> None:
-        """Draw how old what it knows of each other robot is."""
+        """Draw the ages of replicas."""
         canvas, robot = self._canvas, self._robot
         for peer in dict.fromkeys((*self._met, *(one.peer for one in inside.contacts))):
             mine = [one for one in inside.contacts if one.peer == peer]
@@ -144,7 +144,7 @@ class ProcessDrawing:
 
 
 def _causes(change: StepCommit, decision: DecisionRecord) -> tuple[float, Sequence[str]]:
-    """Return when a decision was made, the decision, and its recorded causes."""
+    """Return the time of a decision, the decision and its recorded causes."""
     made = change.commit
     causes = [f"{decision.words}, by {made.by}"]
     if made.peer:
@@ -152,7 +152,7 @@ def _causes(change: StepCommit, decision: DecisionRecord) -> tuple[float, Sequen
     if (used := made.replica) is not None:
         relayed = f", relayed {used.hops} times" if used.hops else ""
         strength = "" if used.rssi_dbm is None else f", {used.rssi_dbm:.0f} dBm"
-        causes.append(f"its publication {used.publication}{relayed}{strength}")
+        causes.append(f"publication {used.publication}{relayed}{strength}")
     causes += [f"{one.path}: {one.before} → {one.after}" for one in made.changed]
     return change.second, causes
 
@@ -169,20 +169,19 @@ def _draw_perception(canvas: Canvas, robot: str, inside: RobotInternals) -> None
 
 
 DETAILED: Final = 8
-"""Of so many robots everything is drawn; of the others what they do, know and want: a file of fifty robots'
-scans and particles would have gigabytes."""
+"""Default number of robots drawn in detail; scans and particles of fifty would take gigabytes."""
 _LASTING: Final = 10.0
-"""So long an exchange shows in the graph of ensembles."""
+"""How long an exchange is shown in the graph of ensembles, s."""
 
 
 class RunDrawing:
-    """One run on one canvas, or one piece of it after another."""
+    """Drawing of one run, whole or part by part."""
 
     def __init__(self, canvas: Canvas, run: RunData, detailed: Sequence[str]) -> None:
-        """`detailed`: the robots of which everything is drawn."""
+        """`detailed`: robots drawn in detail."""
         self._canvas, self._detailed = canvas, frozenset(detailed)
         self._chosen = self._detailed if len(detailed) < DETAILED else frozenset[str]()
-        """Robots of which all links, goals and adoptions are drawn, however many robots there are."""
+        """Robots with all links, goals and adoptions drawn even among many robots."""
         self._ways = {robot: PositionHistory() for robot in run.robots}
         self._trails = {robot: robots.DrawnTrail() for robot in run.robots}
         self._lanes = {robot: RobotLane(canvas, robot) for robot in run.robots}
@@ -195,9 +194,9 @@ class RunDrawing:
         self._plots = Plots(canvas, true=run.description.has_truth)
         self._event_texts = RunEventTexts()
         self._heard: Floats = np.zeros((0, 4))
-        """What was heard lately."""
+        """Recently received frames, as in `RunData.heard`."""
         self._lost: list[tuple[float, int, str]] = []
-        """Copies that were lost lately."""
+        """Recently lost copies."""
         self._copies_since = 0.0
         self._exchanges: list[LearntExchange] = []
         places.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
@@ -209,7 +208,7 @@ class RunDrawing:
             places.introduce_intent(canvas, robot)
 
     def recorded(self, run: RunData) -> None:
-        """What was recorded: robots, trails, places, links, plots, events."""
+        """Draw robots, trails, places, links, plots and events."""
         canvas = self._canvas
         for robot, track in run.trajectories.items():
             known = np.isfinite(track.poses[:, 0])
@@ -229,9 +228,9 @@ class RunDrawing:
         self._adoptions(run)
 
     def copies(self, copies: Copies, until: float, *, last: bool = True) -> None:
-        """What became of frames: rings where copies are lost, and how many there were of each fate.
+        """Draw outcomes of frames up to an instant, s: rings at losses, and counts by outcome.
 
-        Up to an instant, s; `last`: nothing will follow.
+        `last`: nothing will follow.
         """
         canvas = self._canvas
         rows = zip(copies.seconds.tolist(), copies.receivers.tolist(), copies.outcomes.tolist(), strict=True)
@@ -246,7 +245,7 @@ class RunDrawing:
         self._plots.copies(copies, until, last=last)
 
     def computed(self, run: RunData, *, last: bool = False) -> None:
-        """Draw what radio and robots computed, after `recorded`; `last`: nothing will follow."""
+        """Draw frame outcomes and introspection, after `recorded`; `last`: nothing will follow."""
         end = run.end if last else None
         if run.description.records_frames:
             self.copies(run.copies, run.end, last=last)
@@ -268,7 +267,7 @@ class RunDrawing:
                 lane.end(run.end)
 
     def lacks(self, run: RunData) -> list[str]:
-        """Return what is missing in a whole run, a sentence each."""
+        """Return sentences about missing data of a whole run."""
         found = [NO_FRAMES] if run.description.has_truth and not run.description.records_frames else []
         return found + [
             f"{one.process.actor}: {NOT_RECORDED}" for one in run.internals if not one.is_recorded
@@ -288,7 +287,7 @@ class RunDrawing:
         self._exchanges += self._insides[actor].draw(inside, end)
 
     def _deadlocks(self, run: RunData) -> None:
-        """Draw when robots were in deadlocks by ground truth, which they do not know themselves."""
+        """Draw deadlocks by ground truth."""
         found: dict[str, list[tuple[float, float]]] = {}
         for one in spells(run):
             if one.cause is Cause.DEADLOCK:
@@ -300,16 +299,16 @@ class RunDrawing:
         words.draw_events(self._canvas, "truth", told)
 
     def tell(self, events: Sequence[DrawnEvent]) -> None:
-        """Tell of the view itself: what it lacks, and why."""
+        """Draw events about the view itself, such as missing data."""
         words.draw_events(self._canvas, "view", events)
 
     def _ensembles(self, since: float) -> None:
-        """Draw who has learnt from whom, from an instant on, s."""
+        """Draw the graph of exchanges from an instant on, s."""
         words.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
         self._exchanges = [one for one in self._exchanges if one.second + 2 * _LASTING > since]
 
     def _draw_places(self, run: RunData) -> None:
-        """Draw the places of each owner whenever the state of one of them changes."""
+        """Draw an owner's places at each change of their status."""
         for change in self._places.extend(run):
             for owner in sorted({key.owner for key in change.states}):
                 mine = [state for key, state in self._places.states.items() if key.owner == owner]
@@ -323,11 +322,11 @@ class RunDrawing:
         robots.draw_links(canvas, seconds, self._positions(seconds), heard, self._chosen)
 
     def _positions(self, seconds: Floats) -> Floats:
-        """(n, robots, 2): where robots are, m."""
+        """Return the robots' positions, (n, robots, 2), m."""
         return np.stack([way.at(seconds) for way in self._ways.values()], axis=1)
 
     def _in_full(self, robot: str) -> bool:
-        """What a robot heads for and adopts is drawn: of a few all, of many the chosen."""
+        """Return True if goals and adoptions of a robot are drawn: all of few robots, chosen ones of many."""
         return self._canvas.has_few or robot in self._chosen
 
     def _adoptions(self, run: RunData) -> None:
@@ -339,9 +338,9 @@ class RunDrawing:
 
 
 def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
-    """The robots of which everything is drawn: those that are wished, else the first DETAILED.
+    """Return the robots to draw in detail: the requested ones, else the first DETAILED.
 
-    Raises OptionError for one that is none of them.
+    Raises OptionError for an unknown robot.
     """
     for robot in wished:
         if robot not in robots:
@@ -350,11 +349,11 @@ def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
 
 
 def arrangement(run: RunData, detailed: Sequence[str]) -> layout.Arrangement:
-    """What the window is to show of a run."""
+    """Return the arrangement of the window for a run."""
     return layout.Arrangement(run.grid, run.robots, detailed, run.end, run.description.has_truth)
 
 
 def _every(period: float, since: float, end: float) -> Floats:
-    """(n,) s: the multiples of the period from `since` to before `end`."""
+    """Return the multiples of a period from `since` to before `end`, (n,), s."""
     first, last = (int(np.ceil(second / period - 1e-9)) for second in (since, end))
     return np.arange(first, max(first, last)).astype(np.float64) * period

@@ -1,4 +1,4 @@
-"""What everything is drawn on: a recording of rerun's, its time line, and the robots with their colours."""
+"""Canvas for drawing over time: a rerun recording, its timeline, and robots with colours."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -11,7 +11,7 @@ from actors.observer.glyphs import GREY, Colour, has_few
 from actors.observer.glyphs import robot as robot_colour
 
 TIMELINE: Final = "sim_time"
-# Heights of the layers above the floor, m, in the order in which they cover each other.
+# Heights of the layers above the floor, m; higher layers cover lower ones.
 PLACE: Final = 0.02
 COSTS: Final = 0.03
 INTENT: Final = 0.04
@@ -24,14 +24,14 @@ NOSE: Final = 0.16
 LABEL: Final = 0.20
 _ANGLES: Final = np.linspace(0, 2 * np.pi, 25)
 CIRCLE: Final = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
-"""(25, 2): closed, of radius 1."""
+"""(25, 2): closed circle of radius 1."""
 
 
 class Canvas:
-    """Takes pictures over time."""
+    """Drawing surface over time."""
 
     def __init__(self, recording: rr.RecordingStream, robots: Sequence[str], root: str = "") -> None:
-        """`robots`: in the scenario's order, which gives their colours. `root`: as in `Arrangement`."""
+        """`robots`: in scenario order, which determines colours. `root`: as in `Arrangement`."""
         self.recording = recording
         self._root = root
         self.robots = tuple(robots)
@@ -39,21 +39,21 @@ class Canvas:
         self._index = {robot: number for number, robot in enumerate(robots)}
 
     def colour(self, robot: str) -> Colour:
-        """A robot's colour; grey for one that is none of the run's."""
+        """Return a robot's colour; grey for an unknown robot."""
         number = self._index.get(robot)
         return GREY if number is None else robot_colour(number)
 
     def still(self, path: str, drawn: Any) -> None:
-        """Draw what is there from the beginning to the end."""
+        """Draw something for the whole run."""
         self.recording.log(f"{self._root}/{path}", drawn, static=True)
 
     def at(self, second: float, path: str, drawn: Any) -> None:
-        """Draw something anew at an instant, s."""
+        """Draw or replace something at an instant, s."""
         self.recording.set_time(TIMELINE, duration=_instants([second])[0])
         self.recording.log(f"{self._root}/{path}", drawn)
 
     def columns(self, path: str, seconds: Sequence[float] | NDArray[np.float64], columns: Any) -> None:
-        """Draw something anew at many instants, in s: a row of the columns for each."""
+        """Draw or replace something at many instants, s; one row of the columns for each."""
         if len(seconds):
             when = rr.TimeColumn(TIMELINE, duration=_instants(seconds))
             self.recording.send_columns(f"{self._root}/{path}", [when], columns)
@@ -65,8 +65,7 @@ class Canvas:
         rows: Iterable[Sequence[Any]],
         colours: Iterable[Sequence[Colour]] | None = None,
     ) -> None:
-        """Draw lines anew at many instants: a row has any number of lines, each with a colour of its own
-        where there are `colours`."""
+        """Draw or replace lines at many instants; `rows`: lines per instant, `colours`: one per line."""
         listed = [list(row) for row in rows]
         lengths = [len(row) for row in listed]
         flat = [np.asarray(strip, np.float32) for row in listed for strip in row]
@@ -77,19 +76,19 @@ class Canvas:
 
 
 def _instants(seconds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.timedelta64]:
-    """Whole microseconds, as instants of a run are."""
+    """Convert s to whole microseconds."""
     return np.round(np.asarray(seconds, np.float64) * 1e6).astype("timedelta64[us]")
 
 
 def packed(colours: Sequence[Colour]) -> NDArray[np.uint32]:
-    """Colours as rerun keeps them: one number each."""
+    """Pack colours into rerun's format, one integer each."""
     parts = np.array(colours, np.uint32).reshape(-1, 3)
     numbers = (parts[:, 0] << 24) | (parts[:, 1] << 16) | (parts[:, 2] << 8) | 0xFF
     return numbers.astype(np.uint32)
 
 
 def ring(x: float, y: float, radius: float, height: float) -> NDArray[np.float32]:
-    """A circle as a line, (25, 3)."""
+    """Return a circle as a line, (25, 3)."""
     drawn: NDArray[np.float32] = np.column_stack(
         (CIRCLE * radius + (x, y), np.full(len(CIRCLE), height))
     ).astype(np.float32)
@@ -97,6 +96,6 @@ def ring(x: float, y: float, radius: float, height: float) -> NDArray[np.float32
 
 
 def lifted(points: NDArray[Any], height: float) -> NDArray[np.float32]:
-    """Points of the floor, (k, 2), at a height, (k, 3)."""
+    """Return points of the floor, (k, 2), at a height, (k, 3)."""
     drawn: NDArray[np.float32] = np.column_stack((points, np.full(len(points), height))).astype(np.float32)
     return drawn

@@ -1,8 +1,7 @@
-"""The one drawing language: a word, a colour and a hatch for each state of a robot, a mark for each thing.
+"""Colours, hatches and marks shared by the viewer, pages, pictures and reports.
 
-Windows, pages, pictures and reports draw with these and nothing else. Two states that stand in one picture
-differ by 10 or more in CIEDE2000 for normal, protanopic and deuteranopic eyes; hatches tell them apart in
-grey.
+Any two states in one picture differ by at least 10 in CIEDE2000 for normal, protanopic and deuteranopic
+vision; hatches distinguish them in grey.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,13 +21,13 @@ ROBOTS: Final[tuple[Colour, ...]] = (
     (120, 105, 105),
     (135, 105, 75),
 )
-"""In the scenario's order; then they repeat. Any two differ by 10 or more in CIEDE2000 for normal, protanopic
-and deuteranopic eyes; the last two are own choices."""
+"""Robot colours in scenario order; the ninth is the first again. Any two differ by 10 or more in CIEDE2000 for
+normal, protanopic and deuteranopic vision; the last two are chosen here."""
 RADIUS: Final = 0.177
-"""Of a drawn robot, m: a TurtleBot 2 as in the original's Stage model (0.354 m wide)."""
+"""Radius of a drawn robot, m: a TurtleBot 2 as in the original's Stage model (0.354 m wide)."""
 _FEW: Final = 12
 GROUND: Final = 13
-"""Brightness around the floor, in a window."""
+"""Brightness around the floor in the viewer."""
 FLOOR: Final = 26
 WALL: Final = 150
 WHITE: Final[Colour] = (255, 255, 255)
@@ -46,29 +45,29 @@ FATES: Final[Mapping[str, Colour]] = MappingProxyType(
         "withheld": (148, 103, 189),
     }
 )
-"""What may become of a copy of a frame."""
+"""Colours of outcomes of frames."""
 LINK: Final[Colour] = (200, 225, 255)
-"""Of the strongest."""
+"""Colour of the strongest link."""
 SCAN: Final[Colour] = WHITE
 PARTICLES: Final[Colour] = (120, 230, 120)
 PLAN: Final[Colour] = (255, 220, 90)
 COSTS_COLOUR: Final[Colour] = (120, 110, 200)
-"""Of what is dear to drive through."""
+"""Colour of costs in the cost map."""
 ARC: Final[Colour] = (255, 90, 200)
 
 
 def has_few(robots: Sequence[str]) -> bool:
-    """Return True for so few robots that each has its name and its marks."""
+    """Return True for few robots, which get individual names and marks."""
     return len(robots) <= _FEW
 
 
 def robot(index: int) -> Colour:
-    """The colour of the robot with this index in the run's order."""
+    """Return the colour of a robot by its index in scenario order."""
     return ROBOTS[index % len(ROBOTS)]
 
 
 def faded(colour: Colour, share: float, ground: Colour = (FLOOR, FLOOR, FLOOR)) -> Colour:
-    """So much of the colour, 0 to 1, and the rest of what is behind it."""
+    """Blend a colour with the background; `share`: of the colour, 0 to 1."""
     red, green, blue = (
         round(part * share + rest * (1 - share)) for part, rest in zip(colour, ground, strict=True)
     )
@@ -76,13 +75,13 @@ def faded(colour: Colour, share: float, ground: Colour = (FLOOR, FLOOR, FLOOR)) 
 
 
 def contrast(one: Colour, other: Colour) -> float:
-    """The contrast ratio of WCAG 2.1, 1 to 21."""
+    """Return the contrast ratio of WCAG 2.1, 1 to 21."""
     low, high = sorted((_luminance(one), _luminance(other)))
     return (high + 0.05) / (low + 0.05)
 
 
 def hexadecimal(colour: Colour) -> str:
-    """As "#0072b2"."""
+    """Return a colour such as "#0072b2"."""
     return "#" + "".join(f"{part:02x}" for part in colour)
 
 
@@ -92,23 +91,23 @@ def _luminance(colour: Colour) -> float:
 
 
 class StateGlyph(NamedTuple):
-    """How a state of a robot is drawn."""
+    """Colour and hatch of a robot's state."""
 
     colour: Colour
     hatch: str
-    """As matplotlib has them; empty: none."""
+    """Hatch of matplotlib; empty: none."""
 
 
 class Mark(NamedTuple):
-    """How a thing on the floor is drawn."""
+    """Mark on a floor or in a lane."""
 
     shape: str
     """`ring`, `disc`, `diamond`, `cross`, `square`, `tint`, `bar`, `dashed ring`, `soft ring`, `heavy cross`,
     `snowflake`, `dotted line`, `tick` or `triangle`."""
     colour: Colour | None
-    """None: that of the robot whose it is."""
+    """None: the colour of the robot concerned."""
     says: str
-    """For a legend."""
+    """Text of the legend."""
 
 
 SEEN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
@@ -132,7 +131,7 @@ SEEN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
         "off": StateGlyph((17, 19, 28), ""),
     }
 )
-"""By ground truth: the causes, in the order in which a report stacks them."""
+"""Causes by ground truth, in the stacking order of reports."""
 OWN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
     {
         **{word: SEEN_STATES[word] for word in ("driving", "deadlock", "idle", "frozen", "off")},
@@ -148,35 +147,35 @@ OWN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
         "not heard": StateGlyph((33, 9, 1), "---"),
     }
 )
-"""By the robot's own account, or seen from outside while nobody knows more, and `deadlock`, which ground
-truth knows alone. White letters can be read on each."""
+"""Activities that a robot reports, else observed ones, and `deadlock` by ground truth. All have enough
+contrast to white text."""
 
 PUT: Final[Colour] = (195, 30, 135)
-"""What was put on the floor."""
+"""Colour of added obstacles and walls."""
 JAM: Final[Colour] = (90, 135, 255)
 DOOR: Final[Colour] = (255, 210, 127)
-"""On paper; on a dark ground faded."""
+"""Colour of doors on a light background."""
 CLOSED: Final[Colour] = (176, 98, 28)
 RED: Final[Colour] = (193, 39, 45)
 
 MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
     {
-        "open": Mark("ring", None, "place still open, in its owner's colour"),
-        "given": Mark("diamond", None, "place that came while the run went on"),
-        "done": Mark("disc", None, "place done: filled as who cleaned it, ringed as its owner"),
-        "given up": Mark("cross", None, "place given up, or reported and not cleaned"),
-        "start": Mark("square", None, "start of a robot; its disc: where it is, or ended"),
-        "off": Mark("heavy cross", None, "a robot was off here"),
-        "frozen": Mark("snowflake", None, "a robot was frozen here"),
-        "carried": Mark("dotted line", None, "a robot was carried"),
-        "stood": Mark("soft ring", RED, "stood before another robot here, for so many s"),
+        "open": Mark("ring", None, "open place, in the owner's colour"),
+        "given": Mark("diamond", None, "place added during the run"),
+        "done": Mark("disc", None, "cleaned place: fill by robot, ring by owner"),
+        "given up": Mark("cross", None, "place given up, or reported but not cleaned"),
+        "start": Mark("square", None, "start of a robot; disc: current or final position"),
+        "off": Mark("heavy cross", None, "robot off"),
+        "frozen": Mark("snowflake", None, "robot frozen"),
+        "carried": Mark("dotted line", None, "robot carried"),
+        "stood": Mark("soft ring", RED, "waiting for another robot, total s"),
         "door": Mark("tint", DOOR, "door of the map"),
-        "closed door": Mark("bar", CLOSED, "door that was closed"),
-        "wall": Mark("bar", PUT, "wall that was put there"),
-        "obstacle": Mark("disc", PUT, "thing that was put there"),
-        "jammer": Mark("dashed ring", JAM, "jammer: nothing is heard inside"),
-        "cleaned": Mark("tick", None, "cleaned a place, in its owner's colour"),
-        "took over": Mark("triangle", None, "took a place over"),
+        "closed door": Mark("bar", CLOSED, "closed door"),
+        "wall": Mark("bar", PUT, "added wall"),
+        "obstacle": Mark("disc", PUT, "added obstacle"),
+        "jammer": Mark("dashed ring", JAM, "jammer: no reception inside"),
+        "cleaned": Mark("tick", None, "place cleaned, in the owner's colour"),
+        "took over": Mark("triangle", None, "place adopted"),
     }
 )
-"""What stands on a floor or in a lane."""
+"""Marks on floors and in lanes, by kind."""

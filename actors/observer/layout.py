@@ -1,7 +1,4 @@
-"""The arrangement of the window, which is saved in the file.
-
-The floor large, each robot's own view beside it, lanes and plots below, events on the right.
-"""
+"""Layout of the viewer, saved in the file: floor, lanes and plots on the left, robots and events right."""
 
 import math
 from collections.abc import Sequence
@@ -21,39 +18,39 @@ from actors.observer.words import lane_path
 from actors.runtime.errors import AcrcError
 
 _FIELD_OF_VIEW: Final = math.radians(55.0)
-"""Of the viewer's camera, vertically; with it the height is chosen so that the map just fits."""
+"""Vertical field of view of the viewer's camera; determines the height at which the map fits."""
 _ASPECT: Final = 1.75
-"""Width over height of the floor's view in a usual window."""
+"""Aspect ratio of the floor's view in a typical window."""
 _NARROW: Final = 1.4
-"""The same of one of two runs beside one another."""
+"""Aspect ratio of the floor's view with two runs side by side."""
 _OWN_HEIGHT: Final = 6.3
-"""From how high one looks at a robot's own view, m."""
+"""Camera height of a robot's view, m."""
 _SPEED: Final = 4.0
-"""Of the playback, simulated s per s."""
+"""Playback speed, simulated s per s."""
 _GROUND: Final = (GROUND,) * 3
 
 
 @dataclass(frozen=True)
 class Arrangement:
-    """What there is to be arranged."""
+    """Contents of the viewer for one run."""
 
     grid: OccupancyGrid
     robots: Sequence[str]
-    """All, in their order."""
+    """All robots in scenario order."""
     looked_into: Sequence[str] = ()
-    """Those that have a tab with their own view."""
+    """Robots with a tab of their own."""
     end: float | None = None
-    """s; None: the run goes on, and the window follows it."""
+    """End of the run, s; None: it is running, and the viewer follows it."""
     true: bool = True
-    """False: nobody knows where robots were, and what is drawn is what they held."""
+    """False: poses are estimates, as there is no ground truth."""
     root: str = ""
-    """Below which everything lies, as in "/1", where several runs are shown beside one another ..."""
+    """Root of all entity paths, such as "/1", for several runs side by side."""
     name: str = ""
-    """... and how the run is called then."""
+    """Name of the run for several runs side by side."""
 
 
 def layout(what: Arrangement) -> rrb.Blueprint:
-    """The window's layout; side panels closed."""
+    """Return the layout for one run, with side panels closed."""
     left = rrb.Vertical(_swarm(what), rrb.Horizontal(_lanes(what), _plots(what)), row_shares=[2.1, 1])
     parts: list[Any] = [left, _reading(what)]
     live = what.end is None
@@ -71,7 +68,7 @@ def layout(what: Arrangement) -> rrb.Blueprint:
 
 
 def beside(runs: Sequence[Arrangement]) -> rrb.Blueprint:
-    """Several runs next to one another, at the same instant; side panels closed."""
+    """Return the layout for several runs side by side with one time axis, side panels closed."""
     columns: list[Any] = []
     for run in runs:
         below = rrb.Tabs(_lanes(run), _plots(run), _reading(run), active_tab=0)
@@ -89,7 +86,7 @@ def beside(runs: Sequence[Arrangement]) -> rrb.Blueprint:
 
 
 def _swarm(what: Arrangement, aspect: float = _ASPECT) -> rrb.Spatial3DView:
-    """The whole floor from above, north up."""
+    """Return the view of the whole floor from above, north up."""
     grid = what.grid
     width, height = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
     x, y = grid.origin.x + width / 2, grid.origin.y + height / 2
@@ -105,7 +102,7 @@ def _swarm(what: Arrangement, aspect: float = _ASPECT) -> rrb.Spatial3DView:
     history: dict[Any, Any] = {
         f"{what.root}/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in what.robots
     }
-    truth = "Swarm, ground truth" if what.true else "Swarm, as the robots held it"
+    truth = "Swarm, ground truth" if what.true else "Swarm, estimated poses"
     return rrb.Spatial3DView(
         origin=f"{what.root}/world",
         name=f"{what.name}: {truth}" if what.name else truth,
@@ -120,7 +117,7 @@ def _swarm(what: Arrangement, aspect: float = _ASPECT) -> rrb.Spatial3DView:
 def _eye(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        # A hair south of the target: straight down has no "up".
+        # Slightly south of the target: looking straight down has no "up".
         position=(x, y - 0.001 * altitude, altitude),
         look_target=(x, y, 0.0),
         eye_up=(0.0, 1.0, 0.0),
@@ -128,12 +125,12 @@ def _eye(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
 
 
 def _own(robot: str, what: Arrangement) -> rrb.Vertical:
-    """One robot's view, with itself in the middle and north up, and what it knows."""
+    """Return one robot's view, centred on it, with its knowledge and decisions."""
     own = f"{what.root}/world/robots/{robot}"
     bodies = [f"{what.root}/world/robots/{other}/turn/**" for other in what.robots]
     view = rrb.Spatial3DView(
         origin=own,
-        name=f"{robot}: what it sees and plans",
+        name=f"{robot}: perception and plan",
         contents=[
             *(f"{what.root}/world/{part}" for part in ("map", "places/**")),
             *(*bodies, f"{what.root}/inside/{robot}/**"),
@@ -149,7 +146,7 @@ def _own(robot: str, what: Arrangement) -> rrb.Vertical:
 
 
 def _reading(what: Arrangement) -> Any:
-    """What is on the right."""
+    """Return the right part: robots' views, events, ensembles and legend."""
     columns = rrb.TextLogColumns(text_log_columns=["body"])
     events: Any = rrb.TextLogView(origin=f"{what.root}/events", name="Events", columns=columns)
     marks = rrb.TextDocumentView(origin=f"{what.root}/legend/marks", name="Legend")
@@ -165,7 +162,7 @@ def _lanes(what: Arrangement) -> rrb.StateTimelineView:
     return rrb.StateTimelineView(
         origin=what.root or "/",
         contents=[f"{what.root}/{lane_path(robot)}" for robot in what.robots],
-        name="What each robot does",
+        name="Activities of robots",
         time_view=_whole(what),
     )
 
@@ -180,10 +177,10 @@ def _plots(what: Arrangement) -> rrb.Tabs:
     done = plot("places", "Places done", plot_legend=hidden)
     tabs: list[Any] = [plot("speed", "Speed, m/s", plot_legend=hidden)]
     if what.true:
-        tabs.insert(0, plot("error", "Pose error, m", plot_legend=hidden))
-    copies = plot("copies", "Copies of frames per second, by fate", plot_legend=hidden)
+        tabs.insert(0, plot("error", "Localisation error, m", plot_legend=hidden))
+    copies = plot("copies", "Copies of frames per second, by outcome", plot_legend=hidden)
     fates = rrb.Spatial2DView(
-        origin=f"{what.root}/legend/copies", name="Fates", background=_GROUND,
+        origin=f"{what.root}/legend/copies", name="Outcomes", background=_GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(FATES) + 0.4)),
     )  # fmt: skip
     curves = rrb.Vertical(done, copies)
@@ -194,7 +191,7 @@ def _plots(what: Arrangement) -> rrb.Tabs:
 
 
 def _whole(what: Arrangement) -> rrb.TimeAxis | None:
-    """From the beginning to the end, where that is known."""
+    """Return the time axis of the whole run; None while it is running."""
     if what.end is None:
         return None
     absolute = rrb.TimeRangeBoundary.absolute
@@ -203,29 +200,29 @@ def _whole(what: Arrangement) -> rrb.TimeAxis | None:
     )
 
 
-APPLICATION: Final = "acrc-testbed-4"
-"""A viewer keeps the layout that it has seen of an application: another layout, another name."""
+APPLICATION: Final = "acrc-testbed-5"
+"""Application id; increment it with each change of the layout, as viewers cache the layout by id."""
 FLUSH: Final = 10.0
-"""Timeout for a viewer to receive what it was sent, s."""
+"""Timeout for sending data to a viewer, s."""
 
 
 class Sheet:
-    """A recording of rerun's with the layout in it; a context manager that finishes the file."""
+    """A rerun recording with the layout; a context manager that finishes the file."""
 
     def __init__(
         self, path: Path, what: Arrangement | Sequence[Arrangement], *, name: str, send_to: str | None = None
     ) -> None:
-        """`what`: a run, or several beside one another. `send_to`: a viewer's address.
+        """Create the file; `what`: one run or several side by side, `send_to`: a viewer's address.
 
-        AcrcError if the file cannot be written.
+        Raises AcrcError if the file cannot be written.
         """
         try:
             path.open("wb").close()
         except OSError as error:
-            raise AcrcError(f"{path}: the view cannot be written: {error.strerror}.") from error
+            raise AcrcError(f"{path}: cannot write the view: {error.strerror}") from error
         self.path = path
         self.lost = False
-        """True once the viewer is gone; the file has everything all the same."""
+        """True once the viewer was closed; the file is complete nevertheless."""
         self.recording = rr.RecordingStream(APPLICATION)
         self.recording.set_log_time_enabled(False)
         arranged = layout(what) if isinstance(what, Arrangement) else beside(what)
@@ -243,8 +240,8 @@ class Sheet:
         self.recording.disconnect()
 
     def flush(self) -> None:
-        """Let file and viewer have all that was drawn."""
+        """Flush all data to file and viewer."""
         try:
             self.recording.flush(timeout_sec=FLUSH)
-        except RuntimeError:  # rerun says so when a viewer is gone
+        except RuntimeError:  # the viewer was closed
             self.lost = True

@@ -1,4 +1,4 @@
-"""The places to be cleaned: by owner, by what has become of them, by who holds and who heads for them."""
+"""Drawing of the floor, places, goals, adoptions and floor objects."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -23,19 +23,18 @@ from actors.observer.glyphs import DOOR, FLOOR, GREY, GROUND, MARKS, WALL, WHITE
 
 Floats = NDArray[np.float64]
 _ADOPTION_S: Final = 6.0
-"""So long the arrow of an adoption is shown, s."""
+"""How long the arrow of an adoption is shown, s."""
 _CROSS: Final = 0.12
 
 
 PlaceState = tuple[float, float, bool, bool, tuple[str, ...]]
-"""x, y, m, map frame; is reported as cleaned; is given up; robots that intend to visit it."""
+"""x, y, m, map frame; reported as cleaned; given up; robots that intend to visit it."""
 
 
 def draw_places(canvas: Canvas, owner: str, second: float, places: Sequence[PlaceState]) -> None:
-    """Draw all places of an owner as they stand from an instant on.
+    """Draw all places of an owner from an instant on.
 
-    A ring in the owner's colour; round it one of each other holder's. A dim disc is cleaned, a grey cross
-    given up.
+    Ring in the owner's colour: open; outer rings: other holders; dim disc: cleaned; grey cross: given up.
     """
     strips: list[NDArray[np.float32]] = []
     colours: list[Colour] = []
@@ -49,7 +48,7 @@ def draw_places(canvas: Canvas, owner: str, second: float, places: Sequence[Plac
 
 
 def _marks(canvas: Canvas, owner: str, place: PlaceState) -> list[tuple[NDArray[np.float32], Colour, float]]:
-    """Lines with their colours and widths, m, or points if below 0."""
+    """Return the lines of a place with colours and widths, m; negative: points."""
     (x, y, done, given_up, holders), own = place, canvas.colour(owner)
     if done:
         return [(ring(x, y, 0.05, PLACE), faded(own, 0.55), 0.05)]
@@ -64,7 +63,7 @@ def _marks(canvas: Canvas, owner: str, place: PlaceState) -> list[tuple[NDArray[
 
 
 def introduce_intent(canvas: Canvas, robot: str) -> None:
-    """How a robot's destination looks: a dot where it heads for, and a faint line to there."""
+    """Set the style of a robot's goal: a dot, and a faint line to it."""
     colour = canvas.colour(robot)
     line = rr.LineStrips3D.from_fields(colors=[faded(colour, 0.5)], radii=[-0.7])
     canvas.still(f"world/intent/{robot}", line)
@@ -72,7 +71,7 @@ def introduce_intent(canvas: Canvas, robot: str) -> None:
 
 
 def draw_intents(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there: Floats) -> None:
-    """Where a robot heads for: (n, 2) m each, `there` NaN where that is nowhere."""
+    """Draw a robot's goals; `here` and `there`: (n, 2), m; NaN: no goal."""
     heads: NDArray[np.bool_] = np.isfinite(there[:, 0])
     lines = np.stack((lifted(here, INTENT), lifted(there, INTENT)), axis=1)
     rows = [[line] if shown else [] for line, shown in zip(lines, heads.tolist(), strict=True)]
@@ -91,7 +90,7 @@ def draw_adoption(
     place: tuple[float, float],
     name: str,
 ) -> None:
-    """An arrow from an adopted place to who has adopted it, for some seconds."""
+    """Draw an arrow from an adopted place to the robot, for some seconds."""
     (x, y), path = place, f"world/adoptions/{robot}"
     arrow = rr.Arrows3D(
         origins=[(x, y, LABEL)],
@@ -106,7 +105,7 @@ def draw_adoption(
 
 
 def draw_floor(canvas: Canvas, grid: OccupancyGrid, doors: NDArray[np.bool_] | None = None) -> None:
-    """Draw the floor plan below /world/map; `doors`: (rows, columns), cells that get a tint."""
+    """Draw the floor plan at /world/map; `doors`: tinted cells, (rows, columns)."""
     image = _image(grid, np.zeros(grid.cells.shape, np.bool_) if doors is None else doors)
     rows, columns, _ = image.shape
     canvas.still(
@@ -124,7 +123,7 @@ def draw_floor(canvas: Canvas, grid: OccupancyGrid, doors: NDArray[np.bool_] | N
 
 
 def _image(grid: OccupancyGrid, doors: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The cells in grey, (rows, columns, 3); the viewer wants the north edge first."""
+    """Return the image of the map, (rows, columns, 3), north edge first as the viewer requires."""
     values = np.full((*grid.cells.shape, 3), GROUND, dtype=np.uint8)
     values[grid.cells == FREE] = FLOOR
     values[grid.cells == OCCUPIED] = WALL
@@ -136,12 +135,12 @@ _SIGNS: Final = {
     "ring": "○", "disc": "●", "diamond": "◇", "cross": "✕", "square": "□", "tint": "▒", "bar": "━",
     "dashed ring": "◌",
 }  # fmt: skip
-"""Marks of the floor, as letters."""
+"""Symbols of marks on the floor."""
 _MORE: Final = (
-    ("bright line", "where a robot went in the last 20 s; dim: before"),
-    ("thin line", "to where a robot heads"),
-    ("blue line", "radio link, the brighter the stronger"),
-    ("red or amber ring", "a frame is lost here: collision, or it was sending"),
+    ("bright line", "trail of the last 20 s; dim: earlier"),
+    ("thin line", "line to the robot's goal"),
+    ("blue line", "radio link; brighter is stronger"),
+    ("red or amber ring", "frame lost here: collision, or the receiver was sending"),
 )
 
 
@@ -156,7 +155,7 @@ def draw_marks(canvas: Canvas) -> None:
 
 
 def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
-    """The lines of a plot: their names in their colours, below one another."""
+    """Draw the legend of a plot: names in their colours."""
     count = len(lines)
     dots = rr.Points2D(
         [(0.0, float(row)) for row in range(count)],
@@ -169,15 +168,15 @@ def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
 
 
 PutThing = tuple[str, tuple[tuple[float, float], ...], float]
-"""Kind, one of MARKS; m: middle or both ends; radius, of what is straight half of its thickness."""
+"""Kind, one of MARKS; centre or both ends, m; radius, or half the thickness of a line, m."""
 _DASHES: Final = 12
 """Number of dashes of a dashed ring."""
 _RINGS: Final = 100.0
-"""Greatest number of rings of a disc: a recording may contain any radius."""
+"""Maximum number of rings of a disc, as a recording may contain any radius."""
 
 
 def draw_things(canvas: Canvas, second: float, things: Sequence[PutThing]) -> None:
-    """Draw all that stands there from an instant on."""
+    """Draw all floor objects from an instant on."""
     strips: list[NDArray[np.float32]] = []
     colours: list[Colour] = []
     radii: list[float] = []
@@ -200,7 +199,7 @@ def draw_things(canvas: Canvas, second: float, things: Sequence[PutThing]) -> No
 def _strips(
     shape: str, points: tuple[tuple[float, float], ...], radius: float
 ) -> list[tuple[NDArray[np.float32], float]]:
-    """Lines and their widths, m, or points if below 0."""
+    """Return the lines of an object with widths, m; negative: points."""
     if len(points) > 1:
         return [(np.array([(x, y, TRAIL) for x, y in points], np.float32), -3.0)]
     (x, y), *_ = points

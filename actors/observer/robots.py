@@ -1,4 +1,4 @@
-"""The robots: bodies with headings and names, and the ways that they went."""
+"""Drawing of robots, trails, radio links and losses."""
 
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -14,18 +14,18 @@ from actors.observer.glyphs import FATES, LINK, RADIUS, WHITE, Colour, faded
 
 Floats = NDArray[np.float64]
 RECENT_S: Final = 20.0
-"""So long a trail stays bright, s; the history of all that was before is dim."""
+"""Age up to which a trail is bright, s; the earlier history is dim."""
 SEGMENT_S: Final = 0.5
-"""A trail is made of pieces of so much time, s."""
+"""Duration of a segment of a trail, s."""
 _LEAST: Final = 0.04
-"""A robot that has come less far, m, leaves no piece."""
+"""Minimum length of a segment, m."""
 _JUMP: Final = 1.0
-"""A robot that is this far, m, from where it was was put there by hand: no piece leads there. Default: more
-than a TurtleBot covers between two pictures."""
+"""Distance from which a robot counts as carried, m, and no segment is drawn: more than a TurtleBot drives
+between two samples."""
 
 
 def introduce(canvas: Canvas, robot: str) -> None:
-    """Draw what does not change about a robot: below /world/robots/ID its body turns, the rest does not."""
+    """Draw the body of a robot; below /world/robots/ID only `turn` rotates."""
     colour, own = canvas.colour(robot), f"world/robots/{robot}"
     body = rr.Cylinders3D(
         lengths=[0.02], radii=[RADIUS], centers=[(0.0, 0.0, BODY)], colors=[colour], fill_mode="solid"
@@ -33,7 +33,7 @@ def introduce(canvas: Canvas, robot: str) -> None:
     nose = rr.LineStrips3D([[(0.0, 0.0, NOSE), (1.9 * RADIUS, 0.0, NOSE)]], colors=[WHITE], radii=[-1.6])
     canvas.still(f"{own}/turn/body", body)
     canvas.still(f"{own}/turn/nose", nose)
-    # From afar a body is smaller than a pixel, and a marker is not.
+    # The marker stays visible where the body is smaller than a pixel.
     canvas.still(f"{own}/marker", rr.Points3D([(0.0, 0.0, BODY)], colors=[colour], radii=[-5.0]))
     for path, share, width in (("trails", 1.0, -1.2), ("history", 0.4, -0.6)):
         style = rr.LineStrips3D.from_fields(colors=[faded(colour, share)], radii=[width])
@@ -41,7 +41,7 @@ def introduce(canvas: Canvas, robot: str) -> None:
 
 
 def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> None:
-    """Where a robot is from each instant on: (n,) s and (n, 3) x, y, m, and heading, rad."""
+    """Draw a robot's poses, (n, 3), x, y, m, and heading, rad, from each instant on, (n,), s."""
     none, half = np.zeros(len(poses)), poses[:, 2] / 2
     where = np.column_stack((poses[:, :2], none)).astype(np.float32)
     turned = np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32)
@@ -50,7 +50,7 @@ def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> No
 
 
 def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> None:
-    """A robot's name beside it from an instant on, and, if it does not act, why."""
+    """Draw a robot's name from an instant on, with its state if it is not active."""
     name = f"{robot} ({state})" if state else robot
     above = 1.1 if canvas.has_few else 0.5
     label = rr.Points3D(
@@ -60,7 +60,7 @@ def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> Non
 
 
 def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trail: "DrawnTrail") -> None:
-    """A robot's way, (n,) s and (n, 2) m, from where the trail ends."""
+    """Extend a robot's trail by positions, (n, 2), m, at times, (n,), s."""
     found = [
         (second, piece)
         for second, x, y in zip(seconds.tolist(), *places.T.tolist(), strict=True)
@@ -72,13 +72,13 @@ def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trai
 
 
 class DrawnTrail:
-    """A robot's way in pieces; how many there are grows with the time that it drives."""
+    """Segments of a robot's trail."""
 
     def __init__(self) -> None:
         self._last: tuple[float, float, float] | None = None
 
     def extend(self, second: float, x: float, y: float) -> NDArray[np.float32] | None:
-        """The piece, (2, 3), m, that ends where the robot is now, if it is time for one."""
+        """Return the segment, (2, 3), m, that ends at the robot's position, if one is due."""
         if self._last is None:
             self._last = second, x, y
             return None
@@ -94,18 +94,18 @@ class DrawnTrail:
 
 
 LASTING: Final = 2.5
-"""So long a link fades, s: somewhat longer than robots take to publish twice."""
+"""Fading time of a link, s: longer than two publication periods."""
 _WEAKEST: Final = -95.0
 _STRONGEST: Final = -45.0
-"""Between these, dBm, a link is the brighter the stronger it is."""
+"""Range of RSSI for the brightness of a link, dBm."""
 _EACH: Final = 2
-"""Links of each robot where there are many."""
+"""Number of links per robot among many robots."""
 SHOWN: Final = ("collision", "disturbed", "half duplex", "receiver busy")
-"""Losses with a ring at their receiver. Who is out of reach is silent, and who is off, too."""
+"""Losses drawn as a ring at the receiver; receivers out of range or off have none."""
 
 
 def period(canvas: Canvas) -> float:
-    """Return the period at which links are redrawn, s: the robots' own, or longer with many robots."""
+    """Return the period at which links are drawn, s; longer for many robots."""
     return 0.2 if canvas.has_few else 1.0
 
 
@@ -116,7 +116,7 @@ def introduce_radio(canvas: Canvas) -> None:
 
 
 class _HeardLink(NamedTuple):
-    """Two robots of which one has heard the other lately."""
+    """Link between two robots with a recent reception."""
 
     rssi_dbm: float
     since: float
@@ -130,8 +130,8 @@ def draw_links(
 ) -> None:
     """Draw links at `seconds`, (n,), with robots at `positions`, (n, robots, 2), m.
 
-    `heard`: (k, 4) instant, s, index of sender and of receiver, RSSI, dBm, in order of the instants. Among
-    many robots each has its strongest ones only, and those that are `chosen` have all.
+    `heard`: (k, 4), instant, s, index of sender and of receiver, RSSI, dBm, in order of time. Among many
+    robots only the strongest links of each are drawn, except for `chosen` ones.
     """
     links: list[list[_HeardLink]] = [[] for _ in seconds]
     pairs = np.sort(heard[:, 1:3].astype(np.int64), axis=1)
@@ -155,7 +155,7 @@ def draw_links(
 
 
 def _strongest(links: Sequence[_HeardLink], whole: Collection[int]) -> list[_HeardLink]:
-    """Those that are among the strongest of one of their ends, and all of the robots in `whole`."""
+    """Return the strongest links of each robot, and all links of robots in `whole`."""
     drawn: Counter[int] = Counter()
     kept = []
     for link in sorted(links, reverse=True):
@@ -171,7 +171,7 @@ def _brightness(rssi_dbm: float, since: float) -> Colour:
 
 
 def shown_s(canvas: Canvas) -> float:
-    """So long the mark of a loss is seen, s."""
+    """Return how long the mark of a loss is shown, s."""
     return _shown(canvas) * period(canvas)
 
 
@@ -186,8 +186,10 @@ def draw_losses(
     losses: Sequence[tuple[float, int, str]],
     since: float = 0.0,
 ) -> None:
-    """A ring at the receiver of each lost copy, (instant, s, receiver, cause), from the next of `seconds` on
-    for a while; `positions`: as for `draw_links`. What is earlier than `since`, s, is drawn already."""
+    """Draw a ring at the receiver of each lost copy: (instant, s, receiver, cause).
+
+    `seconds`, `positions`: as for `draw_links`; `since`: everything earlier is already drawn, s.
+    """
     shown = _shown(canvas)
     marks: list[dict[int, str]] = [{} for _ in seconds]
     for second, receiver, cause in losses:

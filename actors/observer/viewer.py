@@ -1,4 +1,4 @@
-"""The viewer: rerun's own program, in a window, in a browser, or without either for pictures."""
+"""The viewer program of rerun: in a window, in a browser, or headless for screenshots."""
 
 import importlib.util
 import os
@@ -20,71 +20,71 @@ if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
 _THEME = "&theme=dark"
-"""Robots' names have their colours, which on a light ground nobody can read."""
+"""Robots' names have their colours, which are illegible on a light background."""
 _PATIENCE = 15.0
-"""How long the viewer may take to open its port, s."""
+"""Timeout for the viewer to open its port, s."""
 
 
 @dataclass(frozen=True)
 class OpenViewer:
-    """A viewer that takes what it is sent."""
+    """A running viewer."""
 
     address: str
-    """To send to."""
+    """Address for data."""
     page: str
-    """Where a browser finds it; empty for a window."""
+    """URL for a browser; empty for a window."""
     process: "subprocess.Popen[bytes]"
 
 
 def has_display(environment: Mapping[str, str], platform: str) -> bool:
-    """True if a window can be opened; X11 and Wayland name their display in the environment."""
+    """Return True if a window can be opened, by the variables of X11 and Wayland."""
     if platform.startswith("linux"):
         return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
     return True
 
 
 def open_window() -> OpenViewer:
-    """Start the viewer in a window that stays when this program ends; RuntimeError if it does not come up."""
+    """Open a window that stays open when this program exits. Raises RuntimeError if that fails."""
     return _start(["--hide-welcome-screen"], "")
 
 
 def open_page() -> OpenViewer:
-    """Serve the viewer to a browser on this machine until `process` is ended; RuntimeError if that fails."""
+    """Serve the viewer to a local browser until `process` ends. Raises RuntimeError if that fails."""
     port = _free_port()
     opened = _start(["--serve-web", "--web-viewer-port", str(port)], f"http://127.0.0.1:{port}/?url=")
-    if not _listens(port, opened.process):  # the page comes up after the port for data
+    if not _listens(port, opened.process):  # the page's port opens after the data port
         opened.process.kill()
         raise RuntimeError(f"rerun's viewer did not serve its page within {_PATIENCE:g} s")
     return opened
 
 
 def open_any(say: Callable[[str], None], instead: str) -> OpenViewer | None:
-    """A window, or a page where there is no display; None where neither comes up, which is said.
+    """Open a window, or a page without a display; report and return None if that fails.
 
-    `instead`: what becomes of the view then.
+    `instead`: sentence for the report about what is done instead.
     """
     try:
         return open_window() if has_display(os.environ, sys.platform) else open_page()
     except (OSError, RuntimeError) as error:
-        say(f"The viewer does not open ({error}): {instead}.")
+        say(f"Cannot open the viewer ({error}); {instead}.")
         return None
 
 
 def open_headless(width: int, height: int) -> OpenViewer:
-    """Start the viewer without a window until `process` is ended; RuntimeError if it does not come up."""
+    """Start the viewer without a window until `process` ends. Raises RuntimeError if that fails."""
     size = f"{width}x{height}"
     return _start(["--headless", "--hide-welcome-screen", "--window-size", size], "")
 
 
 def end(opened: OpenViewer | None) -> None:
-    """End a viewer that is not a window: those stay."""
+    """Terminate a served viewer; windows stay open."""
     if opened is not None and opened.page:
         opened.process.terminate()
         opened.process.wait()
 
 
 def _start(words: Sequence[str], page: str) -> OpenViewer:
-    """Start the program, listening on this machine only; all but a window end with this process."""
+    """Start the program, listening locally; unless it is a window, it exits with this process."""
     port, tied = _free_port(), "--serve-web" in words or "--headless" in words
     viewer = subprocess.Popen(
         [_program(), "--port", str(port), "--bind", "127.0.0.1", *words],
@@ -93,11 +93,11 @@ def _start(words: Sequence[str], page: str) -> OpenViewer:
         stderr=subprocess.DEVNULL,
         start_new_session=True,
         preexec_fn=_tie if tied and sys.platform == "linux" else None,  # noqa: PLW1509  # one call of prctl
-        env={**os.environ, "RERUN_ANALYTICS": "0"},  # a run tells nobody that it takes place
+        env={**os.environ, "RERUN_ANALYTICS": "0"},  # no analytics
     )
     if not _listens(port, viewer):
         if viewer.poll() is not None:
-            raise RuntimeError(f"rerun's viewer ended at once with status {viewer.returncode}")
+            raise RuntimeError(f"rerun's viewer exited at once with code {viewer.returncode}")
         viewer.kill()
         raise RuntimeError(f"rerun's viewer did not open its port within {_PATIENCE:g} s")
     address = f"rerun+http://127.0.0.1:{port}/proxy"
@@ -110,7 +110,7 @@ def _tie() -> None:
 
 
 def _program() -> Path:
-    """The viewer's program itself; the script of the same name would only start it as its child."""
+    """Return the path of the viewer's binary; the script of the same name would start it as a child."""
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
         raise RuntimeError("rerun's viewer is not installed")
@@ -135,40 +135,40 @@ def _listens(port: int, viewer: "subprocess.Popen[bytes]") -> bool:
 
 
 _SETTLING_S: Final = 0.7
-"""What a moment needs is loaded once it is asked for, so a picture counts when the next one is the same."""
+"""Interval between screenshots, s; data is loaded on demand, so two equal ones in a row are final."""
 _MOST: Final = 12
-"""Pictures; then the last one has to do."""
+"""Maximum number of screenshots; the last one is used."""
 _TOASTS_S: Final = 4.0
-"""So long the viewer covers its corner with what it has to say of the machine, s."""
+"""How long notifications cover a corner of the viewer, s."""
 
 
 class ScreenshotError(AcrcError):
-    """A picture that could not be taken."""
+    """A failed screenshot."""
 
 
 class Reported(NamedTuple):
-    """One view of the window."""
+    """One view in the window."""
 
     name: str
     kind: str
     reports: tuple[str, ...]
-    """What the viewer finds wrong with it."""
+    """Errors and warnings of the viewer."""
 
 
 class Shot(NamedTuple):
-    """A picture, and what was on it."""
+    """A screenshot and its views."""
 
     png: bytes
     views: tuple[Reported, ...]
 
 
 def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Shot:
-    """The window as it opens a view file, at an instant, s, in points.
+    """Take a screenshot of a view file at an instant, s; width and height in points.
 
-    Raises ScreenshotError where the viewer does not come up, such as for want of a Vulkan driver; on Debian
-    `apt-get install mesa-vulkan-drivers` brings one that needs no graphics card.
+    Raises ScreenshotError if the viewer does not start, for example without a Vulkan driver; on Debian,
+    `apt-get install mesa-vulkan-drivers` installs one for machines without a graphics card.
     """
-    # Runs without the package rerun import this module for its sentences.
+    # Imported here, as runs without the package rerun import this module, too.
     from rerun.experimental import ViewerClient  # noqa: PLC0415
 
     from actors.observer.canvas import TIMELINE  # noqa: PLC0415
@@ -177,7 +177,7 @@ def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Sho
         opened = open_headless(width, height)
     except (OSError, RuntimeError) as error:
         raise ScreenshotError(
-            f"{error}; without a graphics card it needs the Debian package mesa-vulkan-drivers"
+            f"{error}; without a graphics card, install the Debian package mesa-vulkan-drivers"
         ) from None
     try:
         began = time.monotonic()
@@ -191,14 +191,14 @@ def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Sho
         )
         return Shot(png, views)
     except (RuntimeError, TimeoutError, ConnectionError) as error:
-        raise ScreenshotError(f"{view}: the viewer took no picture: {error}") from None
+        raise ScreenshotError(f"{view}: no screenshot: {error}") from None
     finally:
         opened.process.kill()
         opened.process.wait()
 
 
 def _settled(client: "ViewerClient", earliest: float) -> bytes:
-    """The first picture that is like the one before it."""
+    """Return the first screenshot that equals the previous one."""
     last = b""
     for _ in range(_MOST):
         try:
@@ -210,5 +210,5 @@ def _settled(client: "ViewerClient", earliest: float) -> bytes:
         last = png
         time.sleep(_SETTLING_S)
     if not last:
-        raise TimeoutError("it was asked in vain")
+        raise TimeoutError("the viewer did not answer")
     return last

@@ -1,4 +1,4 @@
-"""What is read rather than looked at: lanes of what robots do, events, knowledge, plots, ensembles."""
+"""Drawing of lanes, events, knowledge, plots, ensembles and robots' perception."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -33,26 +33,26 @@ from actors.observer.glyphs import (
 )
 
 _SHORTEST: Final = 0.6
-"""A spell in a lane that lasts less long, s, goes with what was before."""
+"""Minimum duration of an activity in a lane, s; shorter ones are merged with the previous one."""
 _PHRASES: Final = {"driving": "to {}", "adopted": "adopted {}", "blocked": "blocked, {}"}
 _ALWAYS: Final = frozenset({"blocked", "deadlock", "frozen", "off"})
-"""Shown however short they last."""
+"""Activities shown for any duration."""
 _ROUND: Final = 60.0
-"""Radius of the circle in which robots stand in the graph of ensembles."""
+"""Radius of the circle of robots in the graph of ensembles."""
 
 
 class Occupation(NamedTuple):
-    """What a robot is about from an instant on."""
+    """Activity of a robot from an instant on."""
 
     second: float
     activity: str
     """One of OWN_STATES."""
     destination: str = ""
-    """Its name, as in "r1/3"."""
+    """Name of the goal such as "r1/3"."""
 
 
 class DrawnEvent(NamedTuple):
-    """Something that happened."""
+    """An event in the log."""
 
     second: float
     robot: str
@@ -62,19 +62,19 @@ class DrawnEvent(NamedTuple):
 
 
 def lane_path(robot: str) -> str:
-    """Where a robot's lane lies; the window shows all of it as the lane's name."""
+    """Return the entity path of a robot's lane; the viewer shows it as the lane's name."""
     return robot
 
 
 class Lane:
-    """What a robot does over time, with where it heads for in the label."""
+    """Lane of a robot's activities, labelled with goals."""
 
     def __init__(self, canvas: Canvas, robot: str) -> None:
         self._canvas, self._path = canvas, lane_path(robot)
         self._kinds: dict[str, Colour] = {}
 
     def draw(self, spells: Sequence[Occupation]) -> None:
-        """Draw spells, each of which lasts to the next one, whenever that comes."""
+        """Draw activities, each of which lasts until the next one."""
         canvas, known = self._canvas, len(self._kinds)
         self._kinds |= {_label(spell): OWN_STATES[spell.activity].colour for spell in spells}
         if len(self._kinds) > known:
@@ -84,12 +84,12 @@ class Lane:
         canvas.columns(self._path, [spell.second for spell in spells], rr.StateChange.columns(state=states))
 
     def end(self, second: float) -> None:
-        """Draw nothing from an instant on: the run is over."""
+        """End the lane at an instant, s."""
         self._canvas.columns(self._path, [second], rr.StateChange.columns(state=[""]))
 
 
 def settled(spells: Sequence[Occupation]) -> list[Occupation]:
-    """The same without what lasts too short to be seen; what is blocked, frozen or off always is."""
+    """Return activities without those that are too short, except for those in `_ALWAYS`."""
     kept: list[Occupation] = []
     for spell, after in zip(spells, [*(one.second for one in spells[1:]), np.inf], strict=True):
         short = after - spell.second < _SHORTEST and spell.activity not in _ALWAYS
@@ -105,7 +105,7 @@ def _label(spell: Occupation) -> str:
 
 
 def draw_events(canvas: Canvas, source: str, events: Sequence[DrawnEvent]) -> None:
-    """Events as text, in the colours of their robots; `source`: a name for those that come together."""
+    """Draw events as text in the robots' colours; `source`: name of their group."""
     ordered = sorted(events)
     for robot in dict.fromkeys(event.robot for event in ordered):
         mine = [event for event in ordered if event.robot == robot]
@@ -123,12 +123,12 @@ def draw_events(canvas: Canvas, source: str, events: Sequence[DrawnEvent]) -> No
 def draw_knowledge(
     canvas: Canvas, robot: str, tables: Sequence[tuple[float, Sequence[tuple[str, str]]]]
 ) -> None:
-    """A robot's knowledge as a table, from each instant on."""
+    """Draw a robot's knowledge as a table, from each instant on."""
     _draw_texts(canvas, f"knowledge/{robot}", [(second, _table(robot, rows)) for second, rows in tables])
 
 
 def draw_decisions(canvas: Canvas, robot: str, decisions: Sequence[tuple[float, Sequence[str]]]) -> None:
-    """A robot's last decision from each instant on: the decision, then its causes."""
+    """Draw a robot's last decision and its causes, from each instant on."""
     texts = [
         (second, "\n".join((f"**{second:.3f} s** {_cell(made)}", "", *(f"- {_cell(one)}" for one in causes))))
         for second, (made, *causes) in decisions
@@ -137,7 +137,7 @@ def draw_decisions(canvas: Canvas, robot: str, decisions: Sequence[tuple[float, 
 
 
 def _draw_texts(canvas: Canvas, path: str, texts: Sequence[tuple[float, str]]) -> None:
-    """Texts in Markdown, from each instant on."""
+    """Draw Markdown texts, from each instant on."""
     columns = rr.TextDocument.columns(
         text=[text for _, text in texts], media_type=["text/markdown"] * len(texts)
     )
@@ -145,12 +145,12 @@ def _draw_texts(canvas: Canvas, path: str, texts: Sequence[tuple[float, str]]) -
 
 
 def _cell(text: str) -> str:
-    """What may hold anything, and stays in its cell."""
+    """Escape arbitrary text for a cell of a table."""
     return text.replace("|", "/").replace("\n", " ").replace("`", "'")
 
 
 def _table(robot: str, rows: Sequence[tuple[str, str]]) -> str:
-    """In Markdown."""
+    """Format rows as a Markdown table."""
     told = ((name, _cell(value)) for name, value in rows)
     return "\n".join((f"| {robot} | |", "|---|---|", *(f"| {name} | {value} |" for name, value in told)))
 
@@ -158,7 +158,7 @@ def _table(robot: str, rows: Sequence[tuple[str, str]]) -> str:
 def introduce_line(
     canvas: Canvas, path: str, name: str, colour: Colour, *, steps: bool = False, dots: bool = False
 ) -> None:
-    """How a plot's line looks; in steps, or as dots."""
+    """Set the style of a plot's line; `steps`: as a step function, `dots`: as points."""
     if dots:
         style = rr.SeriesPoints(colors=[colour], names=[name], markers=["Circle"], marker_sizes=[1.8])
         canvas.still(path, style)
@@ -170,12 +170,12 @@ def introduce_line(
 def draw_line(
     canvas: Canvas, path: str, seconds: Sequence[float] | NDArray[np.float64], values: NDArray[np.float64]
 ) -> None:
-    """A plot's points."""
+    """Draw values of a plot's line."""
     canvas.columns(path, seconds, rr.Scalars.columns(scalars=values))
 
 
 class LearntExchange(NamedTuple):
-    """That a robot has learnt something of another's knowledge."""
+    """An exchange that changed a robot's knowledge."""
 
     second: float
     ensemble: str
@@ -186,8 +186,10 @@ class LearntExchange(NamedTuple):
 def draw_ensembles(
     canvas: Canvas, exchanges: Sequence[LearntExchange], lasting: float, since: float = 0.0
 ) -> None:
-    """The robots in a circle, and between them each ensemble that has exchanged something within `lasting`
-    s: from whom to whom. What is earlier than `since`, s, is drawn already."""
+    """Draw the graph of robots with the exchanges of the last `lasting` s between them.
+
+    `since`: everything earlier is already drawn, s.
+    """
     where = _circle(canvas.robots)
     canvas.still(
         "ensembles/robots",
@@ -210,7 +212,7 @@ def draw_ensembles(
 
 
 def _between(names: Mapping[str, LearntExchange], where: Mapping[str, tuple[float, float]]) -> rr.GraphNodes:
-    """A node for each exchange, halfway between the two."""
+    """Return a node for each exchange, halfway between the robots."""
     ends = [(where[one.source], where[one.learner]) for one in names.values()]
     return rr.GraphNodes(
         list(names),
@@ -233,13 +235,13 @@ def _circle(robots: Sequence[str]) -> dict[str, tuple[float, float]]:
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 _AHEAD_S: Final = 1.7
-"""So far the chosen arc is drawn, s: as far as the local planner looks."""
+"""Length of the drawn arc, s: horizon of the local planner."""
 _SIGMAS: Final = 2.0
-"""Half axes of the ellipse around the estimate, standard deviations: it covers 86 %."""
+"""Half axes of the covariance ellipse, standard deviations; it covers 86 %."""
 _OPACITY: Final = 0.999
 """Opacity of the cost map: below 1, or the viewer does not blend it."""
 _HUES: Final = np.zeros((256, 4), np.uint8)
-"""Red, green, blue and opacity by cost: one hue, the denser the dearer; nothing where it costs nothing."""
+"""Red, green, blue and opacity by cost: one hue, more opaque for higher costs."""
 _HUES[:, :3] = COSTS_COLOUR
 _HUES[1:, 3] = np.linspace(20, 110, 255).astype(np.uint8)
 _HUES[253:, 3] = 190
@@ -258,7 +260,7 @@ def introduce_inside(canvas: Canvas, robot: str) -> None:
 def draw_clouds(
     canvas: Canvas, robot: str, what: str, seconds: Floats, counts: NDArray[np.int64], points: Singles
 ) -> None:
-    """`what` is scan or particles: so many points, (k, 2) m, in each row."""
+    """Draw scans or particles (`what`); `counts`: points per instant, `points`: (k, 2), m."""
     height = BODY if what == "scan" else CLOUD
     columns = rr.Points3D.columns(positions=lifted(points, height)).partition(counts)
     canvas.columns(f"inside/{robot}/{what}", seconds, columns)
@@ -276,13 +278,13 @@ def draw_estimates(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, s
 
 
 def draw_plans(canvas: Canvas, robot: str, seconds: Floats, ways: Sequence[Singles]) -> None:
-    """The way planned from each instant on, (k, 2) m; none where it has fewer than two points."""
+    """Draw plans, (k, 2), m, from each instant on; none with fewer than two points."""
     rows = [[lifted(way, WAY)] if len(way) > 1 else [] for way in ways]
     canvas.strips(f"inside/{robot}/plan", seconds, rows)
 
 
 def draw_arcs(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, twists: Floats) -> None:
-    """The chosen arcs: (n, 2) speed, m/s, and turn rate, rad/s, from (n, 3)."""
+    """Draw commanded arcs from poses, (n, 3); `twists`: speed, m/s, and turn rate, rad/s, (n, 2)."""
     ahead = np.linspace(0.0, _AHEAD_S, 24)
     rows: list[list[Singles]] = []
     for (x, y, heading), (speed, turn) in zip(poses.tolist(), twists.tolist(), strict=True):
@@ -301,8 +303,10 @@ def draw_arcs(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, twists
 def draw_costs(
     canvas: Canvas, robot: str, seconds: Floats, costs: NDArray[np.uint8], corners: Floats, cell: float
 ) -> None:
-    """The local cost map: windows (n, rows, columns), row 0 the southernmost, each with the pose of its
-    south-west corner, (n, 3), cells of so many m. In one hue, the denser the dearer."""
+    """Draw local cost maps, (n, rows, columns), southernmost row first.
+
+    `corners`: poses of the south-west corners, (n, 3); `cell`: edge of a cell, m.
+    """
     if not len(costs):
         return
     n, rows, columns = costs.shape

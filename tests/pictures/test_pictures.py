@@ -161,7 +161,7 @@ def test_a_run_without_a_result_was_cut_off_or_goes_on(short_run_copy: Path) -> 
     cut = read_run(out)
     html = run_html.html(cut, b"")
     assert "<p>The run was cut off; this is what was recorded in its first 3 simulated s.</p>" in html
-    assert "How to make it again</h2>" not in html
+    assert "Reproduction</h2>" not in html
     assert style.title(cut) == "2 robots, seed 1: cut off after 3 s"
     world = next((out / "world").glob("*.mcap"))
     world.write_bytes(world.read_bytes()[:-1000])
@@ -173,9 +173,7 @@ def test_a_run_without_a_result_was_cut_off_or_goes_on(short_run_copy: Path) -> 
     finally:
         writer.kill()
         writer.wait()
-    told = re.search(
-        r"the run is still running; drawn up to ([\d.]+) s\n", drawn.stderr
-    )
+    told = re.search(r"the run is still running; drawn up to ([\d.]+) s\n", drawn.stderr)
     assert told is not None, drawn.stderr
     html = (out / "run.html").read_text()
     assert f"<h1>up to {told[1]} s, still running</h1>" in html
@@ -212,7 +210,7 @@ def test_a_movie_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(AcrcError) as caught:
         moving.check(tmp_path / "run.mp4")
     assert str(caught.value) == (
-        f"--movie {tmp_path / 'run.mp4'}: needs the program ffmpeg, which is not here; a .gif needs nothing"
+        f"--movie {tmp_path / 'run.mp4'}: the program ffmpeg is not installed; install it or write a .gif"
     )
     for wrong in (tmp_path / "run.avi", tmp_path / "nowhere" / "run.gif"):
         with pytest.raises(OptionError, match=r"its name ending in \.gif or \.mp4"):
@@ -232,7 +230,7 @@ def test_ffmpeg_is_given_pictures_of_even_sides(
     pictures = len(list(moving.instants(evidence, 500.0)))
     assert int((tmp_path / "bytes").read_text()) == pictures * wide * high * 3
     program.write_text("#!/bin/sh\necho no such codec >&2\nexit 1\n")
-    with pytest.raises(AcrcError, match="ffmpeg says no such codec"):
+    with pytest.raises(AcrcError, match="ffmpeg failed: no such codec"):
         moving.write(evidence, tmp_path / "run.mp4", 500.0)
 
 

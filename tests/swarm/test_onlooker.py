@@ -67,7 +67,7 @@ def test_an_observer_that_is_stopped_for_good_is_not_waited_for_and_says_what_th
     result = result_of(process, out)
     assert result["digest"] == undisturbed["digest"]
     ends = re.search(
-        r"^the view ends at ([\d.]+) s: (\d+) steps that were recorded later are not in it$",
+        r"^the view ends at ([\d.]+) s; (\d+) later steps are not included$",
         (out / "view.log").read_text(),
         re.M,
     )

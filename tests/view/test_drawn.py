@@ -100,7 +100,7 @@ def test_a_view_that_lacks_something_says_so_and_fails(
             look._show(folders, (), save=path, screenshot=None, at=None)
         told = capsys.readouterr().err
         assert "r1: introspection was not recorded; record the run with --record full" in told
-        assert told.splitlines()[-1].endswith(" s, without what is named above")
+        assert told.splitlines()[-1].startswith("view without the data listed above after ")
     states = {state[0] for _, state in of(rows(path), "/1/r1", "StateChange:state")}
     assert states & {"driving", "standing"}, "as seen from outside"
     assert "/1/inside/r1/scan" not in rows(path)
@@ -158,10 +158,10 @@ def test_a_read_only_folder_gets_its_view_elsewhere(folder: Path, monkeypatch: p
 
 SHOWN = {
     "Swarm, ground truth": "3D",
-    "r1: what it sees and plans": "3D",
-    "What each robot does": "StateTimeline",
+    "r1: perception and plan": "3D",
+    "Activities of robots": "StateTimeline",
     "Places done": "TimeSeries",
-    "Copies of frames per second, by fate": "TimeSeries",
+    "Copies of frames per second, by outcome": "TimeSeries",
     "Events": "TextLog",
     "Ensembles": "Graph",
     "r1: knowledge": "TextDocument",

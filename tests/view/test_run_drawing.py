@@ -135,7 +135,7 @@ def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
     ]
     assert lanes == [["frozen"], ["off"]]
     told = [row["TextLog:text"][0] for row in found["/events/r1/recorded"]]
-    assert told == ["r1 is frozen", "r1 acts again"]
+    assert told == ["r1 is frozen", "r1 is active again"]
 
 
 def test_what_was_put_there_stands_there_until_it_does_not(tmp_path: Path) -> None:
@@ -182,15 +182,15 @@ def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
 
 def test_a_viewer_that_does_not_open_costs_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     def start() -> viewer.OpenViewer:
-        raise RuntimeError("rerun's viewer ended at once with status 1")
+        raise RuntimeError("rerun's viewer exited at once with code 1")
 
     monkeypatch.setattr(viewer, "open_window", start)
     monkeypatch.setattr(viewer, "open_page", start)
     said: list[str] = []
-    assert viewer.open_any(said.append, "the view goes to its file only") is None
+    assert viewer.open_any(said.append, "the view is written to its file only") is None
     assert said == [
-        "The viewer does not open (rerun's viewer ended at once with status 1): "
-        "the view goes to its file only."
+        "Cannot open the viewer (rerun's viewer exited at once with code 1); "
+        "the view is written to its file only."
     ]
 
 
