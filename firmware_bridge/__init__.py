@@ -1,1 +1,1 @@
-"""What a robot is made of, on the wire: transceiver, base, range sensors; and emulators of them."""
+"""Drivers and emulators of robot hardware: radio board, base, range sensors."""

@@ -1,4 +1,4 @@
-"""Serial lines of emulated devices: pseudo-terminals that can be unplugged and can corrupt bytes."""
+"""Serial lines of emulated devices: pseudo-terminals with unplugging and byte errors."""
 
 import errno
 import os
@@ -25,16 +25,16 @@ from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings, Eve
 
 
 class PseudoTerminal:
-    """The device's end of a line, and a symbolic link to the other; use it as a context manager.
+    """Device end of a serial line, with a symbolic link to the driver's end; a context manager.
 
-    The other end stays open, so drivers may come and go. What nobody reads is lost and counted.
+    The driver's end stays open, so drivers can reconnect. Unread bytes are lost and counted.
     """
 
     def __init__(self, link: Path) -> None:
-        """Put the link at `link`, in place of one that is there already. Raises AcrcError."""
+        """Create the symbolic link, replacing an existing one. Raises AcrcError."""
         self.link = link
         self.lost = 0
-        """Bytes that nobody has read."""
+        """Number of unread bytes."""
         self._device, self._driver = os.openpty()
         try:
             tty.setraw(self._driver, termios.TCSANOW)
@@ -47,11 +47,11 @@ class PseudoTerminal:
             raise
 
     def fileno(self) -> int:
-        """The device's end; readable when the driver has written."""
+        """Return the device end's descriptor, readable after the driver has written."""
         return self._device
 
     def read(self, patience: float) -> bytes:
-        """Return what the driver has written; waits up to `patience` s for it."""
+        """Return bytes written by the driver; waits up to `patience` s."""
         if not select.select([self._device], [], [], patience)[0]:
             return b""
         try:
@@ -62,7 +62,7 @@ class PseudoTerminal:
             raise
 
     def write(self, data: bytes) -> None:
-        """Send to the driver; what does not fit into the line's buffer is lost."""
+        """Send to the driver; bytes beyond the line's buffer are lost."""
         written = 0
         try:
             if data:
@@ -72,7 +72,7 @@ class PseudoTerminal:
         self.lost += len(data) - written
 
     def close(self) -> None:
-        """Take the link away, if it is still ours, and hang up."""
+        """Remove the symbolic link, if not replaced by another, and close the line."""
         if self.link.is_symlink() and str(self.link.readlink()) == self.port:
             self.link.unlink()
         os.close(self._device)
@@ -87,29 +87,29 @@ class PseudoTerminal:
 
 def _place(link: Path, port: str) -> None:
     if link.exists() and not link.is_symlink():
-        raise AcrcError(f"{link}: there is something that is no link; give a path where a link can be made")
+        raise AcrcError(f"{link}: exists and is not a symbolic link; choose another path")
     try:
         link.unlink(missing_ok=True)
         link.symlink_to(port)
     except OSError as error:
         raise AcrcError(
-            f"{link}: no link can be made there ({error.strerror}); give a path in a directory that is yours"
+            f"{link}: the symbolic link cannot be created ({error.strerror}); choose a writable directory"
         ) from None
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Per byte, the probability that something happens to it."""
+    """Probabilities of errors per byte."""
 
     change: float = 0.0
-    """Another byte comes in its place."""
+    """Replacement by a random byte."""
     drop: float = 0.0
-    """It is missing."""
+    """Loss of the byte."""
     insert: float = 0.0
-    """A byte comes in front of it."""
+    """Insertion of a random byte before it."""
 
     def apply(self, data: bytes, rng: np.random.Generator) -> bytes:
-        """What comes of `data`."""
+        """Return `data` with random errors."""
         if not data or not (self.change or self.drop or self.insert):
             return data
         chances = rng.random(len(data))
@@ -128,7 +128,7 @@ class Disturbance:
 
 
 CLEAN = Disturbance()
-"""A line as it should be."""
+"""A line without errors."""
 
 
 BASE: Final = "base"
@@ -138,7 +138,7 @@ DEVICES: Final = (BASE, RADIO, RANGE)
 
 
 class DevicePort(NamedTuple):
-    """Where a device is plugged in."""
+    """Port of one robot's device."""
 
     robot: str
     device: str
@@ -146,13 +146,13 @@ class DevicePort(NamedTuple):
 
 
 class EmulatedLines:
-    """A line for each port, at FOLDER/<robot>/<device>; a context manager that leaves nothing behind.
+    """Serial lines at FOLDER/<robot>/<device>; a context manager that removes all files at its end.
 
-    An unplugged line has no path, and its host sees it hang up; its device goes on, as on a battery.
+    An unplugged line has no path, and its host sees a hangup; the device continues, as on a battery.
     """
 
     def __init__(self, folder: Path, ports: Iterable[DevicePort], generator: Generator) -> None:
-        """`generator`: for what happens to bytes on a scrambled line."""
+        """Create lines for `ports`; `generator`: random errors of corrupted lines."""
         self.ports = tuple(ports)
         self._folder = folder
         self._generator = generator
@@ -176,55 +176,55 @@ class EmulatedLines:
 
     @property
     def descriptors(self) -> dict[int, DevicePort]:
-        """What to wait for."""
+        """Port by file descriptor, for `select`."""
         return {line.fileno(): port for port, line in self._plugged.items()}
 
     def path(self, port: DevicePort) -> Path:
-        """Where a host opens it, while it is plugged in."""
+        """Return the path of a plugged-in line."""
         return self._folder / port.robot / port.device
 
     def read(self, port: DevicePort) -> bytes:
-        """What a host has written, if anything."""
+        """Return bytes written by the host, possibly none."""
         line = self._plugged.get(port)
         if line is None:
             return b""
         return self._disturbance[port].apply(line.read(0.0), self._generator)
 
     def send(self, port: DevicePort, data: bytes) -> None:
-        """Send to a host; never waits."""
+        """Send to the host; does not block."""
         line = self._plugged.get(port)
         if data and line is not None:
             line.write(self._disturbance[port].apply(data, self._generator))
 
     def unread(self, port: DevicePort) -> int:
-        """Bytes so far that no host has read in time."""
+        """Return the number of bytes lost because the host did not read them."""
         line = self._plugged.get(port)
         return self._unread[port] + (line.lost if line is not None else 0)
 
     def is_plugged(self, port: DevicePort) -> bool:
-        """True if a host can open it."""
+        """Return whether the host can open the line."""
         return port in self._plugged
 
     def plug(self, port: DevicePort) -> None:
-        """Put the cable in. Raises AcrcError."""
+        """Connect the line. Raises AcrcError."""
         self._plugged[port] = PseudoTerminal(self.path(port))
 
     def unplug(self, port: DevicePort) -> None:
-        """Pull the cable."""
+        """Disconnect the line."""
         line = self._plugged.pop(port)
         self._unread[port] += line.lost
         line.close()
 
     def corrupt(self, port: DevicePort, share: float) -> None:
-        """From now on replace, lose or double so many of the bytes, in both directions."""
+        """Replace, drop or insert a `share` of the bytes from now on, in both directions."""
         self._disturbance[port] = Disturbance(share / 3, share / 3, share / 3)
 
     def close(self) -> None:
-        """Hang up everywhere, and take away links, and folders that were not there."""
+        """Close all lines; remove their links and the folders created for them."""
         for port in list(self._plugged):
             self.unplug(port)
         while self._made:
-            with suppress(OSError):  # somebody else has put something there
+            with suppress(OSError):  # not empty
                 self._made.pop().rmdir()
 
     def _make(self, folder: Path) -> None:
@@ -234,28 +234,27 @@ class EmulatedLines:
             folder.mkdir(parents=True)
         except OSError as error:
             raise AcrcError(
-                f"{folder}: no folder for links can be made there ({error.strerror}); "
-                "give one in a directory that is yours"
+                f"{folder}: the folder cannot be created ({error.strerror}); choose a writable directory"
             ) from None
         self._made.append(folder)
 
 
 _LONGEST: Final = 1 << 16
-"""Of a line, bytes: far above 32 frames."""
+"""Maximum length of a line, bytes; far above 32 frames."""
 M = TypeVar("M", Transmit, Received)
 
 
 class _Messages(Generic[M]):
-    """Messages out of what comes on a line."""
+    """Incremental parser of JSON messages, one per line."""
 
     def __init__(self, kind: type[M]) -> None:
         self.bad = 0
-        """EmulatedLines that held no such message."""
+        """Number of invalid lines."""
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(kind)
         self._pending = b""
 
     def take(self, data: bytes) -> list[M]:
-        """The messages that are whole by now."""
+        """Append bytes and return the completed messages."""
         *lines, self._pending = (self._pending + data).split(b"\n")
         if len(self._pending) > _LONGEST:
             lines, self._pending = [*lines, self._pending], b""
@@ -269,7 +268,7 @@ class _Messages(Generic[M]):
 
 
 class SimulatedTransceiver:
-    """The laboratory's end: one that hands the medium every frame as it comes."""
+    """Laboratory end of a transceiver without a board, which sends every frame immediately."""
 
     def __init__(self, radio: BoardRadio, settings: BoardSettings) -> None:
         self.pan, self.address = settings.pan, settings.address
@@ -280,7 +279,7 @@ class SimulatedTransceiver:
         self._said: list[RadioEvent] = []
 
     def take(self, now: Instant, data: bytes) -> None:
-        """Bytes that have come from the host."""
+        """Accept bytes from the host."""
         for message in self._messages.take(data):
             if message.step != self._session:
                 self._session = message.step
@@ -293,34 +292,34 @@ class SimulatedTransceiver:
                     self._radio.transmit(self, now, frame.tag, frame.data)
 
     def run(self, now: Instant) -> bytes:
-        """What is for the host by now."""
+        """Return the bytes for the host."""
         if self._session is None or not self._said:
             return b""
         said, self._said = tuple(self._said), []
         return msgspec.json.encode(Received(self._session, said)) + b"\n"
 
     def settle(self, now: Instant) -> None:
-        """As `Device`: nothing happens in it by itself."""
+        """Do nothing: it has no timed actions."""
 
     def wake(self) -> None:
-        """As `Device`."""
+        """Return None: it has no timed actions."""
 
     def finished(self, now: Instant, end: RadioEvent) -> None:
-        """As `Device`."""
+        """Queue the outcome of a frame for the host."""
         self._said.append(end)
 
     def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
-        """As `Device`; what nobody has asked for yet is not kept."""
+        """Queue a received frame for the host, if one is connected."""
         if self._session is not None:
             self._said.append(Heard(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
 
 
 class TransceiverLink:
-    """The host's end, in place of `beeclick.link.Link`; a frame counts as handed over once it is written."""
+    """Host end of a transceiver without a board, in place of `beeclick.link.BoardLink`."""
 
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
-        """Events by kind, and lines that were none."""
+        """Number of events by type, and of invalid lines."""
         self._messages = _Messages(Received)
         self._session: int | None = None
         self._greeted = False
@@ -328,11 +327,11 @@ class TransceiverLink:
         self._flying: list[int] = []
 
     def connect(self, now: Instant) -> None:
-        """A port has been opened."""
+        """Start a session on a newly opened port."""
         self._session, self._greeted = now, False
 
     def lost(self, now: Instant) -> Sequence[Event]:
-        """The port has gone: nobody knows what has become of the frames."""
+        """Handle the loss of the port: all frames are unconfirmed."""
         self._session = None
         tags = [*self._flying, *(frame.tag for frame in self._waiting)]
         self.forget()
@@ -340,7 +339,7 @@ class TransceiverLink:
         return [Unconfirmed(now, tag) for tag in tags]
 
     def send(self, now: Instant, tag: int, data: bytes) -> Sequence[Event]:
-        """Take a frame, to be written by `due`."""
+        """Queue a frame for `due`."""
         if wrong := size_fault(len(data)):
             return [Refused(now, tag, wrong)]
         if self._session is None:
@@ -349,7 +348,7 @@ class TransceiverLink:
         return ()
 
     def due(self, now: Instant) -> bytes:
-        """What is to be written now."""
+        """Return the bytes to write now."""
         if self._session is None or (self._greeted and not self._waiting):
             return b""
         frames, self._waiting, self._greeted = tuple(self._waiting), [], True
@@ -357,7 +356,7 @@ class TransceiverLink:
         return msgspec.json.encode(Transmit(self._session, frames)) + b"\n"
 
     def take(self, now: Instant, data: bytes) -> Sequence[Event]:
-        """What the transceiver says, each event at the instant at which it came."""
+        """Process bytes read and return the events, stamped with `now`."""
         told = [one for one in self._messages.take(data) if one.step == self._session]
         self.counters["bad_lines"] = self._messages.bad
         return [
@@ -368,16 +367,16 @@ class TransceiverLink:
         ]
 
     def wake(self) -> None:
-        """Nothing is due by itself."""
+        """Return None: it has no timed actions."""
 
     def forget(self) -> int:
-        """Drop the frames that have not been written; how many."""
+        """Drop unwritten frames; return how many."""
         forgotten = len(self._waiting)
         self._waiting.clear()
         return forgotten
 
     def _is_news(self, event: RadioEvent) -> bool:
-        """False for the end of a frame that is not under way."""
+        """Count an event; return False for the outcome of a frame not in flight."""
         self.counters[type(event).__name__.lower()] += 1
         if isinstance(event, Heard):
             return True

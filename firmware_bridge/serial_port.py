@@ -1,4 +1,4 @@
-"""Serial ports, and a sentence for each way in which opening one fails."""
+"""Serial ports, with an error message for each cause of failure."""
 
 import errno
 import importlib
@@ -12,15 +12,15 @@ from typing import Any, Final, NamedTuple, Self
 from actors.runtime.errors import AcrcError
 
 _CHUNK: Final = 4096
-"""The most bytes of one reading."""
+"""Maximum bytes per read."""
 
 
 class PortError(AcrcError):
-    """A serial port that cannot be opened, or has gone."""
+    """Failure to open a serial port, or its loss."""
 
 
 class UsbChip(NamedTuple):
-    """What makes a serial port of a USB plug; four hexadecimal digits each, as the kernel gives them."""
+    """Vendor and product ID of a USB-serial chip, four hexadecimal digits each."""
 
     vendor: str
     product: str
@@ -32,45 +32,45 @@ CP2102: Final = UsbChip("10c4", "ea60")
 
 @dataclass(frozen=True)
 class PortDevice:
-    """What hangs on a port, for sentences and udev rules."""
+    """A device with a serial port, for error messages and udev rules."""
 
     name: str
-    """As in "the Kobuki"."""
+    """Name in messages, such as "Kobuki"."""
     symlink: str
-    """The name that a udev rule gives its port."""
+    """Port name assigned by the udev rule."""
     baud: int
     chip: UsbChip
     lines_off: tuple[str, ...] = ()
-    """Control lines that are switched off when the port is opened."""
+    """Control lines switched off when the port is opened."""
 
 
 KOBUKI: Final = PortDevice("Kobuki", "/dev/kobuki", 115_200, FTDI)
 BOARD: Final = PortDevice("BEE-click board", "/dev/beeclick", 921_600, FTDI, ("dtr", "rts"))
-"""The chip is that of the USB UART of the board that it sits on."""
+"""The chip is the USB UART of the carrier board."""
 RPLIDAR: Final = PortDevice("RPLIDAR", "/dev/rplidar", 115_200, CP2102, ("dtr",))
-"""On the adapter of an A1 the motor turns while DTR is off."""
+"""On the adapter of an A1, the motor runs while DTR is off."""
 
 
 class SerialPort:
-    """An open port, 8 data bits, no parity, 1 stop bit; a terminal that is no serial port will do, too.
+    """An open port (8 data bits, no parity, 1 stop bit) or other terminal; a context manager.
 
-    Reading never waits: wait for `fileno()` to be readable. Use it as a context manager.
+    Reads do not block: wait for `fileno()` to be readable.
     """
 
     def __init__(self, path: str, device: PortDevice) -> None:
-        """Open `path`, for this process alone. Raises PortError."""
+        """Open `path` exclusively. Raises PortError."""
         self.path = path
         self._device = device
         self._port = _open(path, device)
-        # Else USB adapters of FTDI keep bytes back for 16 ms; a terminal without that mode has no need of it.
+        # FTDI adapters buffer bytes for 16 ms otherwise; other terminals do not support the mode.
         with suppress(ValueError, OSError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
         for line in device.lines_off:
-            with suppress(OSError):  # a pseudo-terminal has no such line
+            with suppress(OSError):  # not supported by pseudo-terminals
                 setattr(self._port, line, False)
 
     def read(self) -> bytes:
-        """Return what has come, at most 4096 bytes. Raises PortError when unplugged."""
+        """Return received bytes, at most 4096. Raises PortError when unplugged."""
         try:
             if not select.select([self.fileno()], [], [], 0.0)[0]:
                 return b""
@@ -79,24 +79,24 @@ class SerialPort:
             return b""
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from None
-        if not data:  # readable, and yet nothing: hung up
+        if not data:  # readable without data: hangup
             raise self._gone(EOFError("end of file"))
         return data
 
     def write(self, data: bytes) -> None:
-        """Send. Raises PortError when unplugged."""
+        """Write bytes. Raises PortError when unplugged."""
         try:
             self._port.write(data)
-        except (OSError, TypeError) as error:  # TypeError: pyserial's own, if the port is closed meanwhile
+        except (OSError, TypeError) as error:  # TypeError: from pyserial, if the port was closed
             raise self._gone(error) from None
 
     def fileno(self) -> int:
-        """The file descriptor, to wait for."""
+        """Return the file descriptor."""
         number: int = self._port.fileno()
         return number
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
     def __enter__(self) -> Self:
@@ -107,8 +107,7 @@ class SerialPort:
 
     def _gone(self, error: Exception) -> PortError:
         return PortError(
-            f"{self.path}: the {self._device.name} has gone while in use ({_reason(error)}); "
-            "plug its USB cable in again"
+            f"{self.path}: connection to the {self._device.name} lost ({_reason(error)}); check its USB cable"
         )
 
 
@@ -117,8 +116,8 @@ def _open(path: str, device: PortDevice) -> Any:
         serial = importlib.import_module("serial")
     except ModuleNotFoundError:
         raise PortError(
-            f"{path}: the {device.name} cannot be reached without the Python package pyserial; "
-            "install the extra hardware: pip install 'acrc-testbed[hardware]'"
+            f"{path}: the {device.name} needs the Python package pyserial; "
+            "install it with pip install 'acrc-testbed[hardware]'"
         ) from None
     try:
         return serial.Serial(path, device.baud, timeout=0.0, write_timeout=1.0, exclusive=True)
@@ -127,25 +126,25 @@ def _open(path: str, device: PortDevice) -> Any:
 
 
 def _why(path: str, device: PortDevice, error: Exception) -> str:
-    """What is wrong, and what would help."""
+    """Return cause and remedy of a failure to open a port."""
     number = getattr(error, "errno", None)
     if number in {errno.ENOENT, errno.ENXIO, errno.ENODEV}:
         if path == device.symlink:
             return (
-                f"there is no such port; plug in the {device.name} and switch it on, and if it has another "
-                "name, as without a udev rule, give that, e.g. /dev/ttyUSB0"
+                f"no such port; plug in the {device.name} and switch it on, or, without a udev rule, give "
+                "its kernel name, e.g. /dev/ttyUSB0"
             )
-        return f"there is no such port; plug in the {device.name} and switch it on, or give its right port"
+        return f"no such port; plug in the {device.name} and switch it on, or give the correct port"
     if number in {errno.EACCES, errno.EPERM}:
         return (
-            "this user may not open it; join its group with `sudo usermod -aG dialout $USER` and log in "
-            "again, or give the port to everyone by a udev rule"
+            "permission denied; join the port's group with `sudo usermod -aG dialout $USER` and log in "
+            "again, or allow access by a udev rule"
         )
     if number in {errno.EBUSY, errno.EAGAIN}:
-        return f"another program has the port open; end it, as only one can talk to the {device.name}"
+        return f"in use by another program; stop it, as the {device.name} allows only one connection"
     if number in {errno.ENOTTY, errno.EISDIR, errno.EINVAL} or (number is None and Path(path).exists()):
-        return f"this is no serial port; the {device.name} should be at {device.symlink} or e.g. /dev/ttyUSB0"
-    return f"the port cannot be opened ({_reason(error)}); plug in the {device.name} again"
+        return f"not a serial port; give the port of the {device.name}: {device.symlink} or e.g. /dev/ttyUSB0"
+    return f"the port cannot be opened ({_reason(error)}); replug the {device.name}"
 
 
 def _reason(error: Exception) -> str:
@@ -154,21 +153,21 @@ def _reason(error: Exception) -> str:
 
 
 class BoardPort(SerialPort):
-    """An open port to a board, whose writing does not wait either."""
+    """An open port to a board, with non-blocking writes."""
 
     def __init__(self, path: str) -> None:
-        """Open `path`, for this process alone. Raises PortError."""
+        """Open `path` exclusively. Raises PortError."""
         super().__init__(path, BOARD)
         self._pending = b""
         os.set_blocking(self.fileno(), False)
 
     @property
     def is_idle(self) -> bool:
-        """True if all that was written is with the system: only then `Link.due` is to be asked for more."""
+        """True if all bytes have been written; only then call `BoardLink.due`."""
         return not self._pending
 
     def write(self, data: bytes) -> None:
-        """Send, as far as the system takes it; call again, also with nothing, until `is_idle`."""
+        """Write without blocking; call again, also with no bytes, until `is_idle`."""
         self._pending += data
         try:
             while self._pending:

@@ -1,7 +1,7 @@
-"""The air of a laboratory: the simulated medium, on which emulated boards are the transceivers.
+"""Simulated radio medium for emulated boards.
 
-Who hears what is decided by `actors.radio`, as in a simulated run. Here is what belongs to boards alone: they
-answer at once, may be tuned to different channels, and be told another power.
+`actors.radio` computes reception, as in a simulated run. This module adds what is specific to boards:
+immediate answers, a channel and a transmit power per board.
 """
 
 from collections import Counter
@@ -19,51 +19,51 @@ from actors.radio.robot_medium import FrameCounters, Handed, RobotMedium, Transc
 from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings
 
 USUAL_DBM: Final = BoardSettings(0).power_dbm
-"""A device that is set to this power sends with that of the radio's preset; others as much above or below."""
+"""Power setting that corresponds to the transmit power of the radio's preset."""
 State = tuple[float, float, float, float, float, float]
-"""x, y, heading; vx, vy, omega, as `Bodies.truth` has them."""
+"""x, y, heading; vx, vy, omega, as in `Bodies.truth`."""
 
 
 class Device(Protocol):
-    """A transceiver with what drives it, such as an `EmulatedBoard`."""
+    """A transceiver on the medium, such as an `EmulatedBoard`."""
 
     pan: int
     address: int
     channel: int
-    """The code, 0 to 15."""
+    """Channel code, 0 to 15."""
     power_dbm: float
 
     def take(self, now: Instant, data: bytes) -> None:
-        """Bytes that its host begins to send now."""
+        """Accept bytes that the host starts to send now."""
 
     def run(self, now: Instant) -> bytes:
-        """Do what is due until `now`; the bytes that have come to the host since the last time."""
+        """Advance to `now`; return the bytes sent to the host since the last call."""
 
     def settle(self, now: Instant) -> None:
-        """Do what is due until `now`."""
+        """Advance to `now`."""
 
     def wake(self) -> Instant | None:
-        """When something will be due; None: nothing is."""
+        """Return the time of the next action; None: none."""
 
     def finished(self, now: Instant, end: RadioEvent) -> None:
-        """What has become of a frame of its own, by the tag that it gave it."""
+        """Accept the outcome of an own frame, identified by its tag."""
 
     def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
-        """A frame of another one's, with the codes of the chip."""
+        """Accept a received frame, with RSSI and LQI codes of the chip."""
 
 
 class BoardRadio(Protocol):
-    """The medium, as a device finds it: an `Air`."""
+    """Interface of the medium to devices."""
 
     def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
-        """Send a frame; the device's `finished` says what has become of it."""
+        """Send a frame; the device's `finished` is called with the outcome."""
 
     def silence(self, device: Device) -> None:
-        """Forget all that it was handed."""
+        """Drop all frames of the device."""
 
 
 class _Channel:
-    """The medium of one channel; a device that is tuned to another one is off there."""
+    """Medium of one channel; devices on other channels are off in it."""
 
     def __init__(self, addresses: Sequence[int], model: RadioModel, seed: int, jams: Sequence[Jam]) -> None:
         self.robots = RobotMedium(addresses, model, seed)
@@ -73,7 +73,7 @@ class _Channel:
 
     @property
     def wake(self) -> Instant | None:
-        """The first µs by which something has happened; None: nothing is due."""
+        """Time of the next event, rounded up to µs; None: none."""
         due = [frame.instant for frame in self.handed[:1]]
         if (wake_ns := self.robots.medium.wake_ns) is not None:
             due.append(wake_ns // 1000)
@@ -81,11 +81,13 @@ class _Channel:
 
 
 class EmulatedAir:
-    """All devices and the frames between them, as events in the order of time."""
+    """Event-driven simulation of all devices and the frames between them."""
 
     def __init__(self, addresses: Sequence[int], model: Callable[[int], RadioModel], seed: int) -> None:
-        """`addresses`: a device's each, in the order in which they will be put there; they and the seed key
-        all that is random. `model`: of a channel, 11 to 26.
+        """Create a medium without devices.
+
+        `addresses`: of the devices in the order of `add`; with `seed` the key of all random numbers. `model`:
+        returns the radio model of a channel, 11 to 26.
         """
         self.devices: list[Device] = []
         self._addresses = tuple(addresses)
@@ -98,19 +100,19 @@ class EmulatedAir:
         self._states: Sequence[State] = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(addresses)
 
     def prepare(self, channel: int) -> None:
-        """Make the medium of a channel, 11 to 26, before the time runs: a map is to be read for it."""
+        """Create the medium of a channel, 11 to 26, before the start, as it reads a map."""
         self._channel(channel - FIRST_CHANNEL)
 
     def add(self, device: Device) -> None:
-        """Put there the next device, made with this air as its radio."""
+        """Add the next device, created with this medium as its radio."""
         self.devices.append(device)
 
     def place(self, now: Instant, states: Sequence[State]) -> None:
-        """From now on they are and move so."""
+        """Set positions and velocities of all devices from `now` on."""
         self._since, self._states = now, states
 
     def jam(self, now: Instant, jams: Sequence[Jam]) -> None:
-        """From now on these disturb, too, on every channel."""
+        """Add jammers on all channels from `now` on."""
         if not jams:
             return
         self._jams += jams
@@ -119,29 +121,29 @@ class EmulatedAir:
             channel.jams += jams
 
     def withhold(self, sender: int, receiver: int) -> None:
-        """As `Medium.withhold`, on the sender's channel; both by number."""
+        """Call `Medium.withhold` on the sender's channel; devices by number."""
         self._channel(self.devices[sender].channel).robots.medium.withhold(sender, receiver)
 
     def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
-        """Hand the device's transceiver a frame; `finished` says what has become of it."""
+        """Send a frame of the device; its `finished` is called with the outcome."""
         number, channel = self._number(device), self._channel(device.channel)
         power_dbm = channel.usual_dbm + (device.power_dbm - USUAL_DBM)
         channel.robots.medium.set_power(number, power_dbm)
         channel.handed.append(Handed(now, number, tag, data))
 
     def silence(self, device: Device) -> None:
-        """It has been reset: what it had been sending ends, and `finished` says nothing of it."""
+        """Drop all frames of a device that was reset, without a call of `finished`."""
         number = self._number(device)
         self._epochs[number] += 1
         for channel in self._channels.values():
             channel.handed = [frame for frame in channel.handed if frame.transceiver != number]
 
     def wake(self) -> Instant | None:
-        """When something happens next, on the medium or in a device; None: nothing is due."""
+        """Return the time of the next event on the medium or in a device; None: none."""
         return min(self._wakes(), default=None)
 
     def advance(self, until: Instant) -> None:
-        """Let everything happen up to `until`. What boards have to say stays with them: `run` gives it."""
+        """Simulate all events up to `until`; output of boards is returned by their `run`."""
         while (now := self.wake()) is not None and now <= until:
             for code, channel in [*self._channels.items()]:
                 if channel.wake is not None and channel.wake <= now:
@@ -150,7 +152,7 @@ class EmulatedAir:
                 device.settle(now)
 
     def counters(self) -> dict[str, int]:
-        """What became of all frames, by the names of a simulated run's (`RadioCore.counters`)."""
+        """Count the outcomes of all frames, named as in `RadioCore.counters`."""
         total = Counter({"frames_pending": 0})
         for channel in self._channels.values():
             medium = channel.robots.medium
@@ -159,7 +161,7 @@ class EmulatedAir:
         return dict(total)
 
     def counters_by_robot(self, robots: Sequence[str]) -> dict[str, dict[str, int]]:
-        """The same for each (`RadioCore.counters_by_robot`); `robots`: whose devices these are."""
+        """Count the outcomes by robot, as `RadioCore.counters_by_robot`; `robots`: owners of the devices."""
         total = {robot: Counter[str]() for robot in robots}
         for channel in self._channels.values():
             counters = channel.robots.medium.counters()
@@ -185,7 +187,7 @@ class EmulatedAir:
         return next(number for number, one in enumerate(self.devices) if one is device)
 
     def _run(self, code: int, channel: _Channel, now: Instant) -> None:
-        """Let everything happen on a channel before `now`, and tell the devices."""
+        """Simulate a channel up to `now` and pass the events to the devices."""
         robots = [
             RobotTruth("", *state, True, device.channel == code, 0, epoch)
             for state, device, epoch in zip(self._states, self.devices, self._epochs, strict=True)
@@ -206,7 +208,7 @@ class EmulatedAir:
 
 
 def air(setup: RadioSetup) -> EmulatedAir:
-    """The air that a set-up of the simulated radio describes, on every channel. Raises AcrcError."""
+    """Create the medium of a radio set-up, for all channels. Raises AcrcError."""
 
     def model(channel: int) -> RadioModel:
         return radio_model(msgspec.structs.replace(setup, channel=channel))

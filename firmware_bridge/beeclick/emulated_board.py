@@ -1,9 +1,8 @@
-"""Emulation of a BEE-click board with its firmware, faults included; without I/O.
+"""Emulation of a BEE-click board and its firmware, faults included; without I/O.
 
-Source: d3scomp/beeclickarm, branch robot-additions, with TODQueue.cpp and TOHQueue.cpp. Both rings have eight
-slots, of which seven are usable: where writer meets reader the firmware takes the ring for empty. Not
-modelled: races of interrupts that mix answers (see `device_lines.Disturbance`). That the receiver is off
-while a frame is read out is part of the radio preset.
+Source: d3scomp/beeclickarm, branch robot-additions, TODQueue.cpp and TOHQueue.cpp. Both rings have eight
+slots, seven of them usable: the firmware treats a full ring as empty. Not modelled: interrupt races that mix
+answers (see `device_lines.Disturbance`). The radio preset models the receiver being off during readout.
 """
 
 import struct
@@ -41,37 +40,36 @@ from firmware_bridge.beeclick.wire import (
 )
 
 _GRAIN: Final = 9
-"""So many bytes from the host are looked at together while they come in, about 100 µs."""
+"""Number of incoming bytes processed at once, about 100 µs."""
 _LONGEST_SENTENCE: Final = 254
 
 
 @dataclass(frozen=True)
 class BoardParameters:
-    """What a board senses and how long it takes for that."""
+    """Sensor values and durations of a board."""
 
     temperature: int = 215
-    """Tenths of a degree Celsius; -397 or 6156: there is no sensor. Default: a room."""
+    """Tenths of a degree Celsius; -397 or 6156: no sensor. Default: room temperature."""
     humidity: int = 400
-    """Tenths of a percent; -20: there is no sensor. Default: a room."""
+    """Relative humidity, tenths of a percent; -20: no sensor. Default: a room."""
     first_reading: Duration = field(default=seconds(1.37))
-    """From the start to the first temperature, µs. Default: 102 ticks of 10 ms, and a reading
+    """Time from start to first temperature, µs. Default: 102 ticks of 10 ms plus a reading
     (SensorPublisher.cpp, SHT1x.cpp)."""
     reading: Duration = field(default=seconds(0.35))
-    """One reading of the sensor, µs; between temperature and humidity. Default: 27 ms of reset, 5 ms of
-    command, 320 ms of measurement (SHT1x.cpp)."""
+    """Duration of one reading, µs. Default: 27 ms reset, 5 ms command, 320 ms measurement (SHT1x.cpp)."""
     channel_change: Duration = field(default=milliseconds(0.2))
-    """A change of channel, µs, in which no command is handled and the radio has nothing to say. Default: the
-    wait after the reset of the RF state machine (MRF24J40.cpp)."""
+    """Duration of a channel change, µs, during which commands and radio wait. Default: the wait after the
+    reset of the RF state machine (MRF24J40.cpp)."""
     rest: Duration = field(default=seconds(1.01))
-    """From a humidity to the next reading's begin, µs. Default: 101 ticks."""
+    """Pause between a humidity and the next reading, µs. Default: 101 ticks."""
 
 
 DEFAULTS: Final = BoardParameters()
-"""Of a board in a room."""
+"""A board at room temperature."""
 
 
 class EmulatedBoard:
-    """One board. The host's line: `take`, `run`; the medium: `finished`, `heard`; people: the rest."""
+    """One board. `take`, `run`: serial line; `finished`, `heard`: medium; other methods: user actions."""
 
     def __init__(self, radio: BoardRadio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
@@ -81,47 +79,47 @@ class EmulatedBoard:
 
     def _start(self, now: Instant) -> None:
         self.pan = self.address = self.channel = 0
-        """The channel is the code, 0 to 15."""
+        """Channel code, 0 to 15."""
         self.power_dbm = -10.0
         self.hung = False
         self.commands = CommandRing()
         self._answers = AnswerRing(now)
         self._incoming: deque[tuple[int, bytes]] = deque()
         self._taken = 0
-        """Bytes of the first delivery that have come in."""
+        """Number of received bytes of the first delivery."""
         self._line_free: int = now
         self._sending = False
         self._fails: Instant | None = None
-        """When the radio gives up a frame that it cannot send."""
+        """Time at which the radio gives up a frame that it cannot send."""
         self._sentence = b""
         self._held_until: Instant | None = None
-        """The button's notes are being made, and nothing else."""
+        """End of the processing of the button, during which nothing else runs."""
         self._changing: tuple[Instant, int] | None = None
-        """When the channel will have changed, and the byte that was asked for."""
+        """End of a channel change, and the requested code."""
         self._held: list[Answer | bool] = []
-        """What the radio had to say meanwhile: a packet, or how sending went."""
+        """Radio events to be handled later: a packet, or success of sending."""
         self._next_reading: tuple[int, bool] = (now + self._p.first_reading, True)
 
-    # --- the line ----------------------------------------------------------------------------------------
+    # --- serial line ----------------------------------------------------------------------------------------
 
     def take(self, now: Instant, data: bytes) -> None:
-        """Bytes that the host begins to send now, or as soon as those before have come."""
+        """Accept bytes that the host starts to send now, or after earlier ones."""
         begin = max(now, self._line_free)
         self._line_free = begin + byte_time(len(data))
         self._incoming.append((begin, data))
 
     def run(self, now: Instant) -> bytes:
-        """Do what is due until `now`; the bytes that have come to the host since the last time."""
+        """Advance to `now`; return the bytes sent to the host since the last call."""
         self.settle(now)
         return b"" if self.hung else self._answers.collect(now)
 
     def settle(self, now: Instant) -> None:
-        """Do what is due until `now`."""
+        """Advance to `now`."""
         self._unless_hung(lambda: self._run(now))
         self._answers.settle(now)
 
     def wake(self) -> Instant | None:
-        """When something will be due; None: nothing is, or the board hangs."""
+        """Return the time of the next action; None: none, or the board hangs."""
         if self.hung:
             return None
         times: list[int | None] = [self._next_reading[0], self._held_until, self._answers.wake()]
@@ -134,29 +132,29 @@ class EmulatedBoard:
             times.append(self._changing[0])
         return Instant(min(at for at in times if at is not None))
 
-    # --- people ------------------------------------------------------------------------------------------
+    # --- user actions ------------------------------------------------------------------------------------
 
     def reboot(self, now: Instant) -> None:
-        """Reset: address, channel and power are lost, the SYNC is gone, and no byte comes for now."""
+        """Reset the board: address, channel, power, synchronisation and pending bytes are lost."""
         self._radio.silence(self)
         self.counters["reboots"] += 1
         self._start(now)
 
     def press(self, now: Instant) -> None:
-        """The button: for two readings nothing else is done, then its notes are sent."""
+        """Press the button: the board is busy for two readings, then sends INFO."""
         if self._held_until is None:
             self._held_until = Instant(now + 2 * self._p.reading)
 
     def gps(self, now: Instant, line: bytes) -> None:
-        """A line from the GPS module, without its end; only RMC sentences are passed on."""
+        """Accept a GPS line without its line end; only RMC sentences are passed on."""
         if line.startswith(b"$GPRMC"):
             self._sentence = line[:_LONGEST_SENTENCE]
             self._unless_hung(lambda: self._handle(now))
 
-    # --- the medium --------------------------------------------------------------------------------------
+    # --- medium --------------------------------------------------------------------------------------
 
     def finished(self, now: Instant, end: RadioEvent) -> None:
-        """The radio has done with the frame."""
+        """Accept the outcome of the frame being sent."""
         succeeded = isinstance(end, Sent)
         if self._busy:
             self._held.append(succeeded)
@@ -164,16 +162,16 @@ class EmulatedBoard:
         self._unless_hung(lambda: self._radio_says(now, succeeded))
 
     def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
-        """A frame, with the codes of the chip."""
+        """Accept a received frame, with RSSI and LQI codes of the chip."""
         packet = ReceivedPacket(frame.pan, frame.source, rssi, lqi, frame.check, frame.data)
         if not self._busy:
             self._unless_hung(lambda: self._radio_says(now, packet))
         elif any(isinstance(one, ReceivedPacket) for one in self._held):
-            self.counters["lost"] += 1  # the chip has room for one
+            self.counters["lost"] += 1  # the chip buffers one
         else:
             self._held.append(packet)
 
-    # --- the firmware ------------------------------------------------------------------------------------
+    # --- firmware ------------------------------------------------------------------------------------
 
     def _unless_hung(self, act: Callable[[], None]) -> None:
         if self.hung:
@@ -206,11 +204,11 @@ class EmulatedBoard:
 
     @property
     def _busy(self) -> bool:
-        """True while neither command nor radio is attended to: the notes are made, or the channel changes."""
+        """True while the button or a channel change is processed; commands and radio wait."""
         return self._held_until is not None or self._changing is not None
 
     def _changed(self, now: Instant, code: int) -> None:
-        """The radio is on another channel."""
+        """Finish a channel change."""
         self._changing = None
         self.channel = code & 0x0F
         self._say(now, SetChannel(code))
@@ -218,7 +216,7 @@ class EmulatedBoard:
         self._release(now)
 
     def _release(self, now: Instant) -> None:
-        """Attend to what has waited, unless something else still keeps the board busy."""
+        """Handle waiting radio events and commands, unless the board is still busy."""
         if self._busy:
             return
         held, self._held = self._held, []
@@ -259,7 +257,7 @@ class EmulatedBoard:
         self._handle(now)
 
     def _handle(self, now: Instant) -> None:
-        """The firmware's one handler of commands: one after the other, none behind a packet in the air."""
+        """Handle commands in order; a packet being sent blocks those behind it."""
         if self._busy:
             return
         if self._sentence:
@@ -282,7 +280,7 @@ class EmulatedBoard:
     def _send(self, now: Instant, command: bytes) -> None:
         self._sending = True
         length = command[1]
-        if length > FRAME_DATA_LIMIT:  # what the chip makes of it is not known
+        if length > FRAME_DATA_LIMIT:  # behaviour of the chip is unknown
             self._fails = now
             return
         self._radio.transmit(self, now, 0, command[6 : 6 + length])
@@ -304,20 +302,20 @@ class EmulatedBoard:
 
 SLOTS: Final = 8
 SLOT_BYTES: Final = 134
-"""Of a command: type, length, number, 128 bytes of data."""
+"""Size of a command slot: type, length, number, 128 bytes of data."""
 _SIZES: Final = {SET_CHANNEL: 2, SET_POWER: 3, SET_ADDRESS: 5}
 
 
 class CrashError(Exception):
-    """What the firmware would not survive; only a reset helps."""
+    """Firmware crash; only a reset helps."""
 
 
 class CommandRing:
-    """What has come from the host: a receiver that writes byte by byte into the ring of commands.
+    """Ring of commands from the host, filled byte by byte.
 
-    Out of step it compares with the SYNC pattern and drops a byte that does not fit without trying it as the
-    pattern's first. In step a command of an unknown type puts it out of step. Lengths are not checked: a long
-    packet runs into the next slot.
+    Out of step, the receiver compares bytes with the SYNC pattern; a mismatching byte is dropped without
+    being tried as the pattern's first. A command of unknown type puts it out of step. Lengths are not
+    checked: a long packet overflows into the next slot.
     """
 
     def __init__(self) -> None:
@@ -327,11 +325,11 @@ class CommandRing:
 
     @property
     def available(self) -> bool:
-        """True if the firmware believes that there is a command."""
+        """True if the firmware finds a command in the ring."""
         return self._read != self._write
 
     def take(self, byte: int) -> bool:
-        """One byte from the line; True if it ends a command. Raises CrashError beyond the last slot."""
+        """Accept one byte; return True if it completes a command. Raises CrashError beyond the last slot."""
         base = self._write * SLOT_BYTES
         if base + self._at >= len(self._memory):
             raise CrashError
@@ -344,12 +342,12 @@ class CommandRing:
         return ended
 
     def current(self) -> bytes:
-        """The command at the reader's place, with whatever lies behind it."""
+        """Return the command at the read position, with the bytes behind it."""
         base = self._read * SLOT_BYTES
         return bytes(self._memory[base : base + 6 + 255])
 
     def advance(self) -> None:
-        """The current command is done with."""
+        """Discard the current command."""
         self._read = (self._read + 1) % SLOTS
 
     def _out_of_step(self, byte: int) -> bool:
@@ -362,7 +360,7 @@ class CommandRing:
     def _in_step(self, base: int) -> bool:
         kind = self._memory[base]
         if kind == 0:
-            self.in_step = False  # the pattern's first byte has been there
+            self.in_step = False  # the pattern's first byte was received
             return False
         if kind > SET_ADDRESS:
             self._at = 0
@@ -373,20 +371,18 @@ class CommandRing:
 
 
 class AnswerRing:
-    """What goes to the host, byte by byte at the line's pace."""
+    """Ring of answers to the host, sent byte by byte at the baud rate."""
 
     def __init__(self, now: Instant) -> None:
         self._slots = [b""] * SLOTS
         self._read = self._write = self._at = 0
         self._burst: int = now
-        """When the first of the bytes left the last of which are on the line."""
+        """Start time of the current burst of bytes."""
         self._burst_bytes = 0
         self._left = bytearray()
 
     def put(self, now: Instant, answer: bytes) -> None:
-        """An answer to be sent. Raises CrashError if all slots are taken: the firmware hangs in its
-        interrupt.
-        """
+        """Queue an answer. Raises CrashError if all slots are taken: the firmware hangs in its interrupt."""
         self.settle(now)
         if self._read == self._write:
             self._burst = max(now, self._burst + byte_time(self._burst_bytes))
@@ -397,7 +393,7 @@ class AnswerRing:
             raise CrashError
 
     def settle(self, now: Instant) -> None:
-        """Let the bytes leave that are through by `now`."""
+        """Send the bytes that are on the line by `now`."""
         through = bytes_in(now - self._burst) - self._burst_bytes
         while through > 0 and self._read != self._write:
             part = self._slots[self._read][self._at : self._at + through]
@@ -410,13 +406,13 @@ class AnswerRing:
                 self._read = (self._read + 1) % SLOTS
 
     def collect(self, now: Instant) -> bytes:
-        """The bytes that have left since the last time."""
+        """Return the bytes sent since the last call."""
         self.settle(now)
         left, self._left = bytes(self._left), bytearray()
         return left
 
     def wake(self) -> Instant | None:
-        """When the answer that is leaving has left."""
+        """Return when the current answer has been sent; None: nothing to send."""
         if self._read == self._write:
             return None
         rest = len(self._slots[self._read]) - self._at

@@ -1,13 +1,13 @@
-"""Host side of the line to a board: synchronises it, sets it up, and tracks the outcome of every packet.
+"""Host side of the link to a board: synchronisation, set-up, and the outcome of every packet.
 
-Without I/O, clock and threads: `take` gets the bytes read (also none), `due` returns the bytes to write,
-`wake` the time of the next call. One exchange synchronises a board from any state: filler that ends any
-unfinished command, SYNC, and once that is answered address, channel and power, each confirmed by its echo.
+Without I/O, clock and threads: `take` accepts bytes read (or none), `due` returns bytes to write, `wake` the
+time of the next call. One exchange synchronises a board from any state: filler that completes any unfinished
+command, SYNC, and after its answer address, channel and power, each confirmed by an echo.
 
 The board answers strictly in order. Hence each answer settles all earlier requests: those without an answer
-will never get one. The answer to a SYNC settles the packets in flight, whose confirmations come first. A
-packet settled without a confirmation is `Unconfirmed`. If a command is overdue, a SYNC is sent
-early: if the board was only busy, its answer comes after the others; lost bytes become visible.
+will never get one. The answer to a SYNC settles all packets in flight, as their confirmations precede it. A
+packet settled without confirmation is `Unconfirmed`. If a command is overdue, a SYNC is sent early: the
+answer of a busy board follows the others; lost bytes become visible.
 """
 
 from collections import Counter, deque
@@ -41,19 +41,19 @@ from firmware_bridge.beeclick.wire import (
 )
 
 _FILLER: Final = b"\xff"
-"""No type of command; and not 00, after which the board would miss the SYNC."""
+"""Not a command type; and not 00, after which the board would miss the SYNC."""
 _SPREAD: Final = 0x9E3779B1
-"""Odd, so that the numbers of 2^32 packets differ; 2^32 by the golden ratio, so that none looks like data."""
+"""2^32 divided by the golden ratio: odd, so that 2^32 packet numbers differ, and unlike typical data."""
 
 
 class LinkPhase(Enum):
-    """How far the link is."""
+    """State of the link."""
 
     OFF = "off"
-    """There is no port."""
+    """No port."""
     SYNCING = "syncing"
     SETTING = "setting"
-    """In step; address, channel and power are not all confirmed."""
+    """Synchronised; address, channel and power not all confirmed."""
     READY = "ready"
 
 
@@ -65,18 +65,18 @@ class _Packet:
 
 @dataclass(frozen=True)
 class _Asked:
-    """A command on its way, with the answer that it is to get."""
+    """An unanswered command, with the expected answer."""
 
     answer: Answer | None
-    """None: a packet, whose answer has a status."""
+    """Expected answer; None: confirmation of a packet."""
     since: int
-    """When it was sent."""
+    """Time of sending."""
     number: int = -1
     tag: int = -1
 
 
 class BoardLink:
-    """One board, as its host sees it."""
+    """Link to one board."""
 
     def __init__(self, settings: BoardSettings, parameters: BeeClickParameters = DEFAULTS) -> None:
         self.settings = settings
@@ -90,34 +90,34 @@ class BoardLink:
         self._to_set: deque[Setting] = deque()
         self._events: list[Event] = []
         self._packets = 0
-        """How many numbers have been used."""
+        """Number of packets sent."""
         self._pace = SendingPace(parameters)
         self._sync_began = self._heard_at = self._answered_at = 0
         self._given_up = False
-        """No SYNC has been answered for so long that nothing of what the board has will be."""
+        """True after a timeout of all SYNCs, when pending commands are unanswerable."""
         self._standing = LinkStanding(self.counters, self._events)
 
     @property
     def in_flight(self) -> int:
-        """Packets that the board has and has not confirmed."""
+        """Number of packets sent to the board and not confirmed."""
         return sum(asked.answer is None for asked in self._asked)
 
     @property
     def waiting(self) -> int:
-        """Packets that the board has not been given."""
+        """Number of packets not yet sent to the board."""
         return len(self._waiting)
 
     def connect(self, now: Instant) -> None:
-        """A port has been opened; whatever was known of the board is forgotten."""
+        """Start on a newly opened port, without assumptions about the board."""
         assert self.phase is LinkPhase.OFF, "lost() comes before another connect()"
         self._reader.reset()
-        # Perhaps another board: a SYNC may be sent at once.
+        # It may be another board: allow a SYNC immediately.
         self._pace = SendingPace(self._p, now - self._p.sync_interval)
         self._standing.fruitless_packets = 0
         self._begin_sync(now)
 
     def lost(self, now: Instant) -> list[Event]:
-        """The port has gone; packets in flight are unconfirmed, those that wait go on waiting."""
+        """Handle the loss of the port: packets in flight are unconfirmed, others stay queued."""
         self._standing.down(now, "lost")
         self.phase = LinkPhase.OFF
         self.counters["lost"] += 1
@@ -125,9 +125,9 @@ class BoardLink:
         return self._given()
 
     def send(self, now: Instant, tag: int, data: bytes) -> list[Event]:
-        """Broadcast `data`, in its turn; `tag` comes back in exactly one PacketEnd, if not at once.
+        """Queue `data` for broadcast; exactly one PacketEnd will return `tag`.
 
-        Refused if it has more than 118 bytes, Overflow if too many wait; then it is out of it.
+        Returned immediately: Refused for more than 118 bytes, Overflow for a full queue.
         """
         if fault := size_fault(len(data)):
             self._end(Refused(now, tag, fault), "refused")
@@ -138,14 +138,14 @@ class BoardLink:
         return self._given()
 
     def forget(self) -> int:
-        """Drop the packets that wait, without a PacketEnd: how many. What the board has, it keeps."""
+        """Drop queued packets without a PacketEnd; return how many. Packets in flight stay."""
         forgotten = len(self._waiting)
         self._waiting.clear()
         self.counters["forgotten"] += forgotten
         return forgotten
 
     def take(self, now: Instant, data: bytes = b"") -> list[Event]:
-        """What the port has given, and the passing of time: what follows from both, in order."""
+        """Process bytes read and the passing of time; return the resulting events in order."""
         if self.phase is LinkPhase.OFF:
             return self._given()
         if data:
@@ -159,7 +159,7 @@ class BoardLink:
         return self._given()
 
     def due(self, now: Instant) -> bytes:
-        """What is to be written now; ask again once it is with the port, and after each `take`."""
+        """Return the bytes to write now; call again after writing them and after each `take`."""
         if self.phase is LinkPhase.OFF:
             return b""
         if self.phase is LinkPhase.SYNCING or self._doubted:
@@ -179,7 +179,7 @@ class BoardLink:
         return bytes(out)
 
     def wake(self) -> Instant | None:
-        """When something is due if nothing comes before; None: nothing is."""
+        """Return the time of the next action if nothing is received; None: none."""
         if self.phase is LinkPhase.OFF:
             return None
         if self.phase is LinkPhase.SYNCING:
@@ -191,7 +191,7 @@ class BoardLink:
             times.append(self._heard_at + self._p.stall)
         return Instant(min(times))
 
-    # --- what the board says -----------------------------------------------------------------------------
+    # --- input from the board -----------------------------------------------------------------------------
 
     def _read(self, now: Instant) -> None:
         while True:
@@ -217,7 +217,7 @@ class BoardLink:
             self._events += news(now, answer, self.settings, self.counters, self._p.drop_bad_fcs)
 
     def _place(self, answer: Answer) -> int | None:
-        """Which of the commands on their way it answers."""
+        """Return the index of the pending command that it answers."""
         for place, asked in enumerate(self._asked):
             if asked.answer == answer:
                 return place
@@ -250,16 +250,16 @@ class BoardLink:
     def _synchronised(self, now: Instant, skipped: bool) -> None:
         if self.phase is LinkPhase.READY:
             if not skipped:
-                return  # it was held up, and no more
+                return  # it was only delayed
             self.counters["answer_skipped"] += 1
             self._standing.down(now, "answer_skipped")
         self.phase = LinkPhase.SETTING
         self._to_set.extend(self._setup)
 
     def _unasked(self, now: Instant, answer: Answer) -> None:
-        """An answer to nothing that is on its way."""
+        """Handle an answer to no pending command."""
         if isinstance(answer, Synchronised):
-            self.counters["late_sync"] += 1  # to an earlier one of several
+            self.counters["late_sync"] += 1  # answers an earlier one of several
         elif isinstance(answer, PacketSent) and self._was_used(answer.number):
             self.counters["late_confirmation"] += 1
         elif self.phase is LinkPhase.SYNCING:
@@ -274,7 +274,7 @@ class BoardLink:
         self._begin_sync(now, cause)
 
     def _expire(self, now: Instant) -> bool:
-        """See what has lasted too long; True if bytes are to be read in another way."""
+        """Handle timeouts; return True if the reader has to search the buffered bytes."""
         stalled = self._reader.partial and now >= self._heard_at + self._p.stall
         if stalled:
             self._reader.search()
@@ -295,14 +295,14 @@ class BoardLink:
         return stalled
 
     def _deadline(self) -> int:
-        """When what was asked first has waited for too long; the set-up has no packets to wait for."""
+        """Return the deadline of the oldest pending command; shorter in set-up, without packets in flight."""
         patience = self._p.doubt if self.phase is LinkPhase.SETTING else self._p.answer_timeout
         return self._asked[0].since + patience
 
-    # --- what the board is told --------------------------------------------------------------------------
+    # --- output to the board --------------------------------------------------------------------------
 
     def _begin_sync(self, now: Instant, cause: str = "") -> None:
-        """Find the board again; its answers so far are still taken."""
+        """Start synchronising; pending answers are still accepted."""
         if self.phase is LinkPhase.SYNCING:
             return
         self._standing.down(now, cause)
@@ -313,11 +313,11 @@ class BoardLink:
 
     @property
     def _doubted(self) -> bool:
-        """True while a board that is ready has a SYNC to answer, ahead of time."""
+        """True while a ready board has an early SYNC to answer."""
         return self.phase is LinkPhase.READY and self._sync_asked()
 
     def _sync_due(self) -> int:
-        """When the next SYNC may be sent; of a board that is ready, once it has let something wait."""
+        """Return when the next SYNC may be sent; for a ready board, after an overdue answer."""
         due = self._pace.due(not self._reader.aligned)
         if self.phase is LinkPhase.SYNCING:
             return due
@@ -351,14 +351,14 @@ class BoardLink:
         return encode_command(SendPacket(number, packet.data))
 
     def _was_used(self, number: int) -> bool:
-        """Has a packet had that number? Those of 2^32 packets differ."""
+        """Return whether a packet had that number; the numbers of 2^32 packets differ."""
         count = (number - self.settings.address) * pow(_SPREAD, -1, NUMBER_END) % NUMBER_END
         return count < self._packets
 
-    # --- what becomes of packets -------------------------------------------------------------------------
+    # --- outcomes of packets -------------------------------------------------------------------------
 
     def _settle(self, now: Instant, count: int) -> None:
-        """The first `count` commands on their way will not be answered any more."""
+        """Remove the first `count` pending commands, which can no longer be answered."""
         for _ in range(count):
             asked = self._asked.popleft()
             if asked.answer is None:
@@ -376,32 +376,32 @@ class BoardLink:
 
 @dataclass
 class SendingPace:
-    """What has gone to the board since it answered last, and what has come."""
+    """Timing of SYNCs, by the commands and bytes since the last answer."""
 
     parameters: BeeClickParameters
     last: int = 0
-    """When the last SYNC was sent."""
+    """Time of the last SYNC."""
     unheard: int = 0
-    """SYNCs since the last byte came."""
+    """SYNCs since the last received byte."""
     unasked: int = 0
-    """Messages since the last answer that made sense and answered nothing."""
+    """Valid unsolicited messages since the last answer."""
     unanswered: int = 0
-    """Commands since the last answer, of which none has had one."""
+    """Commands since the last answer."""
 
     @property
     def has_room(self) -> bool:
-        """True if the board can take another command, whatever holds it up."""
+        """True if the board's ring has room for another command."""
         return self.unanswered < self.parameters.ring
 
     def due(self, searching: bool) -> Instant:
-        """Return when the next SYNC may be sent. `searching`: what comes makes no sense."""
+        """Return when the next SYNC may be sent; `searching`: received bytes are invalid."""
         return Instant(self.last + self._pause(searching))
 
     def _pause(self, searching: bool) -> Duration:
         p = self.parameters
         if self.has_room:
             return p.sync_interval if self.unheard < p.quick_syncs else p.slow_sync_interval
-        if self.unanswered == p.ring:  # the board's own has room for one more
+        if self.unanswered == p.ring:  # one slot is left for a SYNC
             return p.slow_sync_interval
         if self.unasked > 1 and not searching:
             return p.deaf_sync_interval
@@ -411,47 +411,47 @@ class SendingPace:
 
 
 _FRUITLESS: Final = 2
-"""After so many packets in a row of which nothing has become the radio counts as silent, though the board is
-not: one may be lost on the line."""
+"""Consecutive packets without outcome after which the radio counts as silent; a single one may be lost on the
+line."""
 
 
 class LinkStanding:
-    """Up and Down in turns, however often a board is found and lost; silent once, until it is up again."""
+    """Alternating up and down events of a link; `silent` is reported once per outage."""
 
     def __init__(self, counters: Counter[str], events: list[Event]) -> None:
-        """`events`: where what is said goes."""
+        """Create a link that is down; `events`: output list."""
         self._counters = counters
         self._events = events
         self.is_up = False
         self._silent = False
         self.fruitless_packets = 0
-        """Packets in a row of which nothing has become."""
+        """Consecutive packets without outcome."""
 
     def ready(self, now: Instant) -> None:
-        """The board is set up; it is up unless its radio has to be heard of first."""
+        """Handle the end of the set-up; the link is up unless the radio is suspected to be silent."""
         if self.fruitless_packets < _FRUITLESS:
             self._up(now)
 
     def confirmed(self, now: Instant, ready: bool) -> None:
-        """Something has become of a packet."""
+        """Handle the outcome of a packet."""
         self.fruitless_packets = 0
         if ready and not self.is_up:
             self._up(now)
 
     def fruitless(self, now: Instant) -> None:
-        """Nothing has become of a packet for too long."""
+        """Handle the timeout of a packet."""
         self.fruitless_packets += 1
         if self.fruitless_packets >= _FRUITLESS:
             self.silent(now)
 
     def down(self, now: Instant, cause: str) -> None:
-        """The board must be found again."""
+        """Report a lost board, if the link was up."""
         if self.is_up:
             self.is_up = False
             self._events.append(LinkState(now, False, cause))
 
     def silent(self, now: Instant) -> None:
-        """It has not answered for long, or nothing becomes of its packets."""
+        """Report a silent board or radio, once."""
         self.is_up = False
         if not self._silent:
             self._silent = True

@@ -1,9 +1,9 @@
-"""Decoding of what a board sends: bytes to answers, answers to events.
+"""Decoding of a board's output: bytes to answers, answers to events; settings and parameters of the link.
 
 The line has no checksum, so position decides what is accepted. After a SYNC answer the bytes are *aligned*:
-each answer begins where the last one ended, until an impossible one. From there on the reader *searches*: it
-accepts only the next SYNC answer and confirmations of packets in flight, whose 32-bit numbers identify them.
-The result does not depend on how the bytes are cut into reads.
+each answer begins where the last one ended, until an invalid one. Then the reader *searches*: it accepts only
+the next SYNC answer and confirmations of packets in flight, identified by their 32-bit numbers. The result
+does not depend on the boundaries of reads.
 """
 
 import math
@@ -54,16 +54,16 @@ from firmware_bridge.beeclick.wire import (
 )
 
 POWERS: Final = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"
-"""Which there are, in words that go on after "must be"."""
+"""Valid powers, for error messages."""
 _LARGE_STEP: Final = 100
 """Tenths of a dB (DS39776C, register RFCON3)."""
 
 
 def radiated(asked: int) -> int:
-    """The transmit power, tenths of a dBm, that the firmware sets when asked for `asked`, 0 to -363.
+    """Return the transmit power that the firmware sets for the request `asked`; tenths of a dBm, 0 to -363.
 
-    Whole tens of dB are right. Of the small steps -0.5 to -6.3 dB a mistake of units leaves two: a remainder
-    of -0.5 or -0.6 dB gives -0.5, everything from -0.7 on gives -6.3 (MRF24J40.cpp, setTxPower).
+    Whole tens of dB are exact. A unit error leaves two of the small steps: a remainder of -0.5 or -0.6 dB
+    gives -0.5, all below give -6.3 (MRF24J40.cpp, setTxPower).
     """
     large, rest = divmod(-asked, _LARGE_STEP)
     small = 0 if rest < 5 else 5 if rest < 7 else 63
@@ -71,9 +71,9 @@ def radiated(asked: int) -> int:
 
 
 def power_setting(power_dbm: float) -> int:
-    """What to ask the board for, tenths of a dBm, so that it sends with `power_dbm`. Raises ParameterError.
+    """Return the request, tenths of a dBm, for a transmit power of `power_dbm`.
 
-    A power that the firmware would make another one of is refused.
+    Raises ParameterError for a power that the firmware would change.
     """
     asked = round(power_dbm * 10)
     if abs(asked - power_dbm * 10) < 1e-6 and -363 <= asked <= 0 and radiated(asked) == asked:
@@ -82,31 +82,31 @@ def power_setting(power_dbm: float) -> int:
 
 
 FIRST_CHANNEL: Final = 11
-"""The channel whose code is 0."""
+"""Channel with code 0."""
 _LAST_CHANNEL: Final = 26
 _Time = Annotated[Duration, Meta(ge=1, le=2**40)]
 _Number = Annotated[int, Meta(ge=1, le=10_000)]
 
 
 class BoardSettings(Settings, frozen=True):
-    """How a board is set up. Raises ParameterError for what it cannot be."""
+    """Settings of a board. Raises ParameterError for invalid ones."""
 
     address: Annotated[int, Meta(ge=0, le=0xFFFD)]
-    """Short address of the robot's transceiver, 0 to 0xFFFD; each robot needs its own."""
+    """Short address of the robot's transceiver, unique, 0 to 0xFFFD."""
     channel: Annotated[int, Meta(ge=FIRST_CHANNEL, le=_LAST_CHANNEL)] = 26
-    """Of IEEE 802.15.4 in the 2.4 GHz band, 11 to 26. Default: the one that Wi-Fi leaves alone most."""
+    """Channel of IEEE 802.15.4 at 2.4 GHz, 11 to 26. Default: least interference from Wi-Fi."""
     pan: Annotated[int, Meta(ge=0, le=0xFFFE)] = 0xBABA
-    """PAN id, 0 to 0xFFFE; frames of others are not passed on. Default: that of the original robots
+    """PAN identifier, 0 to 0xFFFE; frames of others are dropped. Default: as the original robots
     (d3scomp/beeclickarmROS)."""
     power_dbm: float = -10.0
-    """Transmit power, dBm. Default: what the firmware sets at its start (MRF24J40.cpp: RFCON3 = 0x40)."""
+    """Transmit power, dBm. Default: as set by the firmware at start (MRF24J40.cpp: RFCON3 = 0x40)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         power_setting(self.power_dbm)
 
     def commands(self) -> tuple[Setting, ...]:
-        """What the board is to be told; the address first, with which it can be asked whether it listens."""
+        """Return the set-up commands; the address first, which also serves as probe."""
         return (
             SetAddress(self.pan, self.address),
             SetChannel(self.channel - FIRST_CHANNEL),
@@ -115,52 +115,52 @@ class BoardSettings(Settings, frozen=True):
 
 
 class BeeClickParameters(Settings, frozen=True):
-    """Time-outs and bounds of the link to a board."""
+    """Timeouts and limits of the link to a board."""
 
     in_flight: Annotated[int, Meta(ge=1, le=6)] = 4
-    """Packets that the board has and has not confirmed. Default: as the original host library
-    (AbstractComm.java); with nine the firmware confirms one that never left."""
+    """Maximum number of unconfirmed packets on the board. Default: as the original host library
+    (AbstractComm.java); with nine the firmware confirms one that it never sent."""
     transmit_queue: Annotated[int, Meta(ge=0, le=10_000)] = 7
-    """Packets that may wait behind the one in the air, on the board and here. Default: as in the simulated
-    radio (actors.radio.medium.state)."""
+    """Maximum number of packets waiting behind the one being sent, on the board and here. Default: as in the
+    simulated radio (actors.radio.medium.state)."""
     answer_timeout: _Time = seconds(1.0)
-    """For an echo or a confirmation, µs. Default: the board's button holds everything up for 0.70 s, and four
-    packets take 0.17 s where every one finds the channel busy to the last try."""
+    """Timeout of echoes and confirmations, µs. Default: the button blocks the board for 0.70 s, and four
+    packets take 0.17 s if each finds the channel busy until its last attempt."""
     doubt: _Time = milliseconds(250)
-    """After so long without an answer a SYNC is sent behind what was asked, µs; no more packets until it is
-    answered. Default: own choice, above the 0.17 s of four packets in a busy channel."""
+    """Time without an answer after which a SYNC is sent, µs; packets wait for its answer. Default: own
+    choice, above the 0.17 s of four packets in a busy channel."""
     ring: int = 6
-    """Commands that a board may have and not have answered, packets and SYNCs included. Default: its ring has
-    room for seven, but seven answers behind the button's notes would fill that of the answers and hang it."""
+    """Maximum number of unanswered commands, packets and SYNCs included. Default: the board's ring holds
+    seven, but seven answers after INFO would overflow the ring of answers and hang the board."""
     sync_interval: _Time = milliseconds(80)
-    """Between two SYNCs while bytes come, µs. Default: noise over, one comes within 100 ms; an answer that
-    waits behind four packets, 22 ms, is there before the next."""
+    """Interval of SYNCs while bytes are received, µs. Default: recovery within 100 ms after noise; longer
+    than the 22 ms of an answer behind four packets."""
     quick_syncs: _Number = 4
-    """So many SYNCs are sent at that interval though no byte comes. Default: a board that its button holds up
-    gets five in 0.70 s; at the seventh it would hang, its answers filling their ring."""
+    """Number of SYNCs at that interval without received bytes. Default: a board blocked by its button gets
+    five in 0.70 s; the seventh would overflow its ring of answers and hang it."""
     slow_sync_interval: _Time = milliseconds(800)
-    """Between the SYNCs after them, µs. Default: a little longer than the button holds a board up."""
+    """Interval of later SYNCs, µs. Default: slightly longer than the button blocks a board."""
     noisy_sync_interval: _Time = milliseconds(320)
-    """Between SYNCs once the ring may be full and noise comes, µs. Default: own choice; three in a second."""
+    """Interval of SYNCs if the ring may be full and noise is received, µs. Default: own choice."""
     deaf_sync_interval: _Time = seconds(10.0)
-    """Between SYNCs to a board whose ring is full and that talks all the same, µs. Default: own choice; one
-    that was reset is found within that, and the ring of one that is wedged runs over once in a minute."""
+    """Interval of SYNCs to a board that sends although its ring is full, µs. Default: own choice; a reset
+    board is found within that time, and the ring of a hanging one overflows once per minute."""
     give_up: _Time = seconds(1.0)
-    """A board that has answered no SYNC for so long counts as silent, and what it has as unknown, µs.
-    Default: as answer_timeout."""
+    """Time without an answer to SYNCs after which a board counts as silent and its packets as unconfirmed,
+    µs. Default: as answer_timeout."""
     probe_interval: _Time = milliseconds(250)
-    """After so long without an answer the board is asked whether it still listens, µs. Default: own choice; a
-    board that has restarted, or lost bytes, is set up again within that and `doubt`."""
+    """Time without an answer after which the board is probed, µs. Default: own choice; a board that restarted
+    or lost bytes is set up again within that and `doubt`."""
     stall: _Time = milliseconds(50)
-    """A message that stops in its middle for so long never goes on, µs. Default: own choice, above the 16 ms
-    for which USB adapters keep bytes back."""
+    """Pause within a message after which it counts as truncated, µs. Default: own choice, above the 16 ms for
+    which USB adapters buffer bytes."""
     filler: _Number = LONGEST_COMMAND
-    """Bytes that are no command, ahead of each SYNC. Default: as many as end whatever command the board
-    believes to be in; 2.8 ms on the line."""
+    """Number of filler bytes before each SYNC. Default: enough to complete any unfinished command on the
+    board; 2.8 ms on the line."""
     drop_bad_fcs: bool = True
-    """Drop packets whose frame check sequence does not hold any more when they arrive here, and count them.
-    Default: the line has damaged them. That the sequence is handed on right is taken from the firmware's
-    source, not from a board; if `bad_fcs` counts every packet of a real one, this must be False."""
+    """Drop and count packets with a wrong frame check sequence, which were damaged on the line. Default: by
+    the firmware's source, not tested with a board; if `bad_fcs` counts every packet of a real one, set it to
+    False."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -169,48 +169,47 @@ class BeeClickParameters(Settings, frozen=True):
 
 
 DEFAULTS: Final = BeeClickParameters()
-"""Of a link that is given no others."""
+"""Default parameters."""
 
 
 _BEHIND: Final = len(SYNC_PATTERN) - 1
-"""Bytes kept behind the present one: a pattern may have begun in what looked like an answer."""
+"""Number of bytes kept before the read position: a SYNC pattern may start in an apparent answer."""
 
 
 class Reader:
-    """The answers in a stream of bytes; keeps less than 300 bytes between deliveries."""
+    """Incremental parser of answers; buffers less than 300 bytes."""
 
     def __init__(self) -> None:
         self.aligned = False
         self.junk_bytes = 0
-        """Bytes that were skipped in searching."""
+        """Number of bytes skipped in searching."""
         self._bytes = bytearray()
         self._at = 0
 
     @property
     def partial(self) -> bool:
-        """True while an answer has begun and not ended."""
+        """True while an answer is incomplete."""
         return self.aligned and self._at < len(self._bytes)
 
     def feed(self, data: bytes) -> None:
-        """Append bytes; then call `next` until it gives None."""
+        """Append bytes; then call `next` until it returns None."""
         self._bytes += data
 
     def search(self) -> None:
-        """Believe no more in the present alignment."""
+        """Discard the alignment and search."""
         self.aligned = False
 
     def reset(self) -> None:
-        """Forget all bytes; what comes next comes over another connection."""
+        """Discard all bytes, before a new connection."""
         self.aligned = False
         self._bytes.clear()
         self._at = 0
 
     def next(self, sync_expected: bool, in_flight: Iterable[int]) -> Answer | NoiseError | None:
-        """The next answer or sign of noise, after which the reader searches; None: more bytes are needed.
+        """Return the next answer, or noise (the reader then searches); None: more bytes needed.
 
-        While a SYNC answer is expected its pattern counts wherever it is, also inside an answer: a damaged
-        length byte may have made one that swallows it. `in_flight`: numbers of the packets whose
-        confirmations are believed while searching.
+        While a SYNC answer is expected, its pattern is found also inside an apparent answer, whose length
+        byte may be damaged. `in_flight`: packet numbers whose confirmations are accepted while searching.
         """
         found: Answer | NoiseError | None
         found = self._aligned(sync_expected) if self.aligned else self._searched(in_flight)
@@ -221,7 +220,7 @@ class Reader:
         return found
 
     def _pattern(self) -> int:
-        """Where the next pattern ends that does not end before the present byte; -1: none is there."""
+        """Return the end of the next SYNC pattern at or after the read position; -1: none."""
         begin = self._bytes.find(SYNC_PATTERN, max(self._at - _BEHIND, 0))
         return begin + len(SYNC_PATTERN) if begin >= 0 else -1
 
@@ -265,7 +264,7 @@ class Reader:
         self._at = at
 
     def _confirmation(self, number: int, end: int) -> tuple[int, PacketSent] | None:
-        """The first whole confirmation of that packet before `end`."""
+        """Return position and value of the packet's first complete confirmation before `end`."""
         wanted = SENT_TYPE + number.to_bytes(4, "little")
         begin = self._at
         while (begin := self._bytes.find(wanted, begin, end - 1)) >= 0:
@@ -279,11 +278,11 @@ class Reader:
 _FRAME: Final = re.compile(rb"\$(GPRMC,[\x20-\x29\x2b-\x7e]*)\*([0-9A-F]{2})")
 _ANGLE: Final = re.compile(r"(\d+)(\d\d(?:\.\d+)?)")
 _LEAST_FIELDS: Final = 10
-"""Type, time, status, latitude, N or S, longitude, E or W, speed, course, date."""
+"""Fields: type, time, status, latitude, N or S, longitude, E or W, speed, course, date."""
 
 
 def parse_rmc(now: Instant, text: bytes) -> Fix | None:
-    """Return the position in a sentence; None unless checksum, fields, ranges and digits are right."""
+    """Return the position in an RMC sentence; None for a wrong checksum, field, range or digit."""
     frame = _FRAME.fullmatch(text)
     if frame is None or reduce(xor, frame[1]) != int(frame[2], 16):
         return None
@@ -295,12 +294,12 @@ def parse_rmc(now: Instant, text: bytes) -> Fix | None:
         longitude = _degrees(fields[5], fields[6], 3, "EW", 180.0)
     except ValueError:
         return None
-    valid = fields[2] == "A"  # the receiver vouches for the position, which is then there
+    valid = fields[2] == "A"  # status A: the position is valid and present
     return None if valid and (latitude is None or longitude is None) else Fix(now, valid, latitude, longitude)
 
 
 def _degrees(angle: str, side: str, digits: int, sides: str, most: float) -> float | None:
-    """From degrees of so many digits and minutes `mm.m…` with any number of decimals."""
+    """Convert degrees (`digits` digits) and minutes `mm.m…` to degrees; None if both are empty."""
     if not angle and not side:
         return None
     parts = _ANGLE.fullmatch(angle)
@@ -314,14 +313,14 @@ def _degrees(angle: str, side: str, digits: int, sides: str, most: float) -> flo
 
 
 NAMES: Final = (
-    # What became of packets.
+    # Outcomes of packets.
     *("sent", "failed", "unconfirmed", "overflowed", "refused", "forgotten"),
-    # What was heard, and heard and not passed on, or damaged.
+    # Received messages: passed on, dropped or damaged.
     *("heard", "other_pan", "own_address", "bad_fcs", "fixes", "bad_sentence", "temperatures", "humidities"),
     *("bad_sensor", "infos"),
-    # Keeping in step.
+    # Synchronisation.
     *("answers", "syncs", "ups", "probes", "silent", "lost", "junk_bytes"),
-    # Signs of noise: bytes that no board sends, then answers that are missing or that nobody asked for.
+    # Noise: invalid bytes, then missing and unexpected answers.
     *("unknown_type", "bad_length", "bad_pattern", "bad_status", "bad_channel", "bad_power", "bad_text"),
     *(
         "bad_temperature",
@@ -334,26 +333,26 @@ NAMES: Final = (
     ),
     *("strange_confirmation", "strange_echo", "late_sync", "late_confirmation", "late_echo"),
 )
-"""All that a link counts, in the order in which it is shown."""
+"""Counters of a link, in the order of output."""
 
 
 PacketEnd = Sent | AccessFailure | Unconfirmed | Overflow | Refused
-"""What becomes of a packet: every one that is sent comes to exactly one of these."""
+"""Outcome of a packet; each packet has exactly one."""
 Event = PacketEnd | Heard | BoardNote
 
 
 _NO_SENSOR: Final = -397
-"""Tenths of a degree, from the number 0: the data line is held low."""
+"""Temperature for the raw value 0 (data line low), tenths of a degree."""
 _HOTTEST: Final = 1238
-"""Tenths of a degree: the end of the SHT1x's range (Sensirion, data sheet SHT1x); a data line that is held
-high gives 615.6 degrees."""
+"""Upper end of the SHT1x's range, tenths of a degree (Sensirion, data sheet SHT1x); a data line held high
+gives 615.6 degrees."""
 _WETTEST: Final = 1000
 
 
 def news(
     now: Instant, answer: Answer, settings: BoardSettings, counters: Counter[str], drop_bad_fcs: bool
 ) -> list[Event]:
-    """Return the event that an unasked message is; none for what is to be dropped."""
+    """Convert an unsolicited message to events; [] if it is dropped."""
     match answer:
         case ReceivedPacket():
             return _heard(now, answer, settings, counters, drop_bad_fcs)
@@ -386,6 +385,6 @@ def _heard(
     if packet.pan != settings.pan:
         counters["other_pan"] += 1
         return []
-    counters["own_address"] += packet.address == settings.address  # another robot has it, too
+    counters["own_address"] += packet.address == settings.address  # duplicate address
     counters["heard"] += 1
     return [Heard(now, packet.address, rssi_dbm(packet.rssi_code), packet.lqi, packet.data)]

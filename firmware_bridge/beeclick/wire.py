@@ -1,9 +1,8 @@
 """Messages between a host and a BEE-click board, and their bytes on the serial line.
 
-Every message is a type byte and a body whose size follows from type and body; numbers are little-endian.
-There is no delimiter, checksum or escape. The host sends commands (type 0 to 4, TOD), the board answers
-(type 0 to 9, TOH); it echoes a setting as it has understood it. Source: d3scomp/beeclickarm, TODQueue.h and
-TOHQueue.h.
+Every message is a type byte and a body whose size follows from its contents; numbers are little-endian,
+without delimiter, checksum or escape. The host sends commands (type 0 to 4, TOD), the board answers (type 0
+to 9, TOH) and echoes settings. Source: d3scomp/beeclickarm, TODQueue.h and TOHQueue.h.
 """
 
 import struct
@@ -17,33 +16,33 @@ from firmware_bridge.serial_port import BOARD
 BAUD: Final = BOARD.baud
 """8 data bits, no parity, 1 stop bit, no flow control."""
 BITS_PER_BYTE: Final = 10
-"""On the line: start bit, 8 data bits, stop bit."""
+"""Start bit, 8 data bits, stop bit."""
 SYNC_PATTERN: Final = b"\x00Hello there!"
-"""The SYNC message in both directions, type byte included."""
+"""SYNC message in both directions, type byte included."""
 NUMBER_END: Final = 1 << 32
-"""Packet numbers are below this."""
+"""Exclusive upper bound of packet numbers."""
 LONGEST_COMMAND: Final = 6 + 255
-"""Bytes that a board may believe to belong to one command: SEND_PACKET with the greatest length byte."""
+"""Maximum size of a command as parsed by a board: SEND_PACKET with the greatest length byte."""
 
 
 class NoiseError(Exception):
-    """Bytes that no board sends at this point; the text is the anomaly's name among the counters."""
+    """Bytes that are invalid at this point; the text is the name of the counter."""
 
 
 def byte_time(count: int) -> int:
-    """How long so many bytes in a row take on the line, µs, rounded up."""
+    """Return the duration of consecutive bytes on the line, µs, rounded up."""
     return -(-count * BITS_PER_BYTE * 1_000_000 // BAUD)
 
 
 def bytes_in(duration: int) -> int:
-    """How many bytes in a row are through after so many µs."""
+    """Return the number of consecutive bytes transmitted in `duration` µs."""
     return max(duration, 0) * BAUD // (BITS_PER_BYTE * 1_000_000)
 
 
 LEAST_POWER: Final = -363
-"""In tenths of a dB: -36.3 dB (Microchip DS39776C, register RFCON3)."""
+"""Minimum power, tenths of a dB (Microchip DS39776C, register RFCON3)."""
 GREATEST_CODE: Final = 15
-"""Of a channel; code 0 is channel 11 of IEEE 802.15.4-2006, 6.1.2."""
+"""Maximum channel code; code 0 is channel 11 of IEEE 802.15.4-2006, 6.1.2."""
 SYNC, SEND_PACKET, SET_CHANNEL, SET_POWER, SET_ADDRESS = range(5)
 """Type bytes."""
 _SEND: Final = struct.Struct("<BBI")
@@ -54,12 +53,12 @@ _ADDRESS: Final = struct.Struct("<BHH")
 
 @dataclass(frozen=True)
 class Synchronise:
-    """Find the messages' boundaries anew; the board answers `Synchronised`."""
+    """Resynchronise message boundaries; the board answers `Synchronised`."""
 
 
 @dataclass(frozen=True)
 class SendPacket:
-    """Broadcast a packet; the board answers `PacketSent` when the radio has done with it."""
+    """Broadcast a packet; the board answers `PacketSent` with the outcome."""
 
     number: int
     data: bytes
@@ -67,21 +66,21 @@ class SendPacket:
 
 @dataclass(frozen=True)
 class SetChannel:
-    """Answered by itself."""
+    """Set the channel; echoed by the board."""
 
     code: int
 
 
 @dataclass(frozen=True)
 class SetPower:
-    """Answered by what was asked for, not by what the radio does."""
+    """Set the transmit power; the board echoes the request, not the power that it sets."""
 
     tenths_db: int
 
 
 @dataclass(frozen=True)
 class SetAddress:
-    """Answered by itself."""
+    """Set PAN identifier and short address; echoed by the board."""
 
     pan: int
     address: int
@@ -92,7 +91,7 @@ Command = Synchronise | SendPacket | Setting
 
 
 def encode_command(command: Command) -> bytes:
-    """The bytes of a command. Raises ParameterError for a value that it cannot carry."""
+    """Encode a command. Raises ParameterError for values out of range."""
     match command:
         case Synchronise():
             return SYNC_PATTERN
@@ -114,62 +113,62 @@ def encode_command(command: Command) -> bytes:
 
 _RECEIVED: Final = struct.Struct("<BBHHBBH")
 _SENTENCE: Final = b"$GPRMC"
-"""The only sentences that the firmware passes on (GPS.cpp)."""
+"""Prefix of the only sentences that the firmware passes on (GPS.cpp)."""
 _LENGTHS: Final = {1: (0, FRAME_DATA_LIMIT), 6: (len(_SENTENCE), 254), 7: (1, 255)}
-"""Least and greatest length byte of the types whose size varies."""
+"""Minimum and maximum length byte of variable-size types."""
 
 
 @dataclass(frozen=True)
 class Synchronised:
-    """The answer to Synchronise."""
+    """Answer to Synchronise."""
 
 
 @dataclass(frozen=True)
 class ReceivedPacket:
-    """A packet that the radio heard; codes as the chip gives them, 0..255."""
+    """A received packet; RSSI and LQI as codes of the chip, 0 to 255."""
 
     pan: int
     address: int
     rssi_code: int
     lqi: int
     fcs: int
-    """Frame check sequence of the frame, by IEEE 802.15.4-2006, 7.2.1.9."""
+    """Frame check sequence, IEEE 802.15.4-2006, 7.2.1.9."""
     data: bytes
 
 
 @dataclass(frozen=True)
 class PacketSent:
-    """The radio has done with a packet."""
+    """Outcome of a packet."""
 
     number: int
     failed: bool
-    """The channel was never clear."""
+    """True if the channel was never clear."""
 
 
 @dataclass(frozen=True)
 class Sentence:
-    """A line from the GPS module, without its end."""
+    """A line from the GPS module, without line end."""
 
     text: bytes
 
 
 @dataclass(frozen=True)
 class Notes:
-    """INFO: what the board tells of itself when its button is pressed, UTF-8."""
+    """INFO: state of the board as UTF-8 text, sent when its button is pressed."""
 
     text: bytes
 
 
 @dataclass(frozen=True)
 class TemperatureReading:
-    """Tenths of a degree Celsius."""
+    """A temperature, tenths of a degree Celsius."""
 
     tenths: int
 
 
 @dataclass(frozen=True)
 class HumidityReading:
-    """Tenths of a percent."""
+    """A relative humidity, tenths of a percent."""
 
     tenths: int
 
@@ -194,20 +193,21 @@ _FIXED: Final[dict[int, tuple[type[Any], struct.Struct]]] = {
     8: (TemperatureReading, _POWER),
     9: (HumidityReading, _POWER),
 }
-"""The answers that have always the same size."""
+"""Fixed-size answers by type byte."""
 _ALLOWED: Final = {
     3: ("bad_channel", range(GREATEST_CODE + 1)),
     4: ("bad_power", range(LEAST_POWER, 1)),
     8: ("bad_temperature", range(-397, 6157)),
 }
-"""What their number may be. Temperatures: what the firmware computes from 0 to 0xFFFF (SHT1x.cpp)."""
+"""Counter name and valid range by type byte. Temperatures: the firmware's values for 0 to 0xFFFF
+(SHT1x.cpp)."""
 SENT_TYPE: Final = b"\x02"
 SENT_SIZE: Final = _FIXED[2][1].size
 _KINDS: Final = {of: kind for kind, (of, _) in _FIXED.items()}
 
 
 def encode_answer(answer: Answer) -> bytes:
-    """The bytes that the board sends. Raises ParameterError for a text or data that is too long."""
+    """Encode an answer of the board. Raises ParameterError for too long text or data."""
     match answer:
         case Synchronised():
             return SYNC_PATTERN
@@ -223,9 +223,9 @@ def encode_answer(answer: Answer) -> bytes:
 
 
 def read_answer(data: bytes | bytearray, at: int, end: int) -> tuple[Answer, int] | None:
-    """The answer that begins `at` and where it ends; None if it does not end by `end`.
+    """Return the answer at index `at` and its end; None if incomplete at `end`.
 
-    Raises NoiseError as soon as a byte before `end` shows that no board says that.
+    Raises NoiseError at the first invalid byte before `end`.
     """
     size = _answer_size(data, at, end)
     if size is None or at + size > end:
@@ -235,7 +235,7 @@ def read_answer(data: bytes | bytearray, at: int, end: int) -> tuple[Answer, int
 
 
 def _answer_size(data: bytes | bytearray, at: int, end: int) -> int | None:
-    """Return the bytes of the answer that begins `at`; None: not enough to tell."""
+    """Return the size of the answer at index `at`; None: unknown so far."""
     if at >= end:
         return None
     kind = data[at]
@@ -259,7 +259,7 @@ def _answer_size(data: bytes | bytearray, at: int, end: int) -> int | None:
 
 
 def _expect(cause: str, pattern: bytes, data: bytes | bytearray) -> None:
-    """Raise NoiseError unless `data` begins with the pattern, as far as both go."""
+    """Raise NoiseError unless `data` and the pattern agree in their common length."""
     if not pattern.startswith(data[: len(pattern)]):
         raise NoiseError(cause)
 

@@ -1,1 +1,1 @@
-"""The Kobuki base of a TurtleBot 2: wire, motion, odometry, safety stop, driver; and an emulated one."""
+"""Kobuki base of a TurtleBot 2: protocol, motion, odometry, safety stop, driver, and emulator."""

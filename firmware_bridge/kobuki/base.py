@@ -1,7 +1,7 @@
-"""An emulated Kobuki on the wire: takes commands' bytes, moves a body, and sends what its sensors would say.
+"""Emulated Kobuki at the byte level: accepts commands, moves a body, sends feedback.
 
-Its encoders and gyro err as the simulated world's do (actors.world.odometry). It keeps driving as it was last
-told, as if there were no watchdog in its firmware, and no safety controller either: the worst case.
+Encoders and gyro have the errors of the simulated world (actors.world.odometry). It keeps executing the last
+command, without watchdog or safety controller in the firmware: the worst case.
 """
 
 import math
@@ -34,35 +34,35 @@ from firmware_bridge.kobuki.wire import (
 
 
 class BodyTruth(NamedTuple):
-    """Where a body truly is, and how it moves."""
+    """Ground truth of a body's pose and velocity."""
 
     pose: Pose
     v: float
-    """Forward, m/s."""
+    """Forward velocity, m/s."""
     omega: float
-    """rad/s."""
+    """Turn rate, rad/s."""
 
 
 class Body(Protocol):
-    """What an emulated base drives, in a simulated world or all alone."""
+    """Body that an emulated base drives, in a simulated world or standalone."""
 
     def drive(self, v: float, omega: float) -> None:
-        """Turn the wheels for `v` m/s forward and `omega` rad/s from now on."""
+        """Set the velocity: `v` m/s forward and `omega` rad/s."""
 
     def advance(self, now: Instant) -> None:
-        """Let time pass until `now`; nothing, where somebody else moves the body."""
+        """Advance the body to `now`, unless a world moves it."""
 
     def truth(self) -> BodyTruth:
-        """Where it is now."""
+        """Return the current ground truth."""
 
     def bumper(self) -> int:
-        """Pressed sectors: bit 0 right, 1 centre, 2 left."""
+        """Return the pressed sectors: bit 0 right, 1 centre, 2 left."""
 
 
 EXACT: Final = KobukiErrors(
     gyro_noise_deg=0.0, gyro_bias_deg=0.0, gyro_walk_deg=0.0, wheel_scale=0.0, slip=0.0
 )
-"""Only the wire's own resolution."""
+"""No errors except the protocol's resolution."""
 _BYTE_US: Final = 10e6 / 115_200
 _FLOOR: Final = struct.Struct("<HHH")
 _RAW_GYRO: Final = struct.Struct("<BB6h")
@@ -70,41 +70,41 @@ _RAW_GYRO: Final = struct.Struct("<BB6h")
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """What kind of base is emulated, and where its counters stand when it is switched on."""
+    """Errors and initial counters of an emulated base."""
 
     errors: KobukiErrors = EXACT
     stamp_ms: int = 0
     left_ticks: int = 0
     right_ticks: int = 0
     angle: float = 0.0
-    """Of the gyro, rad."""
+    """Gyro angle, rad."""
 
 
 @dataclass
 class Faults:
-    """What is wrong with the base; set and cleared by whoever tests."""
+    """Faults of the base, set and cleared by tests."""
 
     silent: bool = False
-    """Sends nothing."""
+    """No feedback."""
     deaf: bool = False
-    """Hears nothing, and does what it was told last."""
+    """New commands are ignored; the last one continues."""
     bumper: int = 0
-    """Bits that are pressed whatever the body touches."""
+    """Bumper bits that stay pressed."""
     cliff: int = 0
     wheel_drop: int = 0
-    """The base is lifted: its wheels turn in the air."""
+    """Wheel-drop bits: the base is lifted, its wheels turn freely."""
     gyro: Literal["works", "frozen", "absent"] = "works"
     left_scale: float = 1.0
-    """The encoder counts so many ticks for each that there is: 0 = it stands still."""
+    """Scale of the encoder's ticks; 0 = stopped."""
     right_scale: float = 1.0
     gyro_scale: float = 1.0
-    """The same of the gyro, ..."""
+    """Scale of the gyro's rate."""
     gyro_drift: float = 0.0
-    """... and a rate that is added, rad/s."""
+    """Offset of the gyro's rate, rad/s."""
     stamp: Literal["works", "frozen", "backward", "jumping"] = "works"
-    """What its clock does from feedback to feedback: frozen it stands, jumping it goes on by 20 s."""
+    """Behaviour of the base's clock; "jumping": by 20 s per feedback."""
     battery: float = 16.0
-    """V."""
+    """Battery voltage, V."""
     buttons: int = 0
     charger: int = 0
     overcurrent: int = 0
@@ -112,7 +112,7 @@ class Faults:
 
 @dataclass
 class _Counters:
-    """What the base's own sensors have measured, errors included."""
+    """Measurements of the base's sensors, errors included."""
 
     left: float = 0.0
     right: float = 0.0
@@ -122,7 +122,7 @@ class _Counters:
 
 
 class EmulatedKobuki:
-    """One base, switched on at the instant `started`; every random thing comes from `generator`."""
+    """One base, switched on at `started`; random numbers come from `generator`."""
 
     def __init__(
         self,
@@ -146,22 +146,22 @@ class EmulatedKobuki:
         self._frozen: Inertial | None = None
         self._last_stamp = parameters.stamp_ms
         self._line: deque[tuple[Instant, bytes]] = deque()
-        """Frames, and when they begin."""
+        """Start time and bytes of frames to send."""
         self._sent = 0
-        """Bytes of the first of them that have left."""
+        """Number of sent bytes of the first frame."""
         self.faults = Faults()
         self.outputs = wire.POWER_RAILS
-        """Digital outputs, power rails and LEDs, as last set."""
+        """Last setting of digital outputs, power rails and LEDs."""
         self.heard: deque[tuple[Instant, Command]] = deque(maxlen=1024)
-        """The last commands and when they came."""
+        """Last commands with their time of arrival."""
 
     @property
     def reception(self) -> WireCounts:
-        """Frames and noise of the commands' bytes."""
+        """Counts of received frames and noise bytes."""
         return self._reader.reception
 
     def take(self, now: Instant, data: bytes) -> None:
-        """Bytes from the driver, that end `now`."""
+        """Accept bytes from the driver whose last one arrives `now`."""
         if self.faults.deaf:
             return
         for commands in self._reader.take(data):
@@ -170,7 +170,7 @@ class EmulatedKobuki:
                 self._obey(command)
 
     def run(self, now: Instant) -> bytes:
-        """Let time pass until `now`; the bytes that have left for the driver, at 11 520 a second."""
+        """Advance to `now`; return the bytes sent to the driver, at 11 520 per second."""
         self._body.advance(now)
         truth = self._body.truth()
         period = self._p.errors.feedback
@@ -191,7 +191,7 @@ class EmulatedKobuki:
             self.outputs = command.flags
 
     def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:
-        """Count the motion from the last measurement to `until`, the body being at `truth` only `now`."""
+        """Add the motion from the last measurement to `until`, interpolated to `truth` at `now`."""
         if until == self._now:
             return
         share = (until - self._now) / (now - self._now)
@@ -226,10 +226,10 @@ class EmulatedKobuki:
     # --- feedback ---
 
     def _feed_back(self, at: Instant) -> None:
-        """Put one feedback on the wire."""
+        """Send one feedback."""
         data = encode_frame(b"".join(map(encode_feedback, self._packets(at))))
         if not self.faults.silent:
-            self._line.append((at, data))  # at most 164 bytes, 14 ms: the one before has left
+            self._line.append((at, data))  # at most 164 bytes, 14 ms: the previous one has been sent
 
     def _packets(self, at: Instant) -> list[FeedbackPacket]:
         per_tick = self._p.errors.tick_um * 1e-6
@@ -263,7 +263,7 @@ class EmulatedKobuki:
         return [packet for packet in packets if packet not in absent]
 
     def _stamp(self, at: Instant) -> int:
-        """Its clock, ms."""
+        """Return the base's clock, ms."""
         right = self._p.stamp_ms + (at - self._started) // 1000
         if self.faults.stamp == "works":
             self._last_stamp = right
@@ -284,7 +284,7 @@ class EmulatedKobuki:
         return inertial, Unknown(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
 
     def _left(self, now: Instant) -> bytes:
-        """Return the bytes whose last bit has left by `now`."""
+        """Return the bytes sent completely by `now`."""
         out = b""
         while self._line:
             begun, data = self._line[0]
@@ -299,7 +299,7 @@ class EmulatedKobuki:
 
 
 def _motion(before: Pose, after: Pose) -> tuple[float, float]:
-    """The arc from one pose to the next: length, m, and turn, rad."""
+    """Return the arc between two poses: length, m, and turn, rad."""
     turn = math.remainder(after.heading - before.heading, math.tau)
     course = before.heading + turn / 2
     chord = cos(course) * (after.x - before.x) + sin(course) * (after.y - before.y)
@@ -307,10 +307,10 @@ def _motion(before: Pose, after: Pose) -> tuple[float, float]:
 
 
 def _chord(turn: float) -> float:
-    """Of an arc that turns so much, per its length."""
+    """Return the ratio of chord to arc length for a turn, rad."""
     return sin(turn / 2) / (turn / 2) if turn else 1.0
 
 
 def _within(value: float) -> int:
-    """Rounded, as far as an int16 goes."""
+    """Return the value rounded and clipped to int16."""
     return max(-0x8000, min(0x7FFF, round(value)))

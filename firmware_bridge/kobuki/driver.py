@@ -1,8 +1,8 @@
-"""The driver of a Kobuki without I/O: bytes from the base in, feedback and bytes to the base out.
+"""Driver of a Kobuki, without I/O.
 
-A shell calls, every few milliseconds and whenever bytes have come: `take` with the bytes, also with none;
-then writes what `due` gives. One base control goes out per feedback, 50 a second, as kobuki_driver does; a
-base hears 150 a second well and 200 not (yujinrobot/kobuki, issue 140).
+Every few milliseconds and after each read, the caller passes the bytes (or none) to `take` and writes the
+bytes returned by `due`. One base control is sent per feedback, 50 per second, as by kobuki_driver; a base
+accepts 150 per second, but not 200 (yujinrobot/kobuki, issue 140).
 """
 
 from enum import Enum
@@ -30,7 +30,7 @@ from firmware_bridge.kobuki.wire import (
 
 
 class BatteryLevel(Enum):
-    """From full to empty."""
+    """Charge level of the battery."""
 
     FULL = "full"
     FAIR = "fair"
@@ -39,7 +39,7 @@ class BatteryLevel(Enum):
 
 
 def level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
-    """The level at `volts`; `before`: the level until now."""
+    """Return the level at `volts`, with hysteresis; `before`: the previous level."""
     if volts <= _DANGER_V + _MARGIN_V * (before is BatteryLevel.DANGER):
         return BatteryLevel.DANGER
     low = before in {BatteryLevel.LOW, BatteryLevel.DANGER}
@@ -51,12 +51,12 @@ def level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
 
 
 class StateChange(NamedTuple):
-    """A change of a base: that it sends feedback, a field of its feedback, its battery, or what stops it."""
+    """Change of a base: feedback present, a field of the feedback, battery level, or active stop causes."""
 
     instant: Instant
     what: str
     before: object
-    """Of a field before the first feedback: 0."""
+    """Previous value; 0 before the first feedback."""
     now: object
 
     def __str__(self) -> str:
@@ -64,30 +64,29 @@ class StateChange(NamedTuple):
 
 
 _FIELDS: Final = ("bumper", "wheel_drop", "cliff", "buttons", "charger", "overcurrent")
-"""Fields of Basic whose changes are reported."""
+"""Fields of Basic with reported changes."""
 _OVERDUE: Final[Duration] = milliseconds(40)
-"""A base control is sent after so long even without feedback; own choice, two feedbacks."""
+"""Maximum interval of base controls without feedback; own choice, two feedbacks."""
 _INSIST: Final[Duration] = milliseconds(7)
-"""Stop is said so often while the wheels still turn: 150 a second are heard well."""
+"""Interval of stop commands while the wheels still turn; a base accepts 150 per second."""
 _SHOUT: Final[Duration] = milliseconds(1)
-"""And so often, as often as the line carries it, while so much of it is damaged that no feedback comes. Where
-three bytes in ten are, the ten bytes of a command come through one time in 35."""
+"""Interval of stop commands while noise replaces feedback: the capacity of the line. If three bytes in ten
+are damaged, one command in 35 arrives intact."""
 _LONGEST_SHOUT: Final = 20
-"""Stops that are said at once at most, 200 bytes."""
+"""Maximum number of stop commands per write, 200 bytes."""
 _REPEAT: Final[Duration] = milliseconds(1000)
-"""Outputs are sent again so often: nothing on this wire is acknowledged."""
+"""Interval of repeating outputs, as commands are not acknowledged."""
 _FULL_V, _LOW_V, _DANGER_V = 16.5, 14.0, 13.2
-"""Voltages of a battery of four lithium-ion cells: full and above, low and below, so low that the base soon
-switches itself off; kobuki_driver, battery defaults."""
+"""Voltages of a battery of four lithium-ion cells: full, low, and shortly before the base switches off;
+kobuki_driver, battery defaults."""
 _MARGIN_V: Final = 0.3
-"""A level is left upwards only so far above its limit; own choice: motors pull the voltage down."""
+"""Hysteresis of the levels; own choice: motors lower the voltage."""
 _NOISE_BYTES: Final = 100
-"""Damaged bytes in place of feedback, from which on the line and not the base is to blame; own choice: more
-than a frame's."""
+"""Number of damaged bytes without feedback that indicates a noisy line; own choice: more than a frame."""
 
 
 class KobukiDriver:
-    """One base on one wire."""
+    """Driver of one base."""
 
     def __init__(self, started: Instant) -> None:
         self._reader = FrameReader(decode_feedback)
@@ -95,28 +94,28 @@ class KobukiDriver:
         self._heard: Instant = started
         self._sent: Instant = Instant(started - _OVERDUE)
         self._fed = False
-        """Feedback has come since the last base control."""
+        """True if feedback has been received since the last base control."""
         self._outputs = POWER_RAILS
         self._outputs_due = started
         self._skipped = 0
-        """Damaged bytes until the last feedback."""
+        """Number of damaged bytes up to the last feedback."""
         self._sound = b""
-        """A sound command that is still to be sent."""
+        """Pending sound command."""
         self._pressed = 0
         self._changes: list[StateChange] = []
         self._fields = dict.fromkeys(_FIELDS, 0)
         self.battery: BatteryLevel | None = None
-        """None before the first feedback."""
+        """Battery level; None before the first feedback."""
         self.odometry = KobukiOdometry()
         self.found = False
-        """True while the base sends feedback."""
+        """True while feedback is received."""
         self.allowed = AllowedMotion(0.0, 0.0, ())
-        """What the safety stop gave last."""
+        """Last result of the safety stop."""
 
     # --- from the base ---
 
     def take(self, now: Instant, data: bytes) -> list[BaseFeedback]:
-        """Take in bytes, also none, and the passing of time; return the feedbacks that they complete."""
+        """Process bytes read (or none) and the passing of time; return the completed feedbacks."""
         feedbacks = []
         for packets in self._reader.take(data):
             basic = next((packet for packet in packets if isinstance(packet, Basic)), None)
@@ -132,36 +131,36 @@ class KobukiDriver:
         return feedbacks
 
     def changes(self) -> list[StateChange]:
-        """Return what has changed since the last call."""
+        """Return changes since the last call."""
         changes, self._changes = self._changes, []
         return changes
 
     def pressed(self) -> int:
-        """Return the bumper bits that were set at any time since the last call, as for Senses.bumper."""
+        """Return the bumper bits set at any time since the last call, as in Senses.bumper."""
         bits = self._pressed
         self._pressed = self._fields["bumper"] if self.found else 0
         return bits
 
     @property
     def reception(self) -> WireCounts:
-        """Frames and noise so far."""
+        """Counts of received frames and noise bytes."""
         return self._reader.reception
 
     # --- to the base ---
 
     def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
-        """Command `v` m/s forward and `omega` rad/s counter-clockwise; the safety stop decides.
+        """Command `v` m/s forward and `omega` rad/s counter-clockwise, subject to the safety stop.
 
-        `issued`: when it was decided, if that is not now.
+        `issued`: time of the decision; None: now.
         """
         self._safety.command(now, now if issued is None else issued, v, omega)
 
     def hold(self, cause: HoldCause, holds: bool) -> None:
-        """Let nothing move for a cause that the base itself does not know of, or no longer for that one."""
+        """Set or clear an external cause that prevents all motion."""
         self._safety.hold(cause, holds)
 
     def due(self, now: Instant) -> bytes:
-        """Return the bytes to write now: often none, else a base control and at most one other command."""
+        """Return the bytes to write now: none, or a base control and at most one other command."""
         passed = Duration(now - self._sent)
         if self._noisy(now):
             count = min(passed // _SHOUT, _LONGEST_SHOUT)
@@ -176,7 +175,7 @@ class KobukiDriver:
         return _framed(control) + self._other(now)
 
     def farewell(self) -> bytes:
-        """Return the last bytes to write: stand, whatever was commanded."""
+        """Return the last bytes to write: a stop command."""
         return _framed(motion.base_control(0.0, 0.0))
 
     def _ask_safety_stop(self, now: Instant) -> None:
@@ -185,19 +184,19 @@ class KobukiDriver:
             self._changes.append(StateChange(now, "stops", before.stops, self.allowed.stops))
 
     def _noisy(self, now: Instant) -> bool:
-        """Return whether noise comes in place of feedback."""
+        """Return whether noise replaces feedback."""
         silent = now - self._heard > FEEDBACK_SILENCE
         return silent and self._reader.reception.skipped - self._skipped >= _NOISE_BYTES
 
     @property
     def _unheeded(self) -> bool:
-        """True while the wheels turn although they are told to stand."""
+        """True while the wheels turn despite a stop command."""
         stand = self.allowed.v == 0 and self.allowed.omega == 0
         return stand and self.found and self.odometry.moves
 
     def _feedback(self, feedback: BaseFeedback) -> None:
         now, basic, _ = feedback
-        if not self.found:  # perhaps another base, or one that was switched off and on
+        if not self.found:  # may be another or a restarted base
             self.found, self._outputs_due = True, now
             self._changes.append(StateChange(now, "feedback", False, True))
         self._heard, self._fed = now, True
@@ -216,7 +215,7 @@ class KobukiDriver:
             self._warn(now, battery)
 
     def _warn(self, now: Instant, battery: BatteryLevel) -> None:
-        """Show and sound a low battery; with one that is nearly empty nothing moves."""
+        """Signal a low battery by LED and sound; stop with a nearly empty one."""
         self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
         light = {BatteryLevel.LOW: wire.LED1_RED | wire.LED1_GREEN, BatteryLevel.DANGER: wire.LED1_RED}
         self._outputs, self._outputs_due = POWER_RAILS | light.get(battery, 0), now

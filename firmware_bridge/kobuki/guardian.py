@@ -1,13 +1,13 @@
-"""The last word to a Kobuki: a process that says stop until the wheels stand, whatever became of the base.
+"""Guardian process of a Kobuki: sends stop commands until the wheels stand if the base process fails.
 
-`python -I -S guardian.py beside CHANNEL PORT` is started by a base (firmware_bridge.onboard.vehicle)
-and has the very port that the base has. CHANNEL is a descriptor of theirs: each pulse of the base comes back,
-so that each knows that the other lives. Its end is the base's end, and means stop at once; no pulse for
-PATIENCE_S means stop until there are pulses again; none for HUNG_S, and the base is killed, so that whoever
-started it notices. `python -I -S guardian.py alone PORT` opens the port: for when all processes were killed.
+`python -I -S guardian.py beside CHANNEL PORT` is started by a base (firmware_bridge.onboard.vehicle), shares
+its port, and echoes its heartbeats on the descriptor CHANNEL. End of file: the base has exited, stop at once.
+No heartbeat for PATIENCE_S: stop until heartbeats return; none for HUNG_S: kill the base, which its
+supervisor restarts. `python -I -S guardian.py alone PORT` opens the port itself, after all processes were
+killed.
 
-Small, of the standard library's smallest parts, so that it is there before anything moves: it needs neither
-disk nor log to say stop, and no signal but SIGKILL ends it before the wheels stand.
+It imports little of the standard library, to start fast; it stops without disk or log, and ignores all
+signals but SIGKILL until the wheels stand.
 """
 
 import fcntl
@@ -24,26 +24,26 @@ from contextlib import suppress
 from typing import Final
 
 PATIENCE_S: Final = 0.15
-"""So long without a pulse, and stop is said; own choice: seven rounds of a base's loop."""
+"""Timeout of heartbeats after which stop is sent; own choice: seven rounds of a base's loop."""
 HUNG_S: Final = 5.0
-"""So long without a pulse, and the base is killed; own choice: it has stood for most of that time."""
+"""Timeout of heartbeats after which the base is killed; own choice: it stands for most of that time."""
 PERIOD_S: Final = 0.02
-"""Stop is said so often, as often as a base gives feedback."""
+"""Interval of stop commands; that of a base's feedback."""
 LIMIT_S: Final = 10.0
-"""So long stop is said to a base that cannot be heard to stand; own choice."""
+"""Maximum duration of stop commands if no standstill is detected; own choice."""
 STOP: Final = bytes.fromhex("aa 55 06 01 04 00 00 00 00 03")
-"""Base control: speed 0, radius 0 (firmware_bridge.kobuki.wire and .wire, which a test holds it against)."""
+"""Base control with speed 0, radius 0; a test compares it with firmware_bridge.kobuki.wire."""
 _HEADER: Final = b"\xaa\x55"
 _BASIC: Final = b"\x01\x0f"
-"""Id and length of the packet that a feedback begins with."""
+"""ID and length of the first packet of a feedback."""
 _WINDOW: Final = 6
-"""Feedbacks, 0.1 s, ..."""
+"""Number of feedbacks for detecting standstill, 0.1 s."""
 _STILL: Final = 2
-"""... within which a wheel that stands may turn by so many ticks."""
+"""Maximum change of encoder ticks of a standing wheel within the window."""
 
 
 class Standstill:
-    """Hears from a Kobuki's feedback whether its wheels stand."""
+    """Detector of standstill from a Kobuki's feedback."""
 
     def __init__(self) -> None:
         self._pending = b""
@@ -51,7 +51,7 @@ class Standstill:
 
     @property
     def reached(self) -> bool:
-        """True if neither wheel has turned for a whole window of feedbacks."""
+        """True if neither wheel has turned during a full window of feedbacks."""
         if len(self._ticks) < _WINDOW:
             return False
         _, left, right = self._ticks[0]
@@ -60,7 +60,7 @@ class Standstill:
         )
 
     def take(self, data: bytes) -> None:
-        """Bytes from the base, whatever is in them."""
+        """Process bytes from the base, which may contain noise."""
         pending = (self._pending + data)[-4096:]
         at = pending.find(_HEADER)
         while 0 <= at <= len(pending) - 4:
@@ -68,12 +68,12 @@ class Standstill:
             if len(pending) <= end:
                 break
             if not self._frame(pending[at + 2 : end + 1]):
-                end = at  # no frame: another may begin within
+                end = at  # not a frame: another may begin within
             at = pending.find(_HEADER, end + 1)
         self._pending = pending[at:] if at >= 0 else pending[-1:]
 
     def _frame(self, body: bytes) -> bool:
-        """Take in length, payload and checksum; False if they are none."""
+        """Process length, payload and checksum; return False for a wrong checksum."""
         check = 0
         for byte in body:
             check ^= byte
@@ -86,21 +86,21 @@ class Standstill:
 
 
 def farewell(port: int, begun: Standstill | None = None, limit_s: float = LIMIT_S) -> str:
-    """Say stop until the wheels stand, the port has gone, or for so long; what came of it, in a sentence."""
+    """Send stop commands until standstill, loss of the port, or `limit_s`; return the result, in words."""
     heard = begun or Standstill()
     deadline, said = time.monotonic() + limit_s, 0
     while time.monotonic() < deadline:
         if not say_stop(port, heard):
-            return f"stop was said {said} times, until the port had gone"
+            return f"sent stop {said} times, until the port was lost"
         said += 1
         if heard.reached:
-            return f"stop was said {said} times, until the wheels stood"
+            return f"sent stop {said} times, until the wheels stood"
         time.sleep(PERIOD_S)
-    return f"stop was said {said} times, but the base was not heard to stand: it may still be driving"
+    return f"sent stop {said} times, but no standstill was detected: the base may still be driving"
 
 
 def say_stop(port: int, heard: Standstill) -> bool:
-    """Say it once, and hear what the base says; False if the port has gone."""
+    """Send one stop command and read feedback; return False if the port is lost."""
     try:
         with suppress(BlockingIOError):
             os.write(port, STOP)
@@ -112,19 +112,19 @@ def say_stop(port: int, heard: Standstill) -> bool:
 
 
 class BaseWatcher:
-    """Watches over the base process at the other end of `channel`."""
+    """Watchdog of the base process at the other end of `channel`."""
 
     def __init__(self, channel: socket.socket, kill: Callable[[], None]) -> None:
-        """`kill`: ends the base process."""
+        """Create it; `kill`: kills the base process."""
         self._channel = channel
         self._kill = kill
         self._port: int | None = None
         self._heard: Standstill | None = None
-        """While the base does not speak."""
+        """Standstill detector; None while heartbeats arrive."""
         self._alive = time.monotonic()
 
     def run(self) -> str:
-        """Until the base has ended and the wheels stand; what came of it."""
+        """Run until the base has exited and the wheels stand; return the result, in words."""
         while True:
             patience = PATIENCE_S - (time.monotonic() - self._alive)
             if select.select([self._channel], [], [], PERIOD_S if self._heard else max(patience, 0.0))[0]:
@@ -132,10 +132,11 @@ class BaseWatcher:
                     break
             else:
                 self._stand_in()
-        return "there is no port to say stop on" if self._port is None else farewell(self._port, self._heard)
+        return "no port to send stop to" if self._port is None else farewell(self._port, self._heard)
 
     def _receive(self) -> bool:
-        """One message: a pulse, or with a descriptor a port, or that the port was closed; False: the end."""
+        """Handle one message: a heartbeat, a port's descriptor, or the port's closing; False at end of
+        file."""
         try:
             message, ports, _, _ = socket.recv_fds(self._channel, 16, 1)
         except OSError:
@@ -152,7 +153,7 @@ class BaseWatcher:
         return True
 
     def _stand_in(self) -> None:
-        """The base does not speak: stop."""
+        """Send stop in place of a silent base; kill it after HUNG_S."""
         self._heard = self._heard or Standstill()
         if self._port is not None:
             say_stop(self._port, self._heard)
@@ -161,9 +162,9 @@ class BaseWatcher:
 
 
 def open_alone(path: str) -> int:
-    """The port, set for a Kobuki. Raises OSError."""
+    """Open the port with the settings of a Kobuki. Raises OSError."""
     port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    with suppress(OSError):  # whoever else has it may go on: stop may be said by two
+    with suppress(OSError):  # another process may use the port, too
         fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
     with suppress(termios.error):  # a pseudo-terminal may refuse
         speed = termios.B115200
@@ -174,7 +175,7 @@ def open_alone(path: str) -> int:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Have the last word; the exit code: 0 unless the wheels may still turn."""
+    """Run the guardian; return the exit code: 0 unless the wheels may still turn."""
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     if argv[0] == "beside":
@@ -183,10 +184,10 @@ def main(argv: Sequence[str]) -> int:
         try:
             said = farewell(open_alone(argv[1]))
         except OSError as error:
-            said = f"stop cannot be said: {error.strerror}"
+            said = f"stop cannot be sent: {error.strerror}"
     with suppress(OSError):
         os.write(1, f"{argv[-1]}: {said}\n".encode())
-    return 1 if "may still" in said or "cannot" in said else 0
+    return 1 if "may still" in said or "cannot be sent" in said else 0
 
 
 def _killer(base: int) -> Callable[[], None]:
@@ -198,7 +199,7 @@ def _killer(base: int) -> Callable[[], None]:
 
 
 def _apart(one: int, other: int) -> int:
-    """Of two counters that wrap."""
+    """Return the distance of two 16-bit counters that wrap."""
     return min((one - other) & 0xFFFF, (other - one) & 0xFFFF)
 
 

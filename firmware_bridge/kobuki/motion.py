@@ -1,4 +1,4 @@
-"""Differential drive of a Kobuki: base control for a velocity, and odometry from encoders and gyro.
+"""Differential drive of a Kobuki: conversion of velocities, and odometry from encoders and gyro.
 
 Source: kobuki-base/kobuki_core, src/driver/diff_drive.cpp, and kobuki_node, odometry; the formula of
 base control in protocol.rst lacks brackets.
@@ -15,29 +15,29 @@ from actors.portable import cos, sin
 from firmware_bridge.kobuki.wire import BaseControl, BaseFeedback, Basic, WireMisuseError
 
 TRACK: Final = 0.230
-"""Between the wheels, m."""
+"""Distance between the wheels, m."""
 WHEEL_RADIUS: Final = 0.035
-"""m."""
+"""Radius of a wheel, m."""
 TICKS_PER_TURN: Final = 52 * 6545 / 132
 """Encoder ticks per turn of a wheel: 52 per turn of the motor, geared 6545 : 132."""
 METRES_PER_TICK: Final = math.tau * WHEEL_RADIUS / TICKS_PER_TURN
 """85.292 µm."""
 _NOTHING: Final = 1e-4
-"""Below it a velocity counts as none, m/s and rad/s."""
+"""Velocities below this count as zero, m/s and rad/s."""
 _HALF_TRACK_MM: Final = 500 * TRACK
 _LIMIT: Final = 0x7FFF
 
 
 def base_control(v: float, omega: float) -> BaseControl:
-    """What to send for `v` m/s forward and `omega` rad/s counter-clockwise; towards zero, in whole mm.
+    """Return the base control for `v` m/s forward and `omega` rad/s counter-clockwise, rounded towards zero.
 
-    The speed is that of the outer wheel and has the radius unrounded in it. Two cases differ from the
-    reference driver, which lets the wire's rounding turn them into something else: a radius below 2 mm, which
-    rounds to the code for turning on the spot, gets the speed for that; one that does not fit is sent as
-    straight ahead instead of a slight turn. Raises WireMisuseError where a velocity is no finite number.
+    The speed is that of the outer wheel, computed with the unrounded radius. Two cases differ from the
+    reference driver, where rounding changes the motion: a radius below 2 mm, which rounds to the code for
+    turning in place, gets the speed for that; one beyond the field's range is sent as straight ahead. Raises
+    WireMisuseError if a velocity is not finite.
     """
     if not (math.isfinite(v) and math.isfinite(omega)):
-        raise WireMisuseError(f"a velocity of {v} m/s and {omega} rad/s; both should be finite")
+        raise WireMisuseError(f"velocity {v} m/s, {omega} rad/s is not finite")
     if abs(omega) < _NOTHING:
         return BaseControl(_whole(1000 * v), 0)
     radius = 1000 * v / omega
@@ -49,7 +49,7 @@ def base_control(v: float, omega: float) -> BaseControl:
 
 
 def velocity(control: BaseControl) -> tuple[float, float]:
-    """How the base moves: m/s forward, rad/s counter-clockwise."""
+    """Return the velocity of a base control: m/s forward, rad/s counter-clockwise."""
     if control.radius == 0:
         return control.speed / 1000, 0.0
     if abs(control.radius) == 1:
@@ -59,62 +59,60 @@ def velocity(control: BaseControl) -> tuple[float, float]:
 
 
 def ticks_between(before: Basic, after: Basic) -> tuple[int, int]:
-    """Return how far the encoders of left and right wheel went on; they are uint16 and wrap."""
+    """Return the encoder ticks of left and right wheel between two feedbacks; uint16, which wrap."""
     left, right = after.left_ticks - before.left_ticks, after.right_ticks - before.right_ticks
     return ((left + 0x8000) & 0xFFFF) - 0x8000, ((right + 0x8000) & 0xFFFF) - 0x8000
 
 
 def ways_between(before: Basic, after: Basic) -> tuple[float, float]:
-    """Return the ways of left and right wheel, m."""
+    """Return the distances travelled by left and right wheel, m."""
     left, right = ticks_between(before, after)
     return left * METRES_PER_TICK, right * METRES_PER_TICK
 
 
 def _whole(value: float) -> int:
-    """Towards zero, as far as an int16 goes."""
+    """Return the value rounded towards zero and clipped to int16."""
     return int(max(-_LIMIT - 1, min(_LIMIT, value)))
 
 
 _CENTIDEGREE: Final = math.radians(0.01)
 _STANDING: Final = 0.02
-"""Slower counts as standing, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
+"""Velocities below this count as standstill, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
 
 
 _FASTEST: Final = 2.0
-"""A wheel that seems to have turned faster has not: the numbers are damaged, m/s. Own choice, twice what a
-wheel can do at 0.7 m/s while turning."""
+"""Maximum plausible wheel speed, m/s; own choice, twice the maximum at 0.7 m/s while turning."""
 _FASTEST_TURN: Final = 12.0
-"""The same for the gyro, rad/s. Own choice, twice what its rate's field can say."""
+"""Maximum plausible turn rate of the gyro, rad/s; own choice, twice the range of its rate's field."""
 _SLACK: Final = 0.02
-"""Added to the time between two stamps when judging speeds, s: the stamp is not taken with the ticks."""
+"""Tolerance of the time between two stamps, s: stamps and ticks are sampled at different times."""
 LONGEST_GAP: Final = 3.0
-"""Between two feedbacks; after a longer one ticks are ambiguous, s: at 0.7 m/s half their circle of 65536 is
-4 s."""
+"""Maximum time between two feedbacks, s; encoder ticks are ambiguous after 4 s at 0.7 m/s (half of 65536)."""
 _STILL_TURN: Final = 0.2
-"""The gyro seems to stand still once its numbers stay the same while the wheels turn the base by so much,
-rad. Own choice. A gyro free of noise does so, too, where a wheel slips: others judge."""
+"""Turn of the wheels with constant gyro values after which the gyro is suspected to be frozen, rad. Own
+choice. A noise-free gyro shows the same when a wheel slips; other checks decide."""
 _STILL_FEEDBACKS: Final = 25
-"""And for so many feedbacks."""
+"""Minimum number of such feedbacks."""
 
 
 @dataclass
 class OdometryCounts:
-    """What was wrong with the feedback."""
+    """Counts of irregular feedback."""
 
     repeated: int = 0
-    """Same stamp as before: nothing to learn."""
+    """Same stamp as before; ignored."""
     implausible: int = 0
-    """Moved faster than a base can: left out, the next is compared with the last that was right."""
+    """Implausibly fast motion; ignored."""
     restarts: int = 0
-    """The base's counters began anew; what it moved meanwhile is not known."""
+    """Restarts of the base's counters; the motion in between is unknown."""
     gaps: int = 0
-    """Too long without feedback; the same."""
+    """Too long without feedback; the motion in between is unknown."""
     on_wheels: int = 0
-    """Feedbacks whose turn was taken from the wheels, for want of a gyro."""
+    """Turns taken from the wheels, without a working gyro."""
 
 
 class _Motion(NamedTuple):
-    """Between two feedbacks: s, m, m and rad."""
+    """Motion between two feedbacks: s, m, m and rad."""
 
     time: float
     left: float
@@ -123,57 +121,57 @@ class _Motion(NamedTuple):
 
 
 class KobukiOdometry:
-    """Adds up feedback to a pose in the frame of the first one."""
+    """Odometry: integrates feedback to a pose in the frame of the first one."""
 
     def __init__(self) -> None:
         self.longest_gap = LONGEST_GAP
         self._last: BaseFeedback | None = None
         self._odd: BaseFeedback | None = None
-        """The feedback that was left out last: if the next agrees with it, the base has restarted."""
+        """Last ignored feedback: if the next is consistent with it, the base has restarted."""
         self._x = self._y = 0.0
         self._v = self._omega = 0.0
         self._unmoved = 0
         self._owed = 0.0
-        """Turn of the wheels since the gyro's numbers last changed, rad."""
+        """Turn of the wheels since the gyro's values last changed, rad."""
         self._frozen = False
         self.heading = 0.0
-        """Turned since the first feedback, unwrapped, rad."""
+        """Heading relative to the first feedback, unwrapped, rad."""
         self.counts = OdometryCounts()
 
     @property
     def unknown(self) -> int:
-        """How often the base has moved unheard, perhaps, so that the pose is no longer what it says."""
+        """Number of periods of possible motion without feedback, which invalidate the pose."""
         return self.counts.gaps + self.counts.restarts
 
     @property
     def gyro_is_still(self) -> bool:
-        """True if its numbers stay the same while the wheels turn: either of them lies."""
+        """True if the gyro's values stay constant while the wheels turn: one of them is faulty."""
         return self._unmoved >= _STILL_FEEDBACKS and abs(self._owed) >= _STILL_TURN
 
     @property
     def on_wheels(self) -> bool:
-        """True while the heading is that of the wheels, for want of a gyro that works."""
+        """True while the heading is computed from the wheels, without a working gyro."""
         return self._frozen
 
     def trust_wheels(self) -> None:
-        """A gyro that is still is frozen, as scans or a person say: the wheels are right until it moves."""
+        """Use the heading of the wheels until the gyro's values change."""
         self._frozen = True
 
     @property
     def moves(self) -> bool:
-        """True if it moved between the last two feedbacks."""
+        """True if the base moved between the last two feedbacks."""
         return abs(self._v) > _STANDING or abs(self._omega) > _STANDING
 
     def read(self) -> Odometry:
-        """Pose since the first feedback, and velocity between the last two."""
+        """Return the pose since the first feedback, and the velocity between the last two."""
         return Odometry(self._x, self._y, wrap(self.heading), self._v, 0.0, self._omega)
 
     def stand(self) -> None:
-        """Nothing is heard of the base: say no velocity that may long be over."""
+        """Set the velocity to zero, after a loss of feedback."""
         self._v = self._omega = 0.0
 
     def take(self, feedback: BaseFeedback) -> None:
-        """Take in one feedback."""
+        """Add one feedback."""
         if self._last is None:
             self._last = feedback
             return
@@ -196,7 +194,7 @@ class KobukiOdometry:
             self._odd = feedback
 
     def _begin_again(self, feedback: BaseFeedback) -> None:
-        """Go on from here, as if nothing had moved."""
+        """Restart from this feedback, ignoring motion before it."""
         self._last, self._odd = feedback, None
         self._v = self._omega = 0.0
         self._trust_gyro()
@@ -213,7 +211,7 @@ class KobukiOdometry:
         )
 
     def _add(self, motion: _Motion, frozen: bool) -> None:
-        """`frozen`: the gyro's numbers are those of the feedback before."""
+        """Integrate a motion; `frozen`: the gyro's values are unchanged."""
         turn = self._turn(motion, frozen)
         forward = (motion.left + motion.right) / 2
         self._x += forward * cos(self.heading + turn / 2)
@@ -222,10 +220,10 @@ class KobukiOdometry:
         self._v, self._omega = forward / motion.time, turn / motion.time
 
     def _turn(self, motion: _Motion, frozen: bool) -> float:
-        """Return the gyro's turn, unless it is absent or known to be frozen; then that of the wheels."""
+        """Return the gyro's turn, or the wheels' turn if the gyro is absent or known to be frozen."""
         by_wheels = (motion.right - motion.left) / TRACK
         if motion.turn is None or not frozen:
-            # A gyro that works again may jump to where it should have been, which the wheels have said.
+            # A recovering gyro may jump by the turn that the wheels have already counted.
             on_wheels = motion.turn is None or self._frozen
             self._trust_gyro()
             self.counts.on_wheels += on_wheels

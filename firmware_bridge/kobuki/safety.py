@@ -1,19 +1,17 @@
-"""The safety stop: which velocity a Kobuki may really be given, and why not the one that was wanted.
+"""Safety stop of a Kobuki: limits each commanded velocity, and reports the causes.
 
-It stands between every command and the wire and knows nothing of who commands: no adaptation, no setting
-and no message goes round it. The firmware of a Kobuki
-does not stop by itself on bumper, cliff or wheel drop since 1.1.2, so this does.
+It filters every command before the wire; no adaptation, setting or message bypasses it. A Kobuki's firmware
+does not stop for bumper, cliff or wheel drop since 1.1.2.
 
-Rules, each for as long as its cause lasts and a moment longer where said:
-- bumper or cliff: no wheel turns forward until the sensor is released; backing off is allowed, also in arcs;
-- wheel drop: nothing moves until both wheels carry the base again and it has then stood still for a while;
-- no feedback: nothing moves until feedback has come for a while without such a silence;
-- over-current at a wheel: nothing moves until it is over and a second has passed;
-- an empty battery, and whatever else the driver is told (`hold`): nothing moves meanwhile;
-- a command older than 0.2 s is never driven, whether it came late or none came after it, nor is one that
-  is no finite number;
+Rules while a cause lasts:
+- bumper or cliff: no wheel turns forward; backing off is allowed, also in arcs;
+- wheel drop: no motion until both wheels carry the base and it has stood still for `_STILLNESS`;
+- no feedback: no motion until feedback has been received for `_FEEDBACK_RECOVERY`;
+- over-current at a wheel: no motion until `_OVERCURRENT_REST` after it;
+- empty battery and external causes (`hold`): no motion;
+- commands that are not finite or older than 0.2 s are not executed;
 - otherwise speeds and accelerations are limited.
-A stop acts at once, without a ramp; after it the base speeds up from standing.
+A stop is immediate, without a ramp; afterwards the base accelerates from standstill.
 """
 
 import math
@@ -25,37 +23,37 @@ from firmware_bridge.kobuki.motion import TRACK, ticks_between
 from firmware_bridge.kobuki.wire import BaseFeedback, Basic, Inertial
 
 FEEDBACK_SILENCE: Final[Duration] = milliseconds(100)
-"""After so long without feedback the link counts as dead; kobuki_driver: 100 ms."""
+"""Timeout of feedback; kobuki_driver: 100 ms."""
 _FEEDBACK_RECOVERY: Final[Duration] = milliseconds(100)
-"""How long feedback must have come again before the base moves; own choice, five feedbacks."""
+"""Required duration of feedback after a silence before motion; own choice, five feedbacks."""
 _COMMAND_AGE: Final[Duration] = milliseconds(200)
-"""The oldest command that is driven; two steps."""
+"""Maximum age of a command; two steps."""
 _STILLNESS: Final[Duration] = milliseconds(1000)
-"""How long a base that was put down must stand still before it moves; own choice."""
+"""Required standstill after a wheel drop before motion; own choice."""
 _STILL_TICKS: Final = 2
-"""Ticks that an encoder may change between two feedbacks while standing still; own choice, 0.17 mm."""
+"""Maximum change of encoder ticks between two feedbacks at standstill; own choice, 0.17 mm."""
 _STILL_RATE_CDEG: Final = 200
-"""The same for the gyro's rate, 0.01°/s; own choice, far above its noise."""
+"""Maximum gyro rate at standstill, 0.01°/s; own choice, far above its noise."""
 _OVERCURRENT_REST: Final[Duration] = milliseconds(1000)
-"""How long a base stands after a wheel's over-current is over; own choice."""
+"""Stop after the end of over-current; own choice."""
 _SPEED: Final = 0.7
-"""The highest, m/s; Kobuki user guide."""
+"""Maximum speed, m/s; Kobuki user guide."""
 _TURN_RATE: Final = math.pi
-"""The highest, rad/s; Kobuki user guide: 180°/s (above 110°/s the gyro is less exact)."""
+"""Maximum turn rate, rad/s; Kobuki user guide: 180°/s (the gyro is less accurate above 110°/s)."""
 _SPEED_UP, _TURN_UP = 0.3, 3.5
-"""m/s² and rad/s²; kobuki_driver's defaults."""
+"""Maximum accelerations, m/s² and rad/s²; kobuki_driver's defaults."""
 _SLOW_DOWN, _TURN_DOWN = 0.6, 4.2
-"""The same towards standing. Own choice of 0.6, above kobuki_driver's 0.36: navigation plans with 1.0
-(actors.robot.navigation.steering), and on this base comes to stand later than it means to."""
+"""Maximum decelerations. Own choice of 0.6, above kobuki_driver's 0.36; navigation plans with 1.0
+(actors.robot.navigation.steering), so that this base stops later than planned."""
 _LONGEST_PAUSE: Final[Duration] = milliseconds(60)
-"""More time than this between two commands counts as this; own choice, three feedbacks: a host that slept
-makes no jump."""
+"""Limit of the time between two commands in ramps; own choice, three feedbacks: no jump after a suspended
+host."""
 _EDGE: Final = TRACK / 2 + 0.002
-"""The smallest radius of backing off, m: half the track, and what rounding to whole mm may take away."""
+"""Minimum radius of backing off, m: half the track plus rounding to whole mm."""
 
 
 class Ramp:
-    """The velocity that was last sent, and how far it may go from there."""
+    """Acceleration-limited velocity."""
 
     def __init__(self) -> None:
         self._at: Instant | None = None
@@ -63,15 +61,15 @@ class Ramp:
         self.omega = 0.0
 
     def halt(self, now: Instant) -> None:
-        """Stand at once."""
+        """Set the velocity to zero."""
         self.set(now, 0.0, 0.0)
 
     def set(self, now: Instant, v: float, omega: float) -> None:
-        """Go on from another velocity."""
+        """Set the velocity without limits."""
         self._at, self.v, self.omega = now, v, omega
 
     def towards(self, now: Instant, v: float, omega: float) -> tuple[float, float]:
-        """The velocity for now on the way to the wanted one, m/s and rad/s."""
+        """Return the velocity at `now`, m/s and rad/s, ramped towards the wanted one."""
         passed = 0 if self._at is None else max(0, min(now - self._at, _LONGEST_PAUSE))
         time = in_seconds(passed)
         self.set(
@@ -83,7 +81,7 @@ class Ramp:
 
 
 def _next(value: float, wanted: float, up: float, down: float) -> float:
-    """As near to `wanted` as one step goes; a change of sign pauses at 0."""
+    """Return the value closest to `wanted` within one step; a change of sign stops at 0."""
     if value < 0:
         return -_next(-value, -wanted, up, down)
     if wanted > value:
@@ -92,52 +90,52 @@ def _next(value: float, wanted: float, up: float, down: float) -> float:
 
 
 class HoldCause(Enum):
-    """Why a base does not do what is wanted."""
+    """Cause that prevents or limits a commanded motion."""
 
     NO_FEEDBACK = "no feedback from the base"
-    LINK_RECOVERING = "feedback from the base has only just come back"
-    WHEEL_DROP = "a wheel hangs in the air"
-    PUT_DOWN = "just put down: waiting until it stands still"
-    BUMPER = "the bumper is pressed: backward only"
-    CLIFF = "a cliff is ahead: backward only"
-    OVERCURRENT = "a wheel's motor draws too much current: something may hold it"
-    BATTERY = "the battery is nearly empty"
-    NOISE = "the serial line of the base is noisy: most of what it says is damaged"
-    BASE_CLOCK = "the base's clock stands still or jumps"
-    BUMPER_STUCK = "the bumper stays pressed although the robot has backed away"
-    BLOCKED = "the wheels do not turn as they are told: they are blocked, or their encoders stand still"
-    TURNS = "wheels and gyro do not turn alike"
-    LEFT_WHEEL = "the left wheel contradicts the gyro and what it is told"
-    RIGHT_WHEEL = "the right wheel contradicts the gyro and what it is told"
-    WHEELS = "both wheels contradict the scans and what they are told"
-    GYRO = "the gyro contradicts wheels and scans"
-    REPEATS = "the range sensor repeats what it has said before, to the last bit"
-    SCAN_PART = "a part of the scan does not change, to the last bit"
-    SCAN_STILL = "the scan does not change while wheels and gyro say that the robot moves"
-    SCAN_TURNED = "the scan moves in another direction than wheels and gyro: the sensor is mounted turned"
-    SCAN_MIRRORED = "the scan moves as a mirror image of wheels and gyro: the sensor is mounted upside down"
-    SCAN_LATE = "the scan follows wheels and gyro late"
-    BLIND = "the range sensor sees nothing"
-    UNWATCHED = "no guardian has the last word"
-    NO_COMMAND = "no command for too long"
-    STALE_COMMAND = "the command is too old"
-    BAD_COMMAND = "the command is no finite number"
+    LINK_RECOVERING = "feedback from the base just restored"
+    WHEEL_DROP = "wheel drop"
+    PUT_DOWN = "just put down: waiting for standstill"
+    BUMPER = "bumper pressed: backward only"
+    CLIFF = "cliff ahead: backward only"
+    OVERCURRENT = "over-current at a wheel: it may be blocked"
+    BATTERY = "battery nearly empty"
+    NOISE = "serial line of the base is noisy: feedback damaged"
+    BASE_CLOCK = "clock of the base stopped or jumping"
+    BUMPER_STUCK = "bumper still pressed after backing off"
+    BLOCKED = "wheels do not follow commands: blocked, or encoders stopped"
+    TURNS = "turns of wheels and gyro differ"
+    LEFT_WHEEL = "left wheel contradicts gyro and command"
+    RIGHT_WHEEL = "right wheel contradicts gyro and command"
+    WHEELS = "both wheels contradict scans and command"
+    GYRO = "gyro contradicts wheels and scans"
+    REPEATS = "range sensor repeats identical data"
+    SCAN_PART = "part of the scan is constant"
+    SCAN_STILL = "scan is constant although wheels and gyro report motion"
+    SCAN_TURNED = "scan moves in another direction than wheels and gyro: sensor rotated on its mount"
+    SCAN_MIRRORED = "scan moves as mirror image of wheels and gyro: sensor mounted upside down"
+    SCAN_LATE = "scan lags behind wheels and gyro"
+    BLIND = "no range data"
+    UNWATCHED = "no guardian"
+    NO_COMMAND = "no recent command"
+    STALE_COMMAND = "command too old"
+    BAD_COMMAND = "command is not finite"
 
 
 _BACKWARD_ONLY: Final = frozenset({HoldCause.BUMPER, HoldCause.CLIFF})
 
 
 class StopCause(NamedTuple):
-    """One cause that holds now."""
+    """An active cause."""
 
     cause: HoldCause
     since: Instant
     bits: int = 0
-    """Of the sensor, as in the feedback; 0 where there is none."""
+    """Bits of the sensor, as in the feedback; 0 for other causes."""
 
 
 class AllowedMotion(NamedTuple):
-    """What may be driven now: m/s forward, rad/s counter-clockwise; and all causes that hold it back."""
+    """Permitted velocity (m/s forward, rad/s counter-clockwise) and all active causes."""
 
     v: float
     omega: float
@@ -152,28 +150,28 @@ class _Command(NamedTuple):
 
 
 class SafetyStop:
-    """Feed it every feedback and every command; ask it before every byte that moves the base."""
+    """State of the safety stop; it needs all feedback and all commands."""
 
     def __init__(self, started: Instant) -> None:
         self._started = started
         self._basic: Basic | None = None
         self._heard = started
         self._silent_until: Instant | None = None
-        """The first feedback after a silence; None before the very first."""
+        """Time of the first feedback after a silence; None before the first one."""
         self._moved = started
-        """When the base last did not stand still; kept while it has been dropped."""
+        """Time of the last motion."""
         self._dropped = False
         self._strained: Instant | None = None
-        """When there last was over-current."""
+        """Time of the last over-current."""
         self._held: set[HoldCause] = set()
         self._command: _Command | None = None
         self._since: dict[HoldCause, Instant] = {}
         self._ramp = Ramp()
         self.late_commands = 0
-        """Commands that were older than one before them, and left out."""
+        """Number of ignored commands that were older than their predecessor."""
 
     def sense(self, feedback: BaseFeedback) -> None:
-        """Take in one feedback of the base."""
+        """Process one feedback of the base."""
         now, basic, inertial = feedback
         if self._silent_until is None or now - self._heard > FEEDBACK_SILENCE:
             self._silent_until = now
@@ -186,13 +184,13 @@ class SafetyStop:
         self._basic, self._heard = basic, now
 
     def hold(self, cause: HoldCause, holds: bool) -> None:
-        """From now on let nothing move for that cause, or no longer for that one."""
+        """Set or clear an external cause that prevents all motion."""
         (self._held.add if holds else self._held.discard)(cause)
 
     def command(self, now: Instant, issued: Instant, v: float, omega: float) -> None:
-        """Take in a command made at `issued` that arrived `now`; one made before the last is left out.
+        """Accept a command decided at `issued`; ignore it if it is older than the last one.
 
-        What claims to come from the future counts as made now.
+        An `issued` in the future counts as `now`.
         """
         issued = min(issued, now)
         if self._command is not None and issued < self._command.issued:
@@ -201,7 +199,8 @@ class SafetyStop:
         self._command = _Command(now, issued, v, omega)
 
     def allowed(self, now: Instant) -> AllowedMotion:
-        """What may be driven from now on. Call it with every base control: the ramp goes on with it."""
+        """Return the permitted velocity from `now` on; call it for each base control, as it advances the
+        ramp."""
         stops = self._stops(now)
         standing = any(stop.cause not in _BACKWARD_ONLY for stop in stops)
         if standing or self._command is None:
@@ -216,7 +215,7 @@ class SafetyStop:
         return AllowedMotion(v, omega, stops)
 
     def _stops(self, now: Instant) -> tuple[StopCause, ...]:
-        """All causes that hold, in the order of Cause."""
+        """Return all active causes, in the order of HoldCause."""
         causes = self._causes(now)
         self._since = {cause: self._since.get(cause, now) for cause in causes}
         return tuple(
@@ -224,7 +223,7 @@ class SafetyStop:
         )
 
     def _causes(self, now: Instant) -> dict[HoldCause, int]:
-        """Each cause with its sensor's bits."""
+        """Return active causes with their sensor's bits."""
         causes: dict[HoldCause, int] = {}
         if self._basic is None or now - self._heard > FEEDBACK_SILENCE:
             causes[HoldCause.NO_FEEDBACK] = 0
@@ -267,13 +266,13 @@ class SafetyStop:
         return max(map(abs, ticks_between(self._basic, basic))) <= _STILL_TICKS and not turning
 
     def _limited(self, v: float, omega: float) -> tuple[float, float]:
-        """Return the same arc, but no faster than the base can."""
+        """Return the velocity scaled to the base's limits, on the same arc."""
         share = max(1.0, abs(v) / _SPEED, abs(omega) / _TURN_RATE)
         return v / share, omega / share
 
 
 def _backward(v: float, omega: float) -> tuple[float, float]:
-    """The nearest velocity at which no wheel turns forward; none at all for one that goes forward."""
+    """Return the nearest velocity at which no wheel turns forward; zero for forward motion."""
     v = min(v, 0.0)
     bound = -v / _EDGE
     return v, max(-bound, min(bound, omega))

@@ -1,7 +1,7 @@
-"""Packets of a Kobuki and their bytes: commands to the base, feedback from it.
+"""Serial protocol of a Kobuki: commands to the base, feedback from it.
 
-A frame is `AA 55`, length, payload, and the exclusive or of length and payload. A payload is a row of packets
-`id, length, data`, little-endian. Ids of commands and feedback overlap, so the direction must be known.
+A frame is `AA 55`, length, payload, and the XOR of length and payload. A payload is a sequence of packets
+`id, length, data`, little-endian. IDs of commands and feedback overlap, so the direction must be known.
 Source: kobuki-base/kobuki_documentation, doc/protocol.rst, compared with the code of kobuki-base/kobuki_core.
 """
 
@@ -19,17 +19,17 @@ from actors.instant import Instant
 
 @dataclass(frozen=True)
 class BaseControl:
-    """Drive; `motion` says what the pair of numbers means."""
+    """Command of a velocity; see `motion.base_control`."""
 
     speed: int
-    """mm/s."""
+    """Speed of the outer wheel, mm/s."""
     radius: int
-    """mm; 0 straight, 1 turn on the spot."""
+    """Radius, mm; 0 = straight, 1 = turn in place."""
 
 
 @dataclass(frozen=True)
 class SoundSequence:
-    """Play one of the base's own sounds."""
+    """Command to play a built-in sound."""
 
     melody: int
 
@@ -38,14 +38,14 @@ RECHARGE_MELODY: Final = 2
 
 
 POWER_RAILS: Final = 0x00F0
-"""The outputs of 3.3 V, 5 V, 12 V 5 A and 12 V 1.5 A: whatever computer hangs on them goes out with them."""
+"""Outputs of 3.3 V, 5 V, 12 V 5 A and 12 V 1.5 A; clearing them powers off computers connected there."""
 LED1_RED: Final = 0x0100
 LED1_GREEN: Final = 0x0200
 
 
 @dataclass(frozen=True)
 class GeneralOutput:
-    """Set digital outputs (0x000F), power rails and LEDs, all at once."""
+    """Command that sets digital outputs (0x000F), power rails and LEDs together."""
 
     flags: int
 
@@ -58,10 +58,10 @@ Command = BaseControl | SoundSequence | GeneralOutput
 
 @dataclass(frozen=True)
 class Basic:
-    """What every feedback starts with."""
+    """First packet of every feedback."""
 
     stamp_ms: int
-    """The base's clock, uint16: wraps every 65.536 s."""
+    """Clock of the base, uint16, ms: wraps every 65.536 s."""
     bumper: int
     """Bit 0 right, 1 centre, 2 left."""
     wheel_drop: int
@@ -69,7 +69,7 @@ class Basic:
     cliff: int
     """Bit 0 right, 1 centre, 2 left."""
     left_ticks: int
-    """uint16, wraps."""
+    """Encoder ticks, uint16, wrap."""
     right_ticks: int
     left_pwm: int
     right_pwm: int
@@ -78,7 +78,7 @@ class Basic:
     charger: int
     """0 none, 2 docked and full, 6 docked and charging, 18 adapter and full, 22 adapter and charging."""
     battery_dv: int
-    """0.1 V."""
+    """Battery voltage, 0.1 V."""
     overcurrent: int
     """Bit 0 left wheel, 1 right wheel."""
 
@@ -88,14 +88,14 @@ class Inertial:
     """Heading and turn rate of the gyro."""
 
     angle_cdeg: int
-    """0.01°, counter-clockwise."""
+    """Heading, 0.01°, counter-clockwise."""
     rate_cdeg: int
-    """0.01°/s."""
+    """Turn rate, 0.01°/s."""
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A packet of a kind that nobody here reads: docking, currents, raw sensors, versions."""
+    """A packet of an unused kind: docking, currents, raw sensors, versions."""
 
     kind: int
     data: bytes
@@ -105,20 +105,20 @@ FeedbackPacket = Basic | Inertial | Unknown
 
 
 class BaseFeedback(NamedTuple):
-    """What a base reported at once, and when it arrived."""
+    """One feedback of a base, with its time of arrival."""
 
     instant: Instant
     basic: Basic
     inertial: Inertial | None
-    """None: there is no gyro, or it is not trusted."""
+    """None without a gyro or with a faulty one."""
 
 
 class WireMisuseError(ValueError):
-    """A packet of our own making that has no bytes: our mistake, never noise."""
+    """A packet that cannot be encoded: a programming error, not noise."""
 
 
 class MalformedError(Exception):
-    """A payload with a right checksum that no Kobuki would send: noise."""
+    """An invalid payload with a correct checksum: noise."""
 
 
 _COMMANDS: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
@@ -131,18 +131,18 @@ _FEEDBACK: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     Inertial: (4, struct.Struct("<hh3x")),
 }
 _UNREAD: Final = {3: 3, 5: 6, 6: 2, 16: 16, 19: 12, 21: 13}
-"""Bytes of data of packets that nobody here reads: docking, cliff, currents, inputs, device id, gains."""
+"""Data sizes of unused packets: docking, cliff, currents, inputs, device ID, gains."""
 _COMMAND_KINDS: Final = {kind: (of, layout) for of, (kind, layout) in _COMMANDS.items()}
 _FEEDBACK_KINDS: Final = {kind: (of, layout) for of, (kind, layout) in _FEEDBACK.items()}
 
 
 def encode_command(command: Command) -> bytes:
-    """Return the packet's bytes. Raises WireMisuseError for a number that its field cannot hold."""
+    """Encode a command. Raises WireMisuseError for a number beyond its field's range."""
     return _packet(command, *_COMMANDS[type(command)])
 
 
 def encode_feedback(packet: FeedbackPacket) -> bytes:
-    """Return the packet's bytes, as a base sends them. Raises WireMisuseError as `encode_command` does."""
+    """Encode a feedback packet. Raises WireMisuseError for a number beyond its field's range."""
     if isinstance(packet, Unknown):
         return bytes((packet.kind, len(packet.data))) + packet.data
     return _packet(packet, *_FEEDBACK[type(packet)])
@@ -152,21 +152,21 @@ def _packet(packet: Any, kind: int, layout: struct.Struct) -> bytes:
     try:
         return bytes((kind, layout.size)) + layout.pack(*astuple(packet))
     except struct.error as error:
-        raise WireMisuseError(f"{packet} has no bytes: {error}") from None
+        raise WireMisuseError(f"{packet} cannot be encoded: {error}") from None
 
 
 def decode_commands(payload: bytes) -> list[Command]:
-    """Return the commands of a payload, in order. Raises MalformedError; a base knows every command."""
+    """Decode the commands of a payload, in order. Raises MalformedError, also for unknown commands."""
     commands: list[Command] = []
     for kind, data in _packets(payload):
         if kind not in _COMMAND_KINDS:
-            raise MalformedError(f"there is no command {kind}")
+            raise MalformedError(f"unknown command {kind}")
         commands.append(_decoded(kind, data, *_COMMAND_KINDS[kind]))
     return commands
 
 
 def decode_feedback(payload: bytes) -> list[FeedbackPacket]:
-    """Return the packets of a payload, in order, those of unknown kinds as Unknown. Raises MalformedError."""
+    """Decode the packets of a payload, in order; unused kinds as Unknown. Raises MalformedError."""
     packets: list[FeedbackPacket] = []
     for kind, data in _packets(payload):
         if kind in _FEEDBACK_KINDS:
@@ -178,11 +178,11 @@ def decode_feedback(payload: bytes) -> list[FeedbackPacket]:
 
 
 def _packets(payload: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield kind and data of each packet; together they fill the payload exactly."""
+    """Yield kind and data of each packet. Raises MalformedError unless they fill the payload."""
     at = 0
     while at < len(payload):
         if at + 2 > len(payload) or at + 2 + payload[at + 1] > len(payload):
-            raise MalformedError("a packet is longer than the payload")
+            raise MalformedError("packet longer than the payload")
         end = at + 2 + payload[at + 1]
         yield payload[at], payload[at + 2 : end]
         at = end
@@ -200,61 +200,61 @@ def _check_size(kind: int, data: bytes, size: int) -> None:
 
 HEADER: Final = b"\xaa\x55"
 SHORTEST: Final = 3
-"""Bytes of the shortest payload: one packet with one byte of data."""
+"""Minimum payload, bytes: one packet with one byte of data."""
 LONGEST: Final = 160
-"""Bytes of the longest payload that is believed. All that a base can say at once makes 124; each byte more
-lets noise that looks like a header hold up what follows, 87 µs per byte."""
+"""Maximum accepted payload, bytes. A base sends up to 124; a larger limit lets noise that looks like a header
+delay the following frames by 87 µs per byte."""
 
 P = TypeVar("P")
 
 
 @dataclass
 class WireCounts:
-    """What came over a wire: frames that were right, and bytes that were skipped, by cause."""
+    """Counts of valid frames, and of skipped bytes by cause."""
 
     frames: int = 0
     noise: int = 0
-    """Bytes before a header."""
+    """Bytes outside of frames."""
     bad_length: int = 0
-    """Headers with an impossible length after them; one byte skipped for each, as for the next two."""
+    """Headers with an invalid length; one skipped byte each, as for the next two."""
     bad_checksum: int = 0
     malformed: int = 0
-    """Right checksum, wrong packets."""
+    """Correct checksum, invalid packets."""
 
     @property
     def skipped(self) -> int:
-        """Bytes that belonged to no frame."""
+        """Total number of skipped bytes."""
         return self.noise + self.bad_length + self.bad_checksum + self.malformed
 
 
 def encode_frame(payload: bytes) -> bytes:
-    """The frame of a payload. Raises WireMisuseError where its length is impossible."""
+    """Return the frame of a payload. Raises WireMisuseError for an invalid length."""
     if not SHORTEST <= len(payload) <= LONGEST:
-        raise WireMisuseError(f"a payload of {len(payload)} bytes; it should have {SHORTEST} to {LONGEST}")
+        raise WireMisuseError(f"payload of {len(payload)} bytes; must have {SHORTEST} to {LONGEST}")
     body = bytes((len(payload),)) + payload
     return HEADER + body + bytes((reduce(xor, body),))
 
 
 class FrameReader(Generic[P]):
-    """Finds the frames in a stream of bytes, whatever else is in it, and decodes their payloads.
+    """Incremental parser of frames in a noisy byte stream.
 
-    After anything wrong it goes on one byte after the header's first, so a frame within what looked like one
-    is found; it holds at most one frame's bytes between calls.
+    After an error it continues one byte after the start of the header, so that a frame within an apparent one
+    is found. It buffers at most one frame.
     """
 
     def __init__(self, decode: Callable[[bytes], P]) -> None:
-        """`decode`: gives the packets of a payload, or raises MalformedError."""
+        """Create it; `decode`: returns the packets of a payload or raises MalformedError."""
         self._decode = decode
         self._pending = bytearray()
         self.reception = WireCounts()
 
     @property
     def pending(self) -> int:
-        """Bytes that may become a frame."""
+        """Number of buffered bytes."""
         return len(self._pending)
 
     def take(self, data: bytes) -> list[P]:
-        """What the frames that end in `data` decode to, in order."""
+        """Append bytes and return the decoded payloads of completed frames, in order."""
         self._pending += data
         found: list[P] = []
         at = 0
@@ -275,7 +275,7 @@ class FrameReader(Generic[P]):
         return found
 
     def _frame_at(self, at: int, found: list[P]) -> int:
-        """How many bytes to go on from a header: 0 = the frame's end is still to come."""
+        """Parse the frame at a header; return how many bytes to advance, 0 if it is incomplete."""
         bytes_ = self._pending
         if len(bytes_) < at + 3:
             return 0

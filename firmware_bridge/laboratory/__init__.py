@@ -1,1 +1,1 @@
-"""Plays the hardware of a swarm: bodies in the simulated world behind emulated devices, in real time."""
+"""Laboratory: real-time emulation of a swarm's hardware, with bodies in the simulated world."""

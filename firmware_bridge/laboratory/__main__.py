@@ -1,8 +1,9 @@
 """Laboratory process: `python -m firmware_bridge.laboratory --setup FILE --links DIR --result FILE`.
 
-Runs until stopped. Each robot's devices are at DIR/<robot>/base, radio and range; "ready" on standard output
-says that they exist. Each line on standard input injects a fault (`unplug r2 radio`; see laboratory.faults)
-and is answered by one line: "ok", the answer to a query (`where r2`), or an error.
+Runs until stopped. Each robot's devices are at DIR/<robot>/base, radio and range; after creating them it
+prints "ready". Each line on standard input injects a fault (`unplug r2 radio`; see
+`laboratory.FaultInjector`) and is answered by one line: "ok", the answer to a query (`where r2`), or an
+error.
 """
 
 import gc
@@ -43,23 +44,23 @@ from firmware_bridge.laboratory.laboratory import (
 )
 
 _ROUND: Final = milliseconds(1)
-"""Boards are not looked at more often, unless a host has written."""
+"""Minimum interval of serving boards, unless a host has written."""
 _MOST_BEHIND: Final = 50
-"""Sub-steps; more are not made up, for then no line would be served meanwhile. They are left out."""
+"""Maximum number of late sub-steps that are caught up; more are skipped, to keep serving the lines."""
 _LONGEST_LINE: Final = 4096
 
 
 class InputLines:
-    """EmulatedLines of text from a descriptor, as they come."""
+    """Incremental reader of text lines from a descriptor."""
 
     def __init__(self, descriptor: int | None) -> None:
-        """`descriptor`: where to read; None: nobody says anything."""
+        """Create it; `descriptor`: input, None = no input."""
         self.descriptor = descriptor
-        """None once it has ended."""
+        """None after end of file."""
         self._pending = b""
 
     def read(self) -> list[str]:
-        """The lines that have ended; to be called when the descriptor is readable."""
+        """Return completed lines; call it when the descriptor is readable."""
         if self.descriptor is None:
             return []
         try:
@@ -74,7 +75,7 @@ class InputLines:
 
 
 class RealTime:
-    """The loop, with what it has to say about itself."""
+    """Real-time loop of a laboratory, with statistics."""
 
     def __init__(
         self,
@@ -83,7 +84,7 @@ class RealTime:
         commands: InputLines,
         duration: Duration | None = None,
     ) -> None:
-        """The laboratory's time begins now; it ends at `duration`, or is ended."""
+        """Start the laboratory's time now; `duration`: its end, None = until stopped."""
         self._laboratory = laboratory
         self._lines = lines
         self._commands = commands
@@ -96,12 +97,12 @@ class RealTime:
         self._began_ns = time.monotonic_ns()
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Serve until `stopped`, or to the end of its time."""
+        """Serve until `stopped` or the end of its time."""
         while not stopped() and (self._duration is None or self._laboratory.instant < self._duration):
             self.serve()
 
     def serve(self) -> None:
-        """Wait for the next sub-step, a board that has something to do, bytes or a command; and do it all."""
+        """Wait for the next sub-step, a board's action, bytes or a command, and process them."""
         by_number = self._lines.descriptors
         numbers = [*by_number]
         if self._commands.descriptor is not None:
@@ -118,7 +119,7 @@ class RealTime:
                 self._answer(line)
 
     def result(self) -> LaboratoryResult:
-        """What has happened so far."""
+        """Return the result so far."""
         laboratory = self._laboratory
         return LaboratoryResult(
             began_us=self._began_us,
@@ -143,19 +144,19 @@ class RealTime:
         )
 
     def _patience(self) -> float:
-        """How long to wait for bytes, s."""
+        """Return the timeout of waiting for bytes, s."""
         now = self._clock()
         wake = min(self._laboratory.now + SUBSTEP, max(self._laboratory.wake, now + _ROUND))
         return max(0, wake - now) * 1e-6
 
     def _catch_up(self) -> Instant:
-        """What time it is, once every sub-step until then has been made or left out."""
+        """Simulate or skip all sub-steps up to now; return the time."""
         now = self._clock()
         most = self._laboratory.now + _MOST_BEHIND * SUBSTEP
         if now > most:
             self._left_out += now - most
             sys.stderr.write(
-                f"{(now - self._laboratory.now) // 1000} ms behind; {(now - most) // 1000} ms are left out\n"
+                f"{(now - self._laboratory.now) // 1000} ms behind; {(now - most) // 1000} ms skipped\n"
             )
             sys.stderr.flush()
             now = Instant(most)
@@ -171,7 +172,7 @@ class RealTime:
             answer = self._injector.do(line)
         except AcrcError as error:
             answer = str(error)
-        with suppress(BrokenPipeError):  # whoever asked has gone
+        with suppress(BrokenPipeError):  # the client has exited
             sys.stdout.write(f"{answer}\n")
             sys.stdout.flush()
 
@@ -188,7 +189,7 @@ _KERNELS: Final = (odometry, drive, rays, visits, *RADIO_KERNELS)
 
 
 def main(argv: Sequence[str]) -> int:
-    """Play the hardware until told to stop; the exit code."""
+    """Emulate the hardware until stopped; return the exit code."""
     stopped: list[int] = []
 
     def stop(number: int, _frame: FrameType | None) -> None:
@@ -196,20 +197,20 @@ def main(argv: Sequence[str]) -> int:
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
-        parser = ArgumentParser(prog="python -m firmware_bridge.laboratory", description="Plays hardware.")
+        parser = ArgumentParser(prog="python -m firmware_bridge.laboratory", description="Emulate hardware.")
         parser.add_argument("--setup", required=True, type=Path, help="JSON file with the set-up")
-        parser.add_argument("--links", required=True, type=Path, help="folder for the devices' ports")
-        parser.add_argument("--result", required=True, type=Path, help="JSON file to write at the end")
-        parser.add_argument("--duration", type=float, help="end after so many seconds  [default: when told]")
-        parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
+        parser.add_argument("--links", required=True, type=Path, help="folder of the devices' ports")
+        parser.add_argument("--result", required=True, type=Path, help="JSON file for the result")
+        parser.add_argument("--duration", type=float, help="duration, s  [default: until a signal]")
+        parser.add_argument("--with-parent", action="store_true", help="exit with the parent process")
         options = parser.parse_args(argv)
         if options.duration is not None and not 0 <= options.duration <= 1e6:
-            raise AcrcError(f"--duration is {options.duration:g} s; it should be 0 to a million")
+            raise AcrcError(f"--duration: {options.duration:g} s; must be from 0 to 1 000 000")
         if options.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
         laboratory, lines = _build(load(options.setup), options.links)
         duration = None if options.duration is None else seconds(options.duration)
-        fingerprints(_KERNELS)  # all kernels compiled before the clock runs
+        fingerprints(_KERNELS)  # compile all kernels before the clock starts
         with lines:
             gc.collect()
             gc.freeze()
@@ -229,17 +230,17 @@ def main(argv: Sequence[str]) -> int:
 
 def _build(setup: LaboratorySetup, links: Path) -> tuple[Laboratory, EmulatedLines]:
     if not setup.world.robots:
-        raise AcrcError("a laboratory without robots; there should be one at least")
+        raise AcrcError("laboratory set-up has no robots; add at least one")
     ports = [DevicePort(robot.id, device) for robot in setup.world.robots for device in DEVICES]
     noise = generator(setup.world.seed, "laboratory lines", "")
     return Laboratory(setup), EmulatedLines(links, ports, noise)
 
 
 def _standard_input() -> int | None:
-    """Its descriptor, if there is one."""
+    """Return the descriptor of standard input, if any."""
     try:
         return None if sys.stdin is None else sys.stdin.fileno()
-    except (OSError, ValueError):  # a test's, or closed
+    except (OSError, ValueError):  # replaced by a test, or closed
         return None
 
 
@@ -247,7 +248,7 @@ def _write(path: Path, result: bytes) -> None:
     try:
         path.write_bytes(msgspec.json.format(result))
     except OSError as error:
-        raise AcrcError(f"{path}: cannot be written ({error.strerror}); give another file") from None
+        raise AcrcError(f"{path}: cannot be written ({error.strerror}); choose another file") from None
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Bodies and devices of a laboratory, without clock and I/O: told what time it is, it says what goes out."""
+"""Bodies and emulated devices of a laboratory, without clock and I/O, and fault injection."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -45,107 +45,102 @@ from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Emul
 
 
 class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Everything a laboratory needs to know. Raises AcrcError for what it cannot be."""
+    """Set-up of a laboratory. Raises AcrcError if inconsistent."""
 
     world: WorldSetup
-    """Its step and its duration are not used, as nobody conducts a laboratory, nor what its events want of
-    robots' processes."""
+    """Bodies and floor; step, duration and events for robot processes are ignored."""
     radio: RadioSetup
-    """Of the air, as in a simulated run; the boards learn their addresses from their hosts, and the result
-    tells both."""
+    """Radio medium, as in a simulated run; boards get their addresses from their hosts."""
     without_board: tuple[str, ...] = ()
-    """Robots with a simulated transceiver in a board's place."""
+    """Robots with a simulated transceiver instead of a board."""
 
     def __post_init__(self) -> None:
         robots = [robot.id for robot in self.world.robots]
         for robot in robots:
             if not robot or robot.startswith(".") or "/" in robot or not robot.isprintable() or " " in robot:
                 raise AcrcError(
-                    f"a robot {robot!r}; its name should do as a folder's and as a word of a command"
+                    f"robot {robot!r}: invalid name; use one that is a valid folder name without spaces"
                 )
         named = [robot for robot, _ in self.radio.robots]
         if sorted(named) != sorted(set(robots)) or len(set(robots)) != len(robots):
             raise AcrcError(
-                f"robots {', '.join(robots)} and addresses of {', '.join(named) or 'nobody'}; "
-                "each robot should have one name and one address"
+                f"robots {', '.join(robots)}, but addresses of {', '.join(named) or 'none'}; "
+                "give each robot one name and one address"
             )
 
 
 class LaboratoryTruth(msgspec.Struct, frozen=True):
-    """Where a robot truly is in the end."""
+    """Ground truth of a robot at the end."""
 
     pose: tuple[float, float, float]
     """x, y in m and heading in rad, map frame."""
     travelled: float
-    """Length of its way, m."""
+    """Distance travelled, m."""
 
 
 class LaboratoryResult(msgspec.Struct, frozen=True):
-    """What truly happened."""
+    """Ground truth and statistics of a laboratory."""
 
     began_us: int
-    """Wall clock at the beginning, µs since the Unix epoch."""
+    """Wall time of the start, µs since the Unix epoch."""
     simulated_s: float
     contacts: int
     places: tuple[PlaceOutcome, ...]
-    """When ground truth first came within reach of each, µs after the beginning; what was said of them stands
-    in the robots' own recordings."""
+    """Times at which the places were truly reached, µs after the start; reports are in the robots'
+    recordings."""
     lines: dict[str, int]
-    """Bytes that a robot's process did not read in time, by robot and device."""
+    """Bytes that robot processes did not read in time, by robot and device."""
     boards: dict[str, dict[str, int]]
-    """Each board's counters, and the address and the channel (11 to 26) that its host gave it; a simulated
-    transceiver's are its address and channel alone."""
+    """Counters of each board, with address and channel (11 to 26) set by its host; simulated transceivers
+    have no counters."""
     behind_ms: dict[str, int]
-    """Sub-steps of the physics by how late they were made, in whole milliseconds."""
+    """Number of physics sub-steps by lateness, in whole milliseconds."""
     lost_ms: int
-    """Wall time that was left out because the laboratory was too late to make it up."""
+    """Wall time that was skipped because the laboratory was too late."""
     robots: dict[str, LaboratoryTruth] = {}
     bases: dict[str, dict[str, int]] = {}
-    """Frames from each base's driver that were right, and bytes that were skipped."""
+    """Valid frames from each base's driver, and skipped bytes."""
     frames: dict[str, int] = {}
-    """What became of all frames, as the radio of a simulated run tells it."""
+    """Counters of radio frames, as in a simulated run."""
     frames_by_robot: dict[str, dict[str, int]] = {}
     cpu_s: float = 0.0
-    """Processor time since the beginning, s."""
+    """Processor time since the start, s."""
 
 
 def load(path: Path) -> LaboratorySetup:
-    """The set-up in a JSON file, whose paths are relative to its folder. Raises AcrcError."""
+    """Read the set-up from a JSON file, whose paths are relative to its folder. Raises AcrcError."""
     setup = typed_json.read(path, LaboratorySetup, "set-up of a laboratory")
     world, radio = setup.world.located(path.parent), setup.radio.located(path.parent)
     return msgspec.structs.replace(setup, world=world, radio=radio)
 
 
 LIDAR: Final = EmulatedRplidarParameters(turns=5.5, samples=1980, noise=0.0025)
-"""360 samples a turn, so that each lies on a whole degree, where a ray has been cast. Noise: own estimate, a
-quarter of the accuracy of 1 % of the distance that Slamtec's data sheet of the A1 gives."""
+"""360 samples per turn, at whole degrees like the cast rays. Noise: own estimate, a quarter of the accuracy
+of 1 % of the distance in Slamtec's data sheet of the A1."""
 _RAYS: Final = 360
 
 
 class LaboratoryScanners:
-    """The world's range sensors, with a lidar's rays in place of those of the robots' models.
-
-    It is mounted as the model's sensor is, and as noisy.
-    """
+    """The world's range sensors with the rays of a lidar; mount and noise as in the robots' models."""
 
     def __init__(
         self, grid: OccupancyGrid, models: Sequence[RobotModel], generators: Sequence[Generator]
     ) -> None:
-        """`generators`: one per robot, for the noise of its ranges."""
+        """Create them; `generators`: of the range noise, one per robot."""
         lidars = [_with_lidar(model) for model in models]
         self._sensors = RangeSensors(grid, lidars, generators)
         self._first = lidars[0].sensor.first_angle if lidars else 0.0
         self.poses: NDArray[np.float64] = np.zeros((len(models), 3))
-        """(n, 3): where the bodies are, m, rad, map frame."""
+        """Poses of the bodies, (n, 3), m, rad, map frame."""
         self._obstacles: NDArray[np.float64] = np.empty((0, 3))
 
     def look(self, poses: Sequence[tuple[float, ...]], obstacles: NDArray[np.float64]) -> None:
-        """From now on the bodies are there, and the obstacles: (n, 3), x, y and radius, m."""
+        """Set poses of the bodies, and obstacles: (n, 3), x, y and radius, m."""
         self.poses[:] = poses
         self._obstacles = obstacles
 
     def of(self, index: int) -> Sight:
-        """What one robot's lidar sees."""
+        """Return the range function of one robot's lidar."""
 
         def sight(angles: NDArray[np.float64]) -> NDArray[np.float64]:
             (ranges_mm,) = self._sensors.scan([index], self.poses, self._obstacles)
@@ -168,41 +163,41 @@ def _with_lidar(model: RobotModel) -> RobotModel:
 
 
 class RobotBody:
-    """A kobuki.base.Body that the simulated world moves."""
+    """Body of an emulated base (`kobuki.base.Body`), moved by the simulated world."""
 
     def __init__(self, bodies: Bodies, index: int) -> None:
         self._bodies = bodies
         self._index = index
         self._wanted = (0.0, 0.0)
-        """As it was told last: m/s, rad/s."""
+        """Last command: m/s, rad/s."""
 
     def drive(self, v: float, omega: float) -> None:
-        """As in Body."""
+        """Set the commanded velocity: `v` m/s forward and `omega` rad/s."""
         self._wanted = (v, omega)
 
     @property
     def is_told_to_stand(self) -> bool:
-        """True if the wheels were last told not to turn; the body brakes as it can."""
+        """True if the last command is zero velocity; the body may still be braking."""
         return self._wanted == (0.0, 0.0)
 
     def hold(self, now: Instant) -> None:
-        """Go on as last told: of a watchdog in a Kobuki nothing is known, so it should be safe without.
+        """Repeat the last command, as no watchdog is documented for a Kobuki.
 
-        To be called before every move of the bodies, whose own drives forget a wish after a while.
+        Call it before each move of the bodies, whose commands expire.
         """
         v, omega = self._wanted
         self._bodies.command(self._index, Drive(0, v, 0.0, omega, 0), now)
 
     def advance(self, now: Instant) -> None:
-        """As in Body: somebody else moves it."""
+        """Do nothing: the world moves the body."""
 
     def truth(self) -> BodyTruth:
-        """As in Body."""
+        """Return the current ground truth."""
         x, y, heading, vx, vy, omega = self._bodies.truth(self._index)
         return BodyTruth(Pose(x, y, heading), vx * cos(heading) + vy * sin(heading), omega)
 
     def bumper(self) -> int:
-        """As in Body: pressed at any time since the last call."""
+        """Return the sectors pressed at any time since the last call, as in Body."""
         return self._bodies.senses(self._index, 0, Instant(0), 0, False).bumper
 
 
@@ -210,7 +205,7 @@ Out = Callable[[DevicePort, bytes], None]
 
 
 class EmulatedHardware(NamedTuple):
-    """One robot's devices."""
+    """Emulated devices of one robot."""
 
     body: RobotBody
     base: EmulatedKobuki
@@ -219,16 +214,15 @@ class EmulatedHardware(NamedTuple):
 
 
 class Laboratory:
-    """The hardware of all robots; time begins at 0.
+    """Emulated hardware of all robots; time starts at 0.
 
-    Bodies, bases and lidars go from sub-step to sub-step of the physics, boards and their air through every
-    instant: a driver of a base does not notice 10 ms, the host of a board does. The air knows bodies as the
-    radio of a simulated run does, from where they truly are and go at the beginning of a step; here that is a
+    Bodies, bases and lidars advance by physics sub-steps of 10 ms; boards and medium are event-driven, as
+    their hosts need finer timing. The medium uses the true poses and velocities at the start of each
     sub-step.
     """
 
     def __init__(self, setup: LaboratorySetup) -> None:
-        """Raises AcrcError for what does not exist or does not fit."""
+        """Create the hardware. Raises AcrcError for missing files and invalid positions."""
         world, seed = setup.world, setup.world.seed
         self._bodies = Bodies(world)
         _, self._errors = drifting(world.uncertainty)
@@ -237,55 +231,55 @@ class Laboratory:
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._scanners = LaboratoryScanners(real_floor(world, models).visible, models, noise)
         self.air = air(setup.radio)
-        """What lies between the radios."""
+        """Radio medium."""
         self._orders = Orders(world.events, Participants(world.robots), self._bodies, self._referee)
         self.robots: Mapping[str, EmulatedHardware] = {
             robot.id: self._hardware(index, setup) for index, robot in enumerate(world.robots)
         }
-        """The devices of each robot."""
+        """Devices by robot."""
         self._now = self._instant = START
         self._travelled = np.zeros(len(models))
         self._look()
 
     @property
     def now(self) -> Instant:
-        """Up to when the bodies have moved."""
+        """Time of the bodies."""
         return self._now
 
     @property
     def instant(self) -> Instant:
-        """Up to when the boards have lived, at most a sub-step later."""
+        """Time of the boards, at most a sub-step later."""
         return self._instant
 
     @property
     def wake(self) -> Instant:
-        """When something happens next that `advance` would have to make happen."""
+        """Time of the next event."""
         return self.air.wake() or self._due
 
     @property
     def contacts(self) -> int:
-        """Between robots, or of a robot with a wall, that have begun so far."""
+        """Number of contacts so far between robots or with walls."""
         return self._bodies.contacts
 
     @property
     def places(self) -> tuple[PlaceOutcome, ...]:
-        """Which have truly been reached, when and by whom."""
+        """Outcomes of the places by ground truth."""
         return self._referee.places(())
 
     def pose(self, robot: str) -> tuple[float, float, float]:
-        """Where it truly is: x, y in m and heading in rad, map frame."""
+        """Return the true pose: x, y in m and heading in rad, map frame."""
         return self._bodies.truth(self._index(robot))[:3]
 
     def travelled(self, robot: str) -> float:
-        """Length of its way so far, m."""
+        """Return the distance travelled so far, m."""
         return float(self._travelled[self._index(robot)])
 
     def carry(self, robot: str, pose: Pose) -> None:
-        """Put a robot elsewhere. Raises AcrcError where it would not fit."""
+        """Move a robot to another pose. Raises AcrcError if it does not fit."""
         self._bodies.place(self._index(robot), pose)
 
     def take(self, port: DevicePort, now: Instant, data: bytes) -> None:
-        """Bytes that have come on a line; they belong to the sub-step or the instant that `advance` is at."""
+        """Accept bytes from a line, at the current time of `advance`."""
         robot = self.robots[port.robot]
         if port.device == RADIO:
             robot.radio.take(now, data)
@@ -295,7 +289,7 @@ class Laboratory:
             robot.lidar.take(self._now, data)
 
     def advance(self, until: Instant, out: Out) -> None:
-        """Let time pass; `out` gets what the devices send."""
+        """Advance to `until`; pass the devices' bytes to `out`."""
         while self._due <= until:
             self.air.advance(self._due)
             self._move()
@@ -321,7 +315,7 @@ class Laboratory:
         self._travelled += arrays.hypot(*(self._scanners.poses[:, :2] - before).T)
 
     def _look(self) -> None:
-        """Carry out what is due at the beginning of a sub-step, and note where everybody is."""
+        """Execute orders at the start of a sub-step, and update medium, scanners and referee."""
         self._orders.begin(self._now)
         effects = self._orders.effects
         self.air.jam(self._now, effects.jams)
@@ -375,7 +369,7 @@ _USAGE: Final = {
     "unplug": "base|radio|range",
     "where": "",
 }
-"""The words after verb and robot."""
+"""Arguments after verb and robot."""
 _FAULTS: Final[Mapping[str, tuple[str, str, Any]]] = {
     "deafen": ("base", "deaf", True),
     "edge": ("base", "cliff", 7),
@@ -398,35 +392,32 @@ _FAULTS: Final[Mapping[str, tuple[str, str, Any]]] = {
     "sicken": ("lidar", "health", Health(2, 1)),
     "silence range": ("lidar", "silent", True),
 }
-"""Faults of base and lidar by command: an attribute and its value. Of the lidar: no echo, a blocked head, an
-error code after which it does not scan, silence."""
+"""Device, attribute and value by command. Faults of the lidar: no echoes, blocked head, health error,
+silence."""
 _HEALTHY_LIDAR: Final = {"dark": False, "stuck": False, "health": Health(0), "silent": False}
 
 
 class FaultInjector:
-    """Injects and removes faults."""
+    """Executor of commands that inject and remove faults."""
 
     def __init__(self, laboratory: Laboratory, lines: EmulatedLines) -> None:
         self._laboratory = laboratory
         self._lines = lines
 
     def do(self, line: str) -> str:
-        """Carry out one line (verb, robot, further words) and return the answer, mostly "ok".
-
-        Raises AcrcError for a line that cannot be carried out.
-        """
+        """Execute one line (verb, robot, arguments) and return the answer, mostly "ok". Raises AcrcError."""
         verb, *words = line.split() or [""]
         if verb not in _USAGE:
-            raise AcrcError(f"there is no {verb!r}; it should be one of {', '.join(_USAGE)}")
+            raise AcrcError(f"unknown command {verb!r}; use one of {', '.join(_USAGE)}")
         robots, usage = self._laboratory.robots, _USAGE[verb].split()
         robot = words[0] if words else ""
         if robot not in robots:
-            raise AcrcError(f"there is no robot {robot!r}; it should be one of {', '.join(robots)}")
+            raise AcrcError(f"unknown robot {robot!r}; use one of {', '.join(robots)}")
         for word, choice in zip(words[1:], usage, strict=False):
             if choice.islower() and word not in choice.split("|"):
-                raise AcrcError(f"there is no {word!r} here; it should be one of {choice}")
+                raise AcrcError(f"invalid argument {word!r}; use one of {choice}")
         if len(words) != 1 + len(usage):
-            raise AcrcError(f"{line.strip()!r} should be {f'{verb} ROBOT {_USAGE[verb]}'.rstrip()!r}")
+            raise AcrcError(f"{line.strip()!r}: usage is {f'{verb} ROBOT {_USAGE[verb]}'.rstrip()!r}")
         return self._do(robots[robot], robot, (verb, *words[1:])) or "ok"
 
     def _do(self, hardware: EmulatedHardware, robot: str, words: tuple[str, ...]) -> str | None:
@@ -459,7 +450,7 @@ class FaultInjector:
     def _change_board(self, hardware: EmulatedHardware, robot: str, words: Sequence[str]) -> None:
         board, now = hardware.radio, self._laboratory.instant
         if not isinstance(board, EmulatedBoard):
-            raise AcrcError(f"{robot} has no board; its transceiver is a simulated one")
+            raise AcrcError(f"{robot} has a simulated transceiver without a board")
         if words[0] == "gps":
             board.gps(now, words[1].encode())
         elif words[0] == "press":
@@ -468,7 +459,7 @@ class FaultInjector:
             board.reboot(now)
 
     def _heal(self, hardware: EmulatedHardware, robot: str) -> None:
-        """Remove all faults and plug in all cables."""
+        """Remove all faults and connect all lines."""
         hardware.base.faults = Faults()
         for attribute, value in _HEALTHY_LIDAR.items():
             setattr(hardware.lidar, attribute, value)
@@ -478,7 +469,7 @@ class FaultInjector:
                 self._lines.plug(port)
 
     def _where(self, hardware: EmulatedHardware, robot: str) -> str:
-        """Ground truth: time, s; distance travelled, m; speed, m/s; 1 if the wheels are told to stand."""
+        """Return time, s; true distance travelled, m; speed, m/s; 1 if the commanded velocity is zero."""
         time = in_seconds(Duration(self._laboratory.now - START))
         told_to_stand = int(hardware.body.is_told_to_stand)
         speed = hardware.body.truth().v
@@ -486,11 +477,11 @@ class FaultInjector:
 
 
 def _number(word: str, what: str, most: float) -> float:
-    """A number from 0 to `most`."""
+    """Parse a number from 0 to `most`. Raises AcrcError."""
     try:
         value = float(word)
     except ValueError:
         value = math.nan
     if not 0 <= value <= most:
-        raise AcrcError(f"{word!r} is not {what}; it should be a number from 0 to {most:g}")
+        raise AcrcError(f"{word!r} is not {what}; must be a number from 0 to {most:g}")
     return value

@@ -1,1 +1,1 @@
-"""The processes of a robot on hardware, around the robot program of the simulation."""
+"""Processes of a physical robot that surround the robot program of the simulation: base and bridge."""

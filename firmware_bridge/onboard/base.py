@@ -1,6 +1,6 @@
-"""The base as a program: `python -m firmware_bridge.onboard.base SETUP`.
+"""Base process: `python -m firmware_bridge.onboard.base SETUP`.
 
-It is the router of its robot, as the world is that of a simulated swarm.
+It is the router of its robot, as the world is the router of a simulated swarm.
 """
 
 import functools
@@ -45,7 +45,7 @@ from firmware_bridge.serial_port import KOBUKI, RPLIDAR, SerialPort
 
 
 def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
-    """The vehicle on the ports of the set-up, which need not be there yet."""
+    """Create the vehicle on the ports of the set-up, which may be missing at first."""
     base = functools.partial(SerialPort, setup.base, KOBUKI)
     driver, ranger = KobukiDriver(clock.now()), _ranger(setup, clock, say)
     mount = load_model(setup.model, setup.sensor).sensor.mount
@@ -79,7 +79,7 @@ class Base:
         self._stopped = False
 
     def drive(self, shell: Shell, bus: WakingBus) -> None:
-        """Run until told to stop; the vehicle stands when this returns or raises."""
+        """Run until stopped; the vehicle stands when this returns or raises."""
         core = self.core
         before = signal.signal(signal.SIGTERM, self._stop)
         try:
@@ -98,15 +98,15 @@ class Base:
 
     @property
     def wake(self) -> Instant | None:
-        """Devices speak at their own pace."""
+        """None: devices have no deadlines."""
         return None
 
     def descriptors(self) -> Sequence[int]:
-        """What to wait for."""
+        """Return the descriptors to wait for."""
         return self._vehicle.descriptors()
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due. Raises MotionUnknownError."""
+        """Exchange bytes with the devices. Raises MotionUnknownError."""
         self._vehicle.serve(now)
         self._vehicle.check_odometry()
         if self._keeper is not None and self.core.held is not None:
@@ -122,7 +122,7 @@ class Base:
 
 
 def check_free(listen: str | None) -> None:
-    """Raise AcrcError with what is wrong with `tls/HOST:PORT`, where a laptop is to be awaited."""
+    """Raise AcrcError if the endpoint `tls/HOST:PORT` is unavailable for listening."""
     if listen is None:
         return
     host, _, port = listen.removeprefix("tls/").rpartition(":")
@@ -134,15 +134,15 @@ def check_free(listen: str | None) -> None:
     except OSError as error:
         why = (error.strerror or str(error)).lower()
         raise AcrcError(
-            f"{listen}: no laptop can be awaited there: {why}; end the program that has the port, or name "
-            "another address as `listen` in the fleet file"
+            f"{listen}: cannot listen there: {why}; stop the program that uses the port, or change `listen` "
+            "in the fleet file"
         ) from None
 
 
 def main(argv: Sequence[str]) -> int:
-    """Drive a robot until told to stop; the exit code."""
+    """Run the base process; return the exit code."""
     try:
-        file = setup_parser("firmware_bridge.onboard.base", "Drives a TurtleBot 2.").parse_args(argv).setup
+        file = setup_parser("firmware_bridge.onboard.base", "Drive a TurtleBot 2.").parse_args(argv).setup
         told, folder = read_setup(file, BaseProgram, "a base"), file.parent
         setup, router = told.actor, folder / told.process.router
         if told.process.with_parent:

@@ -1,11 +1,8 @@
-"""The base of a robot as an actor: conducts the robot's steps by the clock, as the world does in simulation.
+"""The base as an actor: conducts the robot's steps in real time, with the world's keys and messages.
 
-The same keys and messages as the world's, with one difference: nobody is waited for. A step begins at its
-instant on a fixed grid. If the robot has not answered the step before, this one is left out and counted; if
-the bridge does not say in time what it has heard, the robot hears it a step later.
-
-The core is told the time, an input that a recording does not hold: what is replayed is the robot, from
-what it received.
+In contrast to the world it does not wait. Steps begin at fixed intervals. If the robot has not answered the
+previous step, a step is skipped and counted; if the bridge reports events late, the robot receives them a
+step later. The time is an input that is not recorded, so the robot can be replayed, the base cannot.
 """
 
 from collections.abc import Sequence
@@ -44,54 +41,55 @@ from firmware_bridge.onboard.device_loop import TimedCore
 
 
 class BaseReport(msgspec.Struct):
-    """Counts of a base, its last record."""
+    """Counts of a base; the last entry of its recording."""
 
     steps: int = 0
     overruns: int = 0
-    """Steps that it left out because the robot had not answered."""
+    """Steps skipped because the robot had not answered."""
     late_air: int = 0
-    """Steps for which the bridge did not report in time what it heard."""
+    """Steps for which the bridge's report was late."""
     stale_drives: int = 0
-    """Answers to a step that was over."""
+    """Answers to earlier steps."""
     lateness_ms: dict[int, int] = {}
-    """Steps by whole ms from a step's instant to the robot's answer."""
+    """Number of steps by latency of the robot's answer, ms."""
 
 
 AIR_PATIENCE: Final[Duration] = milliseconds(20)
-"""How long a step waits for the bridge: a fifth of a step; a bridge on the same machine takes about one."""
+"""Timeout of the bridge's report: a fifth of a step; typical is 1 ms."""
 
 
 class Vehicle(Protocol):
-    """What the base can sense and do."""
+    """Sensors and actuators of the base."""
 
     def odometry(self) -> Odometry:
-        """Pose since it was switched on, and velocity."""
+        """Return the pose since the start, and the velocity."""
 
     def bumper(self) -> int:
-        """Bits as in Senses, of the time since the last call."""
+        """Return the bits set since the last call, as in Senses."""
 
     def scan(self) -> Scan | None:
-        """The last sweep, once."""
+        """Return the latest scan, once."""
 
     def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
-        """Want a velocity, m/s and rad/s, by what was sensed at `issued`: one that is too old is not driven.
+        """Command a velocity, m/s and rad/s, based on data sensed at `issued`; too old ones are ignored.
 
-        What else stops it is the vehicle's own affair.
+        The vehicle may refuse it for other causes.
         """
 
     def held(self) -> tuple[str, ...]:
-        """What keeps it from driving as it is told, or soon will, in words; empty: nothing."""
+        """Return causes that prevent motion now or soon, in words."""
 
 
 class BaseCore(TimedCore):
-    """One robot's steps."""
+    """Conductor of one robot's steps."""
 
     def __init__(
         self, robot: str, step_us: int, begin: Instant, start: Pose, places: int, vehicle: Vehicle
     ) -> None:
-        """`begin`: the instant of step 0; `start`: where the base was switched on, in the map frame.
+        """Create it.
 
-        `places`: how many the robot has to clean at first.
+        `begin`: the instant of step 0; `start`: pose of the base at its start, map frame; `places`: initial
+        number of places.
         """
         super().__init__()
         self.now = begin
@@ -102,46 +100,46 @@ class BaseCore(TimedCore):
         self._start = start
         self._vehicle = vehicle
         self._sensed: int | None = None
-        """The step whose Senses went out last."""
+        """Last step whose Senses were sent."""
         self._robot_there = self._radio_there = self._busy = self._asked = self._paused = False
         self._opening: int | None = None
-        """The step that waits for the bridge."""
+        """Step that waits for the bridge."""
         self._air_due = begin
         self._events = 0
         self._epoch = 0
-        """Of the robot's process."""
+        """Epoch of the robot's process."""
         self._unanswered = self._void = 0
-        """Truths that the bridge has not answered, and how many of them concern a robot that has ended."""
+        """Number of Truths not answered by the bridge, and of those for an exited robot."""
         self._transmits = 0
         self.patience: Duration | None = None
-        """A robot or bridge that does not answer for so long hangs; None: it may."""
+        """Timeout of answers of robot and bridge; None: no limit."""
         self._asked_at = begin
-        """When the bridge was asked what it has not answered yet."""
+        """Time of the unanswered request to the bridge."""
         self._odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        """As the robot was told last."""
+        """Odometry in the last Senses."""
         self.held: tuple[Pose, Odometry] | None = None
-        """Where the robot held itself to be, map frame, and the odometry there; None: it has never known."""
+        """Latest pose estimate of the robot, map frame, with its odometry; None before the first."""
         self._stopping = False
         self._reports = 0
         self._left = places
 
     @property
     def next_tick(self) -> Instant:
-        """When the next step begins."""
+        """Time of the next step."""
         return Instant(self._begin + (self.step + 1) * self._step_us)
 
     @property
     def wake(self) -> Instant:
-        """When an advance is due, if no message comes before."""
+        """Time of the next advance without a message."""
         return min(self.next_tick, self._air_due) if self._opening is not None else self.next_tick
 
     def listens(self) -> Sequence[Address]:
-        """Every address that a message may come in on."""
+        """Return the addresses of incoming messages."""
         robot = self._robot
         return (at(READY, robot), at(RADIO_READY), at(DRIVE, robot), at(AIRED), at(CONTROL))
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Take in one message, or the passing of time."""
+        """Process one message, or the passing of time."""
         self._expected = None
         if not inputs:
             return self._time()
@@ -160,11 +158,11 @@ class BaseCore(TimedCore):
                 return ()
 
     def stop(self) -> None:
-        """The next advance without a message is the last."""
+        """Make the next advance without a message the last one."""
         self._stopping = True
 
     def _halt(self) -> Sequence[Output]:
-        """The last messages: to the robot, and to the bridge."""
+        """Return the last messages, to robot and bridge."""
         self.finished = True
         self._vehicle.command(self.now, self.now, 0.0, 0.0)
         last = self.step if self._sensed is None else max(self.step, self._sensed + 1)
@@ -209,7 +207,7 @@ class BaseCore(TimedCore):
         return (to(TRUTH, truth),)
 
     def _check_answers(self) -> None:
-        """Raises AcrcError for a robot or bridge that was asked too long ago."""
+        """Raise AcrcError if the answer of robot or bridge has timed out."""
         if self.patience is None or self._sensed is None:
             return
         for waits, since, who in (
@@ -217,9 +215,7 @@ class BaseCore(TimedCore):
             (self._asked, self._asked_at, "the radio's bridge"),
         ):
             if waits and self.now - since > self.patience:
-                raise AcrcError(
-                    f"step {self.step}: {who} has not answered for {in_seconds(self.patience):g} s"
-                )
+                raise AcrcError(f"step {self.step}: no answer from {who} for {in_seconds(self.patience):g} s")
 
     def _open(self, step: int) -> list[Output]:
         self._opening, self._busy, self._sensed = None, True, step
@@ -264,7 +260,7 @@ class BaseCore(TimedCore):
     def _ready(self, ready: Ready) -> Sequence[Output]:
         if ready.actor == self._robot:
             self._robot_there, self._busy, self._opening, self._events = True, False, None, 0
-            # The next Truth tells the bridge of the epoch, ahead of the robot's first frames.
+            # The next Truth passes the epoch to the bridge before the robot's first frames.
             self._epoch, self._asked, self._void = ready.epoch, False, self._unanswered
         else:
             self._radio_there, self._asked, self._unanswered, self._void = True, False, 0, 0
@@ -282,10 +278,10 @@ class BaseCore(TimedCore):
                     self._paused = False
                 case _:
                     pass  # orders to a simulated world
-        return (to(PROGRESS, self._progress()),)  # whoever gave the order learns that it was obeyed
+        return (to(PROGRESS, self._progress()),)  # confirms the order
 
     def _truth(self) -> RobotTruth:
-        """What stands in truth's place, for those who watch: where odometry alone holds the robot to be."""
+        """Return the odometry pose in place of ground truth, for observers."""
         odometry = self._vehicle.odometry()
         x, y, heading = self._start.compose(Pose(odometry.x, odometry.y, odometry.heading))
         c, s = cos_sin(heading)

@@ -1,9 +1,9 @@
-"""Bridge process of a radio board: the simulated radio's counterpart for one robot.
+"""Bridge process between robot and radio board: `python -m firmware_bridge.onboard.bridge SETUP`.
 
-`python -m firmware_bridge.onboard.bridge SETUP`. Frames of the robot go to the board at their instants. When
-the base opens a step with Truth, the board's events since the last step go to the robot as Received and
-their number to the base. When the robot restarts, everything of its previous epoch is dropped, but the
-board still sends the frames that it has.
+It replaces the simulated radio for one robot. Frames of the robot are sent to the board at their instants.
+When the base opens a step with Truth, the board's events since the last step are sent to the robot as
+Received, and their number to the base. When the robot restarts, events and frames of its previous epoch are
+dropped, except frames already on the board.
 """
 
 import functools
@@ -62,13 +62,13 @@ from firmware_bridge.onboard.device_loop import (
 from firmware_bridge.serial_port import BoardPort
 
 MOST_EVENTS: Final = 256
-"""Events held for a robot that takes none; about what a busy channel brings in a second."""
+"""Maximum number of queued events; about one second of a busy channel."""
 MOST_PLANNED: Final = 256
-"""Frames that may wait for their instants."""
+"""Maximum number of frames waiting for their instants."""
 
 
 class BridgeCore(TimedCore):
-    """One robot's board; bytes come by `hear`, and go by `due`."""
+    """Bridge of one robot's board; `hear` accepts bytes, `due` returns bytes."""
 
     def __init__(self, robot: str, link: BoardLink | TransceiverLink) -> None:
         super().__init__()
@@ -79,26 +79,26 @@ class BridgeCore(TimedCore):
         self._held: list[RadioEvent] = []
         self._notes: list[BoardNote] = []
         self._epoch: int | None = None
-        """The robot's; None: it has not been told yet."""
+        """Epoch of the robot; None: unknown."""
         self._tags: dict[int, int] = {}
-        """The robot's tags of the frames that the link has, by the link's own."""
+        """The robot's tags of frames in the link, by the link's tags."""
         self._handed = 0
         self.dropped_events = self.dropped_frames = self.forgotten_events = self.forgotten_frames = 0
 
     @property
     def wake(self) -> Instant | None:
-        """When something is due if nothing comes before; None: nothing is."""
+        """Time of the next action if nothing is received; None: none."""
         due = [self._planned[0][0]] if self._planned else []
         link = self._link.wake()
         due += [] if link is None else [link]
         return Instant(min(due)) if due else None
 
     def listens(self) -> Sequence[Address]:
-        """Every address that a message may come in on."""
+        """Return the addresses of incoming messages."""
         return (at(TRUTH), at(TRANSMIT, self._robot))
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Take in one message; without one, give the news for people."""
+        """Process one message; without one, return pending board notes."""
         self._expected = None
         for message in inputs.values():
             if isinstance(message, Transmit):
@@ -110,19 +110,19 @@ class BridgeCore(TimedCore):
 
     @property
     def has_news(self) -> bool:
-        """True if an advance without a message has something to give."""
+        """True if board notes are pending."""
         return bool(self._notes)
 
     def hear(self, data: bytes) -> None:
-        """Take in what the port has given, also nothing, and the passing of time."""
+        """Process bytes read (or none) and the passing of time."""
         self._note(self._link.take(self.now, data))
 
     def lost(self) -> None:
-        """The port has gone."""
+        """Handle the loss of the port."""
         self._note(self._link.lost(self.now))
 
     def due(self) -> bytes:
-        """What is to be written to the port now."""
+        """Return the bytes to write now."""
         while self._planned and self._planned[0][0] <= self.now:
             _, _, tag, data = heapq.heappop(self._planned)
             self._handed += 1
@@ -131,7 +131,7 @@ class BridgeCore(TimedCore):
         return self._link.due(self.now)
 
     def outcome(self) -> dict[str, object]:
-        """What has been counted."""
+        """Return all counters."""
         return {
             "board": dict(self._link.counters),
             "frames": {
@@ -165,7 +165,7 @@ class BridgeCore(TimedCore):
         return (received, to(AIRED, Aired(truth.step, (EventCount(self._robot, len(held)),))))
 
     def _follow(self, epoch: int) -> None:
-        """Forget what belonged to the robot before its last restart."""
+        """Drop events and frames of an earlier epoch."""
         if self._epoch not in (None, epoch):
             self.forgotten_frames += len(self._planned) + self._link.forget()
             self.forgotten_events += len(self._held)
@@ -199,7 +199,7 @@ class BridgeCore(TimedCore):
 
 
 class Bridge:
-    """The bridge process around its core: the board's port, which may come and go."""
+    """Bridge process: the core, and the board's port, which is reopened after a loss."""
 
     def __init__(self, setup: BridgeSetup, clock: Clock) -> None:
         self._clock = clock
@@ -210,7 +210,7 @@ class Bridge:
         )
 
     def drive(self, shell: Shell, bus: WakingBus) -> None:
-        """Run until the base says that it is over."""
+        """Run until the base ends the run."""
         core = self.core
         try:
             conduct(shell, bus, core, self, self._clock, lambda: None, lambda: core.has_news)
@@ -219,33 +219,33 @@ class Bridge:
 
     @property
     def wake(self) -> Instant | None:
-        """When a frame or the link is due."""
+        """Time of the next frame or action of the link."""
         return self.core.wake
 
     def descriptors(self) -> Sequence[int]:
-        """What to wait for."""
+        """Return the descriptors to wait for."""
         return self._line.descriptors()
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due; open the port anew if it has gone."""
+        """Exchange bytes with the board; reopen a lost port."""
         if self._line.connect(now):
             self._link.connect(now)
         if self._line.port is None:
-            self.core.due()  # frames whose instants have come wait with the link, which holds few
+            self.core.due()  # moves due frames to the link's queue
         elif not self._line.exchange(self._converse):
             self.core.lost()
 
     def _converse(self, port: BoardPort) -> bool:
-        """Give the core what the board says, and the board what is due as soon as it takes it; True."""
+        """Exchange bytes between core and port; return True."""
         self.core.hear(port.read())
         port.write(self.core.due() if port.is_idle else b"")
         return True
 
 
 def main(argv: Sequence[str]) -> int:
-    """Bridge until the base has ended; the exit code."""
+    """Run the bridge process; return the exit code."""
     try:
-        parser = setup_parser("firmware_bridge.onboard.bridge", "Talks by a BEE click.")
+        parser = setup_parser("firmware_bridge.onboard.bridge", "Connect a robot to its BEE-click board.")
         file = parser.parse_args(argv).setup
         told, folder = read_setup(file, BridgeProgram, "a bridge"), file.parent
         setup, place = told.actor, told.process

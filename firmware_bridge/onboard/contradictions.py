@@ -1,11 +1,10 @@
 """Consistency checks between range sensor, wheels, gyro and command; the robot stops on a contradiction.
 
-Of two scans between which the robot has moved, the later must show the room of the earlier one if both are
-placed by wheels and gyro. Where it does not, the faulty sensor is the one whose fault, if assumed, makes the
-scans consistent. No sensor is reported unless such a hypothesis exists: people who walk by and a robot that
-is pushed or carried give none. A hypothesis must win in several directions and twice in a row.
+Two scans, placed by wheels and gyro, must show the same room. If they do not, the faulty sensor is the one
+whose assumed fault makes the scans consistent. Without such a hypothesis (passers-by, a pushed or carried
+robot) no sensor is reported. A hypothesis must win in several directions and twice in a row.
 
-Without I/O, clock and randomness: the same feedbacks, commands and scans give the same causes.
+Without I/O, clock and randomness: equal inputs give equal causes.
 """
 
 import math
@@ -33,34 +32,34 @@ from firmware_bridge.onboard.motion_checks import (
 from firmware_bridge.range_sensors.sensor import SensorSweep
 
 _POINTS: Final = 90
-"""Points of the later sweep that are looked for in the earlier one; enough to see a door frame."""
+"""Number of compared points of the later sweep; enough to resolve a door frame."""
 _GAP: Final = 0.5
-"""Neighbouring points of a sweep so near to each other are taken for one wall, m."""
+"""Maximum distance of neighbouring points that form a wall, m."""
 _BREAK: Final = 0.15
-"""Neighbouring points farther apart than this, m, ..."""
+"""Distance of neighbouring points that separates two objects, m, ..."""
 _BREAK_SHARE: Final = 0.07
-"""... or than this share of their range belong to two things; a wall looked along at 15° does not break."""
+"""... at least this share of their range; a wall seen at 15° stays connected."""
 _EXTENT: Final = 0.8
-"""Smaller things, m, are no witnesses: people and robots, which may go along with the robot. Own choice."""
+"""Minimum extent of compared objects, m, which excludes people and robots. Own choice."""
 _NEAR: Final = 0.02
-"""A point so near to that room belongs to it, m; own choice, and ..."""
+"""Tolerance of a point's distance to the room, m; own choice, ..."""
 _NEAR_SHARE: Final = 0.008
-"""... so much of its range more: noise, and what a degree leaves open."""
+"""... plus this share of its range, for noise and angular resolution."""
 
 
 class Hypothesis(NamedTuple):
-    """A fault, and how scans are to be placed if it is there."""
+    """An assumed fault and the corresponding placement of scans."""
 
     cause: HoldCause | None = None
     suspect: SuspectSensor = SuspectSensor.NONE
     turned: float = 0.0
-    """How the sensor is turned on its mount, rad, counter-clockwise."""
+    """Rotation of the sensor on its mount, rad, counter-clockwise."""
     mirrored: bool = False
     late_us: int = 0
 
 
 def load_kernels() -> None:
-    """Load what this computes with, before a robot drives: without a cache it takes some seconds."""
+    """Compile or load the kernels before the robot drives; some seconds without a cache."""
     direction(np.zeros(1))
     arrays.hypot(np.zeros(1), np.zeros(1))
 
@@ -71,7 +70,7 @@ def chosen_samples(sweep: SensorSweep, chosen: NDArray[np.bool_] | slice) -> Sen
 
 
 def of_the_room(sweep: SensorSweep) -> SensorSweep:
-    """Return the echoes of large objects; those of people and robots are no evidence. All are echoes."""
+    """Return the samples of large objects, without people and robots; all samples must be echoes."""
     if not sweep.ranges.size:
         return sweep
     x, y = sweep.ranges * arrays.cos(sweep.angles), sweep.ranges * arrays.sin(sweep.angles)
@@ -86,7 +85,7 @@ def of_the_room(sweep: SensorSweep) -> SensorSweep:
 def placed(
     sweep: SensorSweep, mount: Pose, track: PoseTrack, hypothesis: Hypothesis
 ) -> NDArray[np.complex128]:
-    """Return where the echoes are if the hypothesis holds; `mount`: of the sensor on the body."""
+    """Return the positions of the echoes under a hypothesis; `mount`: pose of the sensor on the body."""
     angles = sweep.angles + hypothesis.turned
     angles = mount.heading + (-angles if hypothesis.mirrored else angles)
     poses = track.at(sweep.stamps - hypothesis.late_us)
@@ -96,7 +95,7 @@ def placed(
 
 
 def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return how far each point is from the walls that neighbouring points of the room make: (n,), m."""
+    """Return the distance of each point from the walls formed by neighbouring points of the room: (n,), m."""
     begins, along = room[:-1], np.diff(room)
     squares = along.real * along.real + along.imag * along.imag
     joined = (squares > 0) & (squares <= _GAP * _GAP)
@@ -107,45 +106,46 @@ def distances(points: NDArray[np.complex128], room: NDArray[np.complex128]) -> N
 
 
 def sectors(chosen: NDArray[np.bool_], count: int = 12) -> int:
-    """Return in how many equal parts of the sweep some are chosen, two at least."""
+    """Return the number of equal parts of the sweep with at least two chosen samples."""
     parts = np.array_split(chosen, count)
     return sum(np.count_nonzero(part) >= 2 for part in parts)
 
 
 def headings(step_deg: int) -> tuple[float, ...]:
-    """Return all mountings but the right one, rad."""
+    """Return all rotations of the mount except 0, rad."""
     return tuple(math.radians(turned) for turned in range(step_deg, 360, step_deg))
 
 
 _WAYS: Final = (0.08, 0.18, 0.3)
-"""Two sweeps are compared between which the robot has gone so far by any account, m, ..."""
+"""Distance between compared sweeps by any track, m: short for fast detection, long for partial faults; ..."""
 _TURNS: Final = (0.2, 0.4, 0.6)
-"""... or turned so much, rad: soon, and once more over a way that shows what is only half wrong."""
+"""... or turn, rad."""
 _OLDEST: Final[Duration] = milliseconds(1500)
-"""Between two sweeps that are compared; own choice."""
+"""Maximum time between compared sweeps; own choice."""
 _PERIOD: Final[Duration] = milliseconds(80)
-"""No sweep is judged sooner after another; a camera gives 30 a second."""
+"""Minimum time between checked sweeps; a camera returns 30 per second."""
 _UNHEARD: Final[Duration] = milliseconds(60)
-"""A base that was not heard for so long before the end of a sweep may have moved otherwise since."""
+"""Maximum age of the last feedback at the end of a sweep; later motion is unknown."""
 _FEWEST: Final = 24
-"""Points with which anything is judged."""
+"""Minimum number of points for a decision."""
 _OFF: Final = 2.0
-"""A point that far off, in what is near, does not belong to the room."""
+"""Misfit of a point outside of the room, in units of the tolerance."""
 _ODD_SHARE: Final = 0.08
-"""Share of points off, from which on it is asked who lies."""
+"""Share of points outside of the room from which hypotheses are tested."""
 _VOTES: Final = 0.08
-"""Share of the points that a hypothesis has to bring back into the room, ..."""
+"""Minimum share of all points that a hypothesis must fit better, ..."""
 _STILL_VOTES: Final = 0.3
-"""... and of that by which the sensor stands still: who walks beside a robot in a long corridor seems to."""
+"""... and for a frozen sensor, as a person beside the robot in a long corridor looks similar."""
 _EXPLAINED: Final = 0.5
-"""Share of the points out of the room that it has to bring back: the rest may be new to the sensor."""
+"""Minimum share of the points outside of the room that it must explain; the others may be newly visible."""
 _DISSENT: Final = 0.2
-"""Share of these that it may take out of the room."""
+"""Maximum number of points that it fits worse, relative to those."""
 _SECTORS: Final = 3
-"""Of twelve, in which it has to do so."""
+"""Minimum number of sectors, of twelve, with such points."""
 _IN_A_ROW: Final = 2
 _TOUCHES: Final = 0.3
-"""What is so near to the body's middle, m, may be touched: its radius, and a decimetre. Own choice."""
+"""Distance from the body's centre of obstacles that may be in contact, m: radius plus a decimetre. Own
+choice."""
 _STILL: Final = Hypothesis(HoldCause.SCAN_STILL)
 _HYPOTHESES: Final = (
     Hypothesis(HoldCause.WHEELS, SuspectSensor.WHEELS),
@@ -157,9 +157,9 @@ _HYPOTHESES: Final = (
 
 
 def explains(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.float64]) -> int:
-    """Return how many points more fit if that cause holds; 0 if it does not explain the misfit.
+    """Return how many more points fit under the hypothesis; 0 if it does not explain the misfit.
 
-    `told`, `instead`: (n,) misfits of what the sensors told, and under the hypothesis.
+    `told`, `instead`: (n,) misfits as measured, and under the hypothesis.
     """
     gained = (told > _OFF) & (instead <= 1.0)
     lost = (told <= 1.0) & (instead > _OFF)
@@ -171,10 +171,10 @@ def explains(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.fl
 
 
 class ScanChecks:
-    """Takes every sweep and returns the fault that consecutive sweeps show."""
+    """Detector of sensor faults from consecutive sweeps."""
 
     def __init__(self, mount: Pose) -> None:
-        """`mount`: of the range sensor on the body."""
+        """Create it; `mount`: pose of the range sensor on the body."""
         load_kernels()
         self._mount = mount
         self._sweeps: deque[SensorSweep] = deque()
@@ -183,12 +183,12 @@ class ScanChecks:
         self._in_a_row = 0
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Discard all sweeps."""
         self._sweeps.clear()
         self._suspect, self._in_a_row = None, 0
 
     def take(self, sweep: SensorSweep, moves: Sequence[Movement]) -> HoldCause | None:
-        """Take in a sweep; `moves`: the last movements of the base."""
+        """Add a sweep and return a detected fault; `moves`: recent movements of the base."""
         sweep = chosen_samples(sweep, np.isfinite(sweep.ranges))
         if not sweep.stamps.size or not moves or sweep.stamps[-1] > moves[-1].instant + _UNHEARD:
             return None
@@ -208,7 +208,7 @@ class ScanChecks:
         return suspect if self._in_a_row >= _IN_A_ROW else None
 
     def _judge(self, tracks: Mapping[SuspectSensor, PoseTrack]) -> HoldCause | None:
-        """Return the fault that makes the last scans consistent; None: there is none, or it is not clear."""
+        """Return the fault that makes the last scans consistent; None if there is none or it is ambiguous."""
         for way, turn in zip(_WAYS, _TURNS, strict=True):
             earlier = self._earlier(tracks, way, turn)
             if earlier is None:
@@ -223,7 +223,7 @@ class ScanChecks:
     def _best(
         self, earlier: SensorSweep, tracks: Mapping[SuspectSensor, PoseTrack], told: NDArray[np.float64]
     ) -> HoldCause | None:
-        """Return the cause of the hypothesis that explains most, if any does."""
+        """Return the cause of the hypothesis that explains most points, if any."""
         track = tracks[SuspectSensor.NONE]
         known = earlier.stamps[0] - track.instants[0]
         found = [
@@ -241,7 +241,7 @@ class ScanChecks:
     def _earlier(
         self, tracks: Mapping[SuspectSensor, PoseTrack], way: float, turned: float
     ) -> SensorSweep | None:
-        """Return the last sweep since which the robot has moved enough, by any track."""
+        """Return the latest sweep since which the robot has moved enough, by any track."""
         last = self._sweeps[-1]
         for earlier in list(self._sweeps)[-2::-1]:
             for track in tracks.values():
@@ -251,7 +251,8 @@ class ScanChecks:
         return None
 
     def _misfit(self, earlier: SensorSweep, track: PoseTrack, hypothesis: Hypothesis) -> NDArray[np.float64]:
-        """Return how far points of the last sweep are from the earlier room, as multiples of near: (n,)."""
+        """Return distances of the last sweep's points from the earlier room, in units of the tolerance:
+        (n,)."""
         if earlier.ranges.size < _FEWEST:
             return np.empty(0)
         later = of_the_room(self._sweeps[-1])
@@ -262,7 +263,8 @@ class ScanChecks:
 
 
 def stands_before_obstacle(earlier: SensorSweep, later: SensorSweep, mount: Pose, track: PoseTrack) -> bool:
-    """Return whether the way of a robot that does not turn is blocked, so that its wheels may slip."""
+    """Return whether an obstacle is in contact in the direction of straight motion, so that wheels may
+    slip."""
     moved, turn = _moved(earlier, later, track)
     if abs(turn) >= _TURNS[0]:
         return False
@@ -272,32 +274,32 @@ def stands_before_obstacle(earlier: SensorSweep, later: SensorSweep, mount: Pose
 
 
 def _moved(earlier: SensorSweep, later: SensorSweep, track: PoseTrack) -> tuple[complex, float]:
-    """Return the way, m, forward + i left, and the turn, rad, between the middles of two sweeps."""
+    """Return translation, m, forward + i left, and turn, rad, between the middles of two sweeps."""
     poses = track.at(np.array([sweep.stamps[sweep.stamps.size // 2] for sweep in (earlier, later)]))
     (way,), (turn,) = np.diff(poses.position), np.diff(poses.heading)
     return complex(way * direction(poses.heading)[0].conj()), float(turn)
 
 
 REST: Final[Duration] = seconds(2)
-"""So long a robot stands for a contradiction that shows in motion only; then it may try again. Own choice."""
+"""Stop after a contradiction, which shows in motion only; then the robot retries. Own choice."""
 _STRIKES: Final = 3
-"""Once the same shows so often, it stands until its base is started again; own choice, ..."""
+"""Number of occurrences after which it stands until the base is restarted; own choice, ..."""
 _FORGIVEN: Final[Duration] = seconds(60)
-"""... unless so much time is between."""
+"""... unless this time passes in between."""
 _FOR_GOOD: Final[Duration] = seconds(1e9)
 _LONGEST_GAP: Final[Duration] = milliseconds(200)
-"""Between two feedbacks; after a longer one nothing is known of the motion between."""
+"""Maximum time between two feedbacks; motion in a longer gap is unknown."""
 
 
 _KEPT: Final = 160
-"""Movements, 3.2 s."""
+"""Number of stored movements, 3.2 s."""
 
 
 class Contradictions:
-    """Takes what the sensors report; asked before anything moves."""
+    """Active contradictions between the sensors."""
 
     def __init__(self, mount: Pose | None) -> None:
-        """`mount`: of the range sensor on the body; None = there is none."""
+        """Create it; `mount`: pose of the range sensor on the body, None = no sensor."""
         self._moves: deque[Movement] = deque(maxlen=_KEPT)
         self._checks = MotionChecks()
         self._scans = None if mount is None else ScanChecks(mount)
@@ -306,10 +308,11 @@ class Contradictions:
         self._until: dict[HoldCause, Instant] = {}
         self._strikes: dict[HoldCause, int] = {}
         self.gyro_judged = False
-        """Wheels and scans agree on a turn that the gyro has not seen; without scans, wheels and command."""
+        """True if wheels and scans (without scans, wheels and command) agree on a turn that contradicts the
+        gyro."""
 
     def feedback(self, feedback: BaseFeedback) -> None:
-        """Take in a feedback of the base; see `commanded` for what it was told meanwhile."""
+        """Process a feedback of the base; set the velocity by `commanded` first."""
         last, self._last = self._last, feedback
         now, basic, inertial = feedback
         if last is None or now - last.instant > _LONGEST_GAP or basic.wheel_drop:
@@ -327,29 +330,29 @@ class Contradictions:
             self._report(now, cause)
 
     def commanded(self, v: float, omega: float) -> None:
-        """Take in what the base is told from now on, m/s and rad/s."""
+        """Set the velocity commanded from now on, m/s and rad/s."""
         self._commanded = (v, omega)
 
     def sweep(self, now: Instant, sweep: SensorSweep) -> None:
-        """Take in a sweep of the range sensor."""
+        """Process a sweep of the range sensor."""
         cause = None if self._scans is None else self._scans.take(sweep, self._moves)
         self.gyro_judged |= cause is HoldCause.GYRO
         if cause is not None and self._commanded != (0.0, 0.0):
             self._report(now, cause)
 
     def repeated(self, now: Instant, cause: HoldCause) -> None:
-        """Take in a fault that the range sensor's own data show; it is over a rest after the last call."""
+        """Report a fault in the range sensor's data; it ends REST after the last call."""
         self._until[cause] = Instant(now + REST)
 
     def on_wheels(self) -> None:
-        """The heading is that of the wheels from now on: the gyro is compared with nothing any more."""
+        """Stop checking the gyro, as the heading is computed from the wheels."""
         self.gyro_judged = False
         self._until.pop(HoldCause.GYRO, None)
         self._strikes.pop(HoldCause.GYRO, None)
         self._forget()
 
     def causes(self, now: Instant) -> frozenset[HoldCause]:
-        """Return the causes for which nothing may move now."""
+        """Return the active causes."""
         return frozenset(cause for cause, until in self._until.items() if now < until)
 
     def _report(self, now: Instant, cause: HoldCause) -> None:
@@ -358,13 +361,13 @@ class Contradictions:
             return
         fresh = until is None or now - until > _FORGIVEN
         self._strikes[cause] = strikes = 1 if fresh else self._strikes[cause] + 1
-        if cause is HoldCause.BLOCKED:  # mostly true: it tries again, ever more seldom
+        if cause is HoldCause.BLOCKED:  # usually a real obstacle: retry at growing intervals
             rest = min(REST << (strikes - 1), _FORGIVEN)
         else:
             rest = REST if strikes < _STRIKES else _FOR_GOOD
         self._until[cause] = Instant(now + rest)
         self._checks.forget()
-        if cause is not HoldCause.GYRO:  # of which scans say more while the robot comes to stand
+        if cause is not HoldCause.GYRO:  # scans during braking give more evidence
             self._forget()
 
     def _forget(self) -> None:

@@ -1,4 +1,4 @@
-"""Event loop of base and bridge: waits for serial ports, mesh and clock; reopens ports that disappear."""
+"""Event loop of base and bridge: waits for serial ports, mesh and clock; reopens lost ports."""
 
 import select
 import time
@@ -19,37 +19,36 @@ from firmware_bridge.beeclick.reception import BoardSettings
 from firmware_bridge.serial_port import PortError, SerialPort
 
 OPENNI: Final = "openni"
-"""The range sensor that is no port: a depth camera, found by itself."""
+"""Value of `range` for a depth camera, which is found without a port."""
 PATIENCE_S: Final = 30.0
-"""Of a base; own choice: a restarted robot should be there by then."""
+"""Timeout of a base for answers; own choice, longer than a robot's restart."""
 
 
 class BaseSetup(RobotDescription, frozen=True, kw_only=True):
-    """Everything a base needs to know."""
+    """Set-up of a base process."""
 
     step_us: int
     base: str
     """Path of the Kobuki's port."""
     range: str | None
-    """Path of the lidar's port, or OPENNI; None = there is none."""
+    """Path of the lidar's port, or OPENNI; None = no range sensor."""
     listen: str | None = None
-    """Where the operator's laptop may connect, `tls/HOST:PORT`; None = nowhere."""
+    """Endpoint for the operator's laptop, `tls/HOST:PORT`; None = no connections."""
     keys: str | None = None
-    """Folder with the robot's own keys; needed to listen."""
+    """Folder with the robot's keys; required with `listen`."""
     last_pose: str | None = None
-    """File with where the robot last held itself to be; None: nobody keeps it."""
+    """File for the robot's last pose estimate; None: not stored."""
     patience_s: float | None = PATIENCE_S
-    """A robot or bridge that does not answer for so long hangs, and the base ends, s. None: a debugger may
-    hold it."""
+    """Timeout of answers of robot and bridge, after which the base exits, s; None: no limit (debugger)."""
 
     def located(self, folder: Path) -> Self:
-        """With its files as they are called for who does not stand in `folder`, where the set-up lies."""
+        """Return the set-up with paths resolved against `folder`, in which it was read."""
         last_pose = None if self.last_pose is None else str(folder / self.last_pose)
         return msgspec.structs.replace(self, model=located_model(self.model, folder), last_pose=last_pose)
 
 
 class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Everything a bridge needs to know."""
+    """Set-up of a bridge process."""
 
     robot: str
     step_us: int
@@ -57,32 +56,32 @@ class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Path of the board's port."""
     settings: BoardSettings
     board: bool = True
-    """False: at the port is a transceiver of a laboratory's, without a board."""
+    """False if the port is a laboratory's transceiver without a board."""
 
 
 BaseProgram = ActorSetup[BaseSetup, ProcessSetup]
-"""What a base's process reads."""
+"""Set-up file of a base."""
 BridgeProgram = ActorSetup[BridgeSetup, ProcessSetup]
-"""What a bridge's process reads."""
+"""Set-up file of a bridge."""
 
 
 class Clock:
-    """Microseconds since the Unix epoch that never go back, whatever becomes of the machine's clock."""
+    """Monotonic microseconds since the Unix epoch, unaffected by changes of the system clock."""
 
     def __init__(self) -> None:
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
 
     def now(self) -> Instant:
-        """The instant that it is."""
+        """Return the current time."""
         return Instant((time.monotonic_ns() + self._ahead_ns) // 1000)
 
     def seconds_until(self, instant: Instant | None) -> float:
-        """How long it is until then, s, at least 0; a second if there is no instant."""
+        """Return the time until `instant`, s, at least 0; 1 s if it is None."""
         return 1.0 if instant is None else max(0.0, (instant - self.now()) / 1e6)
 
 
 class TimedCore(ABC):
-    """A core that is told the time, and by `expect` which message comes next; else time has passed."""
+    """Core with the time as input; `expect` announces a message, otherwise only time passes."""
 
     def __init__(self) -> None:
         self.now = Instant(0)
@@ -91,39 +90,39 @@ class TimedCore(ABC):
         self._expected: Address | None = None
 
     def expect(self, key: str) -> None:
-        """The next advance takes the message that has come on that key."""
+        """Announce a message on `key` for the next advance."""
         self._expected = next(address for address in self.listens() if address.key == key)
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """Return what was announced by `expect`."""
+        """Return the announced address, if its message is missing."""
         expected = self._expected
         return () if expected is None or expected.key in have else (expected,)
 
     @abstractmethod
     def listens(self) -> Sequence[Address]:
-        """Return every address that a message may come in on."""
+        """Return the addresses of incoming messages."""
 
     @abstractmethod
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Take in one message, or the passing of time."""
+        """Process one message, or the passing of time."""
 
 
 class Devices(Protocol):
-    """The ports beside the mesh."""
+    """Ports of a process, served by the event loop."""
 
     def descriptors(self) -> Sequence[int]:
-        """What to wait for."""
+        """Return the descriptors to wait for."""
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due; called at least every `LONGEST_WAIT`."""
+        """Exchange bytes with the devices; called at least every `LONGEST_WAIT`."""
 
     @property
     def wake(self) -> Instant | None:
-        """When to be served again, if nothing comes before."""
+        """Time of the next call of `serve` if nothing is received."""
 
 
 LONGEST_WAIT = 0.02
-"""s; a Kobuki wants a command with each feedback, 50 a second."""
+"""Maximum wait, s; a Kobuki needs a command per feedback, 50 per second."""
 
 
 def conduct(
@@ -135,9 +134,9 @@ def conduct(
     wake: Callable[[], Instant | None],
     timely: Callable[[], bool],
 ) -> None:
-    """Run until the core has finished.
+    """Run the event loop until the core has finished.
 
-    `wake`: when the core wants an advance without a message, if it says so by `timely`.
+    `wake`: time of the next advance without a message; `timely`: returns whether it is due.
     """
     while not core.finished:
         due = [instant for instant in (wake(), devices.wake) if instant is not None]
@@ -156,29 +155,29 @@ def conduct(
 
 
 _RETRY = seconds(1)
-"""Between attempts to open a port that is not there."""
+"""Delay before reopening a missing port."""
 P = TypeVar("P", bound=SerialPort)
 R = TypeVar("R")
 
 
 class ReconnectingPort(Generic[P]):
-    """A port that is opened anew whenever it has gone and is there again."""
+    """A port that is reopened after a loss."""
 
     def __init__(self, open_port: Callable[[], P], say: Callable[[str], None]) -> None:
-        """`say` is told, in a sentence and once for each reason, when the port is away."""
+        """Create it, closed; `say`: called once with each new cause of failure."""
         self.port: P | None = None
-        """Another object each time that it is opened; None while it is not."""
+        """A new object after each opening; None while closed."""
         self._open = open_port
         self._tell = say
         self._retry_at = Instant(0)
         self._said = ""
 
     def descriptors(self) -> Sequence[int]:
-        """Return what to wait for."""
+        """Return the descriptors to wait for."""
         return () if self.port is None else (self.port.fileno(),)
 
     def connect(self, now: Instant) -> bool:
-        """Open the port if it is away, at most once a second; True if it has just been opened."""
+        """Open a closed port, at most once per second; return True if it was opened now."""
         if self.port is not None or now < self._retry_at:
             return False
         self._retry_at = Instant(now + _RETRY)
@@ -191,7 +190,7 @@ class ReconnectingPort(Generic[P]):
         return True
 
     def exchange(self, use: Callable[[P], R]) -> R | None:
-        """Return what `use` returns for the port; None if the port is away, or goes meanwhile."""
+        """Call `use` with the port and return its result; None if the port is closed or lost."""
         if self.port is None:
             return None
         try:
@@ -202,7 +201,7 @@ class ReconnectingPort(Generic[P]):
             return None
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         if self.port is not None:
             self.port.close()
             self.port = None
@@ -214,17 +213,17 @@ class ReconnectingPort(Generic[P]):
 
 
 class DeviceDriver(Protocol):
-    """What the drivers of Kobuki and lidar have in common."""
+    """Common interface of the drivers of Kobuki and lidar."""
 
     def due(self, now: Instant) -> bytes:
-        """The bytes to write now."""
+        """Return the bytes to write now."""
 
     def farewell(self) -> bytes:
-        """The last bytes to write."""
+        """Return the last bytes to write."""
 
 
 class DeviceLine(ReconnectingPort[SerialPort]):
-    """One device and its driver on one port, which may come and go."""
+    """A device's driver on a port that is reopened after a loss."""
 
     def __init__(
         self,
@@ -233,20 +232,20 @@ class DeviceLine(ReconnectingPort[SerialPort]):
         take: Callable[[Instant, bytes], None],
         say: Callable[[str], None],
     ) -> None:
-        """`take` gives the driver what has come; `say` as in ReconnectingPort."""
+        """Create it; `take`: passes bytes read to the driver, `say`: as in ReconnectingPort."""
         super().__init__(open_port, say)
         self._driver = driver
         self._take = take
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due; open the port anew if it has gone."""
+        """Exchange bytes with the device; reopen a lost port."""
         self.connect(now)
         self._take(now, self.exchange(lambda port: port.read()) or b"")
         if due := self._driver.due(now):
             self.exchange(lambda port: port.write(due))
 
     def close(self) -> None:
-        """Send the driver's last bytes, and give the port back."""
+        """Send the driver's last bytes and close the port."""
         last = self._driver.farewell()
         self.exchange(lambda port: port.write(last))
         super().close()

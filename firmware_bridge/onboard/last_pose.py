@@ -1,4 +1,4 @@
-"""Where a robot last held itself to be, in a file that outlives its processes and a loss of power."""
+"""Last pose estimate of a robot, in a file that survives crashes and power loss."""
 
 import math
 import os
@@ -14,33 +14,33 @@ from actors.runtime import regular_file
 from actors.runtime.background import Background
 
 SPREAD: Final = 0.3
-"""Of what is known, m, and rad for the heading: what PERIOD leaves open at 0.5 m/s. Own choice."""
+"""Standard deviation of a stored pose, m and rad, due to PERIOD at 0.5 m/s. Own choice."""
 UNHEARD: Final = 1.0
-"""So much is added to the spread for a base that was not heard, m: it may have driven on as last told. Own
-choice: twice that is 4 s at 0.5 m/s; where it went farther, it stands."""
+"""Increase of the spread after a loss of the base's feedback, m, as it may have driven on. Own choice: twice
+that is 4 s at 0.5 m/s; after a longer motion the robot stands."""
 PERIOD: Final[Duration] = seconds(0.5)
-"""The file is that old at most while the robot drives."""
+"""Maximum age of the file while the robot drives."""
 _LONGEST: Final = 4096
 _FARTHEST: Final = 1e6
 
 
 class LastPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A pose in the map frame, what the odometry said there, and how far both may be trusted."""
+    """A pose estimate in the map frame, the odometry at that time, and the uncertainty."""
 
     pose: tuple[float, float, float]
     odometry: tuple[float, float, float]
-    """Of the base process that has written it, and of no other."""
+    """Odometry of the base process that wrote the file."""
     spread: float = SPREAD
     """Standard deviation, m, and of the heading rad."""
 
     @property
     def origin(self) -> Pose:
-        """Where that odometry began, map frame."""
+        """Origin of that odometry, map frame."""
         return Pose(*self.pose).compose(Pose(*self.odometry).relative(Pose(0.0, 0.0, 0.0)))
 
 
 def read(path: Path) -> LastPose | None:
-    """What a file says; None if there is none, or it cannot be believed."""
+    """Read a file; None if it is missing or invalid."""
     try:
         with path.open("rb") as file:
             last = msgspec.json.decode(file.read(_LONGEST), type=LastPose)
@@ -52,9 +52,9 @@ def read(path: Path) -> LastPose | None:
 
 
 def write(path: Path, last: LastPose) -> None:
-    """Replace the file; after a loss of power it is the old one or the new one. Raises OSError.
+    """Replace the file atomically, also on power loss. Raises OSError.
 
-    On a full disk the file is written over: an old pose would be believed at the next start.
+    On a full disk the file is overwritten in place, as an outdated pose would mislead the next start.
     """
     data = msgspec.json.encode(last)
     try:
@@ -68,10 +68,10 @@ def write(path: Path, last: LastPose) -> None:
 
 
 class PoseKeeper:
-    """One base process's hold on the file."""
+    """Writer of the file in one base process."""
 
     def __init__(self, path: Path, started: Instant) -> None:
-        """What is there becomes a pose of this process, whose odometry begins at 0."""
+        """Read the file and rewrite its pose with this process's odometry, which starts at 0."""
         self._path = path
         self._due = started
         self._background = Background()
@@ -80,20 +80,20 @@ class PoseKeeper:
             self._write(LastPose(self.begun.pose, (0.0, 0.0, 0.0), self.begun.spread))
 
     def keep(self, now: Instant, pose: Pose, odometry: Odometry) -> None:
-        """Write, if it is due; never waits."""
+        """Store the pose if PERIOD has passed; does not block."""
         if now < self._due:
             return
         self._due = Instant(now + PERIOD)
         self._write(LastPose((pose.x, pose.y, pose.heading), (odometry.x, odometry.y, odometry.heading)))
 
     def doubt(self, spread: float) -> None:
-        """What is known may be wrong by so much more, m."""
+        """Increase the stored spread, m."""
         self._background.close()
         if (last := read(self._path)) is not None:
             write(self._path, msgspec.structs.replace(last, spread=last.spread + spread))
 
     def close(self) -> None:
-        """Wait for what is still to be written."""
+        """Finish pending writes."""
         self._background.close()
 
     def _write(self, last: LastPose) -> None:

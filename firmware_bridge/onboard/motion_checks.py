@@ -1,8 +1,8 @@
-"""Consistency checks that need no scan: wheels, gyro, command, the base's clock and its bumper.
+"""Consistency checks without scans: wheels, gyro, command, the base's clock and its bumper.
 
-Judged only while the base is commanded to move: a standing robot may be pushed, turned and carried. A pose
-track integrates the last feedbacks under the hypothesis that wheels or gyro are faulty: without wheels there
-is the command for the distance, without the gyro there are the wheels for the heading.
+They apply only while the base is commanded to move, as a standing robot may be pushed, turned and carried. A
+pose track integrates the last feedbacks under the hypothesis of faulty wheels (using the command for
+distance) or a faulty gyro (using the wheels for heading).
 """
 
 from collections import deque
@@ -21,7 +21,7 @@ from firmware_bridge.kobuki.wire import Basic
 
 
 class SuspectSensor(Enum):
-    """The sensor that is assumed to be faulty."""
+    """Sensor assumed to be faulty."""
 
     NONE = auto()
     WHEELS = auto()
@@ -29,24 +29,24 @@ class SuspectSensor(Enum):
 
 
 class Movement(NamedTuple):
-    """The motion from one feedback to the next."""
+    """Motion between two feedbacks."""
 
     instant: Instant
-    """Of the later one."""
+    """Time of the later one."""
     time: Duration
     left: float
-    """Way of a wheel by its encoder, m."""
+    """Distance of the wheel by its encoder, m."""
     right: float
     turn: float
-    """By the gyro, rad."""
+    """Turn by the gyro, rad."""
     v: float
-    """As commanded meanwhile, m/s."""
+    """Commanded velocity, m/s."""
     omega: float
-    """rad/s."""
+    """Commanded turn rate, rad/s."""
 
 
 class PoseTrack(NamedTuple):
-    """Poses in a frame of their own."""
+    """Poses at several times, in a local frame."""
 
     instants: NDArray[np.int64]
     position: NDArray[np.complex128]
@@ -55,7 +55,7 @@ class PoseTrack(NamedTuple):
     """Unwrapped, rad."""
 
     def at(self, instants: NDArray[np.int64]) -> "PoseTrack":
-        """Return the poses at any instants; before the first and after the last those."""
+        """Return interpolated poses, constant before the first and after the last one."""
         before = np.maximum(np.searchsorted(self.instants, instants, side="right") - 1, 0)
         after = np.minimum(before + 1, self.instants.size - 1)
         gaps = np.maximum(self.instants[after] - self.instants[before], 1)
@@ -66,13 +66,13 @@ class PoseTrack(NamedTuple):
 
 
 def direction(angles: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return unit vectors, as complex numbers."""
+    """Return unit vectors as complex numbers."""
     units: NDArray[np.complex128] = arrays.cos(angles) + 1j * arrays.sin(angles)
     return units
 
 
 def pose_track(moves: Sequence[Movement], suspect: SuspectSensor) -> PoseTrack:
-    """Return the track of these movements without the sensor that is suspected."""
+    """Integrate the movements without the suspected sensor."""
     instants, time, left, right, turn, v, _ = np.array(moves, np.float64).T
     forward = v * time * 1e-6 if suspect is SuspectSensor.WHEELS else (left + right) / 2
     if suspect is SuspectSensor.GYRO:
@@ -83,29 +83,29 @@ def pose_track(moves: Sequence[Movement], suspect: SuspectSensor) -> PoseTrack:
 
 
 _TURN: Final = 0.2
-"""So much wheels and gyro may differ within a second, rad: a wheel slips by 4.6 cm. Own choice, and ..."""
+"""Maximum difference of wheels and gyro within a second, rad: a wheel slips by 4.6 cm. Own choice, ..."""
 _TURN_SHARE: Final = 0.2
-"""... so much of the turn more: above 110°/s a Kobuki's gyro is less exact (user guide)."""
+"""... plus this share of the turn: above 110°/s a Kobuki's gyro is less accurate (user guide)."""
 _WINDOW: Final[Duration] = seconds(1)
 _TOLD: Final = 0.08
-"""Once a wheel is told to go so far, m, ..."""
+"""Commanded distance of a wheel from which it is checked, m."""
 _TURNED: Final = 0.1
-"""... it has to have gone this share of it, ..."""
+"""Minimum travelled share of that distance."""
 _TOLD_FOR: Final[Duration] = milliseconds(240)
-"""... and is given so much time at least: a real base takes up to 0.2 s to follow. Own choice."""
+"""Minimum duration of the check: a real base follows within 0.2 s. Own choice."""
 _CLEARLY: Final = 0.5
-"""A witness that is so much nearer to the command than another is right; own choice."""
+"""Ratio of deviations from the command below which a sensor counts as correct; own choice."""
 _STAMPS: Final = 3
-"""Feedbacks on end whose stamps are wrong; own choice: one may be damaged."""
+"""Consecutive feedbacks with wrong stamps that are a fault; own choice: one may be damaged."""
 _AHEAD_MS: Final = 500
-"""The base's clock may go on by so much more than ours, ms."""
+"""Maximum lead of the base's clock, ms."""
 _BACKED: Final = 0.3
-"""A bumper that is still pressed after so much way back is stuck, m; own choice: twice what a robot backs."""
+"""Distance of backing off after which a pressed bumper is stuck, m; own choice: twice that of the robot."""
 _STAMP_RANGE: Final = 1 << 16
 
 
 class MotionChecks:
-    """Takes every feedback and returns the fault that it shows."""
+    """Detector of faults in feedback."""
 
     def __init__(self) -> None:
         self._moves: deque[Movement] = deque()
@@ -114,7 +114,7 @@ class MotionChecks:
         self._odd_stamps = 0
 
     def take(self, move: Movement, basic: Basic) -> HoldCause | None:
-        """Take in one feedback."""
+        """Add one feedback and return a detected fault."""
         cause = self._clock(move.instant, basic.stamp_ms) or self._bumper(move, basic)
         if cause is not None:
             return cause
@@ -124,7 +124,7 @@ class MotionChecks:
         self._moves.append(move)
         while move.instant - self._moves[0].instant > _WINDOW:
             self._moves.popleft()
-        rows = np.array(self._moves, np.float64)[::-1]  # the newest first
+        rows = np.array(self._moves, np.float64)[::-1]  # newest first
         _, time, left, right, turn, v, omega = rows.T
         aside = omega * TRACK / 2
         ways = np.cumsum((left, right), axis=1)
@@ -132,7 +132,7 @@ class MotionChecks:
         return _turns(ways[:, -1], told[:, -1], np.cumsum(turn)[-1]) or _blocked(np.cumsum(time), ways, told)
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Discard all movements."""
         self._moves.clear()
 
     def _clock(self, now: Instant, stamp_ms: int) -> HoldCause | None:
@@ -150,9 +150,9 @@ class MotionChecks:
 
 
 def _turns(ways: NDArray[np.float64], told: NDArray[np.float64], gyro: float) -> HoldCause | None:
-    """Compare wheels and gyro; what was commanded tells which of them is wrong, where that is clear.
+    """Compare wheels and gyro; the command decides which of them is faulty, if unambiguous.
 
-    `ways`, `told`: (2,), m, of left and right wheel.
+    `ways`, `told`: measured and commanded distances of left and right wheel, (2,), m.
     """
     wheels, omega = (ways[1] - ways[0]) / TRACK, (told[1] - told[0]) / TRACK
     if abs(wheels - gyro) <= _TURN + _TURN_SHARE * max(abs(wheels), abs(gyro)):
@@ -171,9 +171,9 @@ def _turns(ways: NDArray[np.float64], told: NDArray[np.float64], gyro: float) ->
 def _blocked(
     times: NDArray[np.float64], ways: NDArray[np.float64], told: NDArray[np.float64]
 ) -> HoldCause | None:
-    """Compare the wheels with what they are told, over the last stretch that is long enough.
+    """Compare wheels and command over the shortest sufficient time.
 
-    `times`: (n,), µs; `ways`, `told`: (2, n), m, back from now.
+    `times`: (n,), µs; `ways`, `told`: measured and commanded distances, (2, n), m, back from now.
     """
     farthest = np.abs(told).max(axis=0)
     enough = (times >= _TOLD_FOR) & (farthest >= _TOLD)

@@ -1,4 +1,4 @@
-"""TurtleBot 2 as the base core drives it: Kobuki with its guardian process, and a range sensor."""
+"""TurtleBot 2 as driven by the base core: Kobuki with its guardian process, and a range sensor."""
 
 import socket
 import subprocess
@@ -22,42 +22,46 @@ from firmware_bridge.range_sensors.sensor import RangeReader
 from firmware_bridge.serial_port import SerialPort
 
 _PULSE: Final[Duration] = milliseconds(10)
-"""The least time between two pulses."""
+"""Minimum interval of heartbeats."""
 PATIENCE: Final[Duration] = milliseconds(150)
-"""A pulse that has not come back for so long: the guardian does not watch. As it does the other way round."""
+"""Timeout of a heartbeat's echo after which the base stops; same as the guardian's."""
 _HUNG: Final[Duration] = seconds(2)
-"""After so long another guardian is started."""
+"""Timeout after which the guardian is replaced."""
 _PAUSE: Final[Duration] = milliseconds(200)
-"""Before it is, so that the base has said stop itself."""
+"""Delay before starting another one, during which the base sends stop."""
 _FAREWELL_S: Final = 1.0
-"""How long it is waited for in the end; it goes on without that."""
+"""Timeout of waiting for the guardian at the end, s; it continues in the background."""
 
 
 class GuardianLink:
-    """The link to the guardian process; it is replaced when it fails. Nothing may move unless it `holds`."""
+    """Link to the guardian process, which is replaced after a failure. No motion is allowed unless it
+    `holds`."""
 
     def __init__(
         self, name: str, start: Callable[[int, str], "subprocess.Popen[bytes]"] | None = None
     ) -> None:
-        """`name`: of the port, for people. `start`: a guardian with that descriptor for its channel."""
+        """Create it.
+
+        `name`: the port, for messages. `start`: starts a guardian with a channel descriptor and the name.
+        """
         self._name = name
         self._start = start or start_guardian
         self._channel: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._port: SerialPort | None = None
-        """The port of the last message to the guardian."""
+        """Port in the last message to the guardian."""
         self._number = 0
-        """Of that message."""
+        """Number of that message."""
         self._confirmed = False
         self._pulsed = self._begin_at = Instant(0)
         self._killed: list[subprocess.Popen[bytes]] = []
         self._waiting: Instant | None = None
-        """Since when there is a pulse that has not come back."""
+        """Time of the oldest heartbeat without echo."""
         self.started = 0
-        """Guardians so far."""
+        """Number of started guardians."""
 
     def serve(self, now: Instant, port: SerialPort | None) -> None:
-        """Send a pulse, and the base's port when it is another one; to be called all the time."""
+        """Send heartbeats, and the base's port after a change; call it continuously."""
         self._receive(now)
         if self._waiting is not None and now - self._waiting > _HUNG:
             self._kill(now)
@@ -73,12 +77,12 @@ class GuardianLink:
             self._send(now, b"p")
 
     def holds(self, now: Instant) -> bool:
-        """Return whether the guardian lives, and has the port."""
+        """Return whether the guardian responds and has the port."""
         late = self._waiting is not None and now - self._waiting > PATIENCE
         return self._channel is not None and self._confirmed and self._port is not None and not late
 
     def close(self) -> None:
-        """Leave the last stop to the guardian, and wait until the wheels stand, if that is soon."""
+        """Let the guardian stop the wheels; wait for it up to `_FAREWELL_S`."""
         if self._channel is not None:
             self._channel.close()
             self._channel = None
@@ -96,7 +100,7 @@ class GuardianLink:
         self.started += 1
 
     def _kill(self, now: Instant) -> None:
-        """End a guardian that has failed."""
+        """Kill a failed guardian."""
         self._begin_at = Instant(now + _PAUSE)
         if self._channel is not None:
             self._channel.close()
@@ -114,7 +118,7 @@ class GuardianLink:
             socket.send_fds(self._channel, [message], [] if port is None else [port.fileno()])
         except BlockingIOError:
             if port is not None:
-                self._port = None  # to be sent again
+                self._port = None  # send it again
         except OSError:
             self._kill(now)
 
@@ -135,7 +139,7 @@ class GuardianLink:
 
 
 def start_guardian(channel: int, name: str) -> "subprocess.Popen[bytes]":
-    """Start one, in a session of its own, with nothing to load but itself; it has our log."""
+    """Start a guardian in its own session, with isolated imports and this process's log."""
     return subprocess.Popen(
         [sys.executable, "-I", "-S", guardian.__file__, "beside", str(channel), name],
         pass_fds=(channel,),
@@ -147,26 +151,26 @@ def start_guardian(channel: int, name: str) -> "subprocess.Popen[bytes]":
 
 ORIGIN: Final = Pose(0.0, 0.0, 0.0)
 Say = Callable[[str], None]
-"""Takes a line for the log; does not wait for a disk."""
+"""Writes a log line; does not block on the disk."""
 
 
 class MotionUnknownError(AcrcError):
-    """The base may have moved unheard, so that odometry does not count that motion."""
+    """Possible motion of the base without feedback, which is missing in the odometry."""
 
 
 class RangeDevice(Protocol):
-    """A range sensor that is plugged in."""
+    """A range sensor with its connection."""
 
     reader: RangeReader
 
     def descriptors(self) -> Sequence[int]:
-        """What to wait for."""
+        """Return the descriptors to wait for."""
 
     def serve(self, now: Instant) -> None:
-        """Take in what it has measured."""
+        """Process new measurements."""
 
     def close(self) -> None:
-        """Let it rest."""
+        """Stop the sensor."""
 
 
 class Lidar(DeviceLine):
@@ -178,7 +182,7 @@ class Lidar(DeviceLine):
 
 
 class DepthRanger:
-    """A depth camera; it has no descriptor, and is looked at whenever the base is served."""
+    """A depth camera; without descriptor, it is polled by `serve`."""
 
     def __init__(self, feed: CameraFeed, scanner: DepthScanner, say: Say) -> None:
         self._feed = feed
@@ -187,14 +191,14 @@ class DepthRanger:
         self.reader: RangeReader = scanner
         self.close = feed.close
         self.errors = 0
-        """Images that cannot be this camera's."""
+        """Number of images of the wrong size."""
 
     def descriptors(self) -> Sequence[int]:
-        """None."""
+        """Return no descriptors."""
         return ()
 
     def serve(self, now: Instant) -> None:
-        """Take in an image if there is a new one."""
+        """Process a new image, if any."""
         if (image := self._feed.take()) is None:
             return
         try:
@@ -206,7 +210,7 @@ class DepthRanger:
 
 
 class TurtleBot:
-    """A Kobuki with its guardian, and a range sensor if there is one."""
+    """A Kobuki with its guardian and an optional range sensor."""
 
     def __init__(
         self,
@@ -217,7 +221,7 @@ class TurtleBot:
         say: Say,
         mount: Pose = ORIGIN,
     ) -> None:
-        """`mount`: of the range sensor on the body."""
+        """Create it; `mount`: pose of the range sensor on the body."""
         self._contradictions = Contradictions(None if ranger is None else mount)
         self._held: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
@@ -227,11 +231,11 @@ class TurtleBot:
         self._say = say
 
     def descriptors(self) -> Sequence[int]:
-        """What to wait for."""
+        """Return the descriptors to wait for."""
         return [*self._line.descriptors(), *(self._ranger.descriptors() if self._ranger else ())]
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due; nothing may move unseen, or without a guardian."""
+        """Exchange bytes with the devices; stop without guardian or range data."""
         self._guardian.serve(now, self._line.port)
         self._kobuki.hold(HoldCause.UNWATCHED, not self._guardian.holds(now))
         if self._ranger is not None:
@@ -245,40 +249,40 @@ class TurtleBot:
         self._line.serve(now)
 
     def close(self) -> None:
-        """Stand, whatever was commanded."""
+        """Stop the wheels and close all devices."""
         self._line.close()
         self._guardian.close()
         if self._ranger is not None:
             self._ranger.close()
 
     def odometry(self) -> Odometry:
-        """Return the pose since it was switched on, and the velocity."""
+        """Return the pose since the start, and the velocity."""
         return self._kobuki.odometry.read()
 
     def check_odometry(self) -> None:
-        """Raise MotionUnknownError if the base may have moved unheard."""
+        """Raise MotionUnknownError if the base may have moved without feedback."""
         if self._kobuki.odometry.unknown:
             raise MotionUnknownError(
-                "the base was not heard for too long, or has been switched off and on: "
-                "what it moved meanwhile is not known"
+                "no feedback from the base for too long, or the base was restarted: its motion in between is "
+                "unknown"
             )
 
     def bumper(self) -> int:
-        """Return the bits as in Senses, of the time since the last call."""
+        """Return the bits set since the last call, as in Senses."""
         return self._kobuki.pressed()
 
     def scan(self) -> Scan | None:
-        """Return the last scan, once."""
+        """Return the latest scan, once."""
         return None if self._ranger is None else self._ranger.reader.scan()
 
     def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
-        """Command a velocity, decided from what was sensed at `issued`; the safety stop may refuse it."""
+        """Command a velocity, based on data sensed at `issued`; the safety stop may refuse it."""
         self._kobuki.command(now, vx, omega, issued)
 
     def held(self) -> tuple[str, ...]:
-        """Return why the safety stop does not let it drive as commanded, and whether its battery runs low."""
+        """Return active stop causes and a low battery, in words."""
         stops = tuple(stop.cause.value for stop in self._kobuki.allowed.stops)
-        return (*stops, "the battery is low") if self._kobuki.battery is BatteryLevel.LOW else stops
+        return (*stops, "battery low") if self._kobuki.battery is BatteryLevel.LOW else stops
 
     def _take(self, now: Instant, data: bytes) -> None:
         odometry = self._kobuki.odometry
@@ -291,7 +295,7 @@ class TurtleBot:
         if self._contradictions.gyro_judged and odometry.gyro_is_still:
             odometry.trust_wheels()
             self._contradictions.on_wheels()
-            self._say(f"{in_seconds(now):.3f} the gyro stands still: the heading is that of the wheels")
+            self._say(f"{in_seconds(now):.3f} gyro frozen: heading computed from the wheels")
         causes = self._contradictions.causes(now)
         for cause in causes ^ self._held:
             self._kobuki.hold(cause, cause in causes)

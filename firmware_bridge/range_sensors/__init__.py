@@ -1,1 +1,2 @@
-"""Range sensors of a robot: lidar and depth camera, read as scans along the rays of its model."""
+"""Range sensors of a robot: drivers of lidar and depth camera, which return scans along the rays of its
+model."""

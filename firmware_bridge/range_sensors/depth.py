@@ -1,7 +1,7 @@
-"""Depth images read as scans: the middle row of the picture.
+"""Scans from the middle row of depth images, and the driver of depth cameras by OpenNI2.
 
-Geometry as in ROS depthimage_to_laserscan. The columns of an image are not at equal angles, so the rays of
-the robot's model are filled by angle.
+Geometry as in ROS depthimage_to_laserscan. Image columns are not at equal angles, so samples are assigned to
+the rays of the robot's model by angle.
 """
 
 import ctypes
@@ -24,33 +24,33 @@ from firmware_bridge.range_sensors.sensor import REACH, RangeReader, Repeats, Se
 
 WIDTH, HEIGHT = 640, 480
 FIELD_OF_VIEW_DEG: Final = 58.0
-"""Between the outer edges of the outer columns, degrees; ASUS Xtion and similar cameras."""
+"""Angle between the outer edges of the outer columns, degrees; ASUS Xtion and similar cameras."""
 _RANGE_MIN, _RANGE_MAX = 0.45, 10.0
-"""Ranges outside these are invalid, m; depthimage_to_laserscan."""
+"""Limits of valid ranges, m; depthimage_to_laserscan."""
 _ROW: Final = math.ceil(HEIGHT / 2) - 1
 _KEPT: Final = 64
-"""Earlier images that one is compared with, 2 s; own choice."""
+"""Number of earlier images for comparison, 2 s; own choice."""
 _REPEATED: Final = 3
-"""Consecutive images that must not be repeated; own choice: 0.1 s."""
+"""Consecutive repeated images that are a fault; own choice: 0.1 s."""
 SIGHT: Final[Duration] = milliseconds(200)
-"""How long an image in which something is seen counts; own choice, six images."""
+"""Timeout of images with echoes; own choice, six images."""
 
 
 class DepthError(AcrcError):
-    """A depth camera that cannot serve the robot's model."""
+    """Mismatch of depth camera and robot model."""
 
 
 def column_slopes() -> NDArray[np.float64]:
-    """How far to the right of the optical axis each column looks, per metre ahead: (WIDTH,)."""
+    """Return the slope of each column to the right of the optical axis: (WIDTH,), m per m."""
     focal_length = WIDTH / 2 / tan(math.radians(FIELD_OF_VIEW_DEG) / 2)
     return (np.arange(WIDTH, dtype=np.float64) - (WIDTH - 1) / 2) / focal_length
 
 
 class DepthScanner(RangeReader):
-    """Makes scans of depth images."""
+    """Converter of depth images to scans."""
 
     def __init__(self, model: SensorModel) -> None:
-        """Raises DepthError if the camera's field of view is narrower than the model's rays."""
+        """Create it. Raises DepthError if the camera's field of view is narrower than the model's rays."""
         super().__init__(model)
         slopes = column_slopes()
         self._angles = -np.array([atan(slope) for slope in slopes.tolist()])
@@ -58,30 +58,30 @@ class DepthScanner(RangeReader):
         first, last = self.rays.angles[[0, -1]]
         if self._angles[-1] - REACH > first or self._angles[0] + REACH < last:
             raise DepthError(
-                f"the camera sees {FIELD_OF_VIEW_DEG:g}°, but the robot model's sensor has rays over "
-                f"{model.field_of_view_deg:g}°; it should be a sensor that sees no more than the camera"
+                f"the camera's field of view is {FIELD_OF_VIEW_DEG:g}°, that of the robot model's sensor is "
+                f"{model.field_of_view_deg:g}°; choose a sensor within the camera's field of view"
             )
         self._seen: Instant | None = None
         self._repeats = Repeats(_KEPT, _REPEATED, _REPEATED)
 
     @property
     def fault(self) -> HoldCause | None:
-        """It repeats earlier images, which a measuring camera never does."""
+        """REPEATS if earlier images are repeated, which noise prevents in a working camera."""
         return HoldCause.REPEATS if self._repeats.found else None
 
     def sees(self, now: Instant) -> bool:
-        """Return whether images come in which something is seen."""
+        """Return whether a recent image has echoes."""
         return self._seen is not None and now - self._seen <= SIGHT
 
     def take(self, stamp: Instant, depth: NDArray[np.uint16]) -> None:
-        """Take an image of the instant `stamp`: (HEIGHT, WIDTH), mm along the axis; 0 = nothing measured.
+        """Process the image at `stamp`: (HEIGHT, WIDTH), mm along the axis; 0 = no measurement.
 
-        An image in which nothing is seen (covered, dark, or everything too near) makes no scan.
+        An image without echoes (covered, dark, or everything too near) gives no scan.
         """
         if depth.shape != (HEIGHT, WIDTH):
             raise DepthError(
-                f"a depth image has {depth.shape[1]} columns and {depth.shape[0]} rows; "
-                f"it should have {WIDTH} and {HEIGHT}"
+                f"depth image of {depth.shape[1]} columns and {depth.shape[0]} rows; must have {WIDTH} and "
+                f"{HEIGHT}"
             )
         ranges = depth[_ROW] * self._lengths
         if not (ranges >= _RANGE_MIN).any():
@@ -93,35 +93,35 @@ class DepthScanner(RangeReader):
 
 
 _PATIENCE_S: Final = 0.1
-"""For one image; at 30 a second that is three."""
+"""Timeout of one image, s: three images at 30 Hz."""
 _RETRY_S: Final = 1.0
-"""A camera that failed is tried again so often."""
+"""Delay before reopening a failed camera, s."""
 
 
 class Camera(Protocol):
-    """Gives depth images."""
+    """Source of depth images."""
 
     def read(self, patience: float) -> NDArray[np.uint16] | None:
-        """The next image, mm; None if there is none after `patience` s."""
+        """Return the next image, mm; None after a timeout of `patience` s."""
 
     def close(self) -> None:
-        """Give the camera back."""
+        """Close the camera."""
 
 
 class Image(NamedTuple):
-    """A depth image and when it came."""
+    """A depth image with its time of arrival."""
 
     stamp: Instant
     depth: NDArray[np.uint16]
 
 
 class CameraFeed:
-    """The newest image of a camera that is opened, and after any error opened again."""
+    """Latest image of a camera, read by a thread that reopens the camera after errors."""
 
     def __init__(
         self, open_camera: Callable[[], Camera], clock: Callable[[], Instant], say: Callable[[str], None]
     ) -> None:
-        """`say` is told what is wrong, each thing once until the camera works again; by this thread."""
+        """Start the thread; `say`: called by it with each new error."""
         self._open = open_camera
         self._clock = clock
         self._say = say
@@ -132,12 +132,12 @@ class CameraFeed:
         self._thread.start()
 
     def take(self) -> Image | None:
-        """The newest image, once; never waits."""
+        """Return the latest image, once; does not block."""
         image, self._newest = self._newest, None
         return image
 
     def close(self) -> None:
-        """Give the camera back, unless its library hangs."""
+        """Close the camera, unless its library hangs."""
         self._ended.set()
         self._thread.join(2 * _PATIENCE_S)
 
@@ -175,7 +175,7 @@ _TIME_OUT: Final = 102
 
 
 class CameraError(AcrcError):
-    """A depth camera that cannot be used."""
+    """Failure of a depth camera."""
 
 
 class _VideoMode(ctypes.Structure):
@@ -205,7 +205,7 @@ class _Frame(ctypes.Structure):
 
 
 def find_library() -> Any:
-    """OpenNI2, loaded. Raises CameraError with one sentence that says what to install."""
+    """Load OpenNI2. Raises CameraError."""
     for name in (ctypes.util.find_library("OpenNI2"), "libOpenNI2.so.0", "libOpenNI2.so"):
         try:
             if name is not None:
@@ -213,16 +213,16 @@ def find_library() -> Any:
         except OSError:
             continue
     raise CameraError(
-        "the depth camera needs the library OpenNI2, which is not installed; "
-        "`sudo apt install libopenni2-0` brings it on Debian and Ubuntu"
+        "the depth camera needs the library OpenNI2; on Debian and Ubuntu, install it with "
+        "`sudo apt install libopenni2-0`"
     )
 
 
 class OpenNICamera:
-    """The first depth camera that OpenNI2 finds, giving images; use it as a context manager."""
+    """The first depth camera found by OpenNI2; a context manager."""
 
     def __init__(self, width: int = 640, height: int = 480, rate: int = 30, library: Any = None) -> None:
-        """`library`: OpenNI2, found by itself if not given. Raises CameraError."""
+        """Open the camera; `library`: OpenNI2, None: load it. Raises CameraError."""
         self._library = find_library() if library is None else library
         self._device = ctypes.c_void_p()
         self._stream = ctypes.c_void_p()
@@ -236,22 +236,23 @@ class OpenNICamera:
             raise
 
     def read(self, patience: float) -> NDArray[np.uint16] | None:
-        """The next image, (height, width), mm, unmirrored; None after `patience` s. Raises CameraError."""
+        """Return the next image, (height, width), mm, unmirrored; None after `patience` s. Raises
+        CameraError."""
         library = self._library
         streams, ready = (ctypes.c_void_p * 1)(self._stream), ctypes.c_int()
         status = library.oniWaitForAnyStream(streams, 1, ctypes.byref(ready), int(1000 * patience))
         if status == _TIME_OUT:
             return None
-        self._try(status, "the depth camera gives no image")
+        self._try(status, "no image from the depth camera")
         frame = ctypes.POINTER(_Frame)()
-        self._try(library.oniStreamReadFrame(self._stream, ctypes.byref(frame)), "no image can be read")
+        self._try(library.oniStreamReadFrame(self._stream, ctypes.byref(frame)), "the image cannot be read")
         try:
             return _image(frame.contents)
         finally:
             library.oniFrameRelease(frame)
 
     def close(self) -> None:
-        """Give the camera back."""
+        """Close the camera."""
         if self._stream:
             self._library.oniStreamStop(self._stream)
             self._library.oniStreamDestroy(self._stream)
@@ -270,11 +271,13 @@ class OpenNICamera:
     def _open(self, mode: _VideoMode) -> None:
         library = self._library
         device, stream = ctypes.byref(self._device), ctypes.byref(self._stream)
-        self._try(library.oniDeviceOpen(None, device), "no depth camera is plugged in, or none may be used")
-        self._try(library.oniDeviceCreateStream(self._device, _DEPTH, stream), "the camera measures no depth")
-        asked = f"the camera has no depth of {mode.width} x {mode.height} at {mode.rate} Hz in mm"
+        self._try(library.oniDeviceOpen(None, device), "no depth camera found, or no permission")
+        self._try(
+            library.oniDeviceCreateStream(self._device, _DEPTH, stream), "the camera has no depth sensor"
+        )
+        asked = f"the camera does not support {mode.width} x {mode.height} at {mode.rate} Hz in mm"
         self._set(_VIDEO_MODE, mode, asked)
-        # The driver mirrors images, as for a person in front of a screen: left would be right.
+        # The driver mirrors images by default.
         self._set(_MIRRORING, ctypes.c_int(0), "the camera's mirroring cannot be switched off")
         self._try(library.oniStreamStart(self._stream), "the camera does not start")
 
@@ -289,17 +292,17 @@ class OpenNICamera:
             said = (self._library.oniGetExtendedError() or b"").decode("utf-8", "replace")
             reason = " ".join(said.split()) or f"status {status}"
             raise CameraError(
-                f"{otherwise} ({reason}); `sudo apt install libopenni2-0 openni2-utils` brings drivers and "
-                "NiViewer2, which shows whether the camera works"
+                f"{otherwise} ({reason}); install drivers with `sudo apt install libopenni2-0 openni2-utils` "
+                "and test the camera with NiViewer2"
             )
 
 
 def _image(frame: _Frame) -> NDArray[np.uint16]:
-    """A copy of the frame's pixels, (height, width)."""
+    """Return a copy of the frame's pixels, (height, width)."""
     if frame.stride < 2 * frame.width or frame.stride * frame.height > frame.size or not frame.data:
         raise CameraError(
-            f"the camera's image has {frame.size} bytes; {frame.width} x {frame.height} pixels of 2 bytes "
-            f"in rows of {frame.stride} should fit in"
+            f"image of {frame.size} bytes is too small for {frame.width} x {frame.height} pixels of 2 bytes "
+            f"in rows of {frame.stride}"
         )
     raw = ctypes.string_at(frame.data, frame.stride * frame.height)
     rows = np.frombuffer(raw, np.uint8).reshape(frame.height, frame.stride)

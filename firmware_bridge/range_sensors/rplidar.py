@@ -1,7 +1,7 @@
-"""RPLIDAR A1: its protocol, and a driver without I/O that starts it and reads its turns as scans.
+"""RPLIDAR A1: protocol, and a driver without I/O that converts its turns to scans.
 
-The caller calls `take` with the bytes read (also none) every few milliseconds and writes what `due` returns.
-On the adapter of an A1 the motor turns while the line DTR is off. Source: Slamtec, "RPLIDAR Low Cost 360
+The caller passes the bytes read (or none) to `take` every few milliseconds and writes what `due` returns. On
+the adapter of an A1 the motor runs while the line DTR is off. Source: Slamtec, "RPLIDAR Low Cost 360
 Degree Laser Range Scanner: Interface Protocol and Application Notes".
 """
 
@@ -23,7 +23,7 @@ REQUEST: Final = 0xA5
 
 
 class LidarRequest(IntEnum):
-    """A request without data: `A5` and this."""
+    """A request without data: `A5` and this byte."""
 
     SCAN = 0x20
     STOP = 0x25
@@ -32,22 +32,22 @@ class LidarRequest(IntEnum):
 
     @property
     def bytes(self) -> bytes:
-        """As sent."""
+        """Encoded request."""
         return bytes((REQUEST, self))
 
 
 @dataclass(frozen=True)
 class Descriptor:
-    """What comes before an answer."""
+    """Header of an answer."""
 
     length: int
-    """Bytes of the answer, or of each sample."""
+    """Size of the answer, or of each sample, bytes."""
     many: bool
-    """True: one after the other until stopped."""
+    """True for a continuous sequence, until stopped."""
     kind: int
 
     def encode(self) -> bytes:
-        """`A5 5A`, length in 30 bits, mode in 2, kind."""
+        """Encode as `A5 5A`, length in 30 bits, mode in 2, kind."""
         return b"\xa5\x5a" + struct.pack("<IB", self.length | self.many << 30, self.kind)
 
 
@@ -60,19 +60,19 @@ FULL_TURN_Q6: Final = 360 * 64
 
 @dataclass(frozen=True)
 class Health:
-    """How the lidar is."""
+    """Health of the lidar."""
 
     status: int
-    """0 good, 1 warning, 2 error: it does not scan until it was reset."""
+    """0 good, 1 warning, 2 error: no scans until a reset."""
     code: int = 0
 
     def encode(self) -> bytes:
-        """Its 3 bytes."""
+        """Encode in 3 bytes."""
         return struct.pack("<BH", self.status, self.code)
 
     @classmethod
     def decode(cls, data: bytes) -> "Health":
-        """Of 3 bytes."""
+        """Decode 3 bytes."""
         return cls(*struct.unpack("<BH", data))
 
 
@@ -81,47 +81,47 @@ class Sample:
     """One measurement."""
 
     start: bool
-    """The first of a new turn."""
+    """True for the first of a turn."""
     quality: int
-    """0 to 63."""
+    """Quality, 0 to 63."""
     angle_q6: int
-    """1/64°, clockwise seen from above, from 0 to a little above a full turn."""
+    """Direction, 1/64°, clockwise seen from above, from 0 to slightly above a full turn."""
     distance_q2: int
-    """1/4 mm; 0 = no echo."""
+    """Distance, 1/4 mm; 0 = no echo."""
 
     def encode(self) -> bytes:
-        """Return its 5 bytes: a bit and its opposite mark the start of a turn, a check bit is 1."""
+        """Encode in 5 bytes: a bit and its inverse mark the start of a turn, a check bit is 1."""
         flags = 1 if self.start else 2
         return struct.pack("<BHH", self.quality << 2 | flags, self.angle_q6 << 1 | 1, self.distance_q2)
 
     @classmethod
     def decode(cls, data: bytearray, at: int) -> "Sample":
-        """Return the sample of the 5 bytes there."""
+        """Decode the 5 bytes at index `at`."""
         flags, angle, distance = struct.unpack_from("<BHH", data, at)
         return cls(flags & 1 == 1, flags >> 2, angle >> 1, distance)
 
 
 class SampleReader:
-    """Finds samples in a stream of bytes, whatever else is in it.
+    """Incremental parser of samples in a noisy byte stream.
 
-    A sample has three check bits and no sum, so it must also follow from the one before: the head turns on by
-    a degree or so. After anything wrong the stream is believed again only once several samples on end do.
+    A sample has three check bits and no checksum, so its angle must also follow the previous one by about a
+    degree. After an error, several consecutive valid samples are needed to resynchronise.
     """
 
     _IN_A_ROW: Final = 6
     _BACK_Q6: Final = 5 * 64
     _ON_Q6: Final = 20 * 64
-    """How far from sample to sample the angle may go backward and forward."""
+    """Maximum change of the angle between samples, backward and forward."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
         self._before: int | None = None
-        """Angle of the sample that ends where the pending bytes begin; None while out of step."""
+        """Angle of the previous sample; None while out of step."""
         self.skipped = 0
-        """Bytes that were no sample."""
+        """Number of skipped bytes."""
 
     def take(self, data: bytes) -> list[Sample]:
-        """The samples that end in `data`."""
+        """Append bytes and return the completed samples."""
         self._pending += data
         samples: list[Sample] = []
         at = 0
@@ -140,7 +140,7 @@ class SampleReader:
         return samples
 
     def _in_step(self, begin: int) -> bool:
-        """True if several samples on end begin there."""
+        """Return whether several consecutive samples begin there."""
         angle = self._angle(begin)
         for at in range(begin, begin + self._IN_A_ROW * SAMPLE_SIZE, SAMPLE_SIZE):
             following = self._following(at, angle)
@@ -150,7 +150,7 @@ class SampleReader:
         return True
 
     def _following(self, at: int, before: int) -> int | None:
-        """The angle of the sample there, if it is one and follows that angle."""
+        """Return the angle of the sample there, if it is valid and follows the angle `before`."""
         if self._pending[at] & 3 not in {1, 2} or not self._pending[at + 1] & 1:
             return None
         angle = self._angle(at)
@@ -162,35 +162,34 @@ class SampleReader:
 
 
 _NOTICEABLE_Q6: Final = 10 * 64
-"""A head that turns goes on by so much, 1/64°."""
+"""Change of the angle that shows a rotating head, 1/64°."""
 _SECTORS: Final = 12
-"""Parts of a turn that are compared with earlier ones: 30 samples of an A1 each, 15 ms."""
+"""Number of parts of a turn for detecting repetition: 30 samples of an A1 each, 15 ms."""
 _ECHOES: Final = 10
-"""Fewest echoes in a part that is."""
+"""Minimum number of echoes in a compared part."""
 _KEPT_TURNS: Final = 64
-"""Earlier turns that a part is compared with, 12 s of an A1; own choice."""
+"""Number of earlier turns for comparison, 12 s of an A1; own choice."""
 _REPEATED: Final = 4
-"""Parts of the last turn that may not be repeated; own choice: 60 ms, and no other cause is known."""
+"""Repeated parts in the last turn that are a fault; own choice: 60 ms."""
 PATIENCE: Final[Duration] = milliseconds(1000)
-"""Without an answer or a sample for so long the lidar is started again; own choice, five turns."""
+"""Timeout of answers and samples after which the lidar is restarted; own choice, five turns."""
 _PAUSE: Final[Duration] = milliseconds(20)
-"""After stopping it; application notes: at least 1 ms."""
+"""Wait after stopping; application notes: at least 1 ms."""
 _RESET: Final[Duration] = milliseconds(2000)
-"""After resetting it; application notes: at least 2 ms, but an A1 first prints a greeting."""
+"""Wait after resetting; application notes: at least 2 ms, but an A1 first prints a greeting."""
 _SIGHT: Final[Duration] = milliseconds(250)
-"""Without an echo, or without its head turning, for so long it sees nothing; own choice: a turn of an A1
-takes 182 ms at most."""
+"""Timeout of echoes and rotation; own choice: a turn of an A1 takes at most 182 ms."""
 FEWEST, MOST = 90, 8192
-"""Samples of a turn that is a scan; own choice: a quarter of what an A1 gives, and less than two turns."""
+"""Limits of the samples of a valid turn; own choice: a quarter of an A1's, and less than two turns."""
 _WIDEST_GAP: Final = 10 * 64
-"""Between neighbouring samples of a scan, 1/64°; own choice, ten samples. A sample without an echo is sent
-too, so a gap is a loss, and must not look like free floor."""
+"""Maximum gap between samples of a turn, 1/64°; own choice, ten samples. Samples without echo are sent, too,
+so a gap is lost data and must not look like free floor."""
 _TURNING: Final = -math.radians(1 / 64)
-"""Angles grow clockwise, seen from above."""
+"""Unit of angles, rad; they increase clockwise, seen from above."""
 
 
 class LidarPhase(Enum):
-    """What the lidar is doing, or asked for."""
+    """State of the lidar's driver."""
 
     STOPPING = "being stopped"
     RESETTING = "being reset"
@@ -201,39 +200,39 @@ class LidarPhase(Enum):
 
 @dataclass
 class RplidarCounts:
-    """Turns by what became of them, and starts from the beginning."""
+    """Counts of turns by outcome, and of starts."""
 
     scans: int = 0
     thin: int = 0
-    """With too few or too many samples, or with a gap."""
+    """Turns with too few or too many samples, or with a gap."""
     blind: int = 0
-    """Without a single echo; they are no scans."""
+    """Turns without echo."""
     starts: int = 0
 
 
 class Rplidar(RangeReader):
-    """One lidar on one wire; a scan is stamped in the middle of its turn."""
+    """Driver of one lidar; scans are stamped in the middle of their turn."""
 
     def __init__(self, model: SensorModel, started: Instant) -> None:
         super().__init__(model)
         self._pending = bytearray()
         self._asked = False
         self.samples = SampleReader()
-        """Of the last start."""
+        """Parser since the last start."""
         self._turn: list[tuple[int, int]] | None = None
-        """Angle and distance of each sample of this turn; None before the first turn's start."""
+        """Angle and distance of each sample of this turn; None before the first turn."""
         self._turn_began = started
         self._sector: list[Sample] = []
         self._repeats = Repeats(_SECTORS * _KEPT_TURNS, _SECTORS, _REPEATED)
         self._still = StillBeams()
         self._alive = started
-        """The last time that it said something right."""
+        """Time of the last valid data."""
         self._echo: Instant | None = None
-        """When there last was an echo."""
+        """Time of the last echo."""
         self._turning_at = started
-        """When the head last was seen to turn on, ..."""
+        """Time of the last detected rotation."""
         self._mark_q6 = -_NOTICEABLE_Q6
-        """... and where it was then."""
+        """Angle of the head at that time."""
         self.phase = LidarPhase.STOPPING
         self._entered = started
         self.counts = RplidarCounts()
@@ -241,19 +240,19 @@ class Rplidar(RangeReader):
 
     @property
     def fault(self) -> HoldCause | None:
-        """It sends again what it has sent before, or a part of the turn stays the same."""
+        """REPEATS for repeated data, SCAN_PART for a constant part of the turn."""
         if self._repeats.found:
             return HoldCause.REPEATS
         return HoldCause.SCAN_PART if self._still.found else None
 
     def sees(self, now: Instant) -> bool:
-        """Return whether its head turns and something is seen."""
+        """Return whether the head rotates and there are echoes."""
         if self.phase is not LidarPhase.SCANNING or self._echo is None:
             return False
         return now - min(self._echo, self._turning_at) <= _SIGHT
 
     def take(self, now: Instant, data: bytes) -> None:
-        """Bytes that have come, also none."""
+        """Process bytes read, possibly none."""
         if self.phase is LidarPhase.SCANNING:
             self._sampled(now, data)
             return
@@ -268,7 +267,7 @@ class Rplidar(RangeReader):
             self._sampled(now, rest)
 
     def due(self, now: Instant) -> bytes:
-        """The bytes to write now."""
+        """Return the bytes to write now."""
         waited = now - self._entered
         rest = {LidarPhase.STOPPING: _PAUSE, LidarPhase.RESETTING: _RESET}.get(self.phase)
         if rest is not None:
@@ -282,7 +281,7 @@ class Rplidar(RangeReader):
         return _REQUESTS[self.phase].bytes
 
     def farewell(self) -> bytes:
-        """The last bytes to write."""
+        """Return the last bytes to write."""
         return LidarRequest.STOP.bytes
 
     def _enter(self, phase: LidarPhase, now: Instant) -> None:
@@ -298,13 +297,13 @@ class Rplidar(RangeReader):
             self._repeats.forget()
 
     def _described(self, wanted: Descriptor) -> bool:
-        """Look for that descriptor; once found, what follows it is pending."""
+        """Return whether the descriptor was received; discard bytes before it."""
         at = self._pending.find(wanted.encode())
         del self._pending[: at if at >= 0 else max(0, len(self._pending) - DESCRIPTOR_SIZE + 1)]
         return at >= 0
 
     def _health_answered(self, now: Instant) -> None:
-        """Take the answer in, once it is whole, and go on."""
+        """Process the health answer once it is complete."""
         end = DESCRIPTOR_SIZE + HEALTH.length
         if self._described(HEALTH) and len(self._pending) >= end:
             self._alive = now
@@ -328,7 +327,7 @@ class Rplidar(RangeReader):
                 self._turn.append((sample.angle_q6, sample.distance_q2))
 
     def _compare(self, sample: Sample) -> None:
-        """Compare a part of the turn with those before, once it is whole."""
+        """Compare a completed part of the turn with earlier ones."""
         width = FULL_TURN_Q6 // _SECTORS
         if self._sector and sample.angle_q6 // width != self._sector[-1].angle_q6 // width:
             if sum(one.distance_q2 > 0 for one in self._sector) >= _ECHOES:
@@ -338,7 +337,7 @@ class Rplidar(RangeReader):
             self._sector.append(sample)
 
     def _turned(self, now: Instant) -> None:
-        """A turn has ended."""
+        """Process a completed turn."""
         if self._turn is None:
             return
         turn = np.array(self._turn, np.float64).reshape(-1, 2)
@@ -356,7 +355,7 @@ class Rplidar(RangeReader):
         self._still.take(angles, turn[:, 1].astype(np.int64))
 
     def _whole(self, angles_q6: NDArray[np.float64]) -> bool:
-        """True if a turn has samples enough, all round."""
+        """Return whether a turn has enough samples in all directions."""
         if not FEWEST <= angles_q6.size <= MOST:
             return False
         around = np.sort(angles_q6 % FULL_TURN_Q6)

@@ -1,4 +1,4 @@
-"""An emulated RPLIDAR A1 on the wire; what it sees is a function from directions to ranges."""
+"""Emulated RPLIDAR A1 at the byte level, with ranges from a function of directions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,27 +20,28 @@ from firmware_bridge.range_sensors.rplidar import (
 )
 
 Sight = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""(n,) directions, rad counter-clockwise from the lidar's zero, to (n,) ranges, m; inf = nothing."""
+"""Function from (n,) directions, rad counter-clockwise from the lidar's zero, to (n,) ranges, m; inf =
+none."""
 
 
 @dataclass(frozen=True)
 class EmulatedRplidarParameters:
-    """What kind of lidar is emulated; Slamtec, A1 data sheet."""
+    """Parameters of the lidar; Slamtec, A1 data sheet."""
 
     turns: float = 5.5
-    """Hz."""
+    """Rotation frequency, Hz."""
     samples: int = 2000
-    """Per second, as an A1 gives in its standard mode."""
+    """Samples per second, in the standard mode."""
     range_min: float = 0.15
-    """m."""
+    """Minimum range, m."""
     range_max: float = 12.0
-    """m."""
+    """Maximum range, m."""
     noise: float = 0.0
-    """Standard deviation of a distance as a share of it; needs a generator if that is not 0."""
+    """Standard deviation of a range, relative to it; needs a generator if not 0."""
 
 
 class EmulatedRplidar:
-    """One lidar; it scans when asked."""
+    """One lidar, which scans on request."""
 
     def __init__(
         self,
@@ -49,7 +50,7 @@ class EmulatedRplidar:
         started: Instant = START,
         generator: Generator | None = None,
     ) -> None:
-        """`generator`: for the noise."""
+        """Create it, switched on at `started`; `generator`: of the noise."""
         assert generator is not None or not parameters.noise
         self._sight = sight
         self._p = parameters
@@ -59,19 +60,19 @@ class EmulatedRplidar:
         self._out = bytearray()
         self._scanning = False
         self._sampled = 0
-        """Samples since it was switched on, sent or not."""
+        """Number of samples since `started`, sent or not."""
         self._last_turn = -1
         self.health = Health(0)
-        """Set it to make the lidar ill."""
+        """Reported health; set it to inject a fault."""
         self.silent = False
-        """Set it to make the lidar say nothing."""
+        """Set it to send no bytes."""
         self.dark = False
-        """Set it to let nothing give an echo."""
+        """Set it to return no echoes."""
         self.stuck = False
-        """Set it to hold the head: it measures on, in one direction."""
+        """Set it to block the head, which then measures in one direction."""
 
     def take(self, now: Instant, data: bytes) -> None:
-        """Bytes from the driver, that end `now`."""
+        """Accept bytes from the driver whose last one arrives `now`."""
         self._skip_to(now)
         self._pending += data
         while (at := self._pending.find(REQUEST)) >= 0 and len(self._pending) > at + 1:
@@ -82,7 +83,7 @@ class EmulatedRplidar:
             self._pending.clear()
 
     def run(self, now: Instant) -> bytes:
-        """Let time pass until `now`; the bytes for the driver."""
+        """Advance to `now`; return the bytes for the driver."""
         if self._scanning:
             self._sample(now)
         else:
@@ -111,7 +112,7 @@ class EmulatedRplidar:
             self._sampled = self._until(now)
 
     def _sample(self, now: Instant) -> None:
-        """Put the samples up to `now` on the wire."""
+        """Send the samples up to `now`."""
         numbers = np.arange(self._sampled, self._until(now))
         if not numbers.size:
             return
@@ -133,5 +134,5 @@ class EmulatedRplidar:
             self.send(number, Sample(start, 15 if distance else 0, angle, distance))
 
     def send(self, number: int, sample: Sample) -> None:
-        """Put the sample of this number on the wire."""
+        """Send the sample with this number."""
         self._out += sample.encode()

@@ -1,4 +1,5 @@
-"""Samples of range sensors: conversion to scans along the rays of the robot model, and frozen data."""
+"""Samples of range sensors: conversion to scans along the robot model's rays, and detection of frozen
+data."""
 
 import math
 from abc import ABC, abstractmethod
@@ -14,37 +15,37 @@ from actors.robot_model import RangeSensor
 from firmware_bridge.kobuki.safety import HoldCause
 
 REACH: Final = math.radians(1.0)
-"""How far from a ray a sample may lie and still speak for it where no sample hits the ray's own share of the
-circle; own choice: a lidar of 360 samples fills 640 rays, and a sector without samples stays without."""
+"""Maximum angle between a ray and the sample used for it if no sample is in the ray's own sector; own choice:
+a lidar of 360 samples fills 640 rays, and sectors without samples stay empty."""
 
 
 class SensorSweep(NamedTuple):
-    """Samples of one turn or image, each with its own instant."""
+    """Samples of one turn or image, each with its time."""
 
     stamps: NDArray[np.int64]
-    """(n,), µs, ascending."""
+    """Times, (n,), µs, ascending."""
     angles: NDArray[np.float64]
-    """(n,), in the sensor's own frame, counter-clockwise, rad."""
+    """Directions, (n,), in the sensor's frame, counter-clockwise, rad."""
     ranges: NDArray[np.float64]
-    """(n,), m; inf = no echo."""
+    """Ranges, (n,), m; inf = no echo."""
 
 
 class ScanRays:
-    """The rays of a sensor's model, and how samples at any other angles become their ranges."""
+    """Rays of a sensor's model, and conversion of samples at other angles."""
 
     def __init__(self, model: RangeSensor, reach: float = REACH) -> None:
         self._model = model
         self._reach = reach
         turned = model.increment * np.arange(model.rays, dtype=np.float64)
         self.angles: NDArray[np.float64] = model.first_angle + turned
-        """(rays,), in the sensor's own frame, counter-clockwise, rad."""
+        """Directions, (rays,), in the sensor's frame, counter-clockwise, rad."""
 
     def scan(self, stamp: Instant, angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> Scan:
-        """The scan that samples make; `angles`, `ranges`: (n,), rad in the sensor's own frame, m.
+        """Convert samples to a scan; `angles`, `ranges`: (n,), rad in the sensor's frame, m.
 
-        A range that is not finite or not above 0 is no echo. A ray gets the smallest range of the samples
-        nearest to it, else that of the nearest sample within reach, else no echo. As in the simulated world,
-        what is nearer than the model's range gives no echo, but hides what is behind it.
+        Ranges that are not finite or not positive count as no echo. A ray gets the smallest range in its
+        sector, else that of the nearest sample within reach, else no echo. As in the simulated world,
+        obstacles nearer than the model's minimum range give no echo, but occlude others.
         """
         ranges = np.where(np.isfinite(ranges) & (ranges > 0), ranges, np.inf)
         found = self._nearest(angles, ranges)
@@ -54,7 +55,7 @@ class ScanRays:
         return Scan(stamp, report.tobytes())
 
     def _nearest(self, angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """For each ray, m; inf = nothing."""
+        """Return the range of each ray, m; inf = none."""
         model = self._model
         found = np.full(model.rays, np.inf)
         if not angles.size:
@@ -75,7 +76,7 @@ class ScanRays:
     def _beside(
         self, rays: NDArray[np.float64], angles: NDArray[np.float64], ranges: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """The range of the nearest sample within reach of each direction in `rays`, m; inf = none."""
+        """Return the range of the nearest sample within reach of each direction in `rays`, m; inf = none."""
         around = np.remainder(angles, math.tau)
         order = np.argsort(around, kind="stable")
         around, ranges = around[order], ranges[order]
@@ -91,7 +92,7 @@ class ScanRays:
 
 
 class RangeReader(ABC):
-    """The newest scan and sweep of a range sensor; base of the drivers of lidar and depth camera."""
+    """Latest scan and sweep of a range sensor; base class of the drivers."""
 
     def __init__(self, model: RangeSensor) -> None:
         self.rays = ScanRays(model)
@@ -100,15 +101,15 @@ class RangeReader(ABC):
 
     @abstractmethod
     def sees(self, now: Instant) -> bool:
-        """Return whether it measures, and anything is seen."""
+        """Return whether it measures and has echoes."""
 
     @property
     @abstractmethod
     def fault(self) -> HoldCause | None:
-        """What its data show alone: that it repeats itself, as a whole or in part."""
+        """Fault shown by its data alone: repetition of all or part of it."""
 
     def scan(self) -> Scan | None:
-        """Return the last scan, once."""
+        """Return the latest scan, once."""
         scan, self._scan = self._scan, None
         return scan
 
@@ -118,26 +119,26 @@ class RangeReader(ABC):
         return sweep
 
     def measured(self, stamp: Instant, sweep: SensorSweep) -> None:
-        """Take in a turn or image; `stamp`: of the scan that it makes."""
+        """Store a turn or image; `stamp`: time of the resulting scan."""
         self._scan, self._sweep = self.rays.scan(stamp, sweep.angles, sweep.ranges), sweep
 
 
 _BEAMS: Final = 360
-"""Directions that are told apart."""
+"""Number of compared directions."""
 _TURNS: Final = 4
-"""A beam that said the same so often on end after the first time stands still; own choice, a coarse sensor
-repeats one in three: one beam in eighty by chance."""
+"""Consecutive repetitions after which a beam counts as frozen; own choice: if a coarse sensor repeats one
+value in three, one beam in eighty by chance."""
 _STILL: Final = 0.3
-"""Share of the beams with an echo; own choice, far above what chance does."""
+"""Share of frozen beams that is a fault; own choice, far above chance."""
 _FEWEST: Final = 30
-"""Beams with an echo, below which nothing is said."""
+"""Minimum number of beams with an echo for a decision."""
 
 
 class Repeats:
-    """Remembers the last parts of a sensor's data, and says when they come again."""
+    """Detector of repeated parts in a sensor's data."""
 
     def __init__(self, kept: int, window: int, most: int) -> None:
-        """`kept`: parts that are remembered; `most` of the last `window` parts repeated are too many."""
+        """Create it; `kept`: number of stored parts; fault: `most` repetitions in the last `window` parts."""
         self._order: deque[bytes] = deque(maxlen=kept)
         self._known: set[bytes] = set()
         self._repeated: deque[bool] = deque(maxlen=window)
@@ -145,38 +146,38 @@ class Repeats:
 
     @property
     def found(self) -> bool:
-        """True while the sensor repeats itself."""
+        """True while the sensor repeats data."""
         return self._repeated.count(True) >= self._most
 
     def take(self, part: bytes) -> None:
-        """Take in a part that is large enough never to be the same by chance."""
+        """Add a part, large enough not to be repeated by chance."""
         again = part in self._known
         self._repeated.append(again)
         if again:
-            return  # it is remembered already
+            return
         if len(self._order) == self._order.maxlen:
             self._known.discard(self._order[0])
         self._order.append(part)
         self._known.add(part)
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Discard all parts."""
         self._order.clear()
         self._known.clear()
         self._repeated.clear()
 
 
 class StillBeams:
-    """Remembers what each direction said last, and for how many turns it has said the same."""
+    """Detector of directions with constant ranges."""
 
     def __init__(self) -> None:
         self._last: NDArray[np.int64] = np.zeros(_BEAMS, np.int64)
         self._same: NDArray[np.int64] = np.zeros(_BEAMS, np.int64)
         self.found = False
-        """True while a part of the turn stands still."""
+        """True while part of the turn is frozen."""
 
     def take(self, angles: NDArray[np.float64], distances: NDArray[np.int64]) -> None:
-        """A turn: (n,) rad, (n,) in the sensor's own unit, 0 = no echo."""
+        """Add a turn: directions, (n,) rad; distances, (n,) in the sensor's unit, 0 = no echo."""
         beams = np.floor(angles % (2 * np.pi) * (_BEAMS / (2 * np.pi)) + 0.5).astype(np.int64) % _BEAMS
         now = np.zeros(_BEAMS, np.int64)
         now[beams] = distances

@@ -34,7 +34,7 @@ ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
 
 
 def said(parts: Iterable[Answer | bytes]) -> bytes:
-    """What a board says, noise included."""
+    """Encode a board's answers, with noise."""
     return b"".join(part if isinstance(part, bytes) else wire.encode_answer(part) for part in parts)
 
 
@@ -44,13 +44,13 @@ _SIZES: Final = {wire.encode_command(one)[0]: len(wire.encode_command(one)) for 
 
 
 def command_size(data: bytes) -> int:
-    """Return the size of the command that `data` begins, as the board's firmware counts."""
+    """Return the size of the command at the start of `data`, as computed by the firmware."""
     empty = len(wire.encode_command(SendPacket(0, b"")))
     return _SIZES.get(data[0]) or empty + data[1]
 
 
 class Host:
-    """A link and the time; plays both sides."""
+    """A link in virtual time, with methods for both sides."""
 
     def __init__(self, parameters: BeeClickParameters = DEFAULTS) -> None:
         self.now = Instant(0)
@@ -58,7 +58,7 @@ class Host:
         self.link.connect(self.now)
 
     def hear(self, *parts: Answer | bytes, after: int = 0) -> list[Event]:
-        """What follows if the board says that, so many µs later."""
+        """Return the events after receiving `parts`, `after` µs later."""
         self.now = Instant(self.now + after)
         return self.link.take(self.now, said(parts))
 
@@ -66,7 +66,7 @@ class Host:
         return self.link.due(self.now)
 
     def commands(self) -> list[Command]:
-        """What the board is told now."""
+        """Return the commands sent now."""
         data, found = self.due(), []
         while data:
             size = command_size(data)
@@ -75,7 +75,7 @@ class Host:
         return found
 
     def get_ready(self) -> "Host":
-        """The exchange at the start."""
+        """Complete the set-up."""
         assert self.due() == SYNC
         assert self.hear(SYNC_PATTERN) == []
         assert len(self.commands()) == 3
@@ -84,7 +84,7 @@ class Host:
         return self
 
     def send(self, *tags: int) -> list[int]:
-        """Send packets, one per tag, and give the board what it takes; the packets' numbers."""
+        """Queue a packet per tag; return the numbers of the packets sent to the board."""
         for tag in tags:
             assert self.link.send(self.now, tag, bytes([tag] * 3)) == []
         return [command.number for command in self.commands() if isinstance(command, SendPacket)]
@@ -95,17 +95,17 @@ def confirm(number: int, failed: bool = False) -> PacketSent:
 
 
 def states(events: Iterable[Event]) -> list[LinkState]:
-    """That a board is up, or down."""
+    """Return the changes of the link's state."""
     return [event for event in events if isinstance(event, LinkState)]
 
 
 def causes(events: Iterable[Event]) -> list[str]:
-    """Why it was down each time."""
+    """Return the cause of each outage."""
     return [state.cause for state in states(events) if not state.up]
 
 
 def boards(count: int, spacing: float = 2.0) -> EmulatedAir:
-    """So many boards with the addresses 1, 2, … in a row, `spacing` m apart, and nothing between them."""
+    """Create boards with addresses 1, 2, … in a row, `spacing` m apart, without obstacles."""
     addresses = tuple((f"board{number}", number) for number in range(1, count + 1))
     where = air(RadioSetup(seed=1, step_us=SUBSTEP, robots=addresses, preset="beeclick"))
     for _ in addresses:
@@ -115,12 +115,12 @@ def boards(count: int, spacing: float = 2.0) -> EmulatedAir:
 
 
 def standing(x: float, y: float) -> State:
-    """The state of what stands there, m."""
+    """Return the state of a standing body, m."""
     return (x, y, 0.0, 0.0, 0.0, 0.0)
 
 
 def decoded(data: bytes) -> Command:
-    """The command of all these bytes."""
+    """Decode one command."""
     match data[0]:
         case 0:
             return Synchronise()
@@ -135,13 +135,13 @@ def decoded(data: bytes) -> Command:
 
 
 _KEPT: Final = 100_000
-"""Events of a desk; older ones are forgotten."""
+"""Maximum number of stored events of a host."""
 _POLL: Final = milliseconds(1)
 
 
 @dataclass
 class Desk:
-    """A host with its board, and the line between them."""
+    """A host, its board, and the line between them."""
 
     link: BoardLink | TransceiverLink
     board: Device
@@ -150,10 +150,10 @@ class Desk:
     plugged: bool = True
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=_KEPT))
     come: int = 0
-    """Bytes, to the host."""
+    """Number of bytes received by the host."""
 
     def serve(self, now: Instant, rng: np.random.Generator) -> None:
-        """What a host does once in a while: take what has come, write what is due."""
+        """Exchange bytes between host and board."""
         come = self.to_host.apply(self.board.run(now), rng)
         if not self.plugged:
             return
@@ -163,17 +163,17 @@ class Desk:
             self.board.take(now, self.to_board.apply(out, rng))
 
     def send(self, now: Instant, tag: int, data: bytes) -> None:
-        """Hand the link a packet."""
+        """Send a packet by the link."""
         self.events.extend(self.link.send(now, tag, data))
 
     def unplug(self, now: Instant) -> None:
-        """Pull the cable on the host's side; the board goes on."""
+        """Disconnect the host; the board continues."""
         self.plugged = False
         self.events.extend(self.link.lost(now))
 
 
 class Lab:
-    """Desks in one room; hosts look after their lines at fixed times."""
+    """Hosts in one room, which serve their lines periodically."""
 
     def __init__(self, air: EmulatedAir, desks: Sequence[Desk], rng: np.random.Generator) -> None:
         self.now = Instant(0)
@@ -184,7 +184,7 @@ class Lab:
             desk.link.connect(self.now)
 
     def run(self, duration: Duration) -> None:
-        """Let so much time pass."""
+        """Advance by `duration`."""
         until = self.now + duration
         while self.now < until:
             self.now = Instant(min(self.now + _POLL, until))

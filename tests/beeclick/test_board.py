@@ -1,4 +1,4 @@
-"""Bytes of the board's messages; emulated boards alone and with links on their lines; the port of a board."""
+"""Encoding of board messages, emulated boards with and without links, and the port of a board."""
 
 import os
 import pty
@@ -74,14 +74,14 @@ ANSWERS: list[tuple[str, Answer]] = [
 
 
 @pytest.mark.parametrize(("text", "command"), COMMANDS)
-def test_a_command_is_these_bytes(text: str, command: Command) -> None:
+def test_commands_are_encoded(text: str, command: Command) -> None:
     data = bytes.fromhex(text)
     assert wire.encode_command(command) == data
     assert command_size(data) == len(data)
 
 
 @pytest.mark.parametrize(("text", "answer"), ANSWERS)
-def test_an_answer_is_these_bytes(text: str, answer: Answer) -> None:
+def test_answers_are_encoded_and_decoded(text: str, answer: Answer) -> None:
     data = bytes.fromhex(text)
     assert wire.encode_answer(answer) == data
     assert wire.read_answer(data, 0, len(data)) == (answer, len(data))
@@ -100,7 +100,7 @@ def test_an_answer_is_these_bytes(text: str, answer: Answer) -> None:
         (SetAddress(0x10000, 0), "SetAddress.pan is 65536, but must be from 0 to 65535"),
     ],
 )
-def test_a_value_that_the_board_cannot_take_is_refused(command: Command, sentence: str) -> None:
+def test_values_out_of_range_are_refused(command: Command, sentence: str) -> None:
     with pytest.raises(ParameterError) as caught:
         wire.encode_command(command)
     assert str(caught.value) == sentence
@@ -131,7 +131,7 @@ def test_noise_is_recognised_by_its_last_byte(text: str, cause: str) -> None:
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_are_an_answer_or_noise_or_too_few(data: bytes) -> None:
+def test_any_bytes_are_an_answer_noise_or_incomplete(data: bytes) -> None:
     try:
         one = wire.read_answer(data, 0, len(data))
     except NoiseError:
@@ -155,7 +155,7 @@ def test_settings_out_of_range_are_refused(settings: dict[str, float], sentence:
         BoardSettings(**settings)  # type: ignore[arg-type]
 
 
-def test_the_line_takes_ten_bits_a_byte() -> None:
+def test_the_line_transmits_ten_bits_per_byte() -> None:
     assert byte_time(0) == 0
     assert byte_time(921_600) == 10_000_000
     assert byte_time(1) == 11  # 10.85
@@ -171,7 +171,7 @@ def sentence(body: str) -> bytes:
 FIX = "GPRMC,123519.50,A,5005.2460,N,01425.1230,E,000.0,084.4,230614,,"
 
 
-def test_a_fix_is_in_degrees_south_and_west_negative() -> None:
+def test_positions_are_in_degrees_with_south_and_west_negative() -> None:
     position = parse_rmc(START, sentence(FIX))
     assert position is not None
     assert position.valid
@@ -191,12 +191,12 @@ def test_a_fix_is_in_degrees_south_and_west_negative() -> None:
         ("01425.1230", "18000.1000"), (FIX, "GPRMC,123519,A"),
     ],
 )  # fmt: skip
-def test_a_sentence_with_a_wrong_part_is_no_fix(part: str, wrong: str) -> None:
+def test_invalid_sentences_give_no_position(part: str, wrong: str) -> None:
     assert parse_rmc(START, sentence(FIX.replace(part, wrong))) is None
     assert parse_rmc(START, sentence(FIX)[:-2] + b"00") is None
 
 
-def test_code_and_dbm_agree_to_half_a_code() -> None:
+def test_codes_and_dbm_agree_within_half_a_code() -> None:
     table = {0: -90, 5: -87, 37: -80, 89: -70, 138: -60, 193: -50, 239: -40, 255: -35}
     assert {code: rssi_dbm(code) for code in table} == table
     dbm = np.arange(-900, -350) / 10
@@ -209,7 +209,7 @@ def test_code_and_dbm_agree_to_half_a_code() -> None:
     assert rssi_codes(np.array([-np.inf, -120.0, 10.0])).tolist() == [0, 0, 255]
 
 
-def test_only_powers_that_the_firmware_gets_right_are_asked_for() -> None:
+def test_only_powers_that_the_firmware_sets_correctly_are_requested() -> None:
     made = {-4: 0, -6: -5, -7: -63, -12: -63, -99: -63, -100: -100, -120: -163, -300: -300}
     assert {asked: radiated(asked) for asked in made} == made
     right = [asked for asked in range(-363, 1) if radiated(asked) == asked]
@@ -217,18 +217,18 @@ def test_only_powers_that_the_firmware_gets_right_are_asked_for() -> None:
     assert [power_setting(asked / 10) for asked in right] == right
 
 
-def test_link_quality_grows_from_the_weakest_frame_over_twenty_decibels() -> None:
+def test_link_quality_covers_twenty_decibels_above_sensitivity() -> None:
     dbm = np.array([-120.0, -96.0, -86.0, -76.0, -30.0])
     assert link_qualities(dbm, -96.0).tolist() == [0, 0, 128, 255, 255]
 
 
 class Bench:
-    """A board whose host the test plays, alone on the medium unless others are put there."""
+    """Boards on a medium, with the test as host."""
 
     def __init__(self, boards: int = 1, distance: float = 2.0) -> None:
         self.now = START
         model = radio_model(RadioSetup(seed=1, step_us=10_000, robots=(), preset="beeclick"))
-        # a frame begins when the chip has it, but for the turnaround
+        # frames start immediately after the turnaround
         at_once = replace(model.parameters.transceiver, min_be=0, max_be=0, cca=Cca.NEVER)
         model = replace(model, parameters=replace(model.parameters, transceiver=at_once))
         self.air = EmulatedAir(range(1, boards + 1), lambda channel: model, 1)
@@ -244,7 +244,7 @@ class Bench:
         self.boards[board].take(self.now, data)
 
     def wait(self, duration: int) -> bytes:
-        """What the first board says meanwhile."""
+        """Advance by `duration`; return the bytes sent by the first board."""
         self.now = Instant(self.now + duration)
         self.air.advance(self.now)
         return self.board.run(self.now)
@@ -263,7 +263,7 @@ class Bench:
         self.boards[board].run(self.now)
 
 
-def test_a_board_out_of_step_obeys_nothing_and_yet_is_not_silent() -> None:
+def test_an_unsynchronised_board_ignores_commands_but_sends_readings() -> None:
     bench = Bench()
     bench.tell(SetAddress(1, 2), SetChannel(3))
     assert bench.said(seconds(1.3)) == []
@@ -271,7 +271,7 @@ def test_a_board_out_of_step_obeys_nothing_and_yet_is_not_silent() -> None:
     assert bench.board.address == 0
 
 
-def test_filler_ends_a_stray_zero_and_any_command_that_it_believes_to_be_in() -> None:
+def test_filler_completes_a_stray_zero_and_any_unfinished_command() -> None:
     bench = Bench()
     bench.tell(b"\x00", Synchronise())
     assert bench.said() == []
@@ -283,12 +283,14 @@ def test_filler_ends_a_stray_zero_and_any_command_that_it_believes_to_be_in() ->
         assert bench.wait(60_000).endswith(SYNC_PATTERN), begun
 
 
-def test_answers_that_fill_their_ring_hang_the_board_until_it_is_reset() -> None:
+def test_a_full_ring_of_answers_hangs_the_board_until_a_reset() -> None:
     bench = Bench()
     bench.sync()
     bench.board.press(bench.now)
     bench.tell(*(SetPower(-10 * code) for code in range(7)))
-    assert bench.wait(seconds(1)) == b"" and bench.board.hung, "seven commands while the button holds it up"
+    assert bench.wait(seconds(1)) == b"" and bench.board.hung, (
+        "seven commands while the button blocks the board"
+    )
     bench = Bench()
     for heard in range(8):
         assert not bench.board.hung, heard
@@ -301,7 +303,7 @@ def test_answers_that_fill_their_ring_hang_the_board_until_it_is_reset() -> None
     assert bench.said() == [Synchronised()]
 
 
-def test_nothing_behind_a_packet_is_done_while_it_is_in_the_air() -> None:
+def test_a_packet_being_sent_blocks_later_commands() -> None:
     bench = Bench()
     bench.sync()
     bench.tell(SendPacket(5, bytes(118)), SetPower(-100))
@@ -310,7 +312,7 @@ def test_nothing_behind_a_packet_is_done_while_it_is_in_the_air() -> None:
     assert bench.said(200) == [PacketSent(5, failed=False), SetPower(-100)]
 
 
-def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
+def test_packets_are_received_in_range_and_on_the_same_channel() -> None:
     bench = Bench(boards=4, distance=50.0)
     for number in (1, 2, 3):
         bench.sync(number)
@@ -323,7 +325,7 @@ def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
     assert [b.counters["heard"] for b in bench.boards] == [1, 0, 0, 0]  # 2: channel, 3: 100 m
 
 
-def test_sensors_speak_in_pairs() -> None:
+def test_temperature_and_humidity_alternate() -> None:
     bench = Bench()
     times: list[tuple[int, Answer]] = []
     for _ in range(500):
@@ -337,7 +339,7 @@ def test_sensors_speak_in_pairs() -> None:
     ]
 
 
-def test_the_button_holds_everything_up_and_then_notes_come() -> None:
+def test_the_button_blocks_the_board_and_then_sends_info() -> None:
     bench = Bench()
     bench.sync()
     bench.tell(SetAddress(0xBABA, 0x0103))
@@ -354,24 +356,22 @@ def test_the_button_holds_everything_up_and_then_notes_come() -> None:
     assert bench.said() == [Sentence(b"$GPRMC,1,V")]
 
 
-def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
+def test_a_restarted_board_loses_settings_and_synchronisation_but_sends_readings() -> None:
     bench = Bench(boards=2)
     bench.sync()
     bench.tell(SetAddress(0xBABA, 5), SetChannel(0), SetPower(-7))
-    assert bench.said()[-1] == SetPower(-7) and bench.board.power_dbm == -6.3, (
-        "the echo is what was asked for"
-    )
+    assert bench.said()[-1] == SetPower(-7) and bench.board.power_dbm == -6.3, "the echo repeats the request"
     bench.tell(*(SendPacket(number, bytes(118)) for number in range(3)))
     bench.wait(3_000)
     bench.board.reboot(bench.now)
     assert (bench.board.pan, bench.board.address, bench.board.channel) == (0, 0, 0)
     bench.tell(SetChannel(4))
     assert bench.said(seconds(1.3)) == []
-    assert bench.boards[1].counters["heard"] == 0  # what was in the air was cut off
+    assert bench.boards[1].counters["heard"] == 0  # the frame being sent was aborted
     assert bench.said(seconds(0.1)) == [TemperatureReading(215)]
 
 
-def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
+def test_the_button_does_not_disturb_synchronisation() -> None:
     for delay in range(0, 400, 80):
         air = row_of_boards(1)
         (board,) = air.devices
@@ -387,7 +387,7 @@ def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
         assert link.phase is LinkPhase.READY
 
 
-def test_writing_does_not_wait_and_loses_nothing_until_the_port_is_unplugged() -> None:
+def test_writes_do_not_block_and_lose_no_bytes_until_the_port_is_unplugged() -> None:
     board, host = pty.openpty()
     tty.setraw(host)
     path, data = os.ttyname(host), os.urandom(200_000)
@@ -404,8 +404,8 @@ def test_writing_does_not_wait_and_loses_nothing_until_the_port_is_unplugged() -
             port.write(b"")
         assert port.is_idle and bytes(got) == data
         os.close(board)
-        gone = f"{path}: the BEE-click board has gone while in use"
-        with pytest.raises(PortError, match=rf"^{gone} \(end of file\); plug its USB cable in again$"):
+        gone = f"{path}: connection to the BEE-click board lost"
+        with pytest.raises(PortError, match=rf"^{gone} \(end of file\); check its USB cable$"):
             port.read()
-        with pytest.raises(PortError, match=rf"^{gone} \(EIO\); plug its USB cable in again$"):
+        with pytest.raises(PortError, match=rf"^{gone} \(EIO\); check its USB cable$"):
             port.write(b"x")

@@ -1,4 +1,4 @@
-"""The link to a radio board: set-up, packets, noise, silence, readings, and long runs on a noisy line."""
+"""Link to a radio board: set-up, packets, noise, silence, readings, and long runs on a noisy line."""
 
 import itertools
 from collections import Counter
@@ -53,7 +53,7 @@ def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
     return ReceivedPacket(pan, address, 138, 200, DataFrame(pan, address, data).check, data)
 
 
-def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:
+def test_a_link_starts_with_sync_and_set_up_confirmed_by_echoes() -> None:
     host = Host()
     assert host.due() == SYNC
     assert host.due() == b""
@@ -66,7 +66,7 @@ def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:
     assert counted == {"answers": 4, "syncs": 1, "ups": 1}
 
 
-def test_a_missing_echo_begins_everything_anew() -> None:
+def test_a_missing_echo_restarts_the_synchronisation() -> None:
     host = Host()
     host.due()
     host.hear(SYNC_PATTERN)
@@ -109,7 +109,7 @@ def test_a_later_confirmation_settles_the_earlier_packets() -> None:
     assert host.link.phase is LinkPhase.READY
 
 
-def test_a_confirmation_of_no_packet_is_noise() -> None:
+def test_a_confirmation_of_an_unknown_packet_is_noise() -> None:
     host = Host().get_ready()
     host.send(1)
     events = host.hear(PacketSent(0x12345678, failed=False))
@@ -119,10 +119,10 @@ def test_a_confirmation_of_no_packet_is_noise() -> None:
 
 
 HEAD = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
-"""Of a packet of 112 bytes that never come."""
+"""Header of a packet whose 112 bytes of data are missing."""
 
 
-def test_an_answer_that_swallows_the_sync_answer_is_given_up() -> None:
+def test_an_answer_that_contains_the_sync_answer_is_discarded() -> None:
     host = Host().get_ready()
     numbers = host.send(1, 2, 3)
     assert host.hear(after=seconds(1)) == [LinkState(host.now, False, "no_confirmation")]
@@ -136,7 +136,7 @@ def test_an_answer_that_swallows_the_sync_answer_is_given_up() -> None:
     assert len(host.commands()) == 3
 
 
-def test_an_answer_that_stops_in_its_middle_is_given_up() -> None:
+def test_a_truncated_answer_is_discarded() -> None:
     host = Host().get_ready()
     (number,) = host.send(1)
     assert host.hear(HEAD, confirm(number), after=10) == []
@@ -144,10 +144,12 @@ def test_an_answer_that_stops_in_its_middle_is_given_up() -> None:
     assert host.hear(after=milliseconds(50)) == [LinkState(host.now, False, "stalled"), Sent(host.now, 1)]
 
 
-def test_a_board_that_does_not_listen_any_more_is_found_by_asking() -> None:
+def test_a_board_that_lost_synchronisation_is_found_by_probing() -> None:
     host = Host().get_ready()
     assert host.link.wake() == host.now + milliseconds(250)
-    host.hear(packet(b"news"), after=milliseconds(250))  # hearing others does not prove that it hears us
+    host.hear(
+        packet(b"news"), after=milliseconds(250)
+    )  # received packets do not prove that the board accepts commands
     assert host.commands() == [SetAddress(0xBABA, 0x0103)]
     assert host.hear(after=milliseconds(250)) == []
     assert host.due() == SYNC
@@ -157,8 +159,8 @@ def test_a_board_that_does_not_listen_any_more_is_found_by_asking() -> None:
     assert host.link.counters["probes"] == 1
 
 
-def test_a_board_that_is_only_slow_is_not_down_and_loses_nothing() -> None:
-    """For 0.7 s it does nothing, as with its button pressed: two SYNCs ahead of time, and no more packets."""
+def test_a_slow_board_is_not_down_and_loses_no_packets() -> None:
+    """A board blocked for 0.7 s, as by its button, gets two early SYNCs and no further packets."""
     host = Host().get_ready()
     numbers = host.send(1, 2, 3, 4)
     syncs = []
@@ -167,7 +169,7 @@ def test_a_board_that_is_only_slow_is_not_down_and_loses_nothing() -> None:
         host.link.send(host.now, 5, b"x") if host.now == 600_000 else None
         if host.due():
             syncs.append(host.now)
-    assert syncs == [250_000, 500_000], "with four packets six commands, as many as the board's ring may have"
+    assert syncs == [250_000, 500_000], "with four packets six commands, the limit of the board's ring"
     assert host.hear(*map(confirm, numbers), SYNC_PATTERN, SYNC_PATTERN) == [
         Sent(host.now, tag) for tag in (1, 2, 3, 4)
     ]
@@ -175,7 +177,7 @@ def test_a_board_that_is_only_slow_is_not_down_and_loses_nothing() -> None:
     assert len(host.send()) == 1
 
 
-def test_a_silent_board_is_reported_once_and_asked_on() -> None:
+def test_a_silent_board_is_reported_once_and_probed_further() -> None:
     host = Host().get_ready()
     host.send(1)
     host.link.send(host.now, 9, b"later")
@@ -194,12 +196,12 @@ def test_a_silent_board_is_reported_once_and_asked_on() -> None:
     assert syncs == [250_000, 500_000, 750_000, 1_000_000, 1_800_000, 2_600_000, 3_400_000]
     host.hear(SYNC_PATTERN)
     assert len(host.commands()) == 3
-    assert host.hear(*ECHOES) == [], "first its radio has to be heard of"
+    assert host.hear(*ECHOES) == [], "its radio is not confirmed yet"
     (number,) = host.send(10, 11)
     assert host.hear(confirm(number)) == [Sent(host.now, 10), LinkState(host.now, True, "")]
 
 
-def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() -> None:
+def test_without_a_port_packets_in_flight_are_unconfirmed_and_the_others_stay_queued() -> None:
     host = Host().get_ready()
     numbers = host.send(1, 2, 3, 4, 5)
     assert host.link.lost(host.now) == [
@@ -210,14 +212,14 @@ def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() ->
     assert (host.due(), host.link.wake(), host.link.waiting) == (b"", None, 1)
     host.link.connect(host.now)
     assert host.due() == SYNC
-    assert host.hear(confirm(numbers[1]), SYNC_PATTERN) == [], "what the board had to say before is dropped"
+    assert host.hear(confirm(numbers[1]), SYNC_PATTERN) == [], "bytes from before the connection are dropped"
     host.due()
     host.hear(*ECHOES)
     (fifth,) = host.send()
     assert host.hear(confirm(fifth)) == [Sent(host.now, 5)]
 
 
-def test_a_packet_is_heard_with_its_signal_and_notes_are_passed_on() -> None:
+def test_packets_with_signal_strength_and_info_are_passed_on() -> None:
     host = Host().get_ready()
     assert host.hear(packet(b"hello", address=0x0A0B)) == [Heard(host.now, 0x0A0B, -60.0, 200, b"hello")]
     assert host.link.counters["bad_fcs"] == 0
@@ -233,7 +235,7 @@ def test_a_packet_is_heard_with_its_signal_and_notes_are_passed_on() -> None:
         assert host.link.counters["bad_fcs"] == 1
 
 
-def test_sensors_that_are_missing_are_told_from_those_that_measure() -> None:
+def test_missing_sensors_are_detected() -> None:
     host = Host().get_ready()
     assert host.hear(
         TemperatureReading(-396),
@@ -253,7 +255,7 @@ def test_sensors_that_are_missing_are_told_from_those_that_measure() -> None:
     assert host.link.counters["bad_sensor"] == 3
 
 
-def test_a_position_is_passed_on_and_a_damaged_one_is_not() -> None:
+def test_damaged_positions_are_dropped() -> None:
     host = Host().get_ready()
     text = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A"
     (fix,) = host.hear(Sentence(text))
@@ -270,7 +272,7 @@ HELLO = ReceivedPacket(0xBABA, 7, 100, 100, DataFrame(0xBABA, 7, TEXT).check, TE
 
 
 def conversation(stages: list[list[bytes]]) -> tuple[list[Event], dict[str, int], list[bytes]]:
-    """Events, counters and what the board said, each stage in the given pieces."""
+    """Return events, counters and the board's bytes of each stage, received in the given pieces."""
     host = Host()
     events: list[Event] = []
     whole: list[bytes] = []
@@ -315,13 +317,13 @@ def test_each_packet_of_a_long_conversation_is_reported_once() -> None:
     assert [e.tag for e in events if isinstance(e, Sent)] == [1, 2, 5, 6]
     assert [e.tag for e in events if isinstance(e, Unconfirmed)] == [3, 4]
     assert len([e for e in events if isinstance(e, Heard)]) == 3
-    assert 21.5 not in [e.celsius for e in events if isinstance(e, Temperature)], "it came before the SYNC"
+    assert 21.5 not in [e.celsius for e in events if isinstance(e, Temperature)], "received before the SYNC"
     assert (counters["ups"], counters["unknown_type"], counters["swallowed_sync"]) == (3, 1, 1)
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.data())
-def test_how_the_system_cuts_the_bytes_changes_nothing(data: st.DataObject) -> None:
+def test_boundaries_of_reads_do_not_matter(data: st.DataObject) -> None:
     pieces = []
     for whole in WHOLE[2]:
         cuts = sorted(data.draw(st.sets(st.integers(1, len(whole) - 1))))
@@ -331,7 +333,7 @@ def test_how_the_system_cuts_the_bytes_changes_nothing(data: st.DataObject) -> N
 
 ENDS = (Sent, AccessFailure, Unconfirmed, Overflow, Refused)
 SET_UP = (0xBABA, 2, 15)
-"""PAN, address and channel code that a link with the default settings gives its board."""
+"""PAN, address and channel code set by a link with default settings."""
 
 
 class Trouble(IntEnum):
@@ -339,7 +341,7 @@ class Trouble(IntEnum):
     WILD = 1
     REBOOT = 2
     NOISE = 3
-    """Bytes that the board has not sent."""
+    """Additional random bytes."""
 
 
 LINES = {
@@ -349,7 +351,7 @@ LINES = {
 
 
 class CountingBoard(EmulatedBoard):
-    """Counts its reports of sent packets by number."""
+    """A board that counts its confirmations by packet number."""
 
     def __init__(self, radio: BoardRadio, now: Instant) -> None:
         super().__init__(radio, now)
@@ -362,7 +364,7 @@ class CountingBoard(EmulatedBoard):
 
 
 class CountingLink(BoardLink):
-    """Remembers the numbers of its packets by tag."""
+    """A link that stores the numbers of its packets by tag."""
 
     def __init__(self, settings: BoardSettings) -> None:
         super().__init__(settings)
@@ -379,7 +381,7 @@ def empty_air() -> EmulatedAir:
 
 
 class Soak:
-    """A link and a board on a line with troubles, and what the link reports of its packets."""
+    """Soak test of a link and a board on a line with faults; checks the reported outcomes."""
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -394,7 +396,7 @@ class Soak:
         self.ends: Counter[str] = Counter()
 
     def trouble(self) -> None:
-        """Trouble for 5 to 60 ms, then a clean line until board and link are ready."""
+        """Inject a fault for 5 to 60 ms, then run on a clean line until board and link are ready."""
         trouble = Trouble(int(self.rng.integers(0, len(Trouble))))
         self.desk.to_host = self.desk.to_board = LINES.get(trouble, CLEAN)
         if trouble is Trouble.REBOOT:
@@ -422,13 +424,13 @@ class Soak:
         self._enter()
 
     def _noise(self, size: int) -> bytes:
-        """Random bytes, or bytes that look like messages."""
+        """Return random bytes, or bytes that resemble messages."""
         if self.rng.random() < 0.5:
             return self.rng.bytes(size)
         return self.rng.integers(0, 11, size, dtype=np.uint8).tobytes()
 
     def _recovery(self) -> tuple[float, int]:
-        """Time, ms, and bytes from the board until it and the link agree; then its radio is idle, too."""
+        """Return time, ms, and bytes from the board until link and board agree; wait for an idle radio."""
         began, come, board = self.lab.now, self.desk.come, self.board
         back: tuple[float, int] | None = None
         while self.lab.now < began + seconds(6):
@@ -454,7 +456,7 @@ class Soak:
 
 
 @pytest.mark.claim("boards")
-def test_each_packet_is_reported_once_and_as_the_board_says(
+def test_each_packet_is_reported_once_with_the_boards_outcome(
     full: bool, record_property: Callable[[str, object], None]
 ) -> None:
     soak = Soak(seed=3)
@@ -471,10 +473,10 @@ def test_each_packet_is_reported_once_and_as_the_board_says(
 
 @pytest.mark.claim("boards")
 @pytest.mark.parametrize("data_bytes", [1, 20, 60, 118])
-def test_the_link_carries_what_line_and_air_can(
+def test_the_link_uses_the_capacity_of_line_and_medium(
     data_bytes: int, full: bool, record_property: Callable[[str, object], None]
 ) -> None:
-    """Compare with the line, and with a simulated transceiver alone on the medium that always has a frame."""
+    """Compare with the line rate and with a saturated simulated transceiver alone on the medium."""
     duration, air = seconds(10.0 if full else 1.0), empty_air()
     link = BoardLink(BoardSettings(2))
     desk = Desk(link, EmulatedBoard(air, START))

@@ -150,8 +150,8 @@ def test_a_camera_must_be_usable_and_cover_the_models_field_of_view(
     narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot_named("r1")
     assert list(doctor.devices(narrow))[-1] == wrong(
         "range",
-        "the camera sees 58°, but the robot model's sensor has rays over 360°; it should be a sensor that "
-        "sees no more than the camera",
+        "the camera's field of view is 58°, that of the robot model's sensor is 360°; choose a sensor within "
+        "the camera's field of view",
     )
     assert [found.subject for found in doctor.devices(R2)] == ["base", "radio", "range"]
     Patient(camera="install it").admit(monkeypatch)

@@ -369,7 +369,7 @@ def test_watching_continues_without_one_of_the_robots_and_reconnects(robots: lis
             until(f"{other.endpoint}  connection lost, reconnecting")
             first.put(PROGRESS.key(), encode(Progress(7, 0, 2, 1, False)))
             until(f"{one.endpoint}  step 7: 2 places left, 1 reported, running")
-            held = ("the battery is nearly empty", "a wheel\x1b[2J")
+            held = ("battery nearly empty", "a wheel\x1b[2J")
             first.put(PROGRESS.key(), encode(Progress(8, 0, 2, 1, False, held=held)))
             until(f"{one.endpoint}  step 8: 2 places left, 1 reported, running, {held[0]}, a wheel\\x1b[2J")
             with other.router():

@@ -1,4 +1,4 @@
-"""An emulated Kobuki in an empty room, alone or with a driver on the other end of its line."""
+"""Emulated Kobuki in an empty room, with or without a driver."""
 
 import math
 from collections.abc import Callable
@@ -26,7 +26,7 @@ class Room:
     depth: float = 4.0
 
     def ranges(self, sensor: Pose, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distance of the wall from a sensor within, in each direction of the sensor's own frame: (n,), m."""
+        """Return the distance of the wall in each direction of the sensor's frame: (n,), m."""
         c, s = arrays.cos(sensor.heading + angles), arrays.sin(sensor.heading + angles)
         with np.errstate(divide="ignore"):
             along_x = np.where(c > 0, self.width - sensor.x, -sensor.x) / c
@@ -37,7 +37,7 @@ class Room:
         return nearest
 
     def nearest_free(self, point: Point, radius: float) -> Point:
-        """The nearest point at which a disc of this radius fits in."""
+        """Return the nearest point at which a disc of this radius fits."""
         return Point(
             min(max(point.x, radius), self.width - radius), min(max(point.y, radius), self.depth - radius)
         )
@@ -66,7 +66,7 @@ class Unicycle:
         return BodyTruth(self._pose, self._v, self._omega)
 
     def bumper(self) -> int:
-        """The centre sector at any wall."""
+        """Return the centre sector for contact with any wall."""
         x, y, _ = self._pose
         gaps = (x, self._room.width - x, y, self._room.depth - y)
         return 2 * (min(gaps) < self._radius + 1e-6)
@@ -86,7 +86,7 @@ class Unicycle:
 
 
 class Rig:
-    """A driver and an emulated base on the ends of a line without a delay of its own."""
+    """A driver and an emulated base on a line without delay."""
 
     def __init__(
         self, base: BaseParameters | None = None, room: Room = Room(20.0, 20.0), pose: Pose | None = None
@@ -104,7 +104,7 @@ class Rig:
     def run(
         self, seconds: float, wish: tuple[float, float] | None = None, each: Callable[[], None] = lambda: None
     ) -> None:
-        """Advance with this command in every round; None: no command."""
+        """Advance with the command `wish` in every round; None: no command."""
         end = self.now + round(seconds * 1e6)
         while self.now < end:
             self.now = Instant(self.now + ROUND)

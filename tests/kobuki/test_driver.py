@@ -1,4 +1,4 @@
-"""The driver at an emulated base: its safety rules, its events and what it sends; serial ports."""
+"""Driver with an emulated base: safety rules, events and output; serial ports."""
 
 import errno
 import math
@@ -36,12 +36,12 @@ from tests.kobuki.rig import Rig, Room
 
 
 def fastest_wheel(v: float, omega: float) -> float:
-    """Forward speed of the faster wheel, m/s."""
+    """Return the forward speed of the faster wheel, m/s."""
     return v + abs(omega) * TRACK / 2
 
 
 class Story:
-    """A safety stop that hears the base every 20 ms and is asked just after."""
+    """A safety stop that gets feedback and returns the permitted motion every 20 ms."""
 
     def __init__(self) -> None:
         self.now = START
@@ -51,11 +51,11 @@ class Story:
         self.bumper = self.cliff = self.drop = self.overcurrent = 0
         self.silent = False
         self.late_ms = 0
-        """Age of the commands when they arrive."""
+        """Age of commands at their arrival."""
         self.allowed = AllowedMotion(0.0, 0.0, ())
 
     def go(self, ms: int, v: float | None, omega: float = 0.0) -> AllowedMotion:
-        """`v` None: no command."""
+        """Advance with a command, `v` None: no command; return the permitted motion."""
         for _ in range(ms // 20):
             self.now = Instant(self.now + 20_000)
             if not self.silent:
@@ -81,29 +81,29 @@ def rolling() -> Story:
 
 FAST, BACK = (0.4, 0.0), (-0.4, 0.0)
 Step = tuple[dict[str, int], int, tuple[float, float] | None, str, float]
-"""What changes, ms, the command, the causes that then hold, and the speed, m/s."""
+"""Changes, duration in ms, command, resulting causes, and speed, m/s."""
 RULES: dict[str, list[Step]] = {
     **{
-        f"at a {sensor} no wheel turns forward until it is released": [
-            ({sensor: 2}, 20, FAST, cause, 0.0),  # at once, without a ramp
+        f"{sensor}: no wheel turns forward until release": [
+            ({sensor: 2}, 20, FAST, cause, 0.0),  # immediate, without a ramp
             ({}, 2000, (0.4, 1.0), cause, 0.0),
-            ({}, 2000, (0.0, 1.0), cause, 0.0),  # not even on the spot: a wheel would turn forward
+            ({}, 2000, (0.0, 1.0), cause, 0.0),  # not even in place: a wheel would turn forward
             ({}, 2000, BACK, cause, -0.4),
             ({sensor: 0}, 3500, FAST, "", 0.4),
         ]
         for sensor, cause in (("bumper", "BUMPER"), ("cliff", "CLIFF"))
     },
-    "over-current stops it until it is over and a second has passed": [
+    "over-current: stop until a second after its end": [
         ({"overcurrent": 2}, 20, FAST, "OVERCURRENT", 0.0),
         ({"overcurrent": 0}, 1000, FAST, "OVERCURRENT", 0.0),
         ({}, 3000, FAST, "", 0.4),
     ],
-    "what others know stops it at once for as long": [
+    "external causes: immediate stop while they last": [
         ({"BLIND": 1, "UNWATCHED": 1}, 20, FAST, "BLIND UNWATCHED", 0.0),
         ({"BLIND": 0}, 20, BACK, "UNWATCHED", 0.0),
         ({"UNWATCHED": 0}, 3000, FAST, "", 0.4),
     ],
-    "a lifted base stands until it was put down and stands still": [
+    "wheel drop: stop until put down and at standstill": [
         ({"drop": 2}, 20, FAST, "WHEEL_DROP", 0.0),
         ({}, 5000, BACK, "WHEEL_DROP", 0.0),
         *(({"drop": 0, "ticks": 10 * n}, 20, FAST, "PUT_DOWN", 0.0) for n in range(100)),  # pushed about
@@ -111,26 +111,26 @@ RULES: dict[str, list[Step]] = {
         ({"rate": 0}, 980, FAST, "PUT_DOWN", 0.0),
         ({}, 40, FAST, "", 0.012),  # from standing
     ],
-    "without feedback for 100 ms it stands until feedback has come for a while": [
+    "no feedback for 100 ms: stop until it is stable": [
         ({"silent": 1}, 100, FAST, "", 0.4),
         ({}, 20, FAST, "NO_FEEDBACK", 0.0),
         ({"silent": 0}, 100, FAST, "LINK_RECOVERING", 0.0),
         ({}, 20, FAST, "", 0.006),
     ],
-    "a command is driven for 200 ms": [
+    "commands are valid for 200 ms": [
         ({}, 200, None, "", 0.4),
         ({}, 20, None, "NO_COMMAND", 0.0),
         ({"late_ms": 201}, 3000, FAST, "STALE_COMMAND", 0.0),
         ({"late_ms": 180}, 3000, FAST, "", 0.4),
         ({"late_ms": 0}, 20, FAST, "", 0.4),
     ],
-    "a command from the future lasts no longer, nor keeps out those that follow": [
+    "a command from the future is valid as long as others and does not block them": [
         ({"late_ms": -10_000}, 200, FAST, "", 0.4),
         ({"late_ms": 0}, 220, None, "NO_COMMAND", 0.0),
         ({}, 100, BACK, "", -0.03),
     ],
     **{
-        f"{v} m/s and {omega} rad/s are no command": [({}, 20, (v, omega), "BAD_COMMAND", 0.0)]
+        f"{v} m/s and {omega} rad/s are refused": [({}, 20, (v, omega), "BAD_COMMAND", 0.0)]
         for v, omega in ((math.nan, 0.0), (0.1, math.inf), (-math.inf, 0.0))
     },
 }
@@ -153,7 +153,7 @@ def test_the_safety_rules(rule: str) -> None:
         assert speed or allowed.omega == 0.0
 
 
-def test_before_anything_comes_it_stands_and_an_overtaken_command_is_left_out() -> None:
+def test_it_stands_before_the_first_command_and_ignores_overtaken_ones() -> None:
     story = Story()
     story.silent = True
     story.go(20, None)
@@ -168,7 +168,7 @@ def test_before_anything_comes_it_stands_and_an_overtaken_command_is_left_out() 
     assert story.go(20, None).v > 0
 
 
-def test_backing_off_is_allowed_in_arcs_in_which_no_wheel_turns_forward() -> None:
+def test_backing_off_is_allowed_in_arcs_without_a_forward_wheel() -> None:
     story = rolling()
     story.bumper = 2
     allowed = story.go(20, 0.4)
@@ -187,13 +187,13 @@ def test_speeds_are_limited_on_the_same_arc() -> None:
     assert (story.allowed.v, story.allowed.omega) == pytest.approx((0.25, math.pi))
 
 
-def test_it_speeds_up_as_the_reference_driver_and_slows_down_in_time() -> None:
+def test_accelerations_are_those_of_the_reference_driver() -> None:
     story = Story()
     story.go(200, 0.0)
     story.go(1000, 0.6, 5.0)
     assert (story.allowed.v, story.allowed.omega) == pytest.approx((0.3, math.pi))
     assert story.go(300, 0.0).v == pytest.approx(0.3 - 0.6 * 0.3)
-    assert story.go(1000, -0.6).v < 0  # paused at nothing in between
+    assert story.go(1000, -0.6).v < 0  # stopped at 0 in between
     story = rolling()
     story.go(20, 0.0, 3.0)
     assert (story.allowed.v, story.allowed.omega) == pytest.approx((0.4 - 0.012, 0.07))
@@ -208,7 +208,7 @@ STEP = st.tuples(
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(STEP, max_size=40))
-def test_whatever_happens_the_rules_hold(
+def test_the_rules_hold_for_any_inputs(
     steps: list[tuple[int, tuple[int, int, int] | None, tuple[float, float, int] | None]],
 ) -> None:
     now, safety = START, SafetyStop(START)
@@ -237,7 +237,7 @@ def test_whatever_happens_the_rules_hold(
         before = allowed.v
 
 
-def test_a_base_that_drives_into_a_wall_stops_and_can_back_off() -> None:
+def test_a_base_at_a_wall_stops_and_can_back_off() -> None:
     rig = Rig(room=Room(4.0, 4.0), pose=Pose(3.0, 2.0, 0.1))
     rig.run(5.0, (0.4, 0.0))
     touched = rig.body.truth().pose
@@ -254,7 +254,7 @@ def test_a_base_that_drives_into_a_wall_stops_and_can_back_off() -> None:
     ("fault", "within_ms"),
     [("bumper", 50), ("cliff", 50), ("wheel_drop", 50), ("silent", 140), ("no command", 200)],
 )
-def test_the_base_stands_in_time(fault: str, within_ms: int) -> None:
+def test_the_base_stops_in_time(fault: str, within_ms: int) -> None:
     rig = Rig()
     rig.run(3.0, (0.4, 0.3))
     began, wish = rig.now, None if fault == "no command" else (0.4, 0.3)
@@ -274,14 +274,14 @@ def heard(rig: Rig, kind: type[Command]) -> list[Command]:
     return [command for _, command in rig.base.heard if isinstance(command, kind)]
 
 
-def test_a_lost_base_is_told_and_found_again() -> None:
+def test_loss_and_return_of_the_base_are_reported() -> None:
     rig = Rig()
     rig.run(1.0, (0.2, 0.0))
     assert rig.driver.odometry.read().vx > 0.1
     rig.base.faults.silent = True
     rig.run(0.5)
     (lost,) = changes(rig, "feedback")[1:]
-    assert 100_000 < lost.instant - 1_000_000 <= 125_000, "a feedback was still on the line"
+    assert 100_000 < lost.instant - 1_000_000 <= 125_000, "one feedback was in transit"
     assert rig.driver.odometry.read().vx == 0.0
     rig.base.faults.silent = False
     rig.base.outputs = 0  # it was switched off and on
@@ -291,7 +291,7 @@ def test_a_lost_base_is_told_and_found_again() -> None:
     assert [change.now for change in changes(rig, "feedback")] == [True, False, True]
 
 
-def test_base_control_goes_out_once_per_feedback_and_never_too_often() -> None:
+def test_base_control_is_sent_once_per_feedback() -> None:
     rig = Rig()
     rig.run(1.0)
     rig.base.heard.clear()
@@ -303,7 +303,7 @@ def test_base_control_goes_out_once_per_feedback_and_never_too_often() -> None:
     assert len(rig.base.heard) <= 206  # and the outputs once a second
 
 
-def test_sensors_that_change_are_events() -> None:
+def test_changes_of_sensors_are_events() -> None:
     rig = Rig()
     rig.run(0.5)
     rig.changes.clear()
@@ -314,7 +314,7 @@ def test_sensors_that_change_are_events() -> None:
     assert [change[1:] for change in rig.changes] == [("buttons", 0, 2), ("charger", 0, 6), ("buttons", 2, 0)]
 
 
-def test_a_bumper_that_was_pressed_between_two_looks_is_not_missed() -> None:
+def test_a_short_press_of_the_bumper_is_not_missed() -> None:
     rig = Rig()
     rig.run(0.5)
     assert rig.driver.pressed() == 0
@@ -326,7 +326,7 @@ def test_a_bumper_that_was_pressed_between_two_looks_is_not_missed() -> None:
     assert rig.driver.pressed() == 0
 
 
-def test_the_battery_runs_down_by_levels_and_does_not_flicker() -> None:
+def test_battery_levels_have_hysteresis() -> None:
     rig = Rig()
     for volts in (16.6, 16.4, 15.0, 14.0, 14.1, 14.2, 13.2, 13.4, 13.6, 14.4):
         rig.base.faults.battery = volts
@@ -336,7 +336,7 @@ def test_the_battery_runs_down_by_levels_and_does_not_flicker() -> None:
     assert told == list(zip((0, 2, 3, 6, 8, 9), (*levels, *levels[2:0:-1]), strict=True))
 
 
-def test_a_low_battery_is_shown_and_heard_and_with_a_nearly_empty_one_it_stands() -> None:
+def test_a_low_battery_is_signalled_and_a_nearly_empty_one_stops_the_base() -> None:
     rig = Rig()
     rig.run(1.0, (0.1, 0.0))
     assert rig.base.outputs == POWER_RAILS and heard(rig, SoundSequence) == []
@@ -359,7 +359,7 @@ def test_a_low_battery_is_shown_and_heard_and_with_a_nearly_empty_one_it_stands(
     assert rig.base.outputs == POWER_RAILS and rig.body.truth().v > 0
 
 
-def test_on_a_noisy_line_stop_is_said_as_often_as_the_line_carries_it() -> None:
+def test_on_a_noisy_line_stop_is_sent_at_the_line_rate() -> None:
     rig = Rig()
     rig.run(2.0, (0.4, 0.0))
     rig.noise = Disturbance(0.1, 0.1, 0.1)
@@ -374,7 +374,7 @@ def test_on_a_noisy_line_stop_is_said_as_often_as_the_line_carries_it() -> None:
     assert rig.driver.allowed.stops == () and rig.body.truth().v > 0.0
 
 
-def test_a_base_that_does_not_hear_stop_is_told_so_150_times_a_second_until_it_stands() -> None:
+def test_stop_is_repeated_150_times_per_second_until_the_base_stands() -> None:
     rig = Rig()
     rig.run(2.0, (0.4, 0.0))
     rig.base.faults.deaf = True
@@ -392,16 +392,16 @@ def test_a_base_that_does_not_hear_stop_is_told_so_150_times_a_second_until_it_s
 @pytest.mark.parametrize(
     ("path", "number", "fragment"),
     [
-        ("x", errno.ENOENT, "there is no such port; plug in the Kobuki and switch it on, or give its right"),
-        ("/dev/kobuki", errno.ENOENT, "as without a udev rule, give that, e.g. /dev/ttyUSB0"),
-        ("x", errno.EACCES, "this user may not open it; join its group with `sudo usermod -aG dialout"),
-        ("x", errno.EBUSY, "another program has the port open; end it"),
-        ("x", errno.ENOTTY, "this is no serial port; the Kobuki should be at /dev/kobuki"),
-        ("x", errno.EIO, "the port cannot be opened (EIO); plug in the Kobuki again"),
-        ("x", None, "install the extra hardware: pip install 'acrc-testbed[hardware]'"),
+        ("x", errno.ENOENT, "no such port; plug in the Kobuki and switch it on, or give the correct"),
+        ("/dev/kobuki", errno.ENOENT, "without a udev rule, give its kernel name, e.g. /dev/ttyUSB0"),
+        ("x", errno.EACCES, "permission denied; join the port's group with `sudo usermod -aG dialout"),
+        ("x", errno.EBUSY, "in use by another program; stop it"),
+        ("x", errno.ENOTTY, "not a serial port; give the port of the Kobuki: /dev/kobuki or"),
+        ("x", errno.EIO, "the port cannot be opened (EIO); replug the Kobuki"),
+        ("x", None, "install it with pip install 'acrc-testbed[hardware]'"),
     ],
 )
-def test_why_a_port_cannot_be_opened(
+def test_failures_to_open_a_port_are_explained(
     path: str, number: int | None, fragment: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> Any:
@@ -415,7 +415,7 @@ def test_why_a_port_cannot_be_opened(
     assert str(failure.value).startswith(f"{path}: ")
 
 
-def test_bytes_go_both_ways_until_the_cable_is_pulled_out(
+def test_bytes_are_exchanged_until_the_cable_is_unplugged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def pulled(*_: object) -> bytes:
@@ -425,7 +425,7 @@ def test_bytes_go_both_ways_until_the_cable_is_pulled_out(
     link.symlink_to("/nowhere")  # left behind by a process that was killed
     with PseudoTerminal(link) as line, SerialPort(str(link), KOBUKI) as port:
         line.write(b"\x00\x11\x13\n\r\xaa")
-        with pytest.raises(PortError, match="another program has the port open"):
+        with pytest.raises(PortError, match="in use by another program"):
             SerialPort(str(link), KOBUKI)
         assert _read(port, 6) == b"\x00\x11\x13\n\r\xaa"
         assert port.read() == b""
@@ -436,23 +436,23 @@ def test_bytes_go_both_ways_until_the_cable_is_pulled_out(
         monkeypatch.setattr(os, "read", pulled)
         with pytest.raises(PortError) as failure:
             port.read()
-    sentence = f"{link}: the Kobuki has gone while in use (EIO); plug its USB cable in again"
+    sentence = f"{link}: connection to the Kobuki lost (EIO); check its USB cable"
     assert str(failure.value) == sentence
-    assert not link.is_symlink(), "the link goes with the device"
+    assert not link.is_symlink(), "the link is removed with the device"
 
 
-def test_a_link_is_not_put_in_place_of_a_file(tmp_path: Path) -> None:
+def test_files_are_not_replaced_by_links(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("kept")
-    with pytest.raises(AcrcError, match="there is something that is no link; give a path where"):
+    with pytest.raises(AcrcError, match="exists and is not a symbolic link; choose another"):
         PseudoTerminal(path)
     assert path.read_text() == "kept"
-    with pytest.raises(AcrcError, match=r"no link can be made there \(No such file or directory\)"):
+    with pytest.raises(AcrcError, match=r"the symbolic link cannot be created \(No such file or directory\)"):
         PseudoTerminal(tmp_path / "none" / "kobuki")
 
 
 def _read(port: SerialPort, count: int) -> bytes:
-    """Read so many bytes, or what has come within 5 s: they may come in pieces."""
+    """Read `count` bytes, or fewer after a timeout of 5 s."""
     data, end = b"", time.monotonic() + 5
     while len(data) < count and time.monotonic() < end:
         data += port.read()

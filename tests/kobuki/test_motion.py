@@ -1,4 +1,4 @@
-"""A Kobuki's bytes, its noisy line, its motion, and odometry against the truth."""
+"""Kobuki: protocol, noisy line, motion, and odometry compared with ground truth."""
 
 import dataclasses
 import math
@@ -63,22 +63,22 @@ FEEDBACK = [
 
 
 @pytest.mark.parametrize(("command", "wire"), COMMANDS)
-def test_a_command_has_these_bytes(command: Command, wire: str) -> None:
+def test_commands_are_encoded_and_decoded(command: Command, wire: str) -> None:
     assert encode_frame(encode_command(command)) == bytes.fromhex(wire)
     assert FrameReader(decode_commands).take(bytes.fromhex(wire)) == [[command]]
 
 
 @pytest.mark.parametrize(("feedback", "wire"), FEEDBACK)
-def test_a_feedback_packet_has_these_bytes(feedback: FeedbackPacket, wire: str) -> None:
+def test_feedback_packets_are_encoded_and_decoded(feedback: FeedbackPacket, wire: str) -> None:
     assert encode_feedback(feedback) == bytes.fromhex(wire)
     assert decode_feedback(bytes.fromhex(wire)) == [feedback]
 
 
 @pytest.mark.parametrize("command", [BaseControl(0x8000, 0), BaseControl(0, -0x8001), SoundSequence(256)])
-def test_numbers_that_do_not_fit_are_our_own_misuse(command: Command) -> None:
+def test_numbers_out_of_range_are_a_programming_error(command: Command) -> None:
     with pytest.raises(WireMisuseError):
         encode_command(command)
-    with pytest.raises(WireMisuseError, match=r"^a payload of 161 bytes; it should have 3 to 160$"):
+    with pytest.raises(WireMisuseError, match=r"^payload of 161 bytes; must have 3 to 160$"):
         encode_frame(bytes(161))
 
 
@@ -103,7 +103,7 @@ ANY_COMMAND: st.SearchStrategy[Command] = st.one_of(
     st.lists(ANY_COMMAND, min_size=1, max_size=5),
     st.integers(1, 40),
 )
-def test_whatever_is_said_is_heard_however_it_is_cut(
+def test_boundaries_of_reads_do_not_matter(
     feedbacks: list[list[FeedbackPacket]], commands: list[Command], chunk: int
 ) -> None:
     wire = b"".join(encode_frame(b"".join(map(encode_feedback, packets))) for packets in feedbacks)
@@ -131,14 +131,14 @@ def test_noise_is_skipped_and_counted_by_its_cause() -> None:
     assert counts_of(b"\xaa\x55\x00" + RIGHT) == (1, 2, 1, 0, 0)
     assert counts_of(b"\xaa\x55\xff" + RIGHT) == (1, 2, 1, 0, 0)
     assert counts_of(RIGHT[:-1] + b"\x66" + RIGHT) == (1, 9, 0, 1, 0)
-    assert counts_of("aa 55 03 63 01 00 61" + RIGHT.hex()) == (1, 6, 0, 0, 1)  # there is no command 99
+    assert counts_of("aa 55 03 63 01 00 61" + RIGHT.hex()) == (1, 6, 0, 0, 1)  # unknown command 99
     with pytest.raises(MalformedError, match=r"^packet 3 has 4 bytes of data, not 3$"):
         decode_feedback(bytes((3, 4, 0, 0, 0, 0)))
-    assert counts_of(b"\xaa\x55\x09" + RIGHT) == (1, 2, 0, 1, 0), "a frame within what looked like one"
+    assert counts_of(b"\xaa\x55\x09" + RIGHT) == (1, 2, 0, 1, 0), "a frame within an apparent one"
     assert counts_of("aa 55 03 01 04 00 06" + RIGHT.hex()) == (1, 6, 0, 0, 1)  # longer than its payload
 
 
-def test_an_unfinished_frame_waits_and_no_more_than_one_is_kept() -> None:
+def test_at_most_one_incomplete_frame_is_buffered() -> None:
     reader = FrameReader(decode_commands)
     assert reader.take(RIGHT[:-1]) == []
     assert reader.pending == 9
@@ -152,7 +152,7 @@ def test_an_unfinished_frame_waits_and_no_more_than_one_is_kept() -> None:
 MARK = 19
 """Kind of the packet that carries a frame's number."""
 PIECES = 200
-"""Frames and pieces of noise that are generated at once."""
+"""Number of frames and pieces of noise per call."""
 
 
 class Stream:
@@ -163,9 +163,9 @@ class Stream:
         self._next = 0
 
     def pieces(self) -> tuple[bytes, set[int], int]:
-        """Bytes, numbers of the intact frames in them, and how many frames were damaged.
+        """Return bytes, the numbers of intact frames in them, and the number of damaged frames.
 
-        Zeros at the end complete whatever looks like the beginning of a frame.
+        Zeros at the end complete any apparent frame.
         """
         data, intact, damaged = bytearray(), set(), 0
         for kind in self._rng.integers(0, 10, PIECES).tolist():
@@ -201,7 +201,7 @@ class Stream:
 
 
 def number(packets: list[FeedbackPacket]) -> int:
-    """Number of a received frame; -1 if it was never generated."""
+    """Return the number of a received frame; -1 if it was never generated."""
     kinds, last = [type(packet) for packet in packets], packets[-1]
     if kinds == [Basic, Inertial, Unknown] and isinstance(last, Unknown) and last.kind == MARK:
         return int.from_bytes(last.data, "little")
@@ -212,7 +212,7 @@ def number(packets: list[FeedbackPacket]) -> int:
 def test_intact_frames_are_received_through_noise(
     full: bool, record_property: Callable[[str, object], None]
 ) -> None:
-    """A checksum of one exclusive or misses some damage, and what it accepts may hide the next frame."""
+    """Test with tolerance: an XOR checksum misses some damage, and a false frame may hide the next one."""
     stream, cuts = Stream(np.random.default_rng(5)), np.random.default_rng(6)
     whole, cut, driver = FrameReader(decode_feedback), FrameReader(decode_feedback), KobukiDriver(START)
     size = intact = missed = false = damaged = 0
@@ -229,7 +229,7 @@ def test_intact_frames_are_received_through_noise(
             driver.command(now, 0.1, 0.1)
             driver.due(now)
             at += len(piece)
-        assert received == again, "it does not matter how the stream is cut"
+        assert received == again, "boundaries of reads do not matter"
         numbers = {number(packets) for packets in received}
         size, damaged, intact = size + len(data), damaged + broken, intact + len(wanted)
         missed += len(wanted - numbers)
@@ -246,13 +246,13 @@ DRIVE = (
     (4.0, 0.5, 0.0), (6.0, 0.4, 0.8), (2.0, 0.0, -2.0),
     (5.0, -0.3, 0.4), (30.0, 0.4, 0.25), (2.0, 0.0, 0.0),
 )  # fmt: skip
-"""Seconds, m/s, rad/s: straight, arcs, on the spot, backward; 49 s, 17 m, 1.6 turns left."""
+"""Seconds, m/s, rad/s: straight, arcs, in place, backward; 49 s, 17 m, 1.6 turns left."""
 WRAPPING = BaseParameters(stamp_ms=60_000, left_ticks=65_000, right_ticks=200, angle=3.0)
 """All counters wrap: stamp once or twice, the encoders three times, the angle in each turn."""
 
 
 def drive(rig: Rig) -> float:
-    """Drive all of it; the length of the way, m."""
+    """Execute DRIVE; return the distance, m."""
     way = 0.0
     last = rig.body.truth().pose
 
@@ -268,7 +268,7 @@ def drive(rig: Rig) -> float:
 
 
 def errors(rig: Rig, start: Pose) -> tuple[float, float]:
-    """Of position, m, and heading, rad."""
+    """Return the errors of position, m, and heading, rad."""
     truth = start.relative(rig.body.truth().pose)
     odometry = rig.driver.odometry.read()
     return (
@@ -277,7 +277,7 @@ def errors(rig: Rig, start: Pose) -> tuple[float, float]:
     )
 
 
-def test_an_exact_base_is_followed_to_the_millimetre_over_all_wraps() -> None:
+def test_odometry_of_an_exact_base_is_exact_over_all_wraps() -> None:
     rig = Rig(WRAPPING, pose=Pose(10.0, 8.0, 2.0))
     start = rig.body.truth().pose
     way = drive(rig)
@@ -290,10 +290,10 @@ def test_an_exact_base_is_followed_to_the_millimetre_over_all_wraps() -> None:
     assert (counts.implausible, counts.restarts, counts.gaps, counts.on_wheels) == (0, 0, 0, 0)
     assert rig.driver.odometry.heading > 3 * math.pi  # unwrapped
     rig.run(3.0, (0.0, 0.0))
-    assert counts.on_wheels == 0, "a still gyro of a still base is not frozen"
+    assert counts.on_wheels == 0, "the gyro of a standing base is not frozen"
 
 
-def test_a_base_with_a_real_ones_errors_stays_within_a_hundredth_of_its_way() -> None:
+def test_odometry_with_realistic_errors_stays_within_one_percent_of_the_distance() -> None:
     rig = Rig(dataclasses.replace(WRAPPING, errors=KobukiErrors()), pose=Pose(10.0, 8.0, 2.0))
     start = rig.body.truth().pose
     way = drive(rig)
@@ -304,7 +304,7 @@ def test_a_base_with_a_real_ones_errors_stays_within_a_hundredth_of_its_way() ->
 
 
 @pytest.mark.parametrize("gyro", ["absent", "frozen"])
-def test_without_its_gyro_the_wheels_give_the_heading_and_that_is_counted(gyro: str) -> None:
+def test_without_a_gyro_the_heading_of_the_wheels_is_used_and_counted(gyro: str) -> None:
     rig = Rig(pose=Pose(10.0, 8.0, 2.0))
     start = rig.body.truth().pose
     counts = rig.driver.odometry.counts
@@ -329,8 +329,8 @@ def test_without_its_gyro_the_wheels_give_the_heading_and_that_is_counted(gyro: 
     assert (counts.implausible, counts.restarts) == (0, 0)
 
 
-def test_a_gyro_free_of_noise_is_believed_whatever_wheels_add_up_to_on_a_long_straight_way() -> None:
-    # 17 m, and by the wheels a fifth of a radian
+def test_a_noise_free_gyro_is_trusted_despite_drift_of_the_wheels() -> None:
+    # 17 m; 0.2 rad by the wheels
     ticks = [(20 * k, 100 * k, 100 * k + k // 4, 0) for k in range(2000)]
     odometry = fed(ticks)
     assert odometry.counts.on_wheels == 0
@@ -349,13 +349,13 @@ def fed(readings: list[tuple[int, int, int, int]]) -> KobukiOdometry:
     return odometry
 
 
-def test_damaged_numbers_are_left_out_and_the_way_is_not_lost() -> None:
+def test_damaged_feedback_is_ignored_without_losing_distance() -> None:
     odometry = fed([(0, 0, 0, 0), (20, 100, 100, 0), (40, 30_000, 200, 0), (60, 300, 300, 0)])
     assert odometry.counts.implausible == 1
     assert odometry.read().x == pytest.approx(300 * 85.292e-6, rel=1e-5)
 
 
-def test_a_base_that_was_switched_off_and_on_goes_on_from_where_it_was() -> None:
+def test_odometry_continues_after_a_restart_of_the_base() -> None:
     odometry = fed([(40_000, 0, 0, 0), (40_020, 100, 100, 0)])
     before = odometry.read().x
     for ms, ticks in ((5, 30_000), (25, 30_100), (45, 30_200)):
@@ -365,7 +365,7 @@ def test_a_base_that_was_switched_off_and_on_goes_on_from_where_it_was() -> None
     assert odometry.read().heading == 0.0
 
 
-def test_after_a_long_gap_ticks_say_nothing() -> None:
+def test_ticks_are_ignored_after_a_long_gap() -> None:
     odometry = fed([(0, 0, 0, 0), (3_020, 20_000, 20_000, 0), (3_040, 20_100, 20_100, 0)])
     assert odometry.counts.gaps == 1
     assert odometry.read().x == pytest.approx(100 * 85.292e-6, rel=1e-5)
@@ -376,16 +376,16 @@ def test_after_a_long_gap_ticks_say_nothing() -> None:
     [
         (0.0, 0.0, 0, 0),
         (0.5, 0.0, 500, 0),
-        (0.0, 1.0, 115, 1),  # on the spot: 1000 * 0.23 * 1 / 2
+        (0.0, 1.0, 115, 1),  # in place: 1000 * 0.23 * 1 / 2
         (0.0, -1.0, -115, 1),
-        (0.0015, 1.0, 115, 1),  # radius 1.5 mm would be sent as 1: the same
+        (0.0015, 1.0, 115, 1),  # radius 1.5 mm is sent as 1: in place
         (-0.0015, 1.0, 115, 1),
-        (0.002, 1.0, 117, 2),  # the first radius of its own: 2 + 115
+        (0.002, 1.0, 117, 2),  # smallest radius: 2 + 115
         (0.2, 0.5, 257, 400),  # 400 mm; (400 + 115) * 0.5 = 257.5 towards zero
         (0.2, -0.5, 257, -400),  # (-400 - 115) * -0.5
-        (0.3, 0.7, 380, 428),  # 428.57 mm, the speed from the radius unrounded: 380.5
+        (0.3, 0.7, 380, 428),  # 428.57 mm; speed from the unrounded radius: 380.5
         (0.5, 0.0153, 501, 32679),
-        (0.5, 0.0152, 500, 0),  # 32894 mm does not fit: straight, not a slight turn
+        (0.5, 0.0152, 500, 0),  # 32894 mm is out of range: straight
         (-40.0, 0.0, -32768, 0),
     ],
 )
@@ -394,9 +394,9 @@ def test_the_formula(v: float, omega: float, speed: int, radius: int) -> None:
 
 
 @given(st.floats(-0.7, 0.7), st.floats(-math.pi, math.pi))
-def test_the_base_moves_as_wanted_within_the_wires_resolution(v: float, omega: float) -> None:
+def test_velocities_are_exact_within_the_protocols_resolution(v: float, omega: float) -> None:
     back_v, back_omega = velocity(base_control(v, omega))
-    # Rounding the speed costs 1 mm/s of the outer wheel, rounding the radius up to 2 mm of it.
+    # Rounding errors: 1 mm/s of the outer wheel, up to 2 mm of the radius.
     assert back_v == pytest.approx(v, abs=0.0012 + 0.0022 * abs(omega))
     if abs(omega) > 0.03:
         assert back_omega == pytest.approx(omega, abs=0.01 + 0.01 * abs(omega))

@@ -1,4 +1,4 @@
-"""A laboratory as a process of its own, and hosts for the devices in it."""
+"""Laboratory process, and hosts of its devices."""
 
 import select
 import signal
@@ -29,7 +29,7 @@ STARTS = ((12.0, 12.5, 0.0), (14.0, 12.5, 3.0), (16.0, 12.0, 1.0))
 
 
 def setup(robots: int, odometry: OdometryKind = "exact") -> LaboratorySetup:
-    """Robots r1, r2, … in the corridor, each with a place 0.6 m in front of r1."""
+    """Return a set-up with robots r1, r2, … in the corridor; their place is 0.6 m in front of r1."""
     bodies = tuple(
         BodySetup(
             id=f"r{number}",
@@ -53,7 +53,7 @@ def now() -> Instant:
 
 
 class Running:
-    """A laboratory's process; leaving the context ends it, if it has not been ended."""
+    """A laboratory process; the context manager kills it at its end."""
 
     def __init__(self, folder: Path, built_from: LaboratorySetup, *options: str) -> None:
         self.links, self.result = folder / "links", folder / "result.json"
@@ -86,11 +86,11 @@ class Running:
 
     @property
     def complaints(self) -> str:
-        """What it has written to standard error; after the end."""
+        """Standard error, after the exit."""
         return Path(self._errors.name).read_text()
 
     def pause(self, duration_s: float) -> None:
-        """Keep it from running for so long."""
+        """Suspend the process for `duration_s`."""
         self._process.send_signal(signal.SIGSTOP)
         time.sleep(duration_s)
         self._process.send_signal(signal.SIGCONT)
@@ -99,13 +99,13 @@ class Running:
         return self.links / robot / device
 
     def say(self, line: str) -> str:
-        """The answer."""
+        """Send a command and return the answer."""
         assert self._process.stdin is not None
         self._process.stdin.write(f"{line}\n")
         return self._heard()
 
     def end(self, number: int | None = signal.SIGTERM) -> LaboratoryResult:
-        """What it says in the end; `number` None: it ends by itself."""
+        """Stop it by signal `number` (None: wait for its exit) and return the result."""
         if number is not None:
             self._process.send_signal(number)
         assert self._process.wait(PATIENCE_S) == 0
@@ -114,7 +114,7 @@ class Running:
     def _heard(self) -> str:
         assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout], [], [], PATIENCE_S)
-        assert ready, "the laboratory says nothing"
+        assert ready, "timeout of the laboratory"
         return self._process.stdout.readline().rstrip("\n")
 
 
@@ -128,11 +128,11 @@ def until(condition: Callable[[], bool], *hosts: "BaseHost | LidarHost") -> None
 
 
 class BaseHost:
-    """A Kobuki's host, that keeps commanding the same."""
+    """Host of a Kobuki, which repeats one command."""
 
     def __init__(self, path: Path) -> None:
         self._port = SerialPort(str(path), KOBUKI)
-        # A test that is not given the processor for seconds should see late bytes, not another base.
+        # Tolerate tests that do not run for seconds on a busy machine.
         self.driver = KobukiDriver(now())
         self.driver.odometry.longest_gap = 20.0
         self.wanted = (0.0, 0.0)
@@ -149,7 +149,7 @@ class BaseHost:
 
 
 class LidarHost:
-    """A lidar's host, that keeps the last scans."""
+    """Host of a lidar, which stores scans."""
 
     def __init__(self, path: Path) -> None:
         self._port = SerialPort(str(path), RPLIDAR)

@@ -1,4 +1,4 @@
-"""One air: boards and simulated transceivers hear what a simulated radio reports."""
+"""Emulated medium: boards and simulated transceivers receive the same as in a simulated run."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -37,12 +37,12 @@ from tests.beeclick.lab import Desk, Lab, standing
 from tests.laboratory.hosts import ROOT
 
 STEP = 10_000
-"""µs; a sub-step of the physics, after which a laboratory tells its air where everybody is."""
+"""Physics sub-step, µs, after which a laboratory updates positions."""
 STEPS = 300
 ROBOTS = ("r1", "r2", "r3", "r4")
 DRIVEN: Sequence[State] = (
     (12.5, 3.0, 0.0, 0.0, 0.4, 0.0),
-    (17.4, 5.0, 0.0, 0.0, 0.2, 0.1),  # behind two walls of the first one's office
+    (17.4, 5.0, 0.0, 0.0, 0.2, 0.1),  # behind two walls from the first one
     (13.0, 12.5, 0.0, 0.3, 0.0, 0.0),
     (20.0, 12.0, 0.0, 0.0, 0.0, 0.0),
 )
@@ -58,7 +58,7 @@ JAM, LOSS = Jam(13.0, 12.5, 3.0, 2_500_000), Loss("r2", "r1")
 
 
 def states(step: int) -> list[State]:
-    """Where they are at a step's start; they drive on as they did."""
+    """Return the states at the start of a step."""
     return [
         (x + vx * step / 100, y + vy * step / 100, heading, vx, vy, omega)
         for x, y, heading, vx, vy, omega in DRIVEN
@@ -66,7 +66,7 @@ def states(step: int) -> list[State]:
 
 
 class WatchedAir:
-    """Keeps what devices have handed it, by step."""
+    """Medium that stores the transmitted frames by step."""
 
     def __init__(self, inner: EmulatedAir) -> None:
         self._inner = inner
@@ -82,7 +82,7 @@ class WatchedAir:
 
 
 class Room:
-    """Hosts with their links, that talk at random over boards or without."""
+    """Hosts with links that send random packets, with or without boards."""
 
     def __init__(self, setup: RadioSetup, without_board: Sequence[str] = ()) -> None:
         self.air = air(setup)
@@ -97,7 +97,7 @@ class Room:
                 self.links.append(TransceiverLink())
             else:
                 board = EmulatedBoard(self.watched, START)
-                board.channel = settings.channel - 11  # tuned from the start, as a simulated transceiver is
+                board.channel = settings.channel - 11  # tuned from the start, like a simulated transceiver
                 self.links.append(BoardLink(settings))
             self.air.add(board)
         for link in self.links:
@@ -105,7 +105,7 @@ class Room:
         self.events: list[list[Event]] = [[] for _ in ROBOTS]
 
     def run(self, jam_at: int, lose_at: int) -> None:
-        """Talk for `STEPS`; hosts look after their lines every ms."""
+        """Send packets for `STEPS` steps; hosts serve their lines every ms."""
         rng = np.random.default_rng(3)
         for step in range(STEPS):
             if step == jam_at:
@@ -126,7 +126,7 @@ class Room:
             device.take(now, link.due(now))
 
     def heard(self, number: int) -> list[tuple[int, float, int, bytes]]:
-        """What a host has heard: sender, strength, quality, data."""
+        """Return the received packets of a host: sender, strength, quality, data."""
         events = (event for event in self.events[number] if isinstance(event, Heard))
         return [(event.sender, event.rssi_dbm, event.lqi, event.data) for event in events]
 
@@ -134,7 +134,7 @@ class Room:
 def simulated(
     setup: RadioSetup, handed: Mapping[tuple[int, int], Sequence[Outgoing]], jam_at: int, lose_at: int
 ) -> tuple[list[list[Heard]], dict[str, dict[str, int]]]:
-    """What a simulated run's radio makes of the same frames: what is heard by number, and the counters."""
+    """Return what a simulated run's radio does with the frames: receptions by robot, and counters."""
     core = build(setup)
     heard: list[list[Heard]] = [[] for _ in ROBOTS]
     for step in range(STEPS):
@@ -194,7 +194,7 @@ def test_boards_and_simulated_transceivers_lose_the_same_frames_for_the_same_cau
     assert room.air.counters()["copies_heard"] == sum(map(len, frames)) > 30
 
 
-def test_a_board_on_another_channel_is_heard_there_only_and_comes_back() -> None:
+def test_a_board_on_another_channel_receives_nothing_until_it_returns() -> None:
     room = air(RadioSetup(seed=1, step_us=STEP, robots=ADDRESSES[:2], preset="beeclick"))
     boards = [EmulatedBoard(room, START) for _ in range(2)]
     for board in boards:
@@ -231,18 +231,18 @@ class Pair(Lab):
         return [(type(event), event.tag) for event in self.first.events if isinstance(event, PacketEnd)]
 
 
-def test_what_cannot_be_sent_is_told_at_once() -> None:
+def test_frames_that_cannot_be_sent_are_reported_at_once() -> None:
     pair = Pair()
     for tag, size in ((1, 0), (2, 119), *((tag, 118) for tag in range(3, 13))):
         pair.first.send(pair.now, tag, bytes(size))
     pair.run(milliseconds(100))
     ends = pair.ends()
-    assert ends[0] == (Refused, 2)  # an empty frame is one, as on the air
+    assert ends[0] == (Refused, 2)  # empty frames are valid
     assert sorted(tag for _, tag in ends) == list(range(1, 13))
     assert [tag for end, tag in ends if end is Overflow] == [10, 11, 12]  # the preset's queue holds eight
 
 
-def test_a_line_that_is_cut_leaves_nothing_in_the_books() -> None:
+def test_all_frames_are_settled_when_the_line_is_lost() -> None:
     pair = Pair()
     for tag in range(3):
         pair.first.send(pair.now, tag, bytes(118))
@@ -259,10 +259,10 @@ def test_a_line_that_is_cut_leaves_nothing_in_the_books() -> None:
     pair.run(milliseconds(20))
     assert pair.ends()[5:] == [(Sent, 0)]
     heard = [event.data for event in pair.second.events if isinstance(event, Heard)]
-    assert heard == [b"again"], "a new session resets the transceiver: what it had is gone"
+    assert heard == [b"again"], "a new session resets the transceiver"
 
 
-def test_noise_is_counted_and_does_no_harm() -> None:
+def test_noise_is_counted_and_ignored() -> None:
     pair, rng = Pair(), np.random.default_rng(0)
     device, link = pair.first.board, pair.first.link
     noises = (rng.bytes(300), b"\n" * 9, b"x" * 200_000, b'{"step":1}\n', b"[" * 70_000 + b"\n", b"\n")

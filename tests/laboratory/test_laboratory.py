@@ -1,4 +1,4 @@
-"""The laboratory: time, determinism and faults without a clock, and its process in real time."""
+"""Laboratory: time, determinism and faults without a clock, and its process in real time."""
 
 import math
 import os
@@ -45,7 +45,7 @@ USUAL = Uncertainty()
 
 
 class Wire:
-    """Keeps the bytes that were sent."""
+    """Recorder of the sent bytes."""
 
     def __init__(self) -> None:
         self.bytes: dict[DevicePort, bytes] = defaultdict(bytes)
@@ -55,7 +55,7 @@ class Wire:
 
 
 def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
-    """Two seconds in which r1 was told once to drive, and its lidar to scan, in rounds of that length."""
+    """Run 2 s with one command to drive and to scan for r1, advancing by `round_ms`."""
     room = setup(2, "kobuki")
     world = msgspec.structs.replace(room.world, uncertainty=dose)
     laboratory, wire = Laboratory(msgspec.structs.replace(room, world=world)), Wire()
@@ -69,7 +69,7 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     return laboratory, wire
 
 
-def test_what_happens_does_not_depend_on_how_often_one_looks() -> None:
+def test_results_do_not_depend_on_the_interval_of_calls() -> None:
     alone = Laboratory(setup(1))
     alone.advance(Instant(SUBSTEP + 3000), Wire())
     assert (alone.now, alone.instant) == (Instant(SUBSTEP), Instant(SUBSTEP + 3000))
@@ -84,22 +84,22 @@ def test_what_happens_does_not_depend_on_how_often_one_looks() -> None:
 
 
 def echoes(wire: Wire) -> float:
-    """Share of the samples of r1's lidar with a distance; each has 5 bytes, after a descriptor of 7."""
+    """Return the share of r1's lidar samples with an echo; 5 bytes each, after a descriptor of 7."""
     samples = np.frombuffer(wire.bytes[DevicePort("r1", RANGE)][7:], np.uint8).reshape(-1, 5)
     return float(np.mean(samples[:, 3:].any(axis=1)))
 
 
-def test_lidars_and_bases_know_of_the_doses() -> None:
+def test_doses_affect_lidars_and_bases() -> None:
     (_, usual), (_, glass), (_, drift) = (
         driven(40, dose) for dose in (USUAL, Uncertainty(glass=1.0), Uncertainty(drift=50.0))
     )
-    assert echoes(usual) > 0.9 and 0 < echoes(glass) < 0.6  # of r2, and of the map's edge
+    assert echoes(usual) > 0.9 and 0 < echoes(glass) < 0.6  # from r2 and the edge of the map
     base, lidar = DevicePort("r1", BASE), DevicePort("r1", RANGE)
     assert usual.bytes[base] == glass.bytes[base] != drift.bytes[base]
     assert usual.bytes[lidar] == drift.bytes[lidar] != glass.bytes[lidar]
 
 
-def test_what_events_do_to_air_and_floor_is_done() -> None:
+def test_events_for_radio_and_floor_are_executed() -> None:
     room = setup(2)
     orders = (
         TimedOrder(100_000, Obstacle(13.0, 12.5, 0.2)),
@@ -113,7 +113,7 @@ def test_what_events_do_to_air_and_floor_is_done() -> None:
         seen.append(float(laboratory._scanners.of(0)(ahead)[0]))
     assert seen == pytest.approx(
         [2.0 + 0.1 - 0.177, 1.0 + 0.1 - 0.2], abs=0.05
-    )  # r2, then what stands before it
+    )  # r2, then the obstacle before it
     for robot, at in (("r2", 160_000), ("r2", 260_000)):
         laboratory.advance(Instant(at), Wire())
         radio = laboratory.robots[robot].radio
@@ -138,15 +138,15 @@ def lines(tmp_path: Path) -> Iterator[EmulatedLines]:
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("explode r1", "there is no 'explode'; it should be one of battery, darken, deafen, edge, gps, "),
-        ("lift r3", "there is no robot 'r3'; it should be one of r1, r2"),
-        ("scramble r1 base", "'scramble r1 base' should be 'scramble ROBOT base|radio|range SHARE'"),
-        ("scramble r1 base nan", "'nan' is not a share; it should be a number from 0 to 1"),
-        ("press r1 nose", "there is no 'nose' here; it should be one of bumper|left|centre|right|radio"),
+        ("explode r1", "unknown command 'explode'; use one of battery, darken, deafen, edge, gps, "),
+        ("lift r3", "unknown robot 'r3'; use one of r1, r2"),
+        ("scramble r1 base", "'scramble r1 base': usage is 'scramble ROBOT base|radio|range SHARE'"),
+        ("scramble r1 base nan", "'nan' is not a share; must be a number from 0 to 1"),
+        ("press r1 nose", "invalid argument 'nose'; use one of bumper|left|centre|right|radio"),
         ("plug r1 base", "the base of r1 is plugged in already; unplug it first"),
     ],
 )
-def test_what_cannot_be_done_is_told(
+def test_invalid_commands_are_refused(
     laboratory: Laboratory, lines: EmulatedLines, line: str, sentence: str
 ) -> None:
     with pytest.raises(AcrcError) as caught:
@@ -155,7 +155,7 @@ def test_what_cannot_be_done_is_told(
 
 
 def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) -> set[HoldCause]:
-    """Why r1 stands after so long, though its driver wants to drive."""
+    """Drive r1 for `duration_ms` and return the active stop causes."""
     port, begun = DevicePort("r1", BASE), laboratory.now
     for at in range(begun, begun + 1000 * duration_ms, SUBSTEP):
         now, wire = Instant(at + SUBSTEP), Wire()
@@ -177,7 +177,7 @@ def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) 
         ("battery r1 13", HoldCause.BATTERY),
     ],
 )
-def test_a_fault_stops_the_driver_and_healing_lets_it_go(
+def test_a_fault_stops_the_driver_until_it_is_removed(
     laboratory: Laboratory, lines: EmulatedLines, fault: str, cause: HoldCause
 ) -> None:
     bench, driver = FaultInjector(laboratory, lines), KobukiDriver(START)
@@ -191,7 +191,7 @@ def test_a_fault_stops_the_driver_and_healing_lets_it_go(
     assert laboratory.travelled("r1") > driven_by_then
 
 
-def test_a_corrupted_line_is_clean_again_and_unread_bytes_are_counted(lines: EmulatedLines) -> None:
+def test_corruption_of_a_line_can_be_ended_and_unread_bytes_are_counted(lines: EmulatedLines) -> None:
     port, sent = DevicePort("r2", RANGE), bytes(range(256)) * 8
     lines.corrupt(port, 0.1)
     with lines.path(port).open("rb", buffering=0) as host:
@@ -219,7 +219,7 @@ def millimetres(scan: Scan) -> NDArray[np.int64]:
 
 @pytest.fixture
 def prioritised() -> Iterator[None]:
-    """Run this process and its children before others, where the system allows it."""
+    """Raise the priority of this process and its children, if permitted."""
     before = os.getpriority(os.PRIO_PROCESS, 0)
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -10)
@@ -228,7 +228,7 @@ def prioritised() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("prioritised")
-def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tmp_path: Path) -> None:
+def test_scans_and_odometry_agree_with_ground_truth(tmp_path: Path) -> None:
     built_from = setup(2)
     with Running(tmp_path, built_from) as laboratory:
         lidar = LidarHost(laboratory.path("r1", "range"))
@@ -263,8 +263,8 @@ def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tm
     both = (seen != NO_ECHO_MM) & (true != NO_ECHO_MM)
     assert both.sum() > 0.95 * (true != NO_ECHO_MM).sum() > 450
     assert np.median(np.abs(seen - true)[both]) <= 30
-    ahead = 319  # of the 640 rays this one points to r2
-    assert true[ahead] == pytest.approx(2000 + 100 - 177, abs=10)  # the sensor stands 0.1 m behind the middle
+    ahead = 319  # ray that points to r2
+    assert true[ahead] == pytest.approx(2000 + 100 - 177, abs=10)  # the sensor is 0.1 m behind the centre
     assert seen[ahead] == pytest.approx(true[ahead], abs=30)
 
     truth = result.robots["r1"]
@@ -281,18 +281,18 @@ def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tm
 
 
 @pytest.mark.usefixtures("prioritised")
-def test_time_that_cannot_be_made_up_is_left_out_and_counted(tmp_path: Path) -> None:
+def test_time_that_cannot_be_caught_up_is_skipped_and_counted(tmp_path: Path) -> None:
     with Running(tmp_path, setup(1), "--duration", "2") as laboratory:
         laboratory.pause(1.5)
         result = laboratory.end(None)
-    assert result.lost_ms >= 900  # of the pause all but half a second, and some slack
+    assert result.lost_ms >= 900  # the pause minus half a second and some tolerance
     assert result.simulated_s == 2.0
     assert sum(result.behind_ms.values()) == 200
     assert "ms behind; " in laboratory.complaints
     assert not laboratory.links.exists()
 
 
-def test_it_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
+def test_it_exits_with_its_parent_process(tmp_path: Path) -> None:
     file = tmp_path / "setup.json"
     file.write_bytes(msgspec.json.encode(setup(1)))
     words = f"--setup {file} --links {tmp_path}/links --result {tmp_path}/result.json --with-parent"
@@ -302,7 +302,7 @@ def test_it_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
         assert parent.stdout.readline() == b"ready\n"
         assert (tmp_path / "links/r1/base").readlink().parent == Path("/dev/pts")
         parent.kill()
-        assert parent.stdout.read() == b""  # closed: nobody is left who could write to it
+        assert parent.stdout.read() == b""  # closed: no process is left
     assert (tmp_path / "result.json").is_file()
     assert not (tmp_path / "links").exists()
 
@@ -311,11 +311,11 @@ def test_it_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
     ("radio", "sentence"),
     [
         (None, "no set-up of a laboratory: world is missing, but must be there"),
-        ({"step_us": 100_000, "robots": [["r1", 1]]}, "robots r1, r2 and addresses of r1; each robot should"),
+        ({"step_us": 100_000, "robots": [["r1", 1]]}, "robots r1, r2, but addresses of r1; give each robot"),
         ({"step_us": 1, "robots": [["r1", 1], ["r2", 2]], "preset": "loud"}, "preset 'loud' is unknown"),
     ],
 )
-def test_a_set_up_that_does_not_fit_is_refused(
+def test_inconsistent_set_ups_are_refused(
     radio: dict[str, object] | None, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, whole = tmp_path / "setup.json", msgspec.json.decode(msgspec.json.encode(setup(2)))
@@ -325,8 +325,8 @@ def test_a_set_up_that_does_not_fit_is_refused(
     assert sentence in capsys.readouterr().err
 
 
-def test_a_robots_name_must_do_as_a_folder() -> None:
+def test_robot_names_must_be_valid_folder_names() -> None:
     whole = setup(1).world
     world = msgspec.structs.replace(whole, robots=(msgspec.structs.replace(whole.robots[0], id="../r1"),))
-    with pytest.raises(AcrcError, match=r"a robot '../r1'; its name should do as a folder's"):
+    with pytest.raises(AcrcError, match=r"robot '../r1': invalid name; use"):
         LaboratorySetup(world, RadioSetup(seed=1, step_us=100_000, robots=(("../r1", 1),)))

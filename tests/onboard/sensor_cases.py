@@ -1,4 +1,4 @@
-"""Faults of sensors and lines, and situations without a fault in which none may be reported."""
+"""Faults of sensors and lines, and situations without faults, in which none may be reported."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -17,21 +17,21 @@ from tests.onboard.sensor_rig import LidarFault, SensorRig, Starts, Straight
 
 Act = Callable[[SensorRig], None]
 AT_ONCE = (0.3, 0.15)
-"""Limits, s and m, where one message shows the fault."""
+"""Limits, s and m, of faults that one message shows."""
 BY_COMPARISON = (1.0, 0.5)
-"""Limits where two sensors have to contradict each other."""
+"""Limits of faults that are found by comparing two sensors."""
 FROM_REST = (1.5, 0.5)
-"""Limits of a fault that existed before the robot moved: it accelerates by 0.3 m/s²."""
+"""Limits of faults from before the robot moved: it accelerates by 0.3 m/s²."""
 
 
 class SensorFault(NamedTuple):
     act: Act
     limit: tuple[float, float] | None = BY_COMPARISON
-    """s and m until the command to stand; None: only measured."""
+    """Limit until the stop command, s and m; None: only measured."""
     in_arc: bool = False
-    """Visible in a turn only."""
+    """True if detectable in turns only."""
     from_start: bool = False
-    """Exists before the robot first moves."""
+    """True if present before the robot first moves."""
 
 
 def base(**values: object) -> Act:
@@ -108,11 +108,11 @@ CELL, CLEARANCE, APART = 0.05, 0.6, 1.2
 """m."""
 _RIGHT = "NO_FEEDBACK LINK_RECOVERING WHEEL_DROP PUT_DOWN BUMPER BLIND NO_COMMAND STALE_COMMAND BLOCKED"
 REPORTS = frozenset(HoldCause) - {HoldCause[name] for name in _RIGHT.split()}
-"""Causes that report a fault of a sensor; the report of a blocked robot is right."""
+"""Causes that report a sensor fault; a blocked robot is reported correctly."""
 
 
 def reports(rig: SensorRig) -> Iterator[tuple[str, float, str]]:
-    """Robot, instant, s, and cause of each reported sensor fault."""
+    """Yield robot, time, s, and cause of each reported sensor fault."""
     for name, vehicle in rig.vehicles.items():
         before: frozenset[HoldCause] = frozenset()
         for change in vehicle.held:
@@ -122,7 +122,7 @@ def reports(rig: SensorRig) -> Iterator[tuple[str, float, str]]:
 
 
 def starts_on(floor: Path, seed: int, count: int) -> list[tuple[float, float, float]]:
-    """Random free poses, apart from one another."""
+    """Return random free poses with distance from each other."""
     grid, random = load_map(floor), generator(seed, "starts", floor.name)
     rows, columns = grid.blocking.shape
     found: list[tuple[float, float, float]] = []
@@ -140,7 +140,7 @@ def starts_on(floor: Path, seed: int, count: int) -> list[tuple[float, float, fl
 
 
 def plain_floor(folder: Path, width: float, depth: float) -> Path:
-    """The map of an empty room, m."""
+    """Write the map of an empty room, m."""
     cells = np.full((round(depth / CELL) + 8, round(width / CELL) + 8), 254, np.uint8)
     cells[:4], cells[-4:], cells[:, :4], cells[:, -4:] = 0, 0, 0, 0
     path = folder / f"{width:g}x{depth:g}.yaml"
@@ -155,11 +155,11 @@ def plain_floor(folder: Path, width: float, depth: float) -> Path:
 
 class SensorSituation(NamedTuple):
     build: Callable[[int, Path], SensorRig]
-    """Of a seed and a folder for maps."""
+    """Builds it from a seed and a folder for maps."""
     time_s: float = 120.0
     robots: int = 1
     event: Act | None = None
-    """At half of the time."""
+    """Executed at half of the time."""
 
 
 def wander(floor: int, robots: int, speed: float) -> Callable[[int, Path], SensorRig]:
@@ -171,7 +171,7 @@ def driven(
     room: tuple[float, float] | None,
     starts: Callable[[int], Starts] = lambda seed: starts_on(FLOORS[seed % 3], seed, 1),
 ) -> Callable[[int, Path], SensorRig]:
-    """Robots that keep their velocities, m/s and rad/s, in an empty room, m, or on one of the floors."""
+    """Return a builder of robots with constant velocities, in an empty room, m, or on one of the floors."""
 
     def build(seed: int, folder: Path) -> SensorRig:
         floor = FLOORS[seed % 3] if room is None else plain_floor(folder, *room)
@@ -184,7 +184,7 @@ def driven(
 
 
 def carry(rig: SensorRig) -> None:
-    """Put the robot elsewhere in an instant, with unmoved wheels."""
+    """Move the robot to another pose without turning its wheels."""
     x, y, heading = starts_on(FLOORS[0], rig.now, 1)[0]
     rig.laboratory.carry("r1", Pose(x, y, heading))
 

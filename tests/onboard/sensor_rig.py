@@ -1,7 +1,7 @@
-"""Vehicles on emulated devices in simulated time, without processes: repeatable trials of their sensors.
+"""Reproducible trials of vehicles with emulated devices in simulated time, without processes.
 
-The base process's vehicle (firmware_bridge.onboard.vehicle) with in-memory lines to a laboratory, and a pilot
-in place of the program of the robot.
+The base process's vehicle (firmware_bridge.onboard.vehicle) has in-memory lines to a laboratory, and a pilot
+instead of the robot program.
 """
 
 import math
@@ -35,7 +35,7 @@ from firmware_bridge.serial_port import SerialPort
 MODEL = load_model("turtlebot2", "chapter")
 STEP = milliseconds(100)
 AVOIDING = 1.2
-"""rad/s, while the pilot turns away from an obstacle."""
+"""Turn rate of the pilot while avoiding an obstacle, rad/s."""
 Starts = Sequence[tuple[float, float, float]]
 
 
@@ -43,22 +43,22 @@ class LidarFault(NamedTuple):
     """What a lidar reports instead of its measurements."""
 
     turns: int = 0
-    """It repeats so many of its last turns for ever; 0: none."""
+    """Number of last turns that are repeated forever; 0: none."""
     share: float = 1.0
-    """The part of each turn that is repeated."""
+    """Part of each turn that is repeated."""
     comb: bool = False
-    """Only every other sample is repeated, ..."""
+    """Repeat every other sample only."""
     noisy: bool = False
-    """... or with fresh noise."""
+    """Add new noise to repeated samples."""
     late_s: float = 0.0
     """Delay of all samples, at most 2 s."""
     turned_deg: float = 0.0
-    """Turned on its mount, counter-clockwise."""
+    """Rotation on its mount, counter-clockwise."""
     mirrored: bool = False
 
 
 class FaultyRplidar(EmulatedRplidar):
-    """A lidar that measures and reports something else."""
+    """A lidar with injected data faults."""
 
     def __init__(self, sight: Sight, noise: Generator) -> None:
         super().__init__(self._view, LIDAR, generator=noise)
@@ -70,7 +70,7 @@ class FaultyRplidar(EmulatedRplidar):
         self._since = 0
 
     def fail(self, fault: LidarFault) -> None:
-        """Have this fault from now on."""
+        """Set the fault from now on."""
         self._fault, self._since = fault, self._sampled
         turn = round(LIDAR.samples / LIDAR.turns)
         self._repeated = list(self._measured)[-turn * fault.turns :] if fault.turns else []
@@ -102,17 +102,17 @@ class FaultyRplidar(EmulatedRplidar):
 
 
 class Pilot:
-    """Drives at `speed`, in arcs at times, and turns away from what is near, without a map."""
+    """Random driver without a map: straight lines, arcs, and turns away from obstacles."""
 
     def __init__(self, speed: float, random: Generator) -> None:
         self._speed, self._random = speed, random
         self._omega = 0.0
         self._turning = self._arc = 0
         self.straight = False
-        """True: no arcs."""
+        """Drive no arcs."""
 
     def steer(self, scan: Scan | None) -> tuple[float, float]:
-        """m/s and rad/s for the next step."""
+        """Return the velocity of the next step, m/s and rad/s."""
         if scan is not None and self._turning == 0:
             self._avoid(scan)
         if self._turning:
@@ -137,7 +137,7 @@ class Pilot:
 
 
 class Straight(Pilot):
-    """Keeps one velocity, whatever the sensors report."""
+    """Pilot with a constant velocity."""
 
     def __init__(self, v: float, omega: float = 0.0) -> None:
         self._velocity = v, omega
@@ -180,7 +180,7 @@ class PassiveGuardian(GuardianLink):
 
 
 class HoldChange(NamedTuple):
-    """New causes for which a robot is held."""
+    """Change of the active stop causes."""
 
     instant: Instant
     causes: frozenset[HoldCause]
@@ -217,7 +217,7 @@ class RigVehicle:
         return self.noise["out"].apply(data, self._random) if device == BASE else data
 
     def serve(self, now: Instant) -> None:
-        """One cycle of the base process."""
+        """Run one cycle of the base process."""
         self.bot.serve(now)
         causes = frozenset(stop.cause for stop in self.kobuki.allowed.stops)
         if causes != (self.held[-1].causes if self.held else frozenset()):
@@ -272,16 +272,16 @@ class SensorRig:
                 return
 
     def speed(self) -> float:
-        """True speed of r1, m/s."""
+        """Return the true speed of r1, m/s."""
         return self.laboratory.robots["r1"].body.truth().v
 
     def cruises(self, speed: float, in_arc: bool) -> bool:
-        """Whether r1 drives faster than this, and in an arc if that is wanted."""
+        """Return whether r1 drives faster than `speed`, and in an arc if `in_arc`."""
         omega = self.vehicles["r1"].kobuki.allowed.omega
         return self.speed() > speed and not self.told_to_stand() and (not in_arc or abs(omega) > 0.3)
 
     def told_to_stand(self) -> bool:
-        """Whether the last command to the wheels of r1 was to stand."""
+        """Return whether the last command to the wheels of r1 was a stop."""
         return self.laboratory.robots["r1"].body.is_told_to_stand
 
     def _step(self, now: Instant) -> None:

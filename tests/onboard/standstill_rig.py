@@ -1,4 +1,4 @@
-"""One robot on emulated devices, with faults of its processes and devices while it drives."""
+"""One robot on emulated devices, with injected faults of processes and devices."""
 
 import ctypes
 import os
@@ -18,7 +18,7 @@ from tests.laboratory.hosts import Running, setup
 GUARDIAN: Final = "guardian.py"
 MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 _FAST: Final = 0.45
-"""m/s, of 0.5: above it the robot counts as driving."""
+"""Speed above which the robot counts as driving, m/s; its maximum is 0.5."""
 FLEET: Final = """
 map = "{map}"
 [run]
@@ -33,7 +33,7 @@ radio = "{links}/radio"
 range = "{links}/range"
 """
 _NICE: Final = -10
-"""The robot's processes and the emulated devices, where the system allows it; the service has -5."""
+"""Nice value of all processes, if permitted; the service has -5."""
 _PTRACE_SEIZE: Final = 0x4206
 _PTRACE_INTERRUPT: Final = 0x4207
 
@@ -42,7 +42,7 @@ TITLE: Final = "acrc r1"
 
 
 class NotDrivingError(AcrcError):
-    """The robot does not start to drive."""
+    """Failure of the robot to start driving."""
 
 
 class Where(NamedTuple):
@@ -52,14 +52,14 @@ class Where(NamedTuple):
     way: float
     speed: float
     told: float
-    """1 if the last command to the wheels was to stand."""
+    """1 if the last command to the wheels was a stop."""
 
 
 class Rig:
     """Emulated devices and the processes of a robot; a context manager."""
 
     def __init__(self, folder: Path, more: str = "") -> None:
-        """`more`: lines of the robot's table."""
+        """Create it; `more`: additional lines of the robot's table."""
         self.folder, self._more = folder, more
         self.out = folder / "runs" / "one"
         self._links = folder / "links"
@@ -86,11 +86,11 @@ class Rig:
         self._log.close()
 
     def exit_code(self, patience_s: float) -> int:
-        """Return that of the supervisor, once it has ended."""
+        """Wait for the supervisor's exit and return its code."""
         return self._onboard.wait(patience_s)
 
     def write_fleet(self, map_file: str) -> Path:
-        """Write the file of a fleet of this robot alone."""
+        """Write the fleet file of this robot."""
         fleet = self.folder / "fleet.toml"
         fleet.write_text(FLEET.format(map=map_file, links=self._links / "r1") + self._more)
         return fleet
@@ -101,7 +101,7 @@ class Rig:
         return [sys.executable, "-m", "acrc_testbed.command_line", *map(str, words)]
 
     def processes(self, word: str) -> list[int]:
-        """Return the robot's processes whose command line or title has this word."""
+        """Return the robot's processes with this word in their command line or title."""
         found = []
         for entry in Path("/proc").iterdir():
             if not entry.name.isdigit() or int(entry.name) == os.getpid():
@@ -117,7 +117,7 @@ class Rig:
         return found
 
     def expect_ok(self, line: str) -> None:
-        """Cause a fault of a device. Raises NotDrivingError if it is refused."""
+        """Inject a fault of a device. Raises NotDrivingError if it is refused."""
         if (answer := self._laboratory.say(line)) != "ok":
             raise NotDrivingError(f"{line}: {answer}")
 
@@ -135,7 +135,7 @@ class Rig:
             time.sleep(0.02)
 
     def standing(self, patience_s: float) -> tuple[Where | None, Where | None]:
-        """Return the truth at the command to stand and at standstill; None if it did not happen."""
+        """Return ground truth at the stop command and at standstill; None if it did not happen."""
         deadline = time.monotonic() + patience_s
         told = None
         while time.monotonic() < deadline:
@@ -161,7 +161,7 @@ def stopped(processes: Sequence[int]) -> None:
 
 
 def held(processes: Sequence[int]) -> None:
-    """Stop the main thread only, as an endless loop would. Raises OSError where ptrace is not permitted."""
+    """Stop the main thread only, like an endless loop. Raises OSError if ptrace is not permitted."""
     libc = ctypes.CDLL(None, use_errno=True)
     for process in processes:
         for request in (_PTRACE_SEIZE, _PTRACE_INTERRUPT):

@@ -1,4 +1,4 @@
-"""The base process and the bridge of the board: their steps by the clock, ports that come and go."""
+"""Base process and bridge: steps in real time, and ports that are lost and reopened."""
 
 import math
 from collections.abc import Sequence
@@ -83,7 +83,7 @@ class Vehicle:
 
 
 class Stage:
-    """A base core with the others played by the test; times are µs after BEGIN."""
+    """A base core whose messages come from the test; times are µs after BEGIN."""
 
     def __init__(self) -> None:
         self.vehicle = Vehicle()
@@ -116,7 +116,7 @@ def shown(outputs: Sequence[Output]) -> list[Message]:
 
 
 def first_step(stage: Stage) -> None:
-    """Step 1 is opened, for it is the first after everybody is there, and is answered in 4 ms."""
+    """Run step 1, the first one after robot and bridge are ready; it is answered in 4 ms."""
     stage.ready()
     sweep = stage.vehicle.sweep
     (senses,) = stage.at(STEP)
@@ -124,7 +124,7 @@ def first_step(stage: Stage) -> None:
     assert stage.drive(STEP + 4_000, 1, transmits=3) == []
 
 
-def test_a_robot_or_bridge_that_does_not_answer_for_too_long_is_named() -> None:
+def test_a_timeout_of_robot_or_bridge_is_reported() -> None:
     robot, bridge = Stage(), Stage()
     for stage in (robot, bridge):
         stage.core.patience = seconds(1.0)
@@ -134,26 +134,26 @@ def test_a_robot_or_bridge_that_does_not_answer_for_too_long_is_named() -> None:
     with pytest.raises(AcrcError) as hung:
         for step in range(3, 20):
             robot.at(step * STEP)
-    assert str(hung.value) == "step 13: r1 has not answered for 1 s"
+    assert str(hung.value) == "step 13: no answer from r1 for 1 s"
     with pytest.raises(AcrcError) as hung:
         for step in range(2, 20):
             bridge.at(step * STEP + 25_000)
             bridge.drive(step * STEP + 27_000, step)
             bridge.at((step + 1) * STEP)
-    assert str(hung.value) == "step 13: the radio's bridge has not answered for 1 s"
+    assert str(hung.value) == "step 13: no answer from the radio's bridge for 1 s"
 
 
-def test_a_step_begins_at_its_instant_and_the_answer_drives_the_robot_at_once() -> None:
+def test_steps_begin_at_their_instants_and_answers_are_executed_at_once() -> None:
     stage = Stage()
     stage.vehicle.sweep = Scan(5, b"\x01\x02")
     first_step(stage)
     assert stage.vehicle.commands == [(104_000, 0.3, 0.1)]
-    assert stage.vehicle.issued == [STEP], "as old as what it was decided from"
+    assert stage.vehicle.issued == [STEP], "as old as the sensed data"
     (truth,) = stage.at(2 * STEP)
     assert isinstance(truth, Truth)
     assert (truth.step, truth.instant, truth.robots[0].transmits) == (1, BEGIN + STEP, 3)
     (robot,) = truth.robots
-    assert (robot.x, robot.y) == pytest.approx((8.0, 6.0)), "odometry, from where it was switched on"
+    assert (robot.x, robot.y) == pytest.approx((8.0, 6.0)), "odometry from the start pose"
     assert robot.heading == pytest.approx(math.pi / 2 + 0.5)
     assert math.hypot(robot.vx, robot.vy) == pytest.approx(0.1)
     (senses,) = stage.aired(2 * STEP + 1_000, 1, events=2)
@@ -162,9 +162,9 @@ def test_a_step_begins_at_its_instant_and_the_answer_drives_the_robot_at_once() 
     assert stage.core.report().lateness_ms == {4: 1}
 
 
-def test_a_robot_that_has_not_answered_misses_steps_and_is_not_waited_for() -> None:
+def test_steps_of_a_late_robot_are_skipped() -> None:
     stage = Stage()
-    assert stage.at(STEP - 10) == [], "nothing is sent before the robot is there"
+    assert stage.at(STEP - 10) == [], "nothing is sent before the robot is ready"
     stage.ready()
     stage.at(STEP)
     assert stage.at(2 * STEP) == stage.at(3 * STEP) == []
@@ -177,11 +177,11 @@ def test_a_robot_that_has_not_answered_misses_steps_and_is_not_waited_for() -> N
     stage.at(9 * STEP + 30_000)
     (senses,) = stage.aired(9 * STEP + 31_000, 4)
     assert isinstance(senses, Senses) and (senses.step, senses.instant) == (9, BEGIN + 9 * STEP), (
-        "on the grid"
+        "at fixed intervals"
     )
 
 
-def test_a_bridge_that_is_late_is_heard_a_step_later_and_asked_no_second_time() -> None:
+def test_a_late_report_of_the_bridge_counts_for_the_next_step() -> None:
     stage = Stage()
     first_step(stage)
     assert len(stage.at(2 * STEP)) == 1
@@ -190,14 +190,14 @@ def test_a_bridge_that_is_late_is_heard_a_step_later_and_asked_no_second_time() 
     assert isinstance(senses, Senses) and senses.events == 0
     assert stage.core.counts.late_air == 1
     stage.drive(2 * STEP + 30_000, 2)
-    assert stage.aired(2 * STEP + 40_000, 1, events=3) == [], "it waits for the next step"
+    assert stage.aired(2 * STEP + 40_000, 1, events=3) == [], "used in the next step"
     (senses,) = stage.at(3 * STEP)
     assert isinstance(senses, Senses) and (senses.step, senses.events) == (3, 3)
     stage.drive(3 * STEP + 2_000, 3)
-    assert [type(message) for message in stage.at(4 * STEP)] == [Truth], "all that was heard is handed over"
+    assert [type(message) for message in stage.at(4 * STEP)] == [Truth], "all events have been passed on"
 
 
-def test_a_bridge_that_never_answers_costs_the_radio_only() -> None:
+def test_steps_continue_without_answers_of_the_bridge() -> None:
     stage = Stage()
     first_step(stage)
     stage.at(2 * STEP)
@@ -209,29 +209,29 @@ def test_a_bridge_that_never_answers_costs_the_radio_only() -> None:
     stage.at(6 * STEP + 1_000, at(RADIO_READY), Ready(0, "radio", 1, ""))
     stage.at(6 * STEP + AIR_PATIENCE)
     stage.drive(6 * STEP + 50_000, 6)
-    assert [type(message) for message in stage.at(7 * STEP)] == [Truth], "a new bridge is asked"
+    assert [type(message) for message in stage.at(7 * STEP)] == [Truth], "a new bridge gets a request"
 
 
-def test_a_restarted_robot_is_taken_along_and_owes_nothing() -> None:
+def test_a_restarted_robot_gets_the_next_step() -> None:
     stage = Stage()
     first_step(stage)
     stage.at(2 * STEP)
     stage.aired(2 * STEP + 100, 1)
     stage.at(2 * STEP + 50_000, at(READY, "r1"), Ready(0, "r1", 1, ""))
-    assert stage.drive(2 * STEP + 60_000, 2) == [], "of the one before"
+    assert stage.drive(2 * STEP + 60_000, 2) == [], "answer of its predecessor"
     assert stage.core.counts.stale_drives == 1
     assert len(stage.at(3 * STEP)) == 1 and stage.core.counts.overruns == 0
 
 
-def test_what_a_slow_bridge_says_of_a_robot_that_has_ended_is_not_counted_for_its_successor() -> None:
-    """It would wait for a Received that has gone to nobody, for ever."""
+def test_a_late_report_for_an_exited_robot_does_not_count_for_its_successor() -> None:
+    """Otherwise it would wait forever for a Received that was sent to its predecessor."""
     stage = Stage()
     first_step(stage)
     assert len(stage.at(2 * STEP)) == 1
     stage.at(2 * STEP + 60_000, at(READY, "r1"), Ready(0, "r1", 1, ""))
     (truth,) = stage.at(3 * STEP)
-    assert isinstance(truth, Truth) and truth.robots[0].epoch == 1, "asked again, of the new one"
-    assert stage.aired(3 * STEP + 100, 1, events=4) == [], "the answer to the first"
+    assert isinstance(truth, Truth) and truth.robots[0].epoch == 1, "new request for the new robot"
+    assert stage.aired(3 * STEP + 100, 1, events=4) == [], "answer to the first request"
     (senses,) = stage.aired(3 * STEP + 200, 1)
     assert isinstance(senses, Senses) and senses.events == 0
 
@@ -253,24 +253,24 @@ def test_the_last_messages_halt_robot_and_bridge_and_stop_the_vehicle(how: str) 
 @pytest.mark.parametrize(
     ("order", "paused", "finished"), [(Pause(), True, False), (Resume(), False, False), (Stop(), False, True)]
 )
-def test_progress_tells_what_was_obeyed_and_what_holds_it(order: Order, paused: bool, finished: bool) -> None:
+def test_progress_reports_executed_orders_and_stop_causes(order: Order, paused: bool, finished: bool) -> None:
     stage = Stage()
-    stage.vehicle.causes = ("the battery is low",)
+    stage.vehicle.causes = ("battery low",)
     first_step(stage)
     stage.core.now = Instant(BEGIN + 150_000)
     stage.core.expect(CONTROL.key())
     outputs = stage.core.advance({CONTROL.key(): Control(0, (order,))})
     (said,) = (output.message for output in outputs if isinstance(output.message, Progress))
-    assert (said.paused, said.finished, said.held) == (paused, finished, ("the battery is low",))
+    assert (said.paused, said.finished, said.held) == (paused, finished, ("battery low",))
     assert (stage.vehicle.commands[-1] == (150_000, 0.0, 0.0)) is not isinstance(order, Resume)
-    assert finished or bool(stage.at(2 * STEP)) is not paused, "while paused no step begins"
+    assert finished or bool(stage.at(2 * STEP)) is not paused, "no steps while paused"
 
 
 SECOND = 1_000_000
 
 
 class Plug:
-    """A cable: while it is in, ports can be opened; the last one breaks when it is pulled."""
+    """A cable: ports can be opened while it is plugged in, and are lost when it is unplugged."""
 
     def __init__(self) -> None:
         self.is_in, self.opened, self.tried = False, 0, 0
@@ -279,7 +279,7 @@ class Plug:
     def open(self) -> SerialPort:
         self.tried += 1
         if not self.is_in:
-            raise PortError("there is no such port")
+            raise PortError("no such port")
         self.opened += 1
         return Port(self)
 
@@ -290,7 +290,7 @@ class Port(SerialPort):
 
     def read(self) -> bytes:
         if not self.plug.is_in:
-            raise PortError("it has gone")
+            raise PortError("connection lost")
         return b"hello"
 
     def fileno(self) -> int:
@@ -300,11 +300,11 @@ class Port(SerialPort):
         self.closed = True
 
 
-def test_a_port_is_opened_again_and_says_again_why_it_went() -> None:
+def test_a_lost_port_is_reopened_and_each_loss_reported() -> None:
     plug = Plug()
     line = ReconnectingPort(plug.open, plug.said.append)
     assert not any(line.connect(Instant(ms * 1000)) for ms in range(0, 3_500, 100))
-    assert (plug.tried, plug.said) == (4, ["there is no such port"])
+    assert (plug.tried, plug.said) == (4, ["no such port"])
     plug.said.clear()
     for round_ in range(1, 3):
         plug.is_in = True
@@ -315,19 +315,19 @@ def test_a_port_is_opened_again_and_says_again_why_it_went() -> None:
         plug.is_in = False
         assert line.exchange(lambda port: port.read()) is None
         assert first.closed and line.port is None and line.descriptors() == ()
-        assert (plug.opened, plug.said) == (round_, ["it has gone"] * round_)
+        assert (plug.opened, plug.said) == (round_, ["connection lost"] * round_)
 
 
 @pytest.mark.parametrize(
     ("fault", "value", "told"),
     [
         ("battery", 16.0, ()),
-        ("battery", 14.0, ("the battery is low",)),
-        ("battery", 13.0, ("the battery is nearly empty",)),
-        ("overcurrent", 1, ("a wheel's motor draws too much current: something may hold it",)),
+        ("battery", 14.0, ("battery low",)),
+        ("battery", 13.0, ("battery nearly empty",)),
+        ("overcurrent", 1, ("over-current at a wheel: it may be blocked",)),
     ],
 )
-def test_what_holds_the_base_is_told(fault: str, value: float, told: tuple[str, ...]) -> None:
+def test_stop_causes_are_reported(fault: str, value: float, told: tuple[str, ...]) -> None:
     rig = Rig()
     rig.run(1.0, (0.1, 0.0))
     setattr(rig.base.faults, fault, value)
@@ -378,7 +378,7 @@ class Room:
         return self.give(robot, at(TRUTH), Truth(step, self.now, (here,)))
 
 
-def test_a_frame_goes_out_at_its_instant_and_is_heard_by_the_other() -> None:
+def test_frames_are_sent_at_their_instants_and_received() -> None:
     room = Room()
     begun = room.now
     room.transmit(0, (7, 30, b"hello"))
@@ -399,7 +399,7 @@ def test_a_frame_goes_out_at_its_instant_and_is_heard_by_the_other() -> None:
     assert room.bridges[0].finished
 
 
-def test_the_board_pulled_out_leaves_nothing_in_doubt_but_what_it_had() -> None:
+def test_frames_on_an_unplugged_board_are_unconfirmed() -> None:
     room = Room()
     room.transmit(0, (1, 0, bytes(118)), (2, 0, bytes(118)))
     room.run(milliseconds(3))
@@ -411,7 +411,7 @@ def test_the_board_pulled_out_leaves_nothing_in_doubt_but_what_it_had() -> None:
     assert [event.tag for event in received.events if isinstance(event, Unconfirmed)] == [1, 2]
 
 
-def test_too_many_frames_that_wait_for_their_instants_overflow() -> None:
+def test_too_many_planned_frames_overflow() -> None:
     room = Room()
     room.transmit(0, *((tag, 1000.0 + tag, b"x") for tag in range(MOST_PLANNED + 2)))
     received, _ = room.step(0, 1)
@@ -423,7 +423,7 @@ def test_too_many_frames_that_wait_for_their_instants_overflow() -> None:
     assert room.bridges[0].dropped_frames == 2
 
 
-def test_news_of_the_board_is_for_people() -> None:
+def test_board_notes_are_published() -> None:
     room = Room(1)
     room.run(seconds(3))
     (bridge,) = room.bridges
@@ -438,15 +438,15 @@ def test_news_of_the_board_is_for_people() -> None:
     assert not bridge.has_news and list(bridge.advance({})) == []
 
 
-def test_a_new_epoch_begins_with_an_empty_transceiver_and_its_tags_are_its_own() -> None:
-    """The predecessor's frames: one sent and told of, four on the board, two behind them, one not due yet."""
+def test_a_new_epoch_drops_frames_and_tags_of_the_previous_one() -> None:
+    """The previous epoch has one reported frame, four on the board, two queued, one planned."""
     room = Room()
     room.step(0, 0, epoch=3)
     room.transmit(0, (1, 0, b"sent"))
     room.run(milliseconds(50))
     room.transmit(0, *((tag, 0, bytes(118)) for tag in range(2, 8)), (8, 40, b"later"))
     room.run(milliseconds(2))
-    assert room.step(0, 1, epoch=4) == [Aired(1, ())], "nothing is told to the successor"
+    assert room.step(0, 1, epoch=4) == [Aired(1, ())], "no events for the successor"
     room.transmit(0, (1, 0, b"the successor's first"))
     room.run(milliseconds(100))
     received, _ = room.step(0, 2, epoch=4)
@@ -471,10 +471,10 @@ def test_without_a_board_frames_overflow_and_nothing_is_due(capsys: pytest.Captu
     core.advance({at(TRANSMIT, "r1").key: Transmit(1, frames)})
     bridge.serve(now)
     bridge.serve(Instant(now + 5_000_000))
-    assert bridge.wake is None, "it waits for the mesh, and tries the port again now and then"
+    assert bridge.wake is None, "it waits for the mesh, and retries the port periodically"
     core.expect(TRUTH.key())
     received = core.advance({at(TRUTH).key: Truth(1, now, ())})[0].message
     assert isinstance(received, Received)
     overflown = [event.tag for event in received.events if isinstance(event, Overflow)]
-    assert overflown == list(range(8, 20)), "one in the air and seven behind it wait for the board"
-    assert capsys.readouterr().err.count("/nowhere/beeclick: there is no such port") == 1
+    assert overflown == list(range(8, 20)), "one frame in transmission and seven queued"
+    assert capsys.readouterr().err.count("/nowhere/beeclick: no such port") == 1

@@ -1,4 +1,4 @@
-"""The base stands soon whatever becomes of its process, its guardian or its supervisor; wall time."""
+"""The wheels stop in time after failures of base process, guardian or supervisor; wall time."""
 
 import os
 import signal
@@ -54,7 +54,7 @@ class KobukiLine:
         return self.body.truth().v
 
     def stands_soon(self) -> bool:
-        """Wait until it stands, for SOON_S at most."""
+        """Wait for standstill, up to SOON_S."""
         begun = time.monotonic()
         while self.speed and time.monotonic() - begun < SOON_S:
             time.sleep(0.002)
@@ -84,7 +84,7 @@ time.sleep(60)
 
 
 class BaseProcess:
-    """What a base process does to its port and its guardian; the test is that process."""
+    """Base process played by the test: its port and its guardian."""
 
     def __init__(self, link: Path) -> None:
         self.port: SerialPort = SerialPort(str(link), KOBUKI)
@@ -92,7 +92,7 @@ class BaseProcess:
         self.word = GuardianLink(str(link), self._start)
 
     def serve(self, until: Callable[[], bool], patience_s: float = 10.0) -> None:
-        """Go round, without a command, until then."""
+        """Serve the port and the guardian without commands, until a condition holds."""
 
         def served() -> bool:
             self.word.serve(now(), self.port)
@@ -102,7 +102,7 @@ class BaseProcess:
         helpers.until(served, patience_s)
 
     def die(self) -> None:
-        """As by SIGKILL: no farewell, all descriptors closed."""
+        """Simulate SIGKILL: close all descriptors without a stop command."""
         assert self.word._channel is not None
         self.word._channel.close()
         self.port.close()
@@ -124,7 +124,7 @@ def line(tmp_path: Path) -> Iterator[KobukiLine]:
 
 @pytest.fixture
 def process(line: KobukiLine) -> Iterator[BaseProcess]:
-    """It drives, with a guardian that has the port."""
+    """Yield a driving base with a guardian."""
     base = BaseProcess(line.link)
     base.serve(lambda: base.word.holds(now()))
     base.port.write(DRIVE)
@@ -135,32 +135,30 @@ def process(line: KobukiLine) -> Iterator[BaseProcess]:
         one.wait()
 
 
-def test_a_base_that_dies_stands_at_once_though_what_is_said_first_is_not_heard(
-    line: KobukiLine, process: BaseProcess
-) -> None:
+def test_a_killed_base_stops_although_first_commands_are_lost(line: KobukiLine, process: BaseProcess) -> None:
     line.base.faults.deaf = True
     process.die()
     time.sleep(0.1)
-    assert line.speed > 0.29, "several stops were lost on the line"
+    assert line.speed > 0.29, "several stop commands were lost"
     line.base.faults.deaf = False
     assert line.stands_soon()
-    assert process.guardians[0].wait(5) == 0, "it goes once the wheels stand"
+    assert process.guardians[0].wait(5) == 0, "it exits at standstill"
 
 
-def test_a_base_that_hangs_stands_and_drives_again_when_it_goes_on(
+def test_a_hanging_base_stops_and_drives_again_when_it_continues(
     line: KobukiLine, process: BaseProcess
 ) -> None:
-    assert line.stands_soon()  # nobody serves
+    assert line.stands_soon()  # no heartbeats
     process.serve(lambda: process.word.holds(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
     begun = time.monotonic()
     process.serve(lambda: time.monotonic() - begun > 0.3)
-    assert line.speed > 0.29, "its guardian leaves it alone"
+    assert line.speed > 0.29, "the guardian does not intervene"
 
 
-def test_a_base_that_hangs_for_good_is_killed(tmp_path: Path) -> None:
-    """The base starts a guardian and then does nothing; the guardian is a copy that has less patience."""
+def test_a_base_that_hangs_forever_is_killed(tmp_path: Path) -> None:
+    """The base starts a copy of the guardian with a shorter timeout and then does nothing."""
     impatient = tmp_path / "guardian.py"
     impatient.write_text(
         Path(guardian.__file__).read_text().replace("HUNG_S: Final = 5.0", "HUNG_S: Final = 0.3")
@@ -171,7 +169,7 @@ def test_a_base_that_hangs_for_good_is_killed(tmp_path: Path) -> None:
     assert base.returncode == -signal.SIGKILL
 
 
-def test_nothing_may_move_once_the_guardian_is_dead_or_stopped_and_there_is_another_soon(
+def test_a_killed_or_suspended_guardian_prevents_motion_and_is_replaced(
     process: BaseProcess,
 ) -> None:
     for number in (signal.SIGKILL, signal.SIGSTOP):
@@ -183,7 +181,7 @@ def test_nothing_may_move_once_the_guardian_is_dead_or_stopped_and_there_is_anot
     assert process.word.started == len(process.guardians) == 3
 
 
-def test_the_guardian_outlives_other_signals_and_stops_the_base_on_a_port_that_was_opened_again(
+def test_the_guardian_ignores_signals_and_stops_the_base_on_a_reopened_port(
     line: KobukiLine, process: BaseProcess
 ) -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -202,19 +200,19 @@ def test_the_guardian_outlives_other_signals_and_stops_the_base_on_a_port_that_w
     assert line.stands_soon()
 
 
-def test_alone_it_opens_the_port_and_says_stop_until_the_wheels_stand(line: KobukiLine) -> None:
+def test_alone_it_opens_the_port_and_sends_stop_until_standstill(line: KobukiLine) -> None:
     with SerialPort(str(line.link), KOBUKI) as port:
         port.write(DRIVE)
         while not line.speed:
             time.sleep(0.005)
     done = alone(line.link)
     assert line.speed == 0 and done.returncode == 0
-    assert done.stdout.startswith(f"{line.link}: stop was said ")
+    assert done.stdout.startswith(f"{line.link}: sent stop ")
     assert done.stdout.endswith(" times, until the wheels stood\n")
     nowhere = alone(line.link.with_name("nothing"))
     assert nowhere.returncode == 1
     assert nowhere.stdout == (
-        f"{line.link.with_name('nothing')}: stop cannot be said: No such file or directory\n"
+        f"{line.link.with_name('nothing')}: stop cannot be sent: No such file or directory\n"
     )
 
 
@@ -223,11 +221,11 @@ def alone(port: Path) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
 
 
-def test_a_base_that_cannot_be_heard_to_stand_is_named() -> None:
+def test_missing_standstill_is_reported() -> None:
     silent = os.open("/dev/ptmx", os.O_RDWR | os.O_NONBLOCK)
     said = guardian.farewell(silent, limit_s=0.05)
     os.close(silent)
-    assert "but the base was not heard to stand: it may still be driving" in said
+    assert "no standstill was detected: the base may still be driving" in said
     assert encode_frame(encode_command(BaseControl(0, 0))) == guardian.STOP
 
 
@@ -243,8 +241,10 @@ def feedback(stamp: int, left: int, right: int) -> bytes:
     noise=st.binary(max_size=12),
     cut=st.integers(1, 40),
 )
-def test_only_wheels_that_stand_are_heard_to_stand(speed: int, begin: int, noise: bytes, cut: int) -> None:
-    """`speed`: ticks of the right wheel from one feedback to the next."""
+def test_standstill_is_detected_for_standing_wheels_only(
+    speed: int, begin: int, noise: bytes, cut: int
+) -> None:
+    """Test with `speed`: ticks of the right wheel between feedbacks."""
     heard = Standstill()
     data = b"".join(noise + feedback(20 * i, 7, begin + speed * i) for i in range(40))
     for at in range(0, len(data), cut):
@@ -253,11 +253,11 @@ def test_only_wheels_that_stand_are_heard_to_stand(speed: int, begin: int, noise
     assert heard.reached == (speed == 0)
     repeated = Standstill()
     repeated.take(20 * feedback(7, 1, 2))
-    assert not repeated.reached, "one feedback heard again and again"
+    assert not repeated.reached, "repeated feedback is no evidence"
 
 
 @pytest.mark.parametrize("abstract", [False, True])
-def test_systemd_hears_that_a_service_is_up_and_lives(tmp_path: Path, abstract: bool) -> None:
+def test_systemd_is_notified(tmp_path: Path, abstract: bool) -> None:
     name = f"acrc-test-{os.getpid()}" if abstract else str(tmp_path / "notify")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(f"\0{name}" if abstract else name)
@@ -266,7 +266,7 @@ def test_systemd_hears_that_a_service_is_up_and_lives(tmp_path: Path, abstract: 
         notice.ready()
         notice.lives()
         assert [systemd.recv(100), systemd.recv(100)] == [b"READY=1", b"WATCHDOG=1"]
-    notice.lives()  # nobody listens any more
+    notice.lives()  # no receiver
     for environment in ({}, {"NOTIFY_SOCKET": "nonsense"}):
         ServiceNotice(environment).lives()
 
@@ -274,7 +274,7 @@ def test_systemd_hears_that_a_service_is_up_and_lives(tmp_path: Path, abstract: 
 STOPPED = "base process suspended (SIGSTOP or a debugger): sending stop commands to the wheels"
 
 
-def test_stop_is_said_once_for_a_base_that_is_stopped_and_not_for_one_that_runs(tmp_path: Path) -> None:
+def test_stop_is_sent_for_a_suspended_base_only(tmp_path: Path) -> None:
     said: list[str] = []
     waits = [sys.executable, "-c", "input()"]
     with KobukiLine(tmp_path / "base") as line, subprocess.Popen(waits, stdin=subprocess.PIPE) as base:

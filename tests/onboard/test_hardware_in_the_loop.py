@@ -1,4 +1,4 @@
-"""Hardware in the loop: a swarm on serial bytes, and what it refuses."""
+"""Hardware-in-the-loop runs, and refused options and scenarios."""
 
 import csv
 import json
@@ -66,7 +66,7 @@ radius = 0.2
 
 
 @pytest.mark.timeout(240)
-def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_board(tmp_path: Path) -> None:
+def test_three_robots_clean_their_places_one_of_them_without_a_board(tmp_path: Path) -> None:
     file, out = tmp_path / "near.toml", tmp_path / "out"
     file.write_text(SCENARIO)
     boards = ("--board", "r1", "--board", "r2")
@@ -79,7 +79,7 @@ def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_b
     assert min(part["copies_heard"] for part in frames.values()) > 0
     assert all(part["frames_handed"] >= part["frames_sent"] > 0 for part in frames.values()), frames
     jammed = (result.frames["copies_lost_disturbed"], frames["r2"]["frames_access_failure"])
-    assert min(jammed) > 0, jammed  # four seconds, in which r2 neither hears nor finds the channel clear
+    assert min(jammed) > 0, jammed  # for 4 s r2 neither receives nor finds the channel clear
     assert sum(result.frames[name] for name in COPIES) == 2 * result.frames["frames_sent"]
     assert msgspec.json.decode((out / "result" / "run.json").read_bytes(), type=RunResult) == result
     with (out / "result" / "places.csv").open() as table:
@@ -110,7 +110,7 @@ def test_three_robots_clean_their_places_by_serial_bytes_one_of_them_without_a_b
 def test_robots_that_meet_clean_all_places(
     full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
-    """Each process in a network namespace of its own, in which no link is up (util-linux)."""
+    """Run each process in its own network namespace without interfaces (util-linux)."""
     overrides = Overrides(robots=3, duration=300.0) if full else Overrides(robots=2, duration=15.0)
     options = RunOptions(tmp_path / "out", spawn="exec", hardware=True, json=True)
     launcher = Launcher("exec", reap=False)
@@ -137,7 +137,7 @@ def test_robots_that_meet_clean_all_places(
         ),
     ],
 )
-def test_what_cannot_be_is_refused(words: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
+def test_invalid_options_are_refused(words: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
     refused = acrc("run", *words, "--out", tmp_path / "out")
     assert refused.returncode == 2 and refused.stderr.startswith(f"acrc: {sentence}")
     assert not (tmp_path / "out").exists()
@@ -152,7 +152,7 @@ def scenario(folder: Path, text: str) -> Scenario:
     return load_scenario(file)
 
 
-def test_what_emulated_devices_do_not_have_is_refused_by_name(tmp_path: Path) -> None:
+def test_unsupported_features_are_refused_by_name(tmp_path: Path) -> None:
     text = '[[robot]]\nid = "r1"\nodometry = "stage"\n'
     text += '[[event]]\nat = 6\nkill = "r2"\n[[event]]\nat = 7\nlose = "r2"\nof = "r1"\n'
     with pytest.raises(OptionError) as refused:
@@ -161,7 +161,7 @@ def test_what_emulated_devices_do_not_have_is_refused_by_name(tmp_path: Path) ->
     assert 'odometry = "stage": emulated bases have the odometry errors of a Kobuki' in str(refused.value)
 
 
-def test_shipped_scenarios_and_everything_of_the_air_are_not_refused(tmp_path: Path) -> None:
+def test_shipped_scenarios_and_all_radio_settings_are_accepted(tmp_path: Path) -> None:
     for file in ("head_on.toml", "chapter.toml"):
         hardware_in_the_loop.check_limits(load_scenario(ROOT / "scenarios" / file))
     text = '[radio]\npreset = "beeclick"\nwalls = "concrete"\nshadowing_db = 4\ncorrelation_distance = 1\n'

@@ -1,4 +1,4 @@
-"""A robot on board: the program of the simulation, its epochs, its last pose, and its supervisor."""
+"""Robot on board: the program of the simulation, epochs, last pose, and supervisor."""
 
 import socket
 import threading
@@ -66,11 +66,11 @@ class Computer:
         return EpochCounter(robot, runs or self.runs, self.said.append, self.state, lambda: self.now)
 
     def claim(self) -> int:
-        """As a new supervisor does."""
+        """Claim an epoch with a new counter."""
         return self.counter().claim()
 
     def record(self, epoch: int, run: str = "one", robot: str = "r1") -> None:
-        """Leave a recording of that epoch, which ends in its first step."""
+        """Write an incomplete recording of that epoch."""
         path = self.runs / run / robot / f"{robot}.mcap"
         path.parent.mkdir(parents=True, exist_ok=True)
         setup = msgspec.Raw(msgspec.json.encode({"id": robot, "epoch": epoch, "seed": 1}))
@@ -83,7 +83,7 @@ def computer(tmp_path: Path) -> Computer:
     return Computer(tmp_path)
 
 
-def test_every_start_is_one_more_whatever_folder_it_records_into(computer: Computer, tmp_path: Path) -> None:
+def test_epochs_are_counted_independently_of_the_folder_of_runs(computer: Computer, tmp_path: Path) -> None:
     assert [computer.counter(tmp_path / f"runs{number}").claim() for number in range(20)] == list(range(20))
     assert computer.counter(robot="r2").claim() == 0
     assert computer.said == []
@@ -92,8 +92,8 @@ def test_every_start_is_one_more_whatever_folder_it_records_into(computer: Compu
 
 @given(st.integers(0, 12), st.integers(16, 12 * 8 - 1))
 @settings(max_examples=40)
-def test_a_torn_or_damaged_file_never_gives_an_epoch_again(left: int, bit: int) -> None:
-    """The first `left` bytes stay, with one bit flipped if that is among them."""
+def test_a_truncated_or_damaged_file_never_repeats_an_epoch(left: int, bit: int) -> None:
+    """Test a file of `left` bytes with one bit flipped."""
     with TemporaryDirectory() as folder:
         robot = Computer(Path(folder))
         for _ in range(12):
@@ -106,7 +106,7 @@ def test_a_torn_or_damaged_file_never_gives_an_epoch_again(left: int, bit: int) 
         assert last < first < second
 
 
-def test_an_empty_file_goes_on_by_the_clock_and_says_so(computer: Computer) -> None:
+def test_after_a_damaged_file_the_epoch_is_derived_from_the_clock(computer: Computer) -> None:
     for _ in range(3):
         computer.claim()
     computer.file.write_bytes(b"")
@@ -125,7 +125,7 @@ def test_an_empty_file_goes_on_by_the_clock_and_says_so(computer: Computer) -> N
         computer.claim()
 
 
-def test_a_lost_file_goes_on_behind_the_latest_recording(computer: Computer) -> None:
+def test_after_a_lost_file_the_epoch_follows_the_latest_recording(computer: Computer) -> None:
     computer.record(4)
     computer.record(41, "two")
     computer.record(99, "two", "r2")
@@ -133,7 +133,7 @@ def test_a_lost_file_goes_on_behind_the_latest_recording(computer: Computer) -> 
     assert [computer.claim(), computer.claim()] == [42, 43]
 
 
-def test_two_at_once_get_two(computer: Computer) -> None:
+def test_concurrent_claims_differ(computer: Computer) -> None:
     claimed: list[int] = []
     threads = [threading.Thread(target=lambda: claimed.append(computer.claim())) for _ in range(16)]
     for thread in threads:
@@ -149,27 +149,25 @@ PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", BoardSettings(1))
 
 @pytest.fixture
 def alone(tmp_path: Path) -> RunPlan:
-    """The head-on scenario, for r1 only."""
+    """Return the plan of the head-on scenario for r1 only."""
     whole = swarm.plan(load_scenario(ROOT / "scenarios" / "head_on.toml"), RunOptions(tmp_path / "out"))
     return replace(whole, world=msgspec.structs.replace(whole.world, robots=whole.world.robots[:1]))
 
 
-def test_set_up_and_module_are_those_of_the_simulation(alone: RunPlan) -> None:
+def test_set_up_and_module_are_as_in_simulation(alone: RunPlan) -> None:
     robot = alone.world.robots[0]
     on_board = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
     simulated = plan.robot_program(alone, robot, ProcessOrder("r1", 0), first_step=0)
     assert simulated.setup is not None and on_board.setup is not None
     spares = msgspec.structs.replace(simulated.setup.process, spares_record=True)
     outlives = msgspec.structs.replace(simulated.setup, process=spares)
-    assert on_board == replace(simulated, setup=outlives), "it outlives a full disk"
+    assert on_board == replace(simulated, setup=outlives), "it continues on a full disk"
     debugged = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0, debug_port=5678), start=0)
     assert debugged.module == "debugpy"
     assert debugged.argv == ("--listen", "5678", "-m", on_board.module, *on_board.argv)
 
 
-def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
-    alone: RunPlan, tmp_path: Path
-) -> None:
+def test_the_robots_files_are_as_in_simulation(alone: RunPlan, tmp_path: Path) -> None:
     simulated = replace(alone, options=replace(alone.options, out=tmp_path / "simulated"))
     plan.lay_out(simulated)
     onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
@@ -178,10 +176,10 @@ def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
         assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
     with pytest.raises(OptionError) as refused:
         onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
-    assert str(refused.value) == f"--out: {alone.out} has a folder of r1; must be a folder without"
+    assert str(refused.value) == f"--out: {alone.out} already contains r1/; choose another directory"
 
 
-def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_number(alone: RunPlan) -> None:
+def test_each_start_has_its_own_epoch_and_recording(alone: RunPlan) -> None:
     epochs = iter((7, 8, 12))
     prepared = Onboard(alone, PORTS, lambda: next(epochs))
     programs = [onboard.onboard_robot_program(prepared, start) for start in range(3)]
@@ -190,7 +188,7 @@ def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_nu
     assert names == ["r1.mcap", "r1.1.mcap", "r1.2.mcap"]
 
 
-def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
+def test_a_port_in_use_is_reported_and_no_files_are_left(
     alone: RunPlan, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with socket.socket() as taken:
@@ -211,8 +209,8 @@ def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
         file.write_bytes(typed_json.dump(msgspec.structs.replace(program.setup, process=process)))
         assert base.main(program.argv) == 2
     assert capsys.readouterr().err == (
-        f"{listen}: no laptop can be awaited there: address already in use; end the program that has the "
-        "port, or name another address as `listen` in the fleet file\n"
+        f"{listen}: cannot listen there: address already in use; stop the program that uses the port, or "
+        "change `listen` in the fleet file\n"
     )
     assert leftovers(alone.out) == []
 
@@ -221,13 +219,13 @@ NOW = Instant(1_000_000)
 
 
 def told(prepared: Onboard, start: int) -> RobotSetup:
-    """What the robot is told at that start."""
+    """Return the robot's set-up at that start."""
     setup = onboard_robot_program(prepared, start).setup
     assert setup is not None and isinstance(setup.actor, RobotSetup)
     return setup.actor
 
 
-def test_it_is_kept_twice_a_second_and_is_its_successors_whose_odometry_begins_anew(tmp_path: Path) -> None:
+def test_the_pose_is_stored_twice_per_second_and_read_by_the_next_process(tmp_path: Path) -> None:
     path = tmp_path / "r1.pose"
     keeper = PoseKeeper(path, NOW)
     assert keeper.begun is None
@@ -254,14 +252,14 @@ def test_it_is_kept_twice_a_second_and_is_its_successors_whose_odometry_begins_a
         b'{"pose": [1, 2, 3], "odometry": [0, 0, 0]}' + 5000 * b" ",
     ],
 )
-def test_a_damaged_file_is_none(tmp_path: Path, text: bytes) -> None:
+def test_damaged_pose_files_are_ignored(tmp_path: Path, text: bytes) -> None:
     path = tmp_path / "r1.pose"
     path.write_bytes(text)
     assert (last_pose.read(path) is None) == (len(text) < 4096)
     assert last_pose.read(tmp_path / "none") is None
 
 
-def test_a_robot_that_was_on_before_is_started_in_doubt(alone: RunPlan, tmp_path: Path) -> None:
+def test_a_restarted_robot_has_an_uncertain_pose(alone: RunPlan, tmp_path: Path) -> None:
     path = tmp_path / "r1.pose"
     prepared = Onboard(alone, PORTS, lambda: 0, last_pose=path)
     assert told(prepared, 0).doubt is None
@@ -271,9 +269,7 @@ def test_a_robot_that_was_on_before_is_started_in_doubt(alone: RunPlan, tmp_path
 
 
 @pytest.mark.parametrize(("at", "start"), [("start", (12.0, 5.0, 0.0)), ("12.5,5.5,-1", (12.5, 5.5, -1.0))])
-def test_a_robot_that_is_told_where_it_is_begins_there_without_doubt(
-    at: str, start: tuple[float, float, float], tmp_path: Path
-) -> None:
+def test_a_given_pose_is_certain(at: str, start: tuple[float, float, float], tmp_path: Path) -> None:
     stands = fleet(robot(2))
     pose = tmp_path / "runs" / "r2.pose"
     pose.parent.mkdir()
@@ -286,9 +282,7 @@ def test_a_robot_that_is_told_where_it_is_begins_there_without_doubt(
             _told(wrong, stands.robot_named("r2"))
 
 
-def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_fault_of_the_keys_is_reported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = robot(1, 'listen = "tls/127.0.0.1:7447"')
     one = fleet(text, head=f'keys = "{tmp_path}/keys"\nmap = "m.yaml"\n')
     faults, said = ["", "it is over", "it is over", "", "the clock is wrong"], list[str]()
@@ -302,11 +296,11 @@ def test_why_no_laptop_can_watch_is_told_once_for_each_reason(
         f"{tmp_path}/keys/r1/authority.pem cannot be read (No "
     )
     fleet_keys.issue(one, tmp_path / "keys", {}, now=datetime.now(UTC) - timedelta(days=3), days=1)
-    assert "but it is " in _link_fault(one, one.robot_named("r1"))
+    assert ", today is " in _link_fault(one, one.robot_named("r1"))
 
 
 class Played:
-    """A launcher whose processes end when the test says so; `wait` lets the next ones end."""
+    """A launcher whose processes exit as scripted, at calls of `wait`."""
 
     arriving = False
 
@@ -317,7 +311,7 @@ class Played:
         self.said: list[str] = []
 
     def withdraw(self, router: Path) -> None:
-        """Nothing is laid out."""
+        """Do nothing."""
 
     def start(self, program: Program) -> Child:
         self.started.append(program.actor)
@@ -331,7 +325,7 @@ class Played:
 
 @pytest.fixture
 def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupervisor, Played]:
-    """A robot whose base, bridge and program run."""
+    """Return a supervisor with running base, bridge and program."""
 
     issued = SimpleNamespace(sockets={onboard.BRIDGE: tmp_path})
 
@@ -340,7 +334,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
             name, name, (), tmp_path / f"{name}.log", tmp_path / f"{name}.mcap"
         )
 
-    monkeypatch.setattr(OnboardSupervisor, "GRACE_S", 0.05)  # nothing is really waited for
+    monkeypatch.setattr(OnboardSupervisor, "GRACE_S", 0.05)  # no real processes
     monkeypatch.setattr(onboard, "issue", lambda _: issued)
     monkeypatch.setattr(onboard, "base_program", program(onboard.BASE))
     monkeypatch.setattr(onboard, "bridge_program", program(onboard.BRIDGE))
@@ -353,35 +347,33 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     return watch, launcher
 
 
-def test_a_robot_that_has_finished_is_not_started_again_while_its_base_still_ends(
+def test_a_finished_robot_is_not_restarted_while_its_base_exits(
     played: tuple[OnboardSupervisor, Played],
 ) -> None:
     watch, launcher = played
     launcher.ends = [{"r1": 0}, {}, {onboard.BRIDGE: 0}, {onboard.BASE: 0}]
-    assert not watch.look(0.0), "told to stop"
+    assert not watch.look(0.0), "stopped by the operator"
     assert launcher.started == [onboard.BASE, onboard.BRIDGE, "r1"]
     assert watch.restarts == 0
 
 
-TAKEN = "base failed in step 0: /dev/kobuki: another program has the port open"
+TAKEN = "base failed in step 0: /dev/kobuki: in use by another program"
 
 
-def test_why_a_process_has_ended_is_said_each_time_and_in_the_end(
-    played: tuple[OnboardSupervisor, Played], tmp_path: Path
-) -> None:
+def test_the_cause_of_each_exit_is_reported(played: tuple[OnboardSupervisor, Played], tmp_path: Path) -> None:
     watch, launcher = played
     (tmp_path / "r1.log").write_text(f"what it prints\n{TAKEN}\n")
     launcher.ends = [{"r1": 1}] * 6
     with pytest.raises(AcrcError) as caught:
         while True:
             watch.look(0.0)
-    assert launcher.said == [f"r1 has ended with exit code 1: {TAKEN}"] * 6
+    assert launcher.said == [f"r1 exited with exit code 1: {TAKEN}"] * 6
     assert str(caught.value).endswith(
         f"started 5 times within 60 s, and r1 has ended once more with exit code 1: {TAKEN}"
     )
 
 
-def test_a_recording_that_is_not_whole_is_told_once_for_each_thing_that_its_process_says(
+def test_each_warning_about_an_incomplete_recording_is_reported_once(
     played: tuple[OnboardSupervisor, Played], tmp_path: Path
 ) -> None:
     watch, launcher = played

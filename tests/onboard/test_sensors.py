@@ -1,4 +1,4 @@
-"""Faults of sensors are reported and stop the robot in time; sensors without a fault are never reported."""
+"""Sensor faults are reported and stop the robot in time; sensors without faults are never reported."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -54,7 +54,7 @@ EXPECTED = {
 
 
 class Reaction(NamedTuple):
-    """Time, s, until the command to stand (None: none came), the way until then, m, and its causes."""
+    """Time until the stop command, s (None: none), distance until then, m, and its causes."""
 
     time_s: float | None
     way_m: float
@@ -68,7 +68,7 @@ class Reaction(NamedTuple):
 
 
 def reaction(task: tuple[str, int]) -> Reaction:
-    """Let one robot drive, cause the fault of this name, and measure the reaction; with a seed."""
+    """Inject a fault, by name and seed, into a driving robot and measure the reaction."""
     fault, seed = FAULTS[task[0]], task[1]
     floor, speed = FLOORS[seed % len(FLOORS)], SPEEDS[seed % len(SPEEDS)]
     rig = SensorRig(floor, starts_on(floor, seed, 1), seed, speed)
@@ -97,7 +97,7 @@ def reaction(task: tuple[str, int]) -> Reaction:
 
 
 def false_reports(name: str, seed: int, folder: Path, time_s: float) -> tuple[list[object], float]:
-    """Reports of a situation without a fault, and the way of all robots, m."""
+    """Return the reports in a situation without a fault, and the distance of all robots, m."""
     situation = SITUATIONS[name]
     rig = situation.build(seed, folder)
     rig.run(time_s / 2)
@@ -138,7 +138,7 @@ def test_sensors_without_a_fault_are_not_reported(name: str, time_s: float, tmp_
 def test_many_faults_and_hours_without_a_fault(
     full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
-    """20 trials of each fault and two hours of robots, as docs/deployment.md reports."""
+    """Test all faults; full size: 20 trials each and two hours of driving, as in docs/deployment.md."""
     tasks = [(name, seed) for name in FAULTS for seed in range(20 if full else 1)]
     late = Counter[str]()
     for (name, seed), found in zip(tasks, in_order(reaction, tasks), strict=True):
@@ -157,7 +157,7 @@ def test_many_faults_and_hours_without_a_fault(
     assert false == []
 
 
-def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(tmp_path: Path) -> None:
+def test_a_robot_retries_twice_and_then_stands(tmp_path: Path) -> None:
     rig = driving(tmp_path)
     rig.laboratory.robots["r1"].base.faults.left_scale = 0.0
     rig.run(16.0)
@@ -166,22 +166,22 @@ def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(tmp_pa
     assert rig.laboratory.travelled("r1") == pytest.approx(way, abs=1e-3)
     vehicle = rig.vehicles["r1"]
     assert len([one for one in vehicle.held if HoldCause.LEFT_WHEEL in one.causes]) == 3
-    assert vehicle.bot.held() == ("the left wheel contradicts the gyro and what it is told",)
+    assert vehicle.bot.held() == ("left wheel contradicts gyro and command",)
     assert any("LEFT_WHEEL" in line for line in vehicle.log)
 
 
-def test_a_gyro_that_stands_still_is_replaced_by_wheels_that_the_scans_agree_with(tmp_path: Path) -> None:
+def test_a_frozen_gyro_is_replaced_by_wheels_confirmed_by_scans(tmp_path: Path) -> None:
     rig = driving(tmp_path, omega=0.5)
     rig.laboratory.robots["r1"].base.faults.gyro = "frozen"
     rig.run(4.0)
     vehicle = rig.vehicles["r1"]
     assert vehicle.kobuki.odometry.on_wheels
     assert vehicle.bot.held() == ()
-    assert any("the gyro stands still: the heading is that of the wheels" in line for line in vehicle.log)
+    assert any("gyro frozen: heading computed from the wheels" in line for line in vehicle.log)
 
 
 def driving(folder: Path, omega: float = 0.0) -> SensorRig:
-    """At 0.4 m/s in a room of 12 m."""
+    """Return a robot driving at 0.4 m/s in a room of 12 m."""
     rig = SensorRig(plain_floor(folder, 12.0, 8.0), [(2.0, 3.0, 0.1)], 1)
     rig.vehicles["r1"].pilot = Straight(0.4, omega)
     rig.run(3.0)
@@ -199,7 +199,7 @@ class Wheels:
     def drive(
         self, time_s: float, left: float, right: float, turn: float, told: tuple[float, float], **basic: int
     ) -> frozenset[HoldCause]:
-        """Wheels at that speed, m/s, the gyro at `turn`, rad/s, while it is told v and omega."""
+        """Simulate wheel speeds, m/s, the gyro's `turn`, rad/s, and commanded v and omega; return causes."""
         for _ in range(round(time_s / 0.02)):
             self.now = Instant(self.now + milliseconds(20))
             self.left, self.right = self.left + 0.02 * left, self.right + 0.02 * right
@@ -220,25 +220,25 @@ class Wheels:
     [
         (0.4, 0.4, 0.0, (0.4, 0.0), {}, set()),
         (0.4, -0.4, 0.0, (0.0, 0.0), {}, set()),  # a standing robot may be pushed
-        (0.0, 0.0, 1.0, (0.0, 0.0), {}, set()),  # and turned
+        (0.0, 0.0, 1.0, (0.0, 0.0), {}, set()),  # and turned by hand
         (0.1, -0.1, 0.0, (-0.1, 0.0), {"bumper": 2}, set()),  # wheels may slip at a wall
         (0.5, 0.2, 0.0, (0.5, 0.0), {"wheel_drop": 3}, set()),
         (0.0, 0.3, -1.0, (0.3, 0.0), {}, {HoldCause.TURNS}),  # the command agrees with neither
     ],
 )
-def test_only_a_moving_robot_on_the_floor_is_judged(
+def test_checks_apply_to_a_moving_robot_on_the_floor_only(
     left: float, right: float, turn: float, told: tuple[float, float], basic: dict[str, int], causes: object
 ) -> None:
     assert Wheels().drive(1.0 if causes else 5.0, left, right, turn, told, **basic) == causes
 
 
-def test_a_bumper_that_stays_pressed_over_three_decimetres_back_is_stuck() -> None:
+def test_a_bumper_pressed_after_backing_off_30_cm_is_stuck() -> None:
     wheels = Wheels()
     assert wheels.drive(1.4, -0.2, -0.2, 0.0, (-0.2, 0.0), bumper=2) == frozenset()
     assert wheels.drive(0.3, -0.2, -0.2, 0.0, (-0.2, 0.0), bumper=2) == {HoldCause.BUMPER_STUCK}
 
 
-def test_a_base_that_cannot_move_is_tried_ever_more_seldom_but_never_given_up() -> None:
+def test_a_blocked_base_is_retried_at_growing_intervals() -> None:
     wheels, held = Wheels(), 0
     causes: frozenset[HoldCause] = frozenset()
     for _ in range(1500):
@@ -247,7 +247,7 @@ def test_a_base_that_cannot_move_is_tried_ever_more_seldom_but_never_given_up() 
     assert 1470 < held < 1495, "six attempts of 0.3 s in 150 s"
 
 
-def test_a_contradiction_is_over_after_a_rest() -> None:
+def test_a_contradiction_ends_after_a_rest() -> None:
     wheels = Wheels()
     assert wheels.drive(0.5, 0.0, 0.4, 0.0, (0.4, 0.0)) == {HoldCause.LEFT_WHEEL}
     assert wheels.drive(REST / 1e6 + 0.1, 0.0, 0.0, 0.0, (0.0, 0.0)) == frozenset()
@@ -258,13 +258,13 @@ ANGLES = np.radians(np.arange(360.0))
 
 
 def seen(pose: Pose, at_us: int, random: np.random.Generator) -> SensorSweep:
-    """A sweep of a sensor that stands meanwhile."""
+    """Return a sweep of a standing sensor."""
     ranges = ROOM.ranges(pose, ANGLES) * (1 + 0.0025 * random.standard_normal(360))
     return SensorSweep(np.full(360, at_us), ANGLES, ranges)
 
 
 def judged(truth: Pose, forward: float) -> set[HoldCause | None]:
-    """What four sweeps from `truth` say while the wheels go forward by so much between each two."""
+    """Return the results of four sweeps from `truth` while the wheels report `forward` m between sweeps."""
     checks, random = ScanChecks(Pose(0.0, 0.0, 0.0)), np.random.default_rng(1)
     moves: list[Movement] = []
     said: set[HoldCause | None] = set()
@@ -277,16 +277,16 @@ def judged(truth: Pose, forward: float) -> set[HoldCause | None]:
     return said
 
 
-def test_a_scan_that_stands_still_with_noise_contradicts_wheels_that_go_on() -> None:
+def test_a_frozen_scan_with_noise_contradicts_turning_wheels() -> None:
     assert HoldCause.SCAN_STILL in judged(Pose(3.0, 2.5, 0.1), 0.1)
 
 
-def test_wheels_that_slip_before_a_wall_contradict_nobody() -> None:
+def test_wheels_that_slip_at_a_wall_are_no_contradiction() -> None:
     assert judged(Pose(5.75, 2.5, 0.0), 0.1) == {None}
     assert judged(Pose(0.25, 2.5, 0.0), -0.1) == {None}
 
 
-def test_walls_are_witnesses_and_people_are_not() -> None:
+def test_only_large_objects_are_compared() -> None:
     sweep = seen(Pose(3.0, 2.5, 0.0), 0, np.random.default_rng(1))
     assert of_the_room(sweep).ranges.size == 360
     ranges = np.array(sweep.ranges)

@@ -1,4 +1,4 @@
-"""Depth camera: images as scans, repeated images, the reading thread, and OpenNI2 with a stand-in library."""
+"""Depth camera: scans from images, repeated images, the reading thread, and OpenNI2 with a fake library."""
 
 import ctypes
 import threading
@@ -33,13 +33,13 @@ KINECT = load_model("turtlebot2", "kinect").sensor
 
 
 def picture(depth_of_column: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """An image with the same in all rows; m."""
+    """Return an image with equal rows; m."""
     row = np.rint(1000 * depth_of_column).astype(np.uint16)
     return np.tile(row, (480, 1))
 
 
 def scanned(depth: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """The ranges that the model's rays get, m; nan = no echo."""
+    """Return the ranges along the model's rays, m; nan = no echo."""
     scanner = DepthScanner(KINECT)
     scanner.take(Instant(7), depth)
     scan = scanner.scan()
@@ -50,8 +50,8 @@ def scanned(depth: NDArray[np.uint16]) -> NDArray[np.float64]:
     return metres
 
 
-def test_a_room_looks_as_the_simulated_world_sees_it() -> None:
-    """Equal columns are not equal angles: a column's depth is along the axis, a ray's range is not."""
+def test_scans_of_a_room_are_as_in_the_simulated_world() -> None:
+    """Columns are not at equal angles, and depth is measured along the axis, unlike a ray's range."""
     room, here = Room(6.0, 4.0), Pose(1.5, 1.2, 0.7)
     columns = -np.arctan(column_slopes())
     along_axis = room.ranges(here, columns) * np.cos(columns)
@@ -59,7 +59,7 @@ def test_a_room_looks_as_the_simulated_world_sees_it() -> None:
     assert np.nanmax(np.abs(scanned(picture(along_axis)) - truth)) < 0.02
 
 
-def test_a_thing_on_the_left_is_at_the_ray_that_looks_there() -> None:
+def test_an_object_on_the_left_is_on_the_correct_ray() -> None:
     column = round(319.5 - 320 / np.tan(np.radians(29)) * np.tan(np.radians(20)))
     depth = np.full(640, 5.0)
     depth[column - 3 : column + 4] = 1.0
@@ -75,24 +75,22 @@ def test_a_thing_on_the_left_is_at_the_ray_that_looks_there() -> None:
 def test_values_outside_the_limits_are_no_echo(depth_mm: int, seen: bool) -> None:
     depth = np.zeros((480, 640), np.uint16)
     depth[:, 310:330] = depth_mm
-    depth[:, 0] = 3000  # not all is unseen
+    depth[:, 0] = 3000  # one valid value
     ranges = scanned(depth)
     assert np.isfinite(ranges[317:323]).any() == seen
     assert np.isnan(ranges[:300]).all()
 
 
-def test_a_model_or_an_image_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(
-        DepthError, match="the camera sees 58°, but the robot model's sensor has rays over 360°"
-    ):
+def test_mismatching_models_and_images_are_refused() -> None:
+    with pytest.raises(DepthError, match="field of view is 58°, that of the robot model's sensor is 360°"):
         DepthScanner(load_model("turtlebot2", "chapter").sensor)
     DepthScanner(replace(KINECT, field_of_view_deg=40.0))
-    with pytest.raises(DepthError, match="has 320 columns and 240 rows; it should have 640 and 480"):
+    with pytest.raises(DepthError, match="of 320 columns and 240 rows; must have 640 and 480"):
         DepthScanner(KINECT).take(Instant(0), np.zeros((240, 320), np.uint16))
 
 
 @pytest.mark.parametrize("depth_mm", [0, 300])
-def test_an_image_in_which_nothing_is_seen_or_all_is_too_near_is_no_free_floor(depth_mm: int) -> None:
+def test_images_without_echoes_are_not_free_floor(depth_mm: int) -> None:
     scanner = DepthScanner(KINECT)
     assert not scanner.sees(Instant(0))
     scanner.take(Instant(10_000), np.full((480, 640), 2000, np.uint16))
@@ -102,11 +100,11 @@ def test_an_image_in_which_nothing_is_seen_or_all_is_too_near_is_no_free_floor(d
         assert scanner.scan() is None
         assert scanner.sees(Instant(stamp)) == (stamp <= 210_000)
     scanner.take(Instant(270_000), np.full((480, 640), 20_000, np.uint16))
-    assert scanner.sees(Instant(270_000)), "what is far away is seen, too"
+    assert scanner.sees(Instant(270_000)), "far objects are echoes, too"
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.0, False), (0.2, False), (0.35, True), (1.0, True)])
-def test_frozen_beams_are_found_from_three_in_ten_on(share: float, found: bool) -> None:
+def test_frozen_beams_are_detected_from_a_share_of_30_percent(share: float, found: bool) -> None:
     beams, random = StillBeams(), np.random.default_rng(2)
     still = np.arange(360) % 20 < 20 * share
     for _ in range(6):
@@ -117,7 +115,7 @@ def test_frozen_beams_are_found_from_three_in_ten_on(share: float, found: bool) 
     assert not beams.found, "beams without an echo are not frozen"
 
 
-def test_a_camera_that_repeats_one_image_is_noticed_after_three() -> None:
+def test_repeated_images_are_detected_after_three() -> None:
     scanner, random = DepthScanner(KINECT), np.random.default_rng(1)
     images = [(2000 + random.integers(0, 9, (480, 640))).astype(np.uint16) for _ in range(4)]
     for at, image in enumerate(images):
@@ -133,7 +131,7 @@ IMAGE: NDArray[np.uint16] = np.full((2, 2), 7, np.uint16)
 
 
 class Scripted:
-    """Gives an image at once for each True in its script, fails for a sentence, and then hangs."""
+    """A scripted camera: an image for True, an error for a string; hangs at the end."""
 
     def __init__(self, script: list[bool | str], hang: threading.Event) -> None:
         self._script = script
@@ -153,12 +151,12 @@ class Scripted:
         self.closed = True
 
 
-def test_a_camera_that_fails_is_opened_again_and_one_that_hangs_blocks_nothing(
+def test_a_failed_camera_is_reopened_and_a_hanging_one_does_not_block(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(depth_camera, "_RETRY_S", 0.1)
     hang = threading.Event()
-    cameras = [Scripted([True, "it gives no image"], hang), Scripted([True, True], hang)]
+    cameras = [Scripted([True, "no image"], hang), Scripted([True, True], hang)]
     opened: list[Camera] = []
     said: list[str] = []
 
@@ -170,7 +168,7 @@ def test_a_camera_that_fails_is_opened_again_and_one_that_hangs_blocks_nothing(
 
     feed = CameraFeed(open_camera, lambda: Instant(5), said.append)
     until(lambda: len(opened) == 2 and not cameras[1]._script)
-    assert said == ["it gives no image", "no such device"]
+    assert said == ["no image", "no such device"]
     assert cameras[0].closed
     image = feed.take()
     assert image is not None and image.stamp == 5 and image.depth is IMAGE
@@ -182,7 +180,7 @@ def test_a_camera_that_fails_is_opened_again_and_one_that_hangs_blocks_nothing(
 
 
 class StandIn:
-    """A library with a camera of 4 x 2 pixels; `failing`: the call that does not work."""
+    """A fake library with a camera of 4 x 2 pixels; `failing`: name of a failing call."""
 
     def __init__(self, failing: str = "", said: bytes = b"") -> None:
         self.calls: list[str] = []
@@ -199,7 +197,7 @@ class StandIn:
         def function(*arguments: Any) -> Any:
             return self._call(name, *arguments)
 
-        setattr(self, name, function)  # it also has room for its type
+        setattr(self, name, function)  # allows setting restype
         return function
 
     def _call(self, name: str, *arguments: Any) -> Any:
@@ -219,28 +217,32 @@ class StandIn:
         return 0
 
 
-def test_without_library_or_camera_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_without_library_or_camera_name_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(_: str) -> Any:
         raise OSError("cannot open shared object file")
 
     library = StandIn("oniDeviceOpen", b"\tDeviceOpen using default: no devices found\n\n")
     with pytest.raises(CameraError) as failure:
         OpenNICamera(library=library)
-    assert "(DeviceOpen using default: no devices found); `sudo apt install" in str(failure.value)
+    assert "(DeviceOpen using default: no devices found); install drivers with `sudo apt" in str(
+        failure.value
+    )
     assert library.calls == ["oniInitialize", "oniDeviceOpen", "oniShutdown"]
     monkeypatch.setattr(ctypes, "CDLL", missing)
-    with pytest.raises(CameraError, match="`sudo apt install libopenni2-0` brings it on Debian and Ubuntu"):
+    with pytest.raises(
+        CameraError, match="on Debian and Ubuntu, install it with `sudo apt install libopenni2-0`"
+    ):
         OpenNICamera()
 
 
-def test_images_are_read_unmirrored_without_padding_and_a_short_one_is_refused() -> None:
+def test_images_are_read_unmirrored_without_padding_and_short_ones_refused() -> None:
     library = StandIn()
     with OpenNICamera(4, 2, 30, library=library) as camera:
         image = camera.read(0.1)
         library.waiting = 102
         assert camera.read(0.1) is None
         library.waiting, library.frame.size = 0, 19
-        with pytest.raises(CameraError, match="the camera's image has 19 bytes; 4 x 2 pixels"):
+        with pytest.raises(CameraError, match="image of 19 bytes is too small for 4 x 2 pixels"):
             camera.read(0.1)
     assert image is not None
     assert image.dtype == np.uint16

@@ -1,4 +1,4 @@
-"""An RPLIDAR A1: its bytes, its start, its turns as scans of a model's rays, noise and failures."""
+"""RPLIDAR A1: protocol, start, scans along a model's rays, noise and failures."""
 
 import math
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ STEPS = st.tuples(st.booleans(), st.integers(0, 63), st.integers(-320, 1280), st
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 23039), st.lists(STEPS, min_size=6, max_size=60), st.integers(1, 30))
-def test_samples_are_read_however_they_are_cut(
+def test_boundaries_of_reads_do_not_matter(
     angle: int, steps: list[tuple[bool, int, int, int]], chunk: int
 ) -> None:
     samples = []
@@ -69,7 +69,7 @@ def test_samples_are_read_however_they_are_cut(
     assert reader.skipped == 0
 
 
-def test_a_reader_that_lost_its_place_finds_it_again() -> None:
+def test_a_reader_resynchronises_after_a_lost_byte() -> None:
     samples = [Sample(k == 0, 15, 64 * k, 4000 + 7 * k) for k in range(300)]
     wire = b"".join(sample.encode() for sample in samples)
     reader = SampleReader()
@@ -82,7 +82,7 @@ def test_a_reader_that_lost_its_place_finds_it_again() -> None:
 
 
 class Rig:
-    """Lidar and driver, every 5 ms."""
+    """Emulated lidar and driver, served every 5 ms."""
 
     def __init__(self, sight: Sight = room) -> None:
         self.now = START
@@ -109,28 +109,28 @@ def metres(scan: Scan) -> NDArray[np.float64]:
     return found
 
 
-def test_it_starts_and_sees_the_room_along_the_models_rays() -> None:
+def test_it_starts_and_scans_a_room_along_the_models_rays() -> None:
     rig = Rig()
-    rig.device.take(START, LidarRequest.SCAN.bytes)  # it scans already, and is stopped first
+    rig.device.take(START, LidarRequest.SCAN.bytes)  # already scanning: stopped first
     rig.run(3.0)
     assert rig.lidar.health == Health(0)
-    assert 14 <= len(rig.scans) <= 16  # 5.5 turns a second, the first not whole
+    assert 14 <= len(rig.scans) <= 16  # 5.5 turns per second, the first one incomplete
     truth = room(ScanRays(CHAPTER).angles)
     seen = metres(rig.scans[-1])
     within = truth < 6.4
     assert np.isfinite(seen[within]).all()  # 364 samples reach all 640 rays
     assert np.nanmedian(np.abs(seen - truth)) < 0.01
-    # A sample speaks for rays up to half its distance to the next, 0.5 degrees, away.
+    # A sample is used for rays within half the sample distance, 0.5 degrees.
     assert np.nanmax(np.abs(seen - truth)[within]) < 0.12
     assert rig.lidar.counts.starts == 1
     assert rig.lidar.samples.skipped == 0
     apart = np.diff([scan.stamp for scan in rig.scans])
     assert np.abs(apart - 1e6 / 5.5).max() <= 5000
-    middles = [scan.stamp / 1e6 * 5.5 % 1 for scan in rig.scans]  # it turned from the instant 0 on
+    middles = [scan.stamp / 1e6 * 5.5 % 1 for scan in rig.scans]  # it rotates from the instant 0 on
     assert middles == pytest.approx([0.5] * len(middles), abs=0.04)
 
 
-def test_it_sees_a_thing_on_the_left_at_the_rays_that_look_there() -> None:
+def test_an_object_on_the_left_is_on_the_correct_rays() -> None:
     def post(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         aside = np.remainder(angles - math.radians(60) + math.pi, math.tau) - math.pi
         return np.where(np.abs(aside) < math.radians(2), 1.0, np.inf)
@@ -143,10 +143,10 @@ def test_it_sees_a_thing_on_the_left_at_the_rays_that_look_there() -> None:
     assert hit.max() - hit.min() < 6
     for _ in range(100):
         rig.run(0.01)
-        assert rig.lidar.sees(rig.now), "one thing in sight is enough"
+        assert rig.lidar.sees(rig.now), "one echo is enough"
 
 
-def test_noise_costs_samples_but_no_scan() -> None:
+def test_noise_loses_samples_but_no_scans() -> None:
     rig = Rig()
     rig.run(1.0)
     rig.line = Disturbance(drop=0.002)
@@ -164,12 +164,12 @@ def test_a_lidar_that_reports_an_error_is_reset() -> None:
     rig.run(3.0)
     assert rig.lidar.health == Health(2, 7)
     assert rig.scans == []
-    rig.device.health = Health(0)  # the reset has helped
+    rig.device.health = Health(0)  # after the reset
     rig.run(4.0)
     assert len(rig.scans) > 3
 
 
-def test_a_turn_with_a_gap_or_few_samples_is_no_scan_as_it_would_look_like_free_floor() -> None:
+def test_turns_with_a_gap_or_few_samples_are_discarded() -> None:
     lidar = Rplidar(CHAPTER, START)
     lidar.phase = LidarPhase.SCANNING
     for turn, (step, lost) in enumerate(((1, 5), (1, 15), (5, 5), (1, 5), (1, 5))):
@@ -180,7 +180,7 @@ def test_a_turn_with_a_gap_or_few_samples_is_no_scan_as_it_would_look_like_free_
     assert lidar.counts.thin == 2, "one with a gap, one with 72 samples"
 
 
-def test_whatever_comes_nothing_is_raised_and_little_is_kept() -> None:
+def test_noise_raises_nothing_and_buffers_are_limited() -> None:
     rig = Rig()
     for _ in range(2000):
         rig.now = Instant(rig.now + milliseconds(5))
@@ -191,7 +191,7 @@ def test_whatever_comes_nothing_is_raised_and_little_is_kept() -> None:
 
 
 @pytest.mark.parametrize("fault", ["dark", "stuck", "silent"])
-def test_it_is_blind_within_a_quarter_of_a_second_and_what_it_does_not_see_is_no_free_floor(
+def test_missing_data_is_detected_within_a_quarter_of_a_second(
     fault: str,
 ) -> None:
     rig = Rig()
@@ -203,7 +203,7 @@ def test_it_is_blind_within_a_quarter_of_a_second_and_what_it_does_not_see_is_no
     while rig.lidar.sees(rig.now):
         rig.run(0.005)
     assert rig.now - begun <= milliseconds(260)
-    rig.run(0.2)  # what was seen of the last turn is a scan yet
+    rig.run(0.2)  # the last turn is still a scan
     rig.scans.clear()
     rig.run(0.5)
     assert rig.scans == [] and not rig.lidar.sees(rig.now)
@@ -222,14 +222,14 @@ def sensor(view_deg: float, rays: int, range_min: float = 0.0) -> SensorModel:
 
 
 CIRCLE = sensor(360.0, 8, range_min=0.1)
-"""At -135, -90, -45, 0, 45, 90, 135 and 180 degrees."""
+"""Rays at -135, -90, -45, 0, 45, 90, 135 and 180 degrees."""
 VIEW = sensor(90.0, 3)
-"""At -45, 0 and 45 degrees."""
+"""Rays at -45, 0 and 45 degrees."""
 NONE = NO_ECHO_MM
 
 
 def seen(model: SensorModel, samples: Sequence[tuple[float, float]]) -> list[int]:
-    """The ranges that samples at (degrees, m) make."""
+    """Return the ranges of a scan from samples (degrees, m)."""
     angles, ranges = np.array(samples, np.float64).reshape(-1, 2).T
     scan = ScanRays(model, math.radians(1.0)).scan(Instant(5), np.radians(angles), ranges)
     assert scan.stamp == 5
@@ -248,19 +248,19 @@ def test_the_rays_are_those_of_the_model(model: SensorModel) -> None:
     assert seen(model, shifted) == wanted
 
 
-def test_no_echo_is_no_echo() -> None:
+def test_invalid_and_out_of_range_values_are_no_echo() -> None:
     samples = [(0, 0.0), (45, math.inf), (90, math.nan), (135, -1.0), (180, 5.001), (-135, 5.0)]
     assert seen(CIRCLE, samples) == [5000, NONE, NONE, NONE, NONE, NONE, NONE, NONE]
     assert seen(CIRCLE, []) == [NONE] * 8
 
 
-def test_what_is_too_near_hides_what_is_behind_it() -> None:
+def test_objects_too_near_occlude_others() -> None:
     assert seen(CIRCLE, [(0, 0.099), (1, 2.0), (45, 0.1)])[3:5] == [NONE, 100]
     assert seen(CIRCLE, [(0, 1.2344), (45, 1.2346)])[3:5] == [1234, 1235]
 
 
 def by_hand(model: SensorModel, samples: list[tuple[float, float]], reach: float) -> list[int]:
-    """The same, ray by ray, in the plainest words."""
+    """Return the ranges by a simple reference implementation."""
     found = []
     for ray in ScanRays(model).angles.tolist():
         aside = [(abs(math.remainder(angle - ray, math.tau)), metres) for angle, metres in samples]
@@ -275,7 +275,7 @@ def by_hand(model: SensorModel, samples: list[tuple[float, float]], reach: float
 @pytest.mark.parametrize(
     "model", [sensor(360.0, 97), sensor(360.0, 8), sensor(120.0, 50, 0.3), sensor(58.0, 7)]
 )
-def test_any_samples_give_what_they_give_by_hand(model: SensorModel, seed: int) -> None:
+def test_random_samples_agree_with_the_reference_implementation(model: SensorModel, seed: int) -> None:
     rng = np.random.default_rng(seed)
     samples = np.column_stack((rng.uniform(-7, 7, 60), rng.uniform(0.01, 6.0, 60)))
     scan = ScanRays(model, reach=0.05).scan(Instant(0), samples[:, 0], samples[:, 1])

@@ -152,7 +152,7 @@ def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(t
         words = [
             said("r1", 0.2, DRIVE, Drive(5, 0.3, 0.0, 0.0, 0, pose=(12.0, 13.0, 0.0))),
             said("r1", 0.3, DRIVE, Drive(6, 0.3, 0.0, 0.0, 0, pose=(12.1, 13.0, 0.0))),
-            said("r1", 0.3, PROGRESS, Progress(6, 0, 2, 0, False, held=("the bumper is pressed",))),
+            said("r1", 0.3, PROGRESS, Progress(6, 0, 2, 0, False, held=("bumper pressed",))),
             said("r2", 0.4, DRIVE, Drive(9, 0.0, 0.0, 0.0, 0, reports=(PlaceReport("r2", 0, 10**15),))),
             said("r2", 0.4, RECEIVED, Received(9, (Heard(10**15, 1, -71.0, 200, b"x"),))),
         ]
@@ -173,7 +173,7 @@ def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(t
     ages = [row["Scalars:scalars"][0] for row in found["/plots/ages/r2"]]
     np.testing.assert_allclose(ages, [0.1, 2.6, 5.6])
     events = [row["TextLog:text"][0] for name in found for row in found[name] if name.startswith("/events")]
-    assert "r1 2 places left, 0 reported, running, the bumper is pressed" in events
+    assert "r1 2 places left, 0 reported, running, bumper pressed" in events
     assert "r2 cleaned r2/0" in events and "r1 adopts r2/0" in events
     assert "view dropped 4 messages: too many to draw" in events
     assert len(found["/plots/rssi/r1_at_r2"]) == 1
