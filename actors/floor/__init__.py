@@ -1,1 +1,1 @@
-"""The floor: a grid of free, unknown and occupied cells, where it comes from, and what is computed on it."""
+"""Floor plans: occupancy grids, their sources and computations on them."""

@@ -1,4 +1,4 @@
-"""Doors of a floor: narrow places between regions, and the straight line that closes one."""
+"""Doors of a floor: narrow passages between regions, and the straight lines that close them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,29 +15,30 @@ from actors.portable import arrays
 from actors.runtime.errors import AcrcError
 
 ROOM: Final = 0.8
-"""Wide is where the walls are so far from the middle, m. Own choice: in the corridor map's necks, 1.5 m wide,
-robots of 0.35 m that meet head-on stop for good, for the chapter's local planner keeps to the middle."""
+"""Distance from the walls above which floor counts as wide, m. Own choice: in the corridor map's passages,
+1.5 m wide, two robots of 0.35 m that meet head-on stop for good, as the chapter's local planner keeps to the
+middle."""
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """A floor taken apart."""
+    """Partition of a floor into regions and doors."""
 
     labels: NDArray[np.int32]
-    """(rows, columns): 0 where the robot's centre cannot be, 1 to `count` in that region, `count` + 1 + index
-    in that door."""
+    """(rows, columns): 0 where the robot's centre cannot be, 1 to `count` for regions, `count` + 1 + index
+    for doors."""
     count: int
-    """How many regions there are."""
+    """Number of regions."""
     doors: tuple[Door, ...]
-    """In the order of their southernmost, then westernmost cells."""
+    """Doors in the order of their southernmost, then westernmost cells."""
 
 
 def regions(
     grid: OccupancyGrid, passable: NDArray[np.bool_], clearance: NDArray[np.float64], room: float = ROOM
 ) -> Regions:
-    """The regions of the `passable` cells, (rows, columns), with their `clearance`, m, and the doors between.
+    """Return regions and doors of the `passable` cells, (rows, columns), with their `clearance`, m.
 
-    Passable floor without any wide place, if it is on its own, is a region, too.
+    An isolated narrow area is a region, too.
     """
     wide = passable & (clearance >= room)
     rim = room - float(clearance[passable].min(initial=room)) + grid.resolution
@@ -64,7 +65,7 @@ def regions(
 
 
 def touching(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, ...]:
-    """The labels of regions and doors beside these cells, ascending."""
+    """Return the labels of regions and doors adjacent to these cells, ascending."""
     beside = np.zeros_like(cells)
     beside[1:] |= cells[:-1]
     beside[:-1] |= cells[1:]
@@ -74,21 +75,22 @@ def touching(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, 
 
 
 _WITHIN: Final = 0.5
-"""A point is of a door whose cells are so near, m."""
+"""Maximum distance of a point from a door's cells to select the door, m."""
 _DIRECTIONS: Final = 16
-"""Lines are looked at in so many directions, from east to west by north."""
+"""Number of directions of candidate lines, from east to west through north."""
 _STRAIGHT: Final = 0.8
-"""A line counts if it is hardly longer than twice the room at its middle: others cut corners off."""
+"""A line counts if this share of its length is at most twice the clearance at its middle: others cut
+corners."""
 _SAMPLES: Final = 4
-"""So many points of each cell's length of a line are looked at."""
+"""Samples of a line per cell length."""
 
 
 class DoorError(AcrcError):
-    """A door that there is not, or that no straight line closes."""
+    """A point without a door, or a door that no straight line closes."""
 
 
 class Doorways:
-    """The doors of one floor, for robots of one radius, m, and what closes them."""
+    """Doors of one floor for robots of one radius, m, and the cells that close them."""
 
     def __init__(self, grid: OccupancyGrid, radius: float) -> None:
         self._grid = grid
@@ -96,23 +98,23 @@ class Doorways:
 
     @cached_property
     def regions(self) -> Regions:
-        """The floor taken apart."""
+        """Regions and doors of the floor."""
         return regions(self._grid, passable(self._grid, self._radius), self._grid.clearance)
 
     def at(self, point: Point) -> Door:
-        """The door that a point lies in, or is no farther from than 0.5 m. Raises DoorError."""
+        """Return the door at a point, or within 0.5 m of it. Raises DoorError."""
         parts = self.regions
         cell = nearest_cell(self._grid, parts.labels > parts.count, point, _WITHIN)
         if cell is None:
             known = ", ".join(f"({door.middle.x:.2f}, {door.middle.y:.2f})" for door in parts.doors)
-            has = f"its doors are at {known}" if known else "it has none"
-            raise DoorError(f"({point.x:g}, {point.y:g}) is in no door of the map; {has}")
+            has = f"the map's doors are at {known}" if known else "the map has none"
+            raise DoorError(f"({point.x:g}, {point.y:g}) is not at a door; {has}")
         return parts.doors[int(parts.labels[cell]) - parts.count - 1]
 
     def closed(self, door: Door) -> NDArray[np.bool_]:
-        """(rows, columns): the cells that the door fills once it is closed. Raises DoorError.
+        """Return the cells that the closed door fills, (rows, columns). Raises DoorError.
 
-        They hang together over their edges, so nothing gets or looks through.
+        They are connected by their edges, so they block robots and rays.
         """
         inside = self.regions.labels == self.regions.count + 1 + door.index
         begin, end = self._lines(inside)
@@ -122,10 +124,10 @@ class Doorways:
             if self._parts(inside & ~filled, door):
                 return filled
         x, y = door.middle
-        raise DoorError(f"the narrow place at ({x:.2f}, {y:.2f}) cannot be closed by a straight door")
+        raise DoorError(f"the door at ({x:.2f}, {y:.2f}) cannot be closed by a straight line")
 
     def leaf(self, closed: NDArray[np.bool_]) -> tuple[Point, Point]:
-        """The two of a closed door's cells that are farthest from each other: where it ends, m."""
+        """Return the ends of a closed door, m: its two cells farthest from each other."""
         rows, columns = np.nonzero(closed)
         gaps = arrays.hypot((rows[:, None] - rows).astype(float), (columns[:, None] - columns).astype(float))
         ends = np.unravel_index(int(gaps.argmax()), gaps.shape)
@@ -133,7 +135,7 @@ class Doorways:
         return one, other
 
     def _lines(self, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """(n, 2) each: row and column of the blocking cells that lines through the door's cells end in."""
+        """Return row and column of both ends of all lines through the door's cells, (n, 2) each."""
         cells = np.argwhere(inside)
         room = self._grid.clearance[inside] / self._grid.resolution
         angles = np.arange(_DIRECTIONS) * (np.pi / _DIRECTIONS)
@@ -147,7 +149,7 @@ class Doorways:
         return np.concatenate(begins), np.concatenate(ends)
 
     def _met(self, cells: NDArray[np.int64], along: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The first blocking cell on the way from each cell; the last one looked at where there is none."""
+        """Return the first blocking cell from each cell in a direction; the last one otherwise."""
         blocking = np.pad(self._grid.blocking, 1, constant_values=True)
         shape = np.array(self._grid.cells.shape)
         met, going = cells.copy(), np.ones(len(cells), np.bool_)
@@ -158,7 +160,7 @@ class Doorways:
         return met
 
     def _filled(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """The free cells on a line; where it goes on over a corner, the cell beside, too."""
+        """Return the free cells on a line; at a diagonal step, one of the cells beside, too."""
         count = int(np.abs(end - begin).max()) * _SAMPLES + 1
         line = np.floor(np.linspace(begin, end, count) + 0.5).astype(np.int64)
         corners = np.stack([line[:-1, 0], line[1:, 1]], axis=1)
@@ -169,7 +171,7 @@ class Doorways:
         return filled & self._grid.free
 
     def _parts(self, left: NDArray[np.bool_], door: Door) -> bool:
-        """True if what is left of a door's cells joins not all that the door joined."""
+        """Return whether the rest of a door's cells no longer connects all its regions."""
         rows, columns = np.nonzero(left)
         if not rows.size:
             return True

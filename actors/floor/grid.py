@@ -1,4 +1,4 @@
-"""The floor plan as a grid of cells, each free, unknown or occupied, in the map frame."""
+"""Floor plan as a grid of free, unknown or occupied cells in the map frame."""
 
 import hashlib
 import math
@@ -19,17 +19,17 @@ V = TypeVar("V")
 
 
 class Shared(Generic[V]):
-    """Values that never change, by all that they follow from; each only for as long as somebody holds it.
+    """Weak cache of immutable values by their content.
 
-    So a process that asks once pays for nothing it does not keep, and one that starts many robots has only to
-    hold what the first of them needed: the others, and those that it forks, find that.
+    A process that needs a value once does not keep it; one that starts many robots keeps those of the first,
+    so that the others, also forked ones, share them.
     """
 
     def __init__(self) -> None:
         self._known: WeakValueDictionary[Hashable, V] = WeakValueDictionary()
 
     def get(self, content: Hashable, make: Callable[[], V]) -> V:
-        """The value that follows from `content`: a living one, or a new one by `make`."""
+        """Return the cached value of `content`, or a new one by `make`."""
         value = self._known.get(content)
         if value is None:
             value = self._known[content] = make()
@@ -43,7 +43,7 @@ _MAP_FRAME: Final = Point(0.0, 0.0)
 
 
 class Cell(NamedTuple):
-    """A square of the grid: `row` counts from the south edge northward, `column` from the west eastward."""
+    """A cell of the grid: `row` counts from the south edge northward, `column` from the west eastward."""
 
     row: int
     column: int
@@ -51,18 +51,18 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OccupancyGrid:
-    """A floor plan: what is free, what blocks, what nobody knows.
+    """A floor plan of free, occupied and unknown cells.
 
     A point on the line between two cells belongs to the one north or east of it. Cells that are not free
     block, and so does everything outside.
     """
 
     cells: NDArray[np.uint8]
-    """(rows, columns) of FREE, UNKNOWN, OCCUPIED; row 0 is the southernmost. Kept as a read-only copy."""
+    """(rows, columns) of FREE, UNKNOWN, OCCUPIED; row 0 is the southernmost. A read-only copy."""
     resolution: float
     """Side of a cell, m."""
     origin: Point = _MAP_FRAME
-    """The south-west corner of the cell in row 0, column 0, m in the map frame."""
+    """South-west corner of the cell in row 0, column 0, m in the map frame."""
 
     def __post_init__(self) -> None:
         assert self.cells.ndim == 2 and self.cells.dtype == np.uint8 and self.cells.size > 0
@@ -73,76 +73,76 @@ class OccupancyGrid:
 
     @property
     def rows(self) -> int:
-        """How many rows of cells."""
+        """Number of rows."""
         return int(self.cells.shape[0])
 
     @property
     def columns(self) -> int:
-        """How many columns of cells."""
+        """Number of columns."""
         return int(self.cells.shape[1])
 
     @property
     def corner(self) -> Point:
-        """The north-east corner of the map, m."""
+        """North-east corner of the map, m."""
         return Point(
             self.origin.x + self.columns * self.resolution, self.origin.y + self.rows * self.resolution
         )
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """(rows, columns): which cells are free."""
+        """Which cells are free, (rows, columns)."""
         return np.equal(self.cells, FREE)
 
     @property
     def blocking(self) -> NDArray[np.bool_]:
-        """(rows, columns): which cells are occupied or unknown."""
+        """Which cells are occupied or unknown, (rows, columns)."""
         return np.not_equal(self.cells, FREE)
 
     @cached_property
     def clearance(self) -> NDArray[np.float64]:
-        """`raster.clearance` of this grid, read-only: computed once, as the cells never change."""
+        """`raster.clearance` of this grid, read-only, computed once."""
         clearance = raster.clearance(self.blocking, self.resolution)
         clearance.setflags(write=False)
         return clearance
 
     @cached_property
     def content(self) -> bytes:
-        """The same 32 bytes for grids with the same cells, resolution and origin, and for no others."""
+        """SHA-256 of cells, resolution and origin."""
         frame = np.array([self.rows, self.columns, self.resolution, *self.origin], np.float64)
         return hashlib.sha256(frame.tobytes() + self.cells.tobytes()).digest()
 
     def contains(self, point: Point) -> bool:
-        """True where the map has a cell."""
+        """Return whether the map has a cell at `point`."""
         x, y = self._cells_from_corner(point)
         return 0 <= x < self.columns and 0 <= y < self.rows
 
     def cell(self, point: Point) -> Cell:
-        """The cell around `point`; beyond the map its indices lie outside of those of `cells`."""
+        """Return the cell that contains `point`; outside of the map, its indices are out of range."""
         x, y = self._cells_from_corner(point)
         return made(Cell, (math.floor(y), math.floor(x)))
 
     def centre(self, cell: Cell) -> Point:
-        """The middle of a cell, m."""
+        """Return the centre of a cell, m."""
         return Point(
             self.origin.x + (cell.column + 0.5) * self.resolution,
             self.origin.y + (cell.row + 0.5) * self.resolution,
         )
 
     def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The x of every column's middle, (columns,), and the y of every row's, (rows,), m."""
+        """Return the x of all columns' centres, (columns,), and the y of all rows' centres, (rows,), m."""
         x = self.origin.x + (np.arange(self.columns, dtype=np.float64) + 0.5) * self.resolution
         y = self.origin.y + (np.arange(self.rows, dtype=np.float64) + 0.5) * self.resolution
         return x, y
 
     def is_free(self, point: Point) -> bool:
-        """True in a free cell; False in any other and outside the map."""
+        """Return whether `point` is in a free cell of the map."""
         return self.contains(point) and bool(self.cells[self.cell(point)] == FREE)
 
     def clearance_at(self, point: Point, within: float) -> float:
-        """Distance from `point` to the nearest point that blocks, m, or `within` if that is smaller.
+        """Return the distance from `point` to the nearest blocking point, m, at most `within`.
 
-        Exact for any point, where `clearance` knows the cells' centres only; 0 in a blocking cell, and
-        outside.
+        Exact for any point, unlike `clearance`, which holds for the centres of cells; 0 in a blocking cell
+        and outside.
         """
         if not self.is_free(point):
             return 0.0
@@ -162,9 +162,9 @@ class OccupancyGrid:
 
 
 def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> NDArray[np.bool_]:
-    """(rows, columns): the free cells that a disc of radius `clearance`, m, gets to from `start`.
+    """Return the free cells, (rows, columns), that a disc of radius `clearance`, m, can reach from `start`.
 
-    It goes east, north, west and south over cells whose centre is at least `clearance` from whatever blocks.
+    It moves east, north, west and south over cells whose centre is at least `clearance` from blocking points.
     Nothing is reachable from a start without that clearance, or outside the map.
     """
     if not grid.contains(start):
@@ -173,13 +173,14 @@ def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> NDAr
 
 
 def largest_region(grid: OccupancyGrid, clearance: float = 0.0) -> NDArray[np.bool_]:
-    """(rows, columns): the largest set of cells that `reachable` gives for any start."""
+    """Return the largest set of cells that `reachable` returns for any start, (rows, columns)."""
     return raster.largest_region(passable(grid, clearance))
 
 
 def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:
-    """(rows, columns): the free cells whose centre is at least `clearance`, m, from whatever blocks."""
-    if clearance <= grid.resolution / 2:  # what every free cell has
+    """Return the free cells whose centre is at least `clearance`, m, from blocking points, (rows,
+    columns)."""
+    if clearance <= grid.resolution / 2:  # every free cell has it
         return grid.free
     return grid.clearance >= clearance
 
@@ -187,7 +188,7 @@ def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:
 def nearest_cell(
     grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, within: float = math.inf
 ) -> Cell | None:
-    """The admitted cell around `point`, or the one whose centre is nearest; None without any `within`, m.
+    """Return the admitted cell around `point`, or the one with the nearest centre; None beyond `within`, m.
 
     `admitted`: (rows, columns).
     """
@@ -211,11 +212,11 @@ def nearest_cell(
 
 
 def outline(grid: OccupancyGrid, *, beyond: bool = True) -> NDArray[np.float64]:
-    """The exact border between free and blocking cells: (n, 4), each row x0, y0, x1, y1 of a segment, m.
+    """Return the exact border of free and blocking cells, (n, 4), rows of x0, y0, x1, y1, m.
 
-    Outside the map everything blocks, or nothing without `beyond`. Segments are as long as they can be and
-    each stands once: first the horizontal ones (x0 < x1) from south to north and west to east, then the
-    vertical ones (y0 < y1) from west to east and south to north.
+    The outside of the map blocks if `beyond`. Segments have maximum length and are listed once: first the
+    horizontal ones (x0 < x1) from south to north and west to east, then the vertical ones (y0 < y1) from west
+    to east and south to north.
     """
     ringed = np.full((grid.rows + 2, grid.columns + 2), beyond)
     ringed[1:-1, 1:-1] = grid.blocking
@@ -228,7 +229,7 @@ def outline(grid: OccupancyGrid, *, beyond: bool = True) -> NDArray[np.float64]:
 
 
 def _runs(edges: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Line, begin and end (exclusive) of each run of True along the lines (rows) of `edges`, in order."""
+    """Return line, begin and end (exclusive) of each run of True along the rows of `edges`, in order."""
     ended = np.zeros((edges.shape[0], edges.shape[1] + 2), dtype=np.int8)
     ended[:, 1:-1] = edges
     change = np.diff(ended, axis=1)
@@ -238,6 +239,6 @@ def _runs(edges: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp],
 
 
 def _gap(value: float, index: NDArray[Any]) -> NDArray[np.float64]:
-    """Distance along one axis from `value` to the closed intervals [index, index + 1]."""
+    """Return the distance along one axis from `value` to the closed intervals [index, index + 1]."""
     gap: NDArray[np.float64] = np.maximum(np.maximum(index - value, value - index - 1.0), 0.0)
     return gap

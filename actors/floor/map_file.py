@@ -1,4 +1,4 @@
-"""Floor plans from files: the YAML and image of ROS map_server (wiki.ros.org/map_server, "Map format")."""
+"""Floor plans from files: YAML and image of ROS map_server (wiki.ros.org/map_server, "Map format")."""
 
 import hashlib
 import io
@@ -25,7 +25,7 @@ from actors.wording import brief
 
 REQUIRED: Final = ("image", "resolution", "origin")
 DEFAULTS: Final = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
-"""Optional keys. The thresholds are those that map_saver of ROS 1 and of Nav2 writes for mode trinary."""
+"""Defaults of optional keys. The thresholds are those of map_saver in ROS 1 and Nav2 for mode trinary."""
 KEYS: Final = (*REQUIRED, *DEFAULTS)
 YAML_BYTES: Final = 65_536
 _BOOLEANS: Final = yaml.SafeLoader.bool_values | {"0": False, "1": True}
@@ -37,7 +37,7 @@ class MapError(AcrcError):
 
 @dataclass(frozen=True)
 class MapHeader:
-    """The checked content of the YAML."""
+    """Validated content of the YAML."""
 
     image: Path
     resolution: float
@@ -48,11 +48,11 @@ class MapHeader:
     occupied: float
     free: float
     mode: str
-    """trinary, scale or raw."""
+    """One of trinary, scale and raw."""
     warnings: tuple[str, ...]
 
     def text(self, image: str) -> str:
-        """Return the YAML of the same map with its image in the file `image`."""
+        """Return the YAML of this map for another image file."""
         return (
             f"image: {image}\nmode: {self.mode}\nresolution: {self.resolution}\n"
             f"origin: [{self.origin.x}, {self.origin.y}, {self.yaw}]\nnegate: {self.negate:d}\n"
@@ -61,22 +61,22 @@ class MapHeader:
 
 
 def read_header(path: Path, most: int = YAML_BYTES) -> MapHeader:
-    """Read the YAML of a map, of at most so many bytes; of several documents the first. Raises MapError.
+    """Read the YAML of a map, up to `most` bytes, first document only. Raises MapError.
 
-    Numbers are read from their text, as yaml-cpp does: YAML 1.1 takes "0.05" and 5e-2 as text.
+    Numbers are parsed from text as in yaml-cpp, since YAML 1.1 treats "0.05" and 5e-2 as text.
     """
     fields, unknown = _fields(path, most)
     for key in REQUIRED:
         if key not in fields:
-            raise MapError(f"{path}: the key {key!r} is missing; a map needs {', '.join(REQUIRED)}.")
+            raise MapError(f"{path}: the key {key!r} is missing; required are {', '.join(REQUIRED)}.")
     if not isinstance(fields["image"], str):
-        raise MapError(f"{path}: image is {brief(fields['image'])}, but must be the name of a file.")
+        raise MapError(f"{path}: image is {brief(fields['image'])}, but must be a file name.")
     told = [f"ignored keys: {brief(', '.join(unknown))}"] if unknown else []
     name, mode, negate = (str(fields[key]) for key in ("image", "mode", "negate"))
     image = path.parent / os.path.expanduser(name.removeprefix("file://"))  # noqa: PTH111 - never raises
     beside = path.parent / PureWindowsPath(name).name
-    if not os.path.isfile(image) and os.path.isfile(beside):  # noqa: PTH113 - false for any odd name
-        told.append(f"image is {brief(name)}, which does not exist; {beside.name} beside the YAML is read")
+    if not os.path.isfile(image) and os.path.isfile(beside):  # noqa: PTH113 - false for invalid names
+        told.append(f"image is {brief(name)}, which does not exist; reading {beside.name} beside the YAML")
         image = beside
     if mode.lower() not in {"trinary", "scale", "raw"}:
         raise MapError(f"{path}: mode is {brief(mode)}, but must be trinary, scale or raw.")
@@ -86,11 +86,11 @@ def read_header(path: Path, most: int = YAML_BYTES) -> MapHeader:
         _numbers(path, key, fields[key])[0] for key in ("resolution", "occupied_thresh", "free_thresh")
     )
     if resolution <= 0:
-        raise MapError(f"{path}: resolution is {resolution:g}, but a cell must be longer than 0 m.")
+        raise MapError(f"{path}: resolution is {resolution:g}, but must be above 0 m.")
     if not 0 <= free <= occupied <= 1:
         raise MapError(
             f"{path}: free_thresh {free:g} and occupied_thresh {occupied:g} are out of order;"
-            " right is 0 ≤ free_thresh ≤ occupied_thresh ≤ 1."
+            " must be 0 ≤ free_thresh ≤ occupied_thresh ≤ 1."
         )
     x, y, yaw = _numbers(
         path, "origin", fields["origin"], 3, "three numbers below 1e9: x, y in m, yaw in rad"
@@ -109,20 +109,20 @@ def read_header(path: Path, most: int = YAML_BYTES) -> MapHeader:
 
 
 def _fields(path: Path, most: int) -> tuple[dict[str, str | list[str]], list[str]]:
-    """The values of the known keys, with the defaults of those that are absent; the names of other keys."""
+    """Return the values of known keys, with defaults, and the names of other keys."""
     try:
         content = regular_file.content(path, most).replace(b"\t", b" ")
         try:
             document = next(yaml.compose_all(content, Loader=yaml.BaseLoader), None)
-        except yaml.reader.ReaderError:  # comments in the Latin-1 of older editors
+        except yaml.reader.ReaderError:  # Latin-1 comments of old editors
             text = content.decode("latin-1")
             document = next(yaml.compose_all(text, Loader=yaml.BaseLoader), None)
     except OSError as error:
         raise MapError(f"{path}: the map cannot be read: {error.strerror}.") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise MapError(f"{path}: this is not YAML: {' '.join(str(error).split())}.") from error
+        raise MapError(f"{path}: invalid YAML: {' '.join(str(error).split())}.") from error
     if not isinstance(document, yaml.MappingNode):
-        raise MapError(f"{path}: a map's YAML must be a list of keys and values, {', '.join(KEYS)}.")
+        raise MapError(f"{path}: the YAML must be a mapping with the keys {', '.join(KEYS)}.")
     fields: dict[str, str | list[str]] = {}
     unknown = []
     for key, value in document.value:
@@ -130,14 +130,14 @@ def _fields(path: Path, most: int) -> tuple[dict[str, str | list[str]], list[str
         if name not in KEYS:
             unknown.append(name)
         elif name in fields:
-            raise MapError(f"{path}: the key {name!r} is there twice; delete one of the two.")
+            raise MapError(f"{path}: duplicate key {name!r}; delete one.")
         elif given not in ("", "~", "null"):
             fields[name] = given
     return DEFAULTS | fields, unknown
 
 
 def _plain(node: yaml.Node) -> str | list[str]:
-    """A text, or a list of texts; nodes within those may refer to one another without end."""
+    """Return a text or a list of texts; deeper nodes, possibly recursive, become "…"."""
     if isinstance(node, yaml.SequenceNode):
         return [part.value.strip() if isinstance(part, yaml.ScalarNode) else "…" for part in node.value]
     return str(node.value).strip() if isinstance(node, yaml.ScalarNode) else "…"
@@ -156,31 +156,31 @@ def _numbers(
 
 
 _BRIGHTNESS: Final = np.arange(3 * 255 + 1, dtype=np.float64) / 3
-"""The brightness, 0 to 255, of a pixel whose red, green and blue add up to the index."""
+"""Brightness, 0 to 255, of a pixel by the sum of its red, green and blue."""
 _FORMATS: Final = ("PNG", "PPM", "BMP", "GIF", "TIFF", "WEBP", "JPEG")
 _GREY_SPREAD: Final = 32
-"""Difference of a pixel's channels above which it is a colour: JPEG and scanners make smaller ones."""
+"""Channel difference above which a pixel counts as coloured; JPEG and scanners cause smaller ones."""
 _YAW_TOLERANCE: Final = 0.0025
 """Tolerance of a yaw beside a multiple of π/2, rad: files have 1.57 for π/2 and 4.71 for 3π/2."""
 _UNKNOWN: Final = 0.196
-"""Occupancy of the grey 205 that map_saver writes for unknown, rounded down; brighter is floor."""
+"""Occupancy of grey 205, map_saver's value for unknown, rounded down; brighter pixels are floor."""
 _POCKETS: Final = 0.01
-"""Share of an image above which such grey within walls is warned of."""
+"""Share of the image above which such grey inside walls causes a warning."""
 
 _Pixels = tuple[NDArray[np.uint16], NDArray[np.bool_], list[str]]
-"""(rows, columns) of red, green and blue added up, row 0 the top; which are transparent; and warnings."""
+"""(rows, columns) of red + green + blue, row 0 at the top; transparent pixels; warnings."""
 
 
 @dataclass(frozen=True)
 class MapLimits:
-    """How much of a map file is read at most."""
+    """Limits of map files."""
 
     yaml_bytes: int = YAML_BYTES
-    """Size of the YAML; real ones have under 300 bytes."""
+    """Size of the YAML; real ones have less than 300 bytes."""
     cells: int = 16_000_000
-    """Pixels of the image: 200 m by 200 m at 5 cm, about 0.5 GB while distances are computed."""
+    """Pixels of the image: 200 m by 200 m at 5 cm; needs about 0.5 GB while distances are computed."""
     image_bytes: int = 128_000_000
-    """Size of the image's file: 8 bytes for each of so many pixels, more than any format takes."""
+    """Size of the image file: 8 bytes per pixel, more than any format needs."""
 
 
 _MAPS: Final = Shared[OccupancyGrid]()
@@ -188,15 +188,15 @@ _WARNINGS: Final = WeakKeyDictionary[OccupancyGrid, tuple[str, ...]]()
 
 
 def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid:
-    """Return the floor plan in the YAML file `path` and the image that it names; or a drawn one.
+    """Return the floor plan of a map's YAML file and its image, or a generated one.
 
-    "offices:7" and the like are names of floors that `actors.floor.offices` draws.
+    Names such as "offices:7" select floors that `actors.floor.offices` generates.
 
-    A pixel of brightness g in 0..255, the mean of its channels, is (255 − g)/255 occupied, or g/255 with
-    `negate`; with mode raw, g/100 up to 100 and unknown beyond. Above `occupied_thresh` the cell is
-    occupied, below `free_thresh` free, else unknown, and so is a pixel that is not opaque. A yaw that is a
-    multiple of π/2 turns the grid. Files with the same bytes give one grid, wherever they lie.
-    Raises MapError, or OfficesError for such a name.
+    A pixel of brightness g in 0..255, the mean of its channels, has occupancy (255 − g)/255, or g/255 with
+    `negate`; in mode raw g/100 up to 100, unknown above. Above `occupied_thresh` the cell is occupied, below
+    `free_thresh` free, otherwise unknown, as are transparent pixels. A yaw that is a multiple of π/2 rotates
+    the grid. Files of equal content give the same grid object. Raises MapError, or OfficesError for such a
+    name.
     """
     if offices.is_name(path):
         return _MAPS.get(str(path), lambda: _drawn(str(path)))
@@ -204,7 +204,7 @@ def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid
     header = read_header(path, limits.yaml_bytes)
     try:
         image = regular_file.content(header.image, limits.image_bytes)
-    except (OSError, ValueError) as error:  # a ValueError: a zero byte in its name
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise MapError(
             f"{str(header.image)[:300]}: the map's image cannot be read: {getattr(error, 'strerror', error)}."
         ) from error
@@ -213,7 +213,7 @@ def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid
 
 
 def map_warnings(path: Path | str, limits: MapLimits = MapLimits()) -> tuple[str, ...]:
-    """Return what is odd about a map that `load_map` reads, one sentence each; nothing for drawn floors.
+    """Return warnings about a map that `load_map` reads, one sentence each; none for generated floors.
 
     Raises what `load_map` raises.
     """
@@ -227,19 +227,17 @@ def _drawn(name: str) -> OccupancyGrid:
 
 
 def _decoded(path: Path, content: bytes, limits: MapLimits) -> _Pixels:
-    """The pixels of the image file `path`; of several frames the first. Raises MapError."""
+    """Return the pixels of an image file, first frame only. Raises MapError."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of bombs, as our own limit is lower, and of odd metadata
+            warnings.simplefilter("ignore")  # decompression bombs (our limit is lower) and invalid metadata
             with Image.open(io.BytesIO(content), formats=_FORMATS) as image:
                 if image.width * image.height > limits.cells:
-                    raise ValueError(f"{image.width} x {image.height} pixels are more than {limits.cells}")
+                    raise ValueError(f"{image.width} x {image.height} pixels; the limit is {limits.cells}")
                 return _pixels(image)
     except UnidentifiedImageError as error:
-        raise MapError(
-            f"{path}: this is not an image that can be read; right are {', '.join(_FORMATS)}."
-        ) from error
-    except Exception as error:  # Pillow raises many kinds on damaged images
+        raise MapError(f"{path}: unknown image format; supported are {', '.join(_FORMATS)}.") from error
+    except Exception as error:  # Pillow raises many types for damaged images
         raise MapError(f"{path}: the map's image cannot be read: {error}.") from error
 
 
@@ -250,7 +248,7 @@ def _pixels(image: Image.Image) -> _Pixels:
         sums = ((wide + 128) // 257 * 3).astype(np.uint16)
         return sums, wide == image.info.get("transparency", -1), told
     if image.mode in {"I", "F"}:
-        raise ValueError("it has 32 bits per channel, but must have 8 or 16")
+        raise ValueError("32 bits per channel; must be 8 or 16")
     if not image.has_transparency_data and image.mode in {"1", "L"}:
         return np.multiply(np.asarray(image.convert("L")), 3, dtype=np.uint16), np.array(False), told
     channels = np.asarray(image.convert("RGBA"))
@@ -259,8 +257,8 @@ def _pixels(image: Image.Image) -> _Pixels:
     if coloured.size:
         row, column = coloured[0]
         told.append(
-            f"{len(coloured)} pixels have a colour, the first in column {column}, row {row} from the top:"
-            f" {tuple(colours[row, column].tolist())}; the mean of red, green and blue counts"
+            f"{len(coloured)} pixels are coloured, the first in column {column}, row {row} from the top:"
+            f" {tuple(colours[row, column].tolist())}; using the mean of red, green and blue"
         )
     return colours.sum(axis=2, dtype=np.int64).astype(np.uint16), clear, told
 
@@ -283,21 +281,21 @@ def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
     x, y = header.origin
     if off > _YAW_TOLERANCE:
         raise MapError(
-            f"{path}: origin has yaw {header.yaw:g} rad, but only multiples of 90° can be read; turn the"
+            f"{path}: origin has yaw {header.yaw:g} rad, but must be a multiple of 90°; rotate the"
             f" image by {math.degrees(header.yaw):.4g}° counter-clockwise and set yaw to 0."
         )
     if turns % 4 or off > 1e-4:
         told.append(
-            f"origin has yaw {header.yaw:g}: the map is turned by {turns % 4 * 90}° counter-clockwise; AMCL"
+            f"origin has yaw {header.yaw:g}: the map is rotated by {turns % 4 * 90}° counter-clockwise; AMCL"
             " and Nav2's costmaps ignore the yaw"
         )
     corners = Point(x, y), Point(x - height, y), Point(x - width, y - height), Point(x, y - width)
     grid = OccupancyGrid(np.rot90(np.flipud(cells), -turns), header.resolution, corners[turns % 4])
     if max(map(abs, (*grid.origin, *grid.corner))) > GREATEST_COORDINATE:
         raise MapError(
-            f"{path}: origin ({x:.10g}, {y:.10g}) is too far from 0: coordinates of the map must be within"
+            f"{path}: origin ({x:.10g}, {y:.10g}) is too far away: coordinates of the map must be within"
             f" ±{GREATEST_COORDINATE:.0f} m; set origin to [0, 0, 0] and subtract ({x:.10g}, {y:.10g}) from"
-            " coordinates that you give."
+            " all your coordinates."
         )
     _WARNINGS[grid] = *header.warnings, *told
     return grid
@@ -306,7 +304,7 @@ def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
 def _unknown_as_free(
     header: MapHeader, floor: NDArray[np.uint16], occupancy: NDArray[np.float64]
 ) -> list[str]:
-    """A warning if a grey that means unknown counts as free at the border, or in large pockets.
+    """Return a warning if unknown grey counts as free at the border or in large pockets.
 
     `floor`: the sums of free pixels, 0 elsewhere.
     """
@@ -317,9 +315,9 @@ def _unknown_as_free(
         return []
     level = int(np.bincount(floor[grey]).argmax())
     return [
-        f"free_thresh {header.free:g} makes grey {level / 3:.0f} free floor,"
-        f" {count * header.resolution * header.resolution:.3g} m² of it"
-        f"{', out to the border of the image' * border}; if this grey means unknown, as map_saver's 205 does,"
+        f"free_thresh {header.free:g} makes grey {level / 3:.0f} free floor:"
+        f" {count * header.resolution * header.resolution:.3g} m²"
+        f"{', up to the image border' * border}; if this grey means unknown, as 205 in map_saver,"
         " set free_thresh to"
         f" {math.floor(1000 * occupancy[level]) / 1000:g}"
     ]

@@ -1,4 +1,4 @@
-"""Drawn floors: boxes and discs as the image of a map, and generated office floors."""
+"""Floors drawn from boxes and discs, and generated office floors."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +18,7 @@ from actors.runtime.errors import AcrcError
 RESOLUTION: Final = 0.05
 BLACK: Final = 0
 WHITE: Final = 254
-"""Occupied and free, the brightnesses that ROS map_saver writes."""
+"""Brightness of occupied and free pixels as written by ROS map_saver."""
 
 Box = tuple[float, float, float, float]
 """x0, y0, x1, y1: west, south, east and north edge, m, multiples of RESOLUTION."""
@@ -28,7 +28,7 @@ Disc = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class DrawnFloor:
-    """What stands on a rectangle; its border is a wall."""
+    """Obstacles on a rectangle with walls on its border."""
 
     width: float
     height: float
@@ -40,7 +40,7 @@ class DrawnFloor:
 
 
 def draw(floor: DrawnFloor) -> NDArray[np.uint8]:
-    """The map's brightnesses, row 0 north."""
+    """Return the brightness of the map's pixels, row 0 north."""
     rows, columns = round(floor.height / RESOLUTION), round(floor.width / RESOLUTION)
     pixels = np.full((rows, columns), WHITE, dtype=np.uint8)
     for wall in floor.walls:
@@ -58,7 +58,7 @@ def draw(floor: DrawnFloor) -> NDArray[np.uint8]:
 
 
 def header(image: str, drawn_by: str) -> str:
-    """The map's YAML."""
+    """Return the map's YAML."""
     return (
         f"# drawn by {drawn_by}\nimage: {image}\nresolution: {RESOLUTION}\n"
         "origin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -74,16 +74,16 @@ def _fill(pixels: NDArray[np.uint8], box: Box, brightness: int) -> None:
 PREFIX: Final = "offices:"
 _MOST_SEED: Final = 2**63 - 1
 _LONGEST: Final = 200
-"""Of a name, characters."""
+"""Maximum length of a name, characters."""
 
 
 class OfficesError(AcrcError):
-    """The name of an office floor that cannot be drawn."""
+    """An invalid name of an office floor."""
 
 
 @dataclass(frozen=True)
 class _Range:
-    """Bounds of a parameter, and those of its draw if the name does not fix it; in cells or whole numbers."""
+    """Bounds of a parameter, and of its random value if the name does not set it; cells or whole numbers."""
 
     low: int
     high: int
@@ -107,37 +107,38 @@ PARAMETERS: Final = {
     "corridor_width": _Range(36, 60, (36, 52)),
     "furniture": _Range(0, 2, (0, 2), is_length=False),
 }
-"""count: how many offices. door_width: of every door; absent: each has its own. corridor_width. furniture: so
-many pieces in every office; absent: each has its own number. Doors below 0.9 m are no way for the original's
-navigation, above 1.3 m two robots get by each other; a corridor of 1.8 m is a wide place."""
+"""count: number of offices. door_width: width of all doors; if absent, each has its own. corridor_width.
+furniture: pieces in every office; if absent, each has its own number. Doors below 0.9 m are impassable for
+the original's navigation; above 1.3 m two robots can pass each other; a corridor of 1.8 m is wide."""
 
 _BORDER: Final = 2
 _WALL: Final = 8
-"""Thickness of the inner walls, cells. Own choice: through a door 1.3 m wide in a wall of 6 cells the two
-sides would be one region (`actors.floor.doors`)."""
+"""Thickness of the inner walls, cells. Own choice: with 6 cells, the two sides of a door of 1.3 m would be
+one region (`actors.floor.doors`)."""
 _DEPTH: Final = (70, 110)
 _WIDTH: Final = (54, 110)
-"""Of offices; where a side is stretched to the corridor's length, they become wider."""
+"""Range of office widths, cells; offices are widened if their side is shorter than the corridor."""
 _CORNER: Final = 6
-"""From a door to the next corner, at least, cells."""
+"""Minimum distance from a door to the next corner, cells."""
 _APART: Final = 20
-"""From the corridor to a door between two offices, at least, cells: each is a narrow place of its own."""
+"""Minimum distance from the corridor to a door between two offices, cells: each is a separate narrow
+place."""
 _TWO_DOORS: Final = 90
-"""Offices so wide may have two, cells."""
+"""Width from which an office may have two doors, cells."""
 _PIECE: Final = ((16, 32), (12, 16))
-"""Length along the wall, and depth, of a piece of furniture, cells."""
+"""Length along the wall and depth of a piece of furniture, cells."""
 
 
 @dataclass(frozen=True)
 class Offices:
-    """Which floor: a seed, and what the name fixes, in cells where it is a length."""
+    """Parameters of a generated floor: seed, and values set by the name (lengths in cells)."""
 
     seed: int
     fixed: tuple[tuple[str, int], ...] = ()
 
     @property
     def name(self) -> str:
-        """Return the one name of this floor."""
+        """Canonical name of this floor."""
         words = [f"{PREFIX}{self.seed}"]
         for key, value in self.fixed:
             is_length = PARAMETERS[key].is_length
@@ -145,30 +146,30 @@ class Offices:
         return ",".join(words)
 
     def drawn(self, key: str, rng: Generator) -> int:
-        """What the name fixes, or a draw; one number is drawn in any case."""
+        """Return the value set by the name, otherwise a random one; always draw one number."""
         low, high = PARAMETERS[key].drawn
         number = int(rng.integers(low, high, endpoint=True))
         return dict(self.fixed).get(key, number)
 
     def stream(self, purpose: str) -> Generator:
-        """The random stream for a part of the floor."""
+        """Return the random generator for a part of the floor."""
         return generator(self.seed, "offices", purpose)
 
 
 @dataclass(frozen=True)
 class OfficeFloor:
-    """The floor that a name means."""
+    """A generated floor with its rooms and doors."""
 
     floor: DrawnFloor
     rooms: tuple[Area, ...]
     """The corridor, then the offices, from south-west to north-east."""
     doors: tuple[Point, ...]
-    """The middle of every door."""
+    """Centre of every door."""
 
 
 @dataclass(frozen=True)
 class _DrawnRoom:
-    """An office, in cells: x0 to x1, y0 to y1; the corridor is to its north, or to its south."""
+    """An office, in cells: x0 to x1, y0 to y1; the corridor is to its north or south."""
 
     x0: int
     x1: int
@@ -178,16 +179,14 @@ class _DrawnRoom:
 
 
 def is_name(text: str | Path) -> bool:
-    """True if this is to be drawn, and not a file."""
+    """Return whether `text` names a generated floor rather than a file."""
     return str(text).startswith(PREFIX)
 
 
 def parse(name: str) -> Offices:
-    """The floor of this name. Raises OfficesError with what is wrong."""
+    """Return the floor of this name. Raises OfficesError."""
     if len(name) > _LONGEST:
-        raise OfficesError(
-            f"the name of a floor has {len(name)} characters, but must have at most {_LONGEST}"
-        )
+        raise OfficesError(f"the floor name has {len(name)} characters; at most {_LONGEST} are allowed")
     seed, *others = name.removeprefix(PREFIX).split(",")
     if not (seed.isascii() and seed.isdigit() and int(seed) <= _MOST_SEED):
         raise OfficesError(
@@ -198,8 +197,8 @@ def parse(name: str) -> Offices:
     for word in others:
         key, _, text = word.partition("=")
         if key not in PARAMETERS or key in fixed:
-            once = "is given twice" if key in fixed else "is not known"
-            raise OfficesError(f"{name!r}: {key!r} {once}; what can be fixed is {', '.join(PARAMETERS)}")
+            once = "is given twice" if key in fixed else "is not a parameter"
+            raise OfficesError(f"{name!r}: {key!r} {once}; the parameters are {', '.join(PARAMETERS)}")
         fixed[key] = _value(name, key, text)
     return Offices(int(seed), tuple((key, fixed[key]) for key in PARAMETERS if key in fixed))
 
@@ -217,13 +216,13 @@ def _value(name: str, key: str, text: str) -> int:
 
 @lru_cache(maxsize=16)
 def office_floor(name: str) -> OfficeFloor:
-    """Draw the floor of this name. Raises OfficesError."""
+    """Return the floor of this name. Raises OfficesError."""
     told = parse(name)
     shape = told.stream("shape")
     count, corridor = told.drawn("count", shape), told.drawn("corridor_width", shape)
     south = _south(count, shape)
     depths = shape.integers(*_DEPTH, size=2, endpoint=True).tolist()
-    # a side's offices are as wide as they are drawn, or stretched: both sides are as long as the longer one
+    # offices of the shorter side are widened to the length of the longer one
     sides = [shape.integers(*_WIDTH, size=n, endpoint=True).tolist() for n in (south, count - south)]
     length = max(_length(widths) for widths in sides)
     sides = [_stretched(widths, length, shape) for widths in sides]
@@ -250,12 +249,12 @@ def office_floor(name: str) -> OfficeFloor:
 
 
 def cells_of(name: str) -> NDArray[np.bool_]:
-    """(rows, columns), row 0 south: which cells of the floor are occupied. Raises OfficesError."""
+    """Return which cells are occupied, (rows, columns), row 0 south. Raises OfficesError."""
     return np.flipud(draw(office_floor(name).floor) == BLACK)
 
 
 def write(name: str, stem: Path) -> None:
-    """Write the floor as a map, `stem`.yaml and `stem`.pbm (netpbm, P4), with the same bytes everywhere."""
+    """Write the map files `stem`.yaml and `stem`.pbm (netpbm, P4), with equal bytes on all machines."""
     occupied = np.flipud(cells_of(name))
     rows, columns = occupied.shape
     image = stem.with_name(f"{stem.name}.pbm")
@@ -264,7 +263,8 @@ def write(name: str, stem: Path) -> None:
 
 
 def _south(count: int, rng: Generator) -> int:
-    """How many offices are to the south; few may be all there are. At most two more than to the north."""
+    """Return the number of offices in the south: possibly all if few, else at most two more than in the
+    north."""
     one_sided, more = int(rng.integers(4)) == 0, int(rng.integers(-1, 1, endpoint=True))
     if count == 1 or (one_sided and count <= 5):
         return count
@@ -277,7 +277,7 @@ def _length(widths: list[int]) -> int:
 
 
 def _stretched(widths: list[int], length: int, rng: Generator) -> list[int]:
-    """The same with what is left of the length shared out by chance."""
+    """Return the widths with the remaining length added in random shares."""
     if not widths:
         return []
     left = length - _length(widths)
@@ -287,7 +287,7 @@ def _stretched(widths: list[int], length: int, rng: Generator) -> list[int]:
 
 
 def _spans(widths: list[int]) -> list[tuple[int, int]]:
-    """West and east edge of each office of a side."""
+    """Return west and east edge of each office of a side."""
     begins = accumulate((width + _WALL for width in widths), initial=_BORDER)
     return [(x, x + width) for x, width in zip(begins, widths, strict=False)]
 
@@ -318,7 +318,7 @@ def _doors(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
 
 
 def _furniture(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
-    """In the corners that are farthest from the corridor, where no door is."""
+    """Return pieces of furniture in corners away from the corridor and the doors."""
     rng = told.stream("furniture")
     found: list[_Cells] = []
     for room in (room for side in sides for room in side):

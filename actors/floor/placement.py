@@ -1,4 +1,4 @@
-"""Seeded draws of points on a floor plan, and the check that a robot put by hand stands free."""
+"""Random points on a floor plan, and validation of robot positions."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from actors.runtime.errors import AcrcError
 
 
 class PlacementError(AcrcError):
-    """Something that cannot stand where, or as often as, it was asked to."""
+    """A position without room, or too many positions."""
 
 
 class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -34,27 +34,27 @@ class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if not (self.x0 < self.x1 and self.y0 < self.y1):
             raise PlacementError(
                 f"area {self.name!r} spans x {self.x0:g} to {self.x1:g} and y {self.y0:g} to {self.y1:g} m,"
-                " but each must grow from its first number to its second."
+                " but must have x0 < x1 and y0 < y1."
             )
 
     @property
     def surface(self) -> float:
-        """m²."""
+        """Surface, m²."""
         return (self.x1 - self.x0) * (self.y1 - self.y0)
 
 
 def areas_named(areas: Sequence[Area], names: Sequence[str]) -> tuple[Area, ...]:
-    """The areas of these names, in the order of `names`. Raises PlacementError for a name that none has."""
+    """Return the areas of these names in the order of `names`. Raises PlacementError for an unknown name."""
     known = {area.name: area for area in areas}
     if unknown := [name for name in names if name not in known]:
         raise PlacementError(
-            f"area {unknown[0]!r} is not known; the known ones are {', '.join(map(repr, known)) or 'none'}."
+            f"area {unknown[0]!r} is not defined; defined are {', '.join(map(repr, known)) or 'none'}."
         )
     return tuple(known[name] for name in names)
 
 
 def has_free_floor(grid: OccupancyGrid, area: Area) -> bool:
-    """True if the area shares some surface with a free cell."""
+    """Return whether the area overlaps a free cell."""
     return _Window(grid, grid.free, area).has_room
 
 
@@ -70,16 +70,16 @@ def draw_points(
     areas: Sequence[Area] | None = None,
     passage: float = 0.0,
 ) -> tuple[Point, ...]:
-    """`count` points of the reachable floor, drawn one after the other, each uniform in what is left of it.
+    """Return `count` random points of the reachable floor, each uniform in the remaining surface.
 
-    A point is at least `clearance` from everything that blocks, and at least `apart` from the points before
-    it and from `keep_off` (m). Reachable is what a disc of radius `passage` gets to from `start`, or the
-    largest such region if `start` is None. With areas, one of them is picked first, with a probability
-    proportional to its surface, among those where there still is room.
+    A point is at least `clearance` from blocking points, and at least `apart` from earlier points and from
+    `keep_off` (m). Reachable is what a disc of radius `passage` can reach from `start`, or the largest such
+    region if `start` is None. With areas, one of those with room is selected first, with a probability
+    proportional to its surface.
 
-    Whole cells are admitted or not, so that every point of an admitted cell keeps these distances: up to
-    0.71 of a cell, next to a wall or a neighbour, is given away for an exactly uniform draw that always ends.
-    Raises PlacementError where there is no room, or not for all.
+    Cells are admitted as a whole, so that every point of an admitted cell keeps these distances: up to 0.71
+    of a cell beside walls and points is not used, for an exactly uniform draw that always ends. Raises
+    PlacementError if there is not enough room.
     """
     half_diagonal = grid.resolution * math.sqrt(0.5)
     walkable = _walkable(grid, start, passage)
@@ -89,7 +89,7 @@ def draw_points(
     if full := next((window for window in windows if not window.has_room), None):
         raise PlacementError(
             f"{full.title} has no reachable point at least {clearance:g} m from walls;"
-            " a place must be free floor."
+            " reduce clearance or move the area."
         )
     spacing = apart + half_diagonal if apart > 0 else 0.0
     for point in keep_off:
@@ -99,8 +99,8 @@ def draw_points(
         open_windows = [window for window in windows if window.has_room]
         if not open_windows:
             raise PlacementError(
-                f"there is room for {len(points)} of {count} points at least {clearance:g} m from walls and"
-                f" {apart:g} m from each other; ask for fewer, or for smaller distances."
+                f"only {len(points)} of {count} points fit at least {clearance:g} m from walls and"
+                f" {apart:g} m from each other; use fewer points or smaller distances."
             )
         point = _draw(open_windows, rng)
         _withdraw(grid, admitted, point, spacing)
@@ -109,9 +109,9 @@ def draw_points(
 
 
 def check_pose(grid: OccupancyGrid, point: Point, radius: float, who: str) -> None:
-    """Raise PlacementError if the robot `who`, a disc of `radius`, m, at `point` touches what blocks."""
+    """Raise PlacementError if the robot `who`, a disc of `radius`, m, at `point` overlaps blocking cells."""
     gap = grid.clearance_at(point, radius)
-    if gap >= radius - 1e-9:  # what rounding may take from a robot that just touches
+    if gap >= radius - 1e-9:  # tolerance for rounding
         return
     if not grid.contains(point):
         where = "is outside the map"
@@ -126,7 +126,7 @@ def check_pose(grid: OccupancyGrid, point: Point, radius: float, who: str) -> No
 
 
 class _Window:
-    """The cells that an area overlaps, weighted by the surface that they share with it."""
+    """Cells that an area overlaps, weighted by the shared surface."""
 
     def __init__(self, grid: OccupancyGrid, admitted: NDArray[np.bool_], area: Area) -> None:
         self.title = f"area {area.name!r}" if area.name else "the map"
@@ -137,18 +137,18 @@ class _Window:
         self._left = int(columns[0]) if columns.size else 0
         self._bottom = int(rows[0]) if rows.size else 0
         self._weights = np.outer((self._y1 - self._y0)[rows], (self._x1 - self._x0)[columns])
-        # a view: cells that are withdrawn later vanish from every window
+        # a view: cells withdrawn later disappear from all windows
         self._admitted = admitted[
             self._bottom : self._bottom + rows.size, self._left : self._left + columns.size
         ]
 
     @property
     def has_room(self) -> bool:
-        """True while a point can be drawn."""
+        """True while points can be drawn."""
         return bool(self._admitted.any())
 
     def point(self, chance: float, east: float, north: float) -> Point:
-        """The point that three numbers in [0, 1) pick: a cell by its surface, then where in it."""
+        """Return the point of three numbers in [0, 1): they select a cell by surface, then x and y in it."""
         cells = np.flatnonzero(self._admitted)
         ladder = np.cumsum(self._weights.ravel()[cells])
         rung = min(int(np.searchsorted(ladder, chance * ladder[-1], side="right")), cells.size - 1)
@@ -162,7 +162,7 @@ class _Window:
 def _cuts(
     origin: float, resolution: float, count: int, low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the edges of the cells along one axis, m, cut to the interval from low to high."""
+    """Return both edges of the cells along one axis, m, clipped to the interval from low to high."""
     edges = np.clip(origin + np.arange(count + 1) * resolution, low, high)
     return edges[:-1], edges[1:]
 
@@ -173,14 +173,14 @@ def _walkable(grid: OccupancyGrid, start: Point | None, passage: float) -> NDArr
     region = reachable(grid, start, passage)
     if not region.any():
         raise PlacementError(
-            f"a disc of radius {passage:g} m has no room at the start ({start.x:.2f}, {start.y:.2f});"
+            f"a disc of radius {passage:g} m does not fit at the start ({start.x:.2f}, {start.y:.2f});"
             f" {_advice(grid, start, passage)}."
         )
     return region
 
 
 def _draw(windows: Sequence[_Window], rng: Generator) -> Point:
-    """A point of one window. Four numbers are drawn each time, however many windows there are."""
+    """Return a point of one window; always draw four numbers, whatever the number of windows."""
     which, chance, east, north = (float(number) for number in rng.random(4))
     ladder = np.cumsum([window.surface for window in windows])
     rung = min(int(np.searchsorted(ladder, which * ladder[-1], side="right")), len(windows) - 1)
@@ -188,7 +188,7 @@ def _draw(windows: Sequence[_Window], rng: Generator) -> Point:
 
 
 def _withdraw(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, spacing: float) -> None:
-    """Admit no longer the cells whose centre is nearer than `spacing` to `point`."""
+    """Exclude the cells whose centre is nearer than `spacing` to `point`."""
     row, column = grid.cell(point)
     reach = int(spacing / grid.resolution) + 1
     rows = slice(max(row - reach, 0), max(row + reach + 1, 0))
@@ -199,7 +199,7 @@ def _withdraw(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, sp
 
 
 def _advice(grid: OccupancyGrid, point: Point, radius: float) -> str:
-    """What would be right instead of `point`; the margin of 1 cm pays for the two digits that are printed."""
+    """Return a suggestion instead of `point`; the margin of 1 cm compensates for printing two digits."""
     cell = nearest_cell(grid, grid.clearance >= radius + 0.01, point)
     if cell is None:
         return "no point of this map is that far from walls"

@@ -1,9 +1,9 @@
-"""Raster algorithms of a floor's grid: distance transform, connected regions, and the cells along a ray.
+"""Raster algorithms on grids: distance transform, connected regions, and traversal of cells along a ray.
 
 Distances: the lower envelope of parabolas of Felzenszwalb & Huttenlocher, "Distance Transforms of Sampled
 Functions", Theory of Computing 8 (2012), algorithm 1; squared distances are whole numbers, hence exact in
 float64. Rays: the traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing",
-Eurographics 1987, but in leaps over squares of equal cells: it meets the same cell at the same point.
+Eurographics 1987, in leaps over squares of equal cells, with equal cells and points as result.
 """
 
 import math
@@ -17,20 +17,20 @@ from actors.portable.compiled import asin, atan2
 
 
 def squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Squared distance from every cell's centre to that of the nearest True cell, cells²; inf without any.
+    """Return squared distances between cell centres to the nearest True cell, cells²; inf without any.
 
-    `mask`: (rows, columns), and so is the result.
+    `mask` and result: (rows, columns).
     """
     squared: NDArray[np.float64] = _squared_distance(np.ascontiguousarray(mask))
     return squared
 
 
 def clearance(blocking: NDArray[np.bool_], resolution: float) -> NDArray[np.float64]:
-    """Distance from the centre of every cell that does not block to the nearest point that does, m.
+    """Return the distance from each free cell's centre to the nearest blocking point, m.
 
-    `blocking`: (rows, columns), and so is the result; `resolution`: a cell's side, m. Blocking cells count as
-    closed squares and have 0, and everything outside the map blocks: a free cell beside a wall has half a
-    cell of clearance. Exact.
+    `blocking` and result: (rows, columns); `resolution`: a cell's side, m. Blocking cells are closed squares
+    with distance 0, and everything outside the map blocks: a free cell beside a wall has half a cell of
+    clearance. Exact.
     """
     rows, columns = blocking.shape
     ringed = np.ones((rows + 2, columns + 2), dtype=np.bool_)
@@ -41,7 +41,7 @@ def clearance(blocking: NDArray[np.bool_], resolution: float) -> NDArray[np.floa
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _rows_away(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """How many rows each cell is from the nearest True cell of its column; inf without any."""
+    """Return each cell's distance to the nearest True cell of its column, rows; inf without any."""
     rows, columns = mask.shape
     away = np.empty((rows, columns))
     for row in range(rows):
@@ -67,7 +67,7 @@ def _envelope(
 ) -> None:
     """Fill `lowest[q]` with the minimum over all p of (q − p)² + heights[p].
 
-    `apex` and `begin` are scratch of the same length: which parabolas are lowest, and from where on.
+    `apex` and `begin` are scratch arrays of the same length: the lowest parabolas and where each begins.
     """
     count = 0
     for q in range(heights.size):
@@ -107,10 +107,11 @@ def _squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _squared_clearance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Squared distance from cell centres to the nearest point of any True cell's closed square, half cells².
+    """Return squared distances from cell centres to the nearest True cell's closed square, half cells².
 
     The nearest point of a square to a centre lies on the lattice of half cells: straight across, or at a
-    corner. So each row becomes a line of 2·columns + 1 sites: cells at odd places, the lines between at even.
+    corner. So each row becomes a line of 2·columns + 1 sites: cells at odd positions, lines between them at
+    even ones.
     """
     away = _rows_away(mask)
     rows, columns = mask.shape
@@ -134,26 +135,26 @@ def _squared_clearance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
-    """The 4-connected region of passable cells around one cell of the grid; empty if that is not passable."""
+    """Return the 4-connected region of passable cells around one cell; empty if that is not passable."""
     region: NDArray[np.bool_] = _flood(np.ascontiguousarray(passable), row, column)
     return region
 
 
 def largest_region(passable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The 4-connected region with the most cells, of equals the one that begins first in row order."""
+    """Return the 4-connected region with the most cells; of equals the first in row order."""
     labels, largest = _regions(np.ascontiguousarray(passable))
     region: NDArray[np.bool_] = passable & (labels == largest)
     return region
 
 
 def regions(passable: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """(rows, columns): every passable cell's 4-connected region, counted from 1 in row order; 0 elsewhere."""
+    """Return the number of each passable cell's 4-connected region, from 1 in row order; 0 elsewhere."""
     labels: NDArray[np.int32] = _regions(np.ascontiguousarray(passable))[0]
     return labels
 
 
 def fingerprint() -> dict[str, bytes]:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
     row, column = np.indices((23, 31))
     mask = (row * 7 + column * column * 3) % 37 == 0
     passable = (row * 5 + column * column * 3) % 7 != 0
@@ -167,7 +168,7 @@ def fingerprint() -> dict[str, bytes]:
 def _spread(
     passable: NDArray[np.bool_], labels: NDArray[np.int32], queue: NDArray[np.int64], start: int, label: int
 ) -> int:
-    """Give `label` to the unlabelled passable cells connected to the cell `start`; how many they are."""
+    """Give `label` to the unlabelled passable cells connected to the cell `start`; return their number."""
     rows, columns = passable.shape
     labels.flat[start] = label
     queue[0] = start
@@ -196,7 +197,7 @@ def _flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.boo
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _regions(passable: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
-    """Every cell's region, counted from 1 (0 = not passable), and which region is the largest."""
+    """Return each cell's region from 1 (0 = not passable), and the number of the largest region."""
     labels = np.zeros(passable.shape, np.int32)
     queue = np.empty(passable.size, np.int64)
     regions = 0
@@ -214,25 +215,27 @@ def _regions(passable: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def bearing_to(x: float, y: float, heading: float, first_angle: float) -> float:
-    """The bearing of (x, y) counted from the first ray, in [0, 2π) rad; that lies at `first_angle` from
-    `heading`, the sensor's."""
+    """Return the bearing of (x, y) relative to the first ray, in [0, 2π) rad.
+
+    `first_angle`: of that ray relative to `heading`, the sensor's.
+    """
     bearing: float = atan2(y, x) - heading - first_angle
     return bearing - 2 * math.pi * math.floor(bearing / (2 * math.pi))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def half_width(apart: float, radius: float) -> float:
-    """Half the angle under which a disc appears so far away, rad; from within it is all around."""
+    """Return half the viewing angle of a disc at this distance, rad; π from inside."""
     half: float = asin(radius / apart) if apart > radius else math.pi
     return half
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def window(bearing: float, half: float, turn: int, increment: float, rays: int) -> tuple[int, int]:
-    """The rays that may meet it, from the first to before the last; see `bearing_to` and `half_width`.
+    """Return the range of rays, last exclusive, that can hit a disc; see `bearing_to` and `half_width`.
 
-    It may appear at both ends of the scan, so there are three windows, of the turns −1, 0 and 1. One ray more
-    on both sides makes up for rounding.
+    A disc may appear at both ends of the scan, so there are three windows, of the turns −1, 0 and 1. One more
+    ray on both sides allows for rounding.
     """
     low = (bearing + 2 * math.pi * turn - half) / increment
     high = (bearing + 2 * math.pi * turn + half) / increment
@@ -240,44 +243,44 @@ def window(bearing: float, half: float, turn: int, increment: float, rays: int) 
 
 
 MOST_SIDE: Final = 255
-"""No square is larger, cells: its side has one byte."""
+"""Maximum side of a square, cells, as it is stored in one byte."""
 
 
 class Ray(NamedTuple):
-    """A line from a point along a unit vector."""
+    """A ray from a point along a unit vector."""
 
     x: float
     y: float
     dx: float
     dy: float
     per_x: float
-    """So far along it one goes to get 1 further in x; negative westward."""
+    """Distance along the ray per unit of x; negative westward."""
     per_y: float
     quadrant: int
-    """Which squares it leaps over: bit 0 set if it goes westward, bit 1 if southward."""
+    """Index of the squares that it leaps over: bit 0 set if it goes westward, bit 1 if southward."""
 
 
 class Square(NamedTuple):
-    """A square that a ray is in, and where it leaves that."""
+    """A square that contains a ray's position, with the ray's exits."""
 
     left: int
     bottom: int
     side: int
     border_x: int
-    """Column of the border ahead of it,"""
+    """Column of the border ahead."""
     border_y: int
-    """and row."""
+    """Row of the border ahead."""
     to_x: float
-    """Where on the ray it meets the one,"""
+    """Distance along the ray to the column border."""
     to_y: float
-    """and where the other: it leaves by the nearer one."""
+    """Distance to the row border; the ray leaves at the nearer one."""
 
 
 def equal_squares(kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """How far a ray may leap: (4, rows, columns) for (rows, columns) of kinds of cells.
+    """Return how far a ray may leap: (4, rows, columns) for (rows, columns) of kinds of cells.
 
-    For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) the side, in
-    cells, of the largest square of one kind that has the cell in its near corner; MOST_SIDE at most.
+    For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) this is the
+    side, in cells, of the largest square of one kind with the cell in its near corner; MOST_SIDE at most.
     """
     squares = np.empty((4, *kinds.shape), np.uint8)
     _equal_squares(kinds, squares)
@@ -285,7 +288,7 @@ def equal_squares(kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def free_squares(blocking: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The same over free cells only: (4, rows + 2, columns + 2), as a ring of blocking cells is laid around.
+    """Return `equal_squares` of free cells: (4, rows + 2, columns + 2), with a ring of blocking cells added.
 
     0 in a blocking cell.
     """
@@ -298,7 +301,7 @@ def free_squares(blocking: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def ray(x: float, y: float, dx: float, dy: float) -> Ray:
-    """The ray from (x, y) along the unit vector (dx, dy)."""
+    """Return the ray from (x, y) along the unit vector (dx, dy)."""
     per_x = 1 / dx if dx != 0 else 1e300
     per_y = 1 / dy if dy != 0 else 1e300
     return Ray(x, y, dx, dy, per_x, per_y, quadrant(dx, dy))
@@ -306,13 +309,13 @@ def ray(x: float, y: float, dx: float, dy: float) -> Ray:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def quadrant(dx: float, dy: float) -> int:
-    """`Ray.quadrant` of a direction."""
+    """Return `Ray.quadrant` of a direction."""
     return (0 if dx >= 0 else 1) + (0 if dy >= 0 else 2)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def square_at(ray: Ray, column: int, row: int, side: int) -> Square:
-    """The square of that side, ≥ 1, with its near corner in the cell where the ray is."""
+    """Return the square of this side, ≥ 1, with its near corner in the ray's cell."""
     east, north = ray.dx >= 0, ray.dy >= 0
     left = column if east else column - side + 1
     bottom = row if north else row - side + 1
@@ -324,9 +327,10 @@ def square_at(ray: Ray, column: int, row: int, side: int) -> Square:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def cell_after(ray: Ray, square: Square, distance: float) -> tuple[int, int]:
-    """Column and row of the cell that the ray enters as it leaves the square, so far from its start.
+    """Return column and row of the cell that the ray enters after the square, at this distance from its
+    start.
 
-    Rounding must not carry the ray out of the square anywhere but through the border that it meets.
+    Clamped so that rounding cannot move the ray out of the square except through the border that it meets.
     """
     left, bottom, last = square.left, square.bottom, square.side - 1
     if square.to_x < square.to_y:

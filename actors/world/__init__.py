@@ -1,1 +1,1 @@
-"""Bodies, floor plan, sensing, and the conductor of simulated time."""
+"""Bodies, floor plan, sensing and the conductor of simulated time."""

@@ -1,4 +1,4 @@
-"""The world as a program: `python -m actors.world SETUP`."""
+"""Program of the world: `python -m actors.world SETUP`."""
 
 import os
 import signal
@@ -17,11 +17,11 @@ from actors.world.program import Conductor, build, load_setup, part, world_note
 
 
 def main(argv: Sequence[str]) -> int:
-    """Conduct a run; the exit code."""
+    """Conduct a run; return the exit code."""
     leave_in_order()
     answer_where()
     try:
-        file = setup_parser("actors.world", "Conducts a run.").parse_args(argv).setup
+        file = setup_parser("actors.world", "Conduct a run.").parse_args(argv).setup
         told, folder = load_setup(file), file.parent
         process = told.process
         if process.with_parent:

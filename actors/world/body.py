@@ -1,4 +1,4 @@
-"""All bodies of a world: what moves them, what they sense, and where they truly are, by index."""
+"""Bodies of all robots: drives, sensors and true states, by index."""
 
 import math
 from collections import deque
@@ -28,30 +28,30 @@ from actors.world.world_setup import WorldSetup
 from deeco.knowledge import made
 
 POST_RADIUS: Final = 0.05
-"""Of the posts that a wall is made of, m; own choice: as thick as a partition."""
+"""Radius of the posts that make up an added wall, m; own choice: as thick as a partition."""
 _POST_SPACING: Final = 0.075
-"""At most, m: seams of overlapping posts are 66 mm thick."""
+"""Maximum spacing of posts, m; the seams of overlapping posts are 66 mm thick."""
 Places = tuple[tuple[float, float], ...]
 
 
 class FloorRecord:
-    """Collects the changes of the floor for the message FloorChanged."""
+    """Collects changes of the floor for FloorChanged."""
 
     def __init__(self) -> None:
         self._count = 0
         self._put: list[FloorThing] = []
         self._gone: list[int] = []
         self._doors: dict[int, int] = {}
-        """Numbers of doors that are closed or closing, by index."""
+        """Numbers of closed or closing doors, by index."""
 
     def put(self, kind: str, points: Sequence[Point], radius: float) -> None:
-        """Add a thing."""
+        """Add an obstacle, wall or door."""
         ends = tuple((point.x, point.y) for point in points)
         self._put.append(FloorThing(self._count, kind, ends, radius))
         self._count += 1
 
     def turn(self, door: int, kind: str = "", ends: Sequence[Point] = ()) -> None:
-        """Change the kind of a door, which is as thick as a wall; without ends it is open."""
+        """Change the kind of a door, which is as thick as a wall; without `ends` it is open."""
         if door in self._doors:
             self._gone.append(self._doors.pop(door))
         if ends:
@@ -76,12 +76,12 @@ class _Leaf(NamedTuple):
 
 
 class Doors:
-    """Opens and closes the doors of a floor; computes nothing until one is ordered to close."""
+    """Opens and closes the doors of a floor; finds doorways only at the first such order."""
 
     def __init__(
         self, floor: RealFloor, radius: float, arena: Arena, sensors: RangeSensors, record: FloorRecord
     ) -> None:
-        """`radius`: of the largest robot, m."""
+        """Create the doors; `radius`: of the largest robot, m."""
         self._floor = floor
         self._arena = arena
         self._sensors = sensors
@@ -89,16 +89,16 @@ class Doors:
         self._doorways = Doorways(floor.solid, radius)
         self._closed: dict[int, _Leaf] = {}
         self._closing: dict[int, _Leaf] = {}
-        """Doors that wait until no robot stands in the way."""
+        """Doors that will close when no robot stands in them."""
 
     def close(self, point: Point) -> None:
-        """Close the door at a point with the next possible `settle`.
+        """Close the door at a point at the next `settle` that finds it free.
 
-        Raises DoorError where there is none, or it is closed or closing.
+        Raises DoorError if there is none, or if it is closed or closing.
         """
         door = self._doorways.at(point)
         if door.index in self._closed or door.index in self._closing:
-            raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is closed already")
+            raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is already closed")
         cells = self._doorways.closed(door)
         alone = replace(self._floor.solid, cells=np.where(cells, OCCUPIED, FREE).astype(np.uint8))
         leaf = _Leaf(cells, outline(alone, beyond=False), self._doorways.leaf(cells))
@@ -106,17 +106,17 @@ class Doors:
         self._record.turn(door.index, "closing door", leaf.ends)
 
     def open(self, point: Point) -> None:
-        """Open the door at a point, or call off its closing. Raises DoorError if it is open."""
+        """Open the door at a point, or cancel its closing. Raises DoorError if it is open."""
         door = self._doorways.at(point).index
         if self._closing.pop(door, None) is None:
             if self._closed.pop(door, None) is None:
-                raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is open already")
+                raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is already open")
             self._arena.open_door(door)
             self._show_to_sensors()
         self._record.turn(door)
 
     def settle(self) -> None:
-        """Close every closing door in which no robot stands."""
+        """Close all closing doors in which no robot stands."""
         free = [door for door, leaf in self._closing.items() if not self._arena.in_the_way(leaf.segments)]
         for door in free:
             leaf = self._closed[door] = self._closing.pop(door)
@@ -137,7 +137,7 @@ class Bodies:
 
     def __init__(self, setup: WorldSetup) -> None:
         if setup.step_us <= 0 or setup.step_us % SUBSTEP:
-            raise AcrcError(f"a step of {setup.step_us} µs; it must be a multiple of {SUBSTEP} µs")
+            raise AcrcError(f"step_us is {setup.step_us} µs; must be a multiple of {SUBSTEP} µs")
         self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
         floor = real_floor(setup, self._models)
         self._grid = floor.solid
@@ -163,7 +163,7 @@ class Bodies:
         )
         self._periods = [model.sensor.period for model in self._models]
         self._different_periods = tuple(dict.fromkeys(self._periods))
-        # A frozen robot asks for none: the earliest go.
+        # A frozen robot reads no scans: the queue keeps the latest.
         self._scans = [deque[Scan](maxlen=_sweeps(model, setup.step_us)) for model in self._models]
         self._bumpers = np.zeros(len(names), np.uint8)
         self._driven = np.zeros(len(names))
@@ -172,33 +172,33 @@ class Bodies:
 
     @property
     def positions(self) -> NDArray[np.float64]:
-        """(n, 2): true x, y, m."""
+        """True x, y of all robots, (n, 2), m."""
         return self._arena.poses[:, :2]
 
     @property
     def obstacles(self) -> NDArray[np.float64]:
-        """(o, 3): x, y and radius of the obstacles that were added, m."""
+        """x, y and radius of added obstacles, (o, 3), m."""
         return self._arena.obstacles
 
     @property
     def contacts(self) -> int:
-        """Contacts that have begun so far."""
+        """Number of contacts begun so far."""
         return self._arena.contacts
 
     @property
     def driven(self) -> list[float]:
-        """How far each robot has come so far, m, by itself or pushed; to be carried does not count."""
+        """Distance covered by each robot, driven or pushed, m; relocations do not count."""
         driven: list[float] = self._driven.tolist()
         return driven
 
     def truth(self, index: int) -> tuple[float, float, float, float, float, float]:
-        """x, y, heading; vx, vy (map frame), omega."""
+        """Return x, y, heading; vx, vy (map frame), omega."""
         return (*self._poses[index], *self._velocities[index])
 
     def senses(
         self, index: int, step: int, instant: Instant, events: int, halt: bool, places: Places = ()
     ) -> Senses:
-        """Return what the robot's base reports, with new places. A scan is handed out once."""
+        """Return the base's report, with new places. Each scan is returned once."""
         scans = self._scans[index]
         scan = scans.pop() if scans else None
         bumper, self._bumpers[index] = int(self._bumpers[index]), 0
@@ -210,11 +210,11 @@ class Bodies:
         )
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
-        """The robot's wish from `instant` on."""
+        """Set the robot's velocity command from `instant`."""
         self._arena.command(index, made(Twist, (drive.vx, drive.vy, drive.omega)), instant)
 
     def move(self, instant: Instant, duration_us: int) -> None:
-        """Advance from `instant`; sweeps of the range sensors are made at their own instants."""
+        """Advance from `instant`; range sensors scan at their own instants."""
         self._doors.settle()
         end = instant + duration_us
         now: int = instant
@@ -231,20 +231,20 @@ class Bodies:
         self._cache()
 
     def place(self, index: int, pose: Pose) -> None:
-        """Put a robot somewhere else."""
+        """Relocate a robot."""
         check_pose(self._grid, pose.point, self._models[index].footprint.inradius, self._names[index])
         self._arena.move(index, pose)
         self._odometers.carry(index, pose)
-        self._scans[index].clear()  # it shows the place that the robot was taken from
+        self._scans[index].clear()  # scans of the former position
         self._cache()
 
     def add_obstacle(self, x: float, y: float, radius: float) -> None:
-        """Put something round on the floor."""
+        """Add a round obstacle."""
         self._arena.add_obstacle(Point(x, y), radius)
         self.floor_record.put("obstacle", [Point(x, y)], radius)
 
     def add_wall(self, start: Point, end: Point) -> None:
-        """Add a wall as a row of overlapping posts: all of them, or none, raising as `add_obstacle`."""
+        """Add a wall as a row of overlapping posts; add none of them if one raises as in `add_obstacle`."""
         posts = wall_posts(start, end)
         for post in posts:
             self._arena.check_obstacle(post, POST_RADIUS)
@@ -264,10 +264,10 @@ class Bodies:
         """Raise PlacementError for a place that is not on free floor."""
         for x, y in places:
             if not self._grid.is_free(Point(x, y)):
-                raise PlacementError(f"({x:g}, {y:g}) is not on free floor, but a place must be")
+                raise PlacementError(f"({x:g}, {y:g}) is not on free floor; choose another place")
 
     def _next_sweep(self, now: int) -> int:
-        """The next instant at which a sensor sweeps, on the grid of the sub-steps."""
+        """Return the instant of the next scan of any sensor, rounded up to a sub-step."""
         return min(_on_grid((now // period + 1) * period) for period in self._different_periods)
 
     def _scan_due(self, now: Instant) -> None:
@@ -280,13 +280,13 @@ class Bodies:
             self._scans[index].append(Scan(now, ranges))
 
     def _cache(self) -> None:
-        """The states as plain numbers, once per step: reading arrays item by item is slow."""
+        """Convert the states to lists once per step, as reading arrays item by item is slow."""
         self._poses = self._arena.poses.tolist()
         self._velocities = self._arena.velocities.tolist()
 
 
 def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
-    """Where the posts of a wall stand, both ends included; they overlap."""
+    """Return the positions of a wall's overlapping posts, both ends included."""
     gaps = max(1, math.ceil(start.distance_to(end) / _POST_SPACING))
     return tuple(
         Point(start.x + (end.x - start.x) * n / gaps, start.y + (end.y - start.y) * n / gaps)
@@ -295,7 +295,7 @@ def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
 
 
 def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
-    """The floor of a run, on which all robots can stand where they start. Raises MapError, PlacementError."""
+    """Return the real floor of a run. Raises MapError, PlacementError if a robot's start is not free."""
     kept_off = [Point(*robot.start[:2]) for robot in setup.robots]
     kept_off += [Point(*place) for robot in setup.robots for place in robot.places]
     chance = generator(setup.world_seed, "uncertainty", "world")
@@ -306,15 +306,15 @@ def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
 
 
 def _sweeps(model: RobotModel, step_us: int) -> int:
-    """How many sweeps of the model's sensor end in a step at most; at least 1."""
+    """Return the maximum number of scans that end in one step, at least 1."""
     if model.sensor.period < SUBSTEP:
         raise AcrcError(
-            f"the range sensor of {model.name!r} sweeps {model.sensor.rate:g} times a second; "
-            f"the world lets it at most {1_000_000 // SUBSTEP} times"
+            f"the range sensor of {model.name!r} has a rate of {model.sensor.rate:g} Hz; "
+            f"the maximum is {1_000_000 // SUBSTEP} Hz"
         )
     return max(-(-step_us // model.sensor.period), 1)
 
 
 def _on_grid(instant: int) -> int:
-    """The first sub-step boundary at or after `instant`."""
+    """Return the first sub-step boundary at or after `instant`."""
     return -(-instant // SUBSTEP) * SUBSTEP

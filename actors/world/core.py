@@ -1,8 +1,8 @@
-"""The world: conductor of simulated time, and the truth that every other actor only senses.
+"""The world: conductor of simulated time and source of ground truth.
 
-A step has three phases. OPEN: at its start, carry out what is due and send Senses. CLOSE: when every robot
-has answered, send Truth. MOVE: physics to the step's end. A roll call precedes the first step and each
-restart.
+A step has three phases. OPEN: at its start, carry out due orders and send Senses. CLOSE: when every robot has
+answered, send Truth. MOVE: run the physics to the end of the step. A roll call precedes the first step and
+each restart.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,11 +47,11 @@ from actors.world.sensing import PoseErrorSum, WorldReport
 from actors.world.world_setup import BarrierStanding, Member, Participants, WorldSetup
 
 _SHOWN: Final = 32
-"""Characters of a name, which somebody else says, that a sentence shows; none of ours is longer."""
+"""Maximum length of a received name in a message; names of this software are shorter."""
 
 
 class WorldPhase(Enum):
-    """Where in the step the world is."""
+    """Phase of the world within a step."""
 
     ROLL_CALL = "roll call"
     OPEN = "open"
@@ -61,7 +61,7 @@ class WorldPhase(Enum):
 
 
 class WorldCore:
-    """Conducts the steps; see the module's first lines for the phases."""
+    """Conducts the steps; the module describes the phases."""
 
     def __init__(self, setup: WorldSetup, bodies: Bodies, task: Task) -> None:
         self._setup = setup
@@ -74,24 +74,24 @@ class WorldCore:
         self._phase = WorldPhase.ROLL_CALL
         self._finished = False
         self._pause_at: int | None = None
-        """The step at whose boundary to pause next."""
+        """Step at whose start to pause next."""
         self._speed: float | None = None
         self._awaits_radio = True
         self._restarting = False
 
     @property
     def step(self) -> int:
-        """The step that the world is in."""
+        """Number of the current step."""
         return self._step
 
     @property
     def instant(self) -> Instant:
-        """The start of the step that the world is in."""
+        """Start of the current step."""
         return Instant(self._step * self._setup.step_us)
 
     @property
     def finished(self) -> bool:
-        """True once Truth with `halt` has been given."""
+        """True after Truth with `halt` was sent."""
         return self._finished
 
     @property
@@ -106,12 +106,12 @@ class WorldCore:
 
     @property
     def opening(self) -> bool:
-        """True at the boundary at which the next step begins."""
+        """True before the next step begins."""
         return self._phase is WorldPhase.OPEN
 
     @property
     def task_outcome(self) -> Mapping[str, object]:
-        """What the task has come to so far, by subject."""
+        """Outcome of the task so far, by subject."""
         return self._task.outcome(self._participants.present)
 
     def report(self) -> WorldReport:
@@ -126,15 +126,15 @@ class WorldCore:
         )
 
     def listens(self) -> Sequence[Address]:
-        """Every address that a message may come in on."""
+        """Return all subscribed addresses."""
         return (at(READY, "*"), at(RADIO_READY), at(DRIVE, "*"), at(AIRED), at(CONTROL))
 
     def open_to(self) -> Sequence[Address]:
-        """Orders are taken along at a step's opening."""
+        """Return the addresses of optional inputs: orders, at the start of a step."""
         return (at(CONTROL),) if self._phase is WorldPhase.OPEN else ()
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """What the current phase waits for."""
+        """Return the addresses that the current phase still waits for."""
         return [address for address in self._awaited() if address.key not in have]
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
@@ -177,17 +177,17 @@ class WorldCore:
     def _admit(self, member: Member, ready: Ready) -> None:
         if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
             raise AcrcError(
-                f"step {self._step}: {ready.actor[:_SHOWN]} is ready for step {ready.step} in epoch "
+                f"step {self._step}: {ready.actor[:_SHOWN]} reports ready for step {ready.step} in epoch "
                 f"{ready.epoch}; "
-                f"{member.id} in epoch {member.epoch} was due"
+                f"expected {member.id} in epoch {member.epoch}"
             )
         first = self._participants.members[0]
         if first.kernels and ready.kernels != first.kernels:
             names = otherwise(parted(first.kernels), parted(ready.kernels))
-            source = few(names) or "other kernels"
+            source = few(names) or "unknown kernels"
             raise AcrcError(
-                f"{ready.actor} computes otherwise than {first.id}: other bits come from {source}; "
-                "all robots of a run need the same version of this software and processors that compute alike"
+                f"{ready.actor} and {first.id} compute different results in {source}; "
+                "run the same version of this software on compatible processors"
             )
         member.kernels = ready.kernels
         member.standing = BarrierStanding.STEPPING
@@ -222,7 +222,7 @@ class WorldCore:
         return [*outputs, *self._send_senses()]
 
     def _take_orders(self, inputs: Inputs) -> list[Output]:
-        """Carry out a person's orders; answer if they have a ticket."""
+        """Carry out an operator's orders; answer if they have a ticket."""
         if at(CONTROL).key not in inputs:
             return []
         control: Control = read(inputs, CONTROL)
@@ -232,14 +232,13 @@ class WorldCore:
     def _take_counts(self, aired: Aired) -> None:
         if aired.step != self._step - 1:
             raise AcrcError(
-                f"{self._when()}: the radio says what it aired in step {aired.step}; "
-                f"it should be of step {self._step - 1}"
+                f"{self._when()}: the radio reports step {aired.step}; expected step {self._step - 1}"
             )
         for count in aired.counts:
             if count.id not in self._participants or count.events < 1:
                 raise AcrcError(
-                    f"{self._when()}: the radio counts {count.events} events for {brief(count.id)}; "
-                    "it should be at least 1, for a robot of the run"
+                    f"{self._when()}: the radio reports {count.events} events for {brief(count.id)}; "
+                    "expected at least 1, for a robot of this run"
                 )
             self._participants[count.id].events += count.events
 
@@ -264,7 +263,7 @@ class WorldCore:
     def _senses(self, member: Member, instant: Instant, halt: bool = False) -> Output:
         events, member.events = member.events, 0
         new: Places = ()
-        if member.given and not halt:  # a process that ends is not told, the one that follows it is
+        if member.given and not halt:  # an ending process gets no new places; the one started next does
             new, member.told = member.given[member.told :], len(member.given)
         senses = self._bodies.senses(member.index, self._step, instant, events, halt, new)
         return Output(member.senses, senses)
@@ -274,7 +273,7 @@ class WorldCore:
         estimates: dict[int, tuple[float, float, float]] = {}
         begin, end = self.instant, self.instant + self._setup.step_us
         for member in self._participants.of(BarrierStanding.STEPPING):
-            drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` gives it
+            drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` returns
             if wrong := drive_fault(drive, self._step, begin, end):
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, begin)
@@ -317,16 +316,16 @@ class WorldCore:
         return Progress(self._step, self.instant, left, done, self._finished, self.paused)
 
     def waiting(self, addresses: Sequence[Address]) -> Progress:
-        """How things stand while these messages are missing."""
+        """Return the progress while these messages are missing."""
         names = tuple(dict.fromkeys(address.robot or "radio" for address in addresses))
         what = (
-            self.describe_wait(addresses[0]) if addresses else f"step {self._step}: the world takes no step"
+            self.describe_wait(addresses[0]) if addresses else f"step {self._step}: the world is not stepping"
         )
         starting = self._phase is WorldPhase.ROLL_CALL
         return msgspec.structs.replace(self._progress(), awaited=names, awaits=what, starting=starting)
 
     def describe_wait(self, address: Address) -> str:
-        """Who and what the world waits for, in the words of the run."""
+        """Describe a missing message and its sender."""
         what = address.topic.kind.__name__
         who = address.robot or "the radio"
         return f"{self._when()}: no {what} from {who}"

@@ -1,4 +1,4 @@
-"""Drives and bumpers, for all robots at once: forces from commands, pressed sectors from contacts."""
+"""Drive forces from velocity commands and bumper bits from contacts, for all robots at once."""
 
 import math
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ LIMITS = np.dtype(
     ],
     align=True,
 )
-"""Parameters of one robot's drive and bumper; accelerations per second, angles in rad."""
+"""Drive and bumper parameters of one robot; accelerations in 1/s², angles in rad."""
 
 
 def moment_of_inertia(model: RobotModel) -> float:
-    """Return the moment about the body's origin, kg m², its mass evenly spread over the footprint."""
+    """Return the moment of inertia about the body's origin, kg m², for an even mass distribution."""
     if model.footprint.radius is not None:
         return model.mass * (model.footprint.radius * model.footprint.radius) / 2
     assert model.footprint.vertices is not None
@@ -38,9 +38,9 @@ def moment_of_inertia(model: RobotModel) -> float:
 
 
 def limits(models: Sequence[RobotModel]) -> NDArray[np.void]:
-    """Return (n,) of LIMITS. A robot without a bumper has one of negative angles.
+    """Return (n,) of LIMITS; angles are negative for a robot without bumper.
 
-    The wheels, half-way out from the centre, slide at the angular acceleration `turn_grip`.
+    The wheels, half-way out from the centre, slip above the angular acceleration `turn_grip`.
     """
     rows = []
     for model in models:
@@ -58,8 +58,8 @@ def limits(models: Sequence[RobotModel]) -> NDArray[np.void]:
 MEMORY = np.dtype(
     [(name, "f8") for name in ("ahead", "aside", "turn", "hold_ahead", "hold_aside", "hold_turn")]
 )
-"""What a drive remembers: the velocity its wheels are to turn at, m/s and rad/s in the body's frame, and how
-hard they hold against a push, as the change of velocity per sub-step, m/s and rad/s."""
+"""State of a drive: target velocity of the wheels in the body's frame, m/s and rad/s, and holding action
+against pushes, as velocity change per sub-step, m/s and rad/s."""
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -73,13 +73,13 @@ def drive_forces(
     memory: NDArray[np.void],
     forces: Floats,
 ) -> None:
-    """What each drive pushes with during the next sub-step, to come as near to its command as it can.
+    """Compute the forces of all drives in the next sub-step, which follow commands within the limits.
 
     state (n, 6): x, y, heading, vx, vy, omega, map frame; commands (n, 3): vx, vy, omega, body frame; memory
-    (n,) of MEMORY, moved on; forces (n, 3), written: N, N, N m, map frame.
+    (n,) of MEMORY, updated; forces (n, 3), written: N, N, N m, map frame.
 
-    Wheels pull with mass times the acceleration limit at most, but hold with their grip: one robot alone does
-    not push away another that stands, and whoever drives into a wall hardly creeps along it.
+    Wheels accelerate with at most mass times the acceleration limit, but hold with their grip: one robot
+    alone does not push away a standing one, and a robot that drives against a wall hardly slides along it.
     """
     for i in range(state.shape[0]):
         limit = limits[i]
@@ -90,8 +90,8 @@ def drive_forces(
             vx, vy = _shortened(vx, vy, limit.speed)
         else:
             vx, vy = min(max(vx, -limit.speed), limit.speed), 0.0
-        # The physics moves bodies first and changes velocities afterwards, so the new velocity applies at the
-        # heading that the body will have then: a differential drive never drifts sideways.
+        # The physics moves bodies before it changes velocities, so the new velocity applies at the heading
+        # after that move: a differential drive never drifts sideways.
         heading = state[i, 2] + state[i, 5] * dt
         c, s = cos_sin(heading)
         forward, leftward = c * state[i, 3] + s * state[i, 4], c * state[i, 4] - s * state[i, 3]
@@ -111,18 +111,16 @@ def drive_forces(
 def _pull(
     state: Floats, forward: float, leftward: float, vx: float, vy: float, dt: float, limit: Any, wheels: Any
 ) -> tuple[float, float]:
-    """The change of velocity that the drive brings about, body frame; forward, leftward: the velocity now."""
+    """Return the drive's velocity change, body frame; forward, leftward: current velocity."""
     reach, grip = limit.acceleration * dt, limit.grip * dt
     c, s = cos_sin(state[2])
-    slip_ahead = c * state[3] + s * state[4] - wheels.ahead  # since the last sub-step: somebody pushed
+    slip_ahead = c * state[3] + s * state[4] - wheels.ahead  # since the last sub-step: pushed
     slip_aside = c * state[4] - s * state[3] - wheels.aside
     change_x, change_y = _shortened(vx - wheels.ahead, vy - wheels.aside, reach)
     wheels.ahead += change_x
     wheels.aside += change_y
     ahead, aside = wheels.ahead - forward, wheels.aside - leftward
-    if (
-        ahead * wheels.ahead + aside * wheels.aside * limit.omnidirectional > 0
-    ):  # slower than the wheels are to turn
+    if ahead * wheels.ahead + aside * wheels.aside * limit.omnidirectional > 0:  # below the target speed
         wheels.hold_ahead = 0.0
         if limit.omnidirectional:
             wheels.hold_aside = 0.0
@@ -141,16 +139,16 @@ def _pull(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _held(hold: float, slip: float, grip: float) -> float:
-    """How hard to hold after having slipped at that velocity: critically damped, giving way in the long run.
+    """Return the holding action after a slip at this velocity: critically damped, with slow decay.
 
-    Otherwise what is wedged between walls would stay under stress after everybody has stopped pushing.
+    Without decay, a robot wedged between walls would stay under stress after the pushing has stopped.
     """
     return min(max(0.995 * hold - slip / 4, -grip), grip)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
-    """The vector, but no longer than that."""
+    """Return the vector, shortened to at most `longest`."""
     length = hypot(x, y)
     share = 1.0 if length <= longest else longest / length
     return x * share, y * share
@@ -167,11 +165,11 @@ def press_bumpers(
     bumpers: NDArray[np.uint8],
     touching: NDArray[np.bool_],
 ) -> int:
-    """Set the bumper bits that the contacts press, and give how many contacts have begun.
+    """Set the bumper bits of all contacts; return the number of contacts begun.
 
-    pairs (m, 3): numbers of both bodies, and whether their contact is new; normals (m, 2): from the first to
-    the second; numbers (n,), ascending, and robots (n,): which body number is which robot's; bumpers (n,):
-    bits are added; touching (n,): whether each robot touches something that is no robot, before and after.
+    pairs (m, 3): numbers of both bodies, and whether the contact is new; normals (m, 2): from the first to
+    the second; numbers (n,), ascending, and robots (n,): body numbers and their robots; bumpers (n,): bits
+    are added; touching (n,), updated: whether each robot touches anything but robots.
     """
     n = state.shape[0]
     begun = 0
@@ -198,14 +196,14 @@ def press_bumpers(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _robot(number: int, numbers: NDArray[np.uint64], robots: NDArray[np.int64]) -> int:
-    """The robot whose body has that number, or −1."""
+    """Return the robot with this body number, or −1."""
     place = np.searchsorted(numbers, number)
     return robots[place] if place < numbers.size and numbers[place] == number else -1
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _sector(bearing: float, limit: Any) -> np.uint8:
-    """The bumper's bit at that bearing from straight ahead: 1 right, 2 centre, 4 left, 0 none."""
+    """Return the bumper bit for a bearing relative to straight ahead: 1 right, 2 centre, 4 left, 0 none."""
     bearing -= 2 * math.pi * math.floor((bearing + math.pi) / (2 * math.pi))
     if abs(bearing) <= limit.bumper_centre:
         return np.uint8(2)
@@ -215,7 +213,7 @@ def _sector(bearing: float, limit: Any) -> np.uint8:
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
     row = (0.5, 1.0, 5.0, 3.5, 5.0, 28.0, 10.0, 0.157, 500_000, 0.5, 1.5)
     fixed = np.array([(omnidirectional, *row) for omnidirectional in (False, True, True)], LIMITS)
     state = arrays.sin(np.arange(18.0)).reshape(3, 6)

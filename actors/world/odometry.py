@@ -1,4 +1,4 @@
-"""Odometry: where a robot's base believes to be, from its true motion and the errors of a kind of base."""
+"""Odometry: pose estimates of the bases from true motion and the error models of their kinds."""
 
 import math
 from collections.abc import Sequence
@@ -31,16 +31,16 @@ BASE = np.dtype(
     ],
     align=True,
 )
-"""What a Kobuki knows and does not know of itself: true travel of its wheels and by how much each is off,
-ticks at the last feedback, the gyro's angle and bias, sub-steps since it was switched on."""
+"""State of a Kobuki base: true travel of its wheels and their scale errors, encoder ticks at the last
+feedback, angle and bias of the gyro, sub-steps since power-on."""
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def add_scaled(track: Floats, robots: Indices, last: Floats, factors: Floats, estimates: Floats) -> None:
-    """Add the motion along a track to estimates, each axis of the body's frame times a factor.
+    """Add the motion along a track to estimates, each axis of the body's frame scaled by a factor.
 
-    track (s, n, 3): poses after each sub-step; robots (k,): of this kind; last (n, 3): their poses before;
-    factors (n, 3); estimates (n, 3), written.
+    track (s, n, 3): poses after each sub-step; robots (k,): of this kind; last (n, 3): poses before; factors
+    (n, 3); estimates (n, 3), written.
     """
     for i in robots:
         x, y, heading = last[i, 0], last[i, 1], last[i, 2]
@@ -63,11 +63,11 @@ def add_measured(
     estimates: Floats,
     velocities: Floats,
 ) -> None:
-    """The same as wheel encoders and a gyro measure it.
+    """Add the motion along a track as measured by wheel encoders and a gyro.
 
     normals (k, s, 4): standard normal draws; model: track width m, metres per tick, slip m/√m, gyro noise
     rad/√s, bias walk rad/s/√s, gyro resolution rad, sub-steps per feedback; bases (n,) of BASE; velocities
-    (n, 3), written: those of the last feedback, body frame.
+    (n, 3), written: at the last feedback, body frame.
     """
     width, per_tick, slip, noise, walk, resolution, every = model
     for row in range(robots.size):
@@ -91,7 +91,7 @@ def add_measured(
 def _feed_back(
     base: Any, per_tick: float, resolution: float, period: float, estimate: Floats, velocity: Floats
 ) -> None:
-    """Let a base read its encoders and its gyro, and move its estimate on."""
+    """Read the encoders and the gyro of a base and update its estimate."""
     left = math.floor(base.left_travel / per_tick)
     right = math.floor(base.right_travel / per_tick)
     forward = (left - base.left_ticks + right - base.right_ticks) * per_tick / 2
@@ -105,7 +105,7 @@ def _feed_back(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _motion(x: float, y: float, heading: float, pose: Floats) -> tuple[float, float, float]:
-    """From one pose to the next: forward and leftward in the first one's frame, m; turn in [−π, π), rad."""
+    """Return the motion to a pose: forward and leftward, m; turn in [−π, π), rad."""
     dx, dy = pose[0] - x, pose[1] - y
     c, s = cos_sin(heading)
     turn = pose[2] - heading
@@ -131,10 +131,11 @@ def tell(
     measured: NDArray[np.bool_],
     rows: Floats,
 ) -> None:
-    """Write what each base says: x, y, m, heading, rad, not wrapped, and velocity, m/s and rad/s; (n, 6).
+    """Write the odometry of each base, (n, 6): x, y, m, heading, rad, not wrapped, and velocity, m/s and
+    rad/s.
 
     last, origin (n, 3): poses now and at the start; true (n, 3): velocities, map frame; estimates, velocities
-    (n, 3): of odometries that are wrong, the latter where `measured`; exact (n,): which ones are not.
+    (n, 3): of inexact odometries, the latter where `measured`; exact (n,): which are exact.
     """
     for i in range(last.shape[0]):
         rows[i, 0:3] = estimates[i]
@@ -150,13 +151,13 @@ def tell(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _turned_back(heading: float, x: float, y: float) -> tuple[float, float]:
-    """A vector as seen from a frame that is turned by this heading."""
+    """Return a vector in a frame rotated by this heading."""
     c, s = cos_sin(heading)
     return c * x + s * y, c * y - s * x
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
     track = arrays.sin(np.arange(60.0)).reshape(10, 2, 3)
     robots, last = np.arange(2), np.zeros((2, 3))
     estimates, velocities = np.zeros((2, 3)), np.zeros((2, 3))
@@ -173,48 +174,50 @@ def fingerprint() -> bytes:
 
 @dataclass(frozen=True)
 class StageErrors:
-    """Stage's model of a position device with `localization "odom"`: a constant factor per axis and run.
+    """Stage's position device with `localization "odom"`: a constant error factor per axis and run.
 
-    Each factor is 1 + e with e drawn evenly from −E/2 to E/2 (rtv/Stage, libstage/model_position.cc).
+    Each factor is 1 + e with e uniform in [−E/2, E/2] (rtv/Stage, libstage/model_position.cc).
     """
 
     forward: float = 0.03
-    """E of motion forward; d3scomp/ROSRemote, simulation/turtlebot.inc, odom_error."""
+    """E of forward motion; d3scomp/ROSRemote, simulation/turtlebot.inc, odom_error."""
     leftward: float = 0.03
-    """E of motion to the left; same file."""
+    """E of leftward motion; same file."""
     turn: float = 0.02
     """E of turning; same file."""
 
 
 @dataclass(frozen=True)
 class KobukiErrors:
-    """A Kobuki: position from its wheels' encoders, heading from its gyro (kobuki_node, odometry)."""
+    """Error model of a Kobuki: position from wheel encoders, heading from a gyro (kobuki_node, odometry)."""
 
     track: float = 0.230
-    """Between the wheels, m; kobuki_driver, "Kobuki Parameters"."""
+    """Distance between the wheels, m; kobuki_driver, "Kobuki Parameters"."""
     tick_um: float = 85.292
     """Travel per encoder tick, µm; kobuki_driver, "Kobuki Parameters"."""
-    feedback: Duration = Duration(20_000)  # noqa: RUF009 - a NewType makes no object
-    """Period of the base's feedback; kobuki_driver, "Protocol Specification": 50 Hz. Whole sub-steps."""
+    feedback: Duration = Duration(20_000)  # noqa: RUF009 - a NewType creates no object
+    """Period of the base's feedback; kobuki_driver, "Protocol Specification": 50 Hz. A multiple of a
+    sub-step."""
     gyro_resolution_deg: float = 0.01
-    """Of the heading in the feedback, degrees; kobuki_driver, "Protocol Specification", inertial data."""
+    """Resolution of the heading in the feedback, degrees; kobuki_driver, "Protocol Specification", inertial
+    data."""
     gyro_noise_deg: float = 0.03
-    """White noise of the rate, °/s per √Hz, hence degrees per √s; ST L3G4200D data sheet."""
+    """White noise of the angular rate, °/s per √Hz, hence degrees per √s; ST L3G4200D data sheet."""
     gyro_bias_deg: float = 0.01
-    """Standard deviation of the rate's bias at the start, °/s; own estimate: what a third of a kelvin since
-    its calibration makes of the gyro (same data sheet: 0.03 °/s per K)."""
+    """Standard deviation of the initial bias of the angular rate, °/s; own estimate: 0.33 K since calibration
+    at 0.03 °/s per K (same data sheet)."""
     gyro_walk_deg: float = 0.0005
-    """How the bias wanders, °/s per √s; own estimate: as much again as at the start within 7 minutes."""
+    """Random walk of the bias, °/s per √s; own estimate: equals the initial bias after 7 minutes."""
     wheel_scale: float = 0.002
-    """Standard deviation of a wheel's radius, as a share of it; own estimate: 0.07 mm of 35 mm."""
+    """Relative standard deviation of a wheel's radius; own estimate: 0.07 mm of 35 mm."""
     slip: float = 0.002
     """Standard deviation of a wheel's travel, m per √m travelled; own estimate for a smooth floor."""
 
 
 class Odometers:
-    """The odometry of all robots, by index. A robot's errors depend on its own generator only.
+    """Odometry of all robots, by index; the errors of a robot depend on its own generator only.
 
-    Motion is added up per sub-step, so the result does not depend on how many sub-steps one call brings.
+    Motion is added per sub-step, so the result does not depend on the number of sub-steps per call.
     """
 
     def __init__(
@@ -227,7 +230,7 @@ class Odometers:
         stage: StageErrors = StageErrors(),
         kobuki: KobukiErrors = KobukiErrors(),
     ) -> None:
-        """`kinds`: OdometryKinds; `poses`: (n, 3), where they were switched on. Raises AcrcError."""
+        """Create the odometries; `poses`: (n, 3), at power-on. Raises AcrcError."""
         n = len(kinds)
         assert n == len(models) == len(poses) == len(generators)
         assert kobuki.feedback % substep == 0
@@ -244,7 +247,7 @@ class Odometers:
             math.radians(kobuki.gyro_resolution_deg),
             kobuki.feedback // substep,
         )
-        """The parameter `model` of `add_measured`."""
+        """Parameter `model` of `add_measured`."""
         self._origin = np.array(poses, np.float64)
         self._last = np.array(poses, np.float64)
         self._true_velocities = np.zeros((n, 3))
@@ -252,7 +255,7 @@ class Odometers:
         self._velocities = np.zeros((n, 3))
         self._rows = np.zeros((n, 6))
         self._said: list[tuple[float, ...]] | None = None
-        """What `read` gives, of all robots at once, until something has moved."""
+        """Readings of all robots; None after a motion, until the next `read`."""
         self._is_exact = np.array([kind == "exact" for kind in kinds], np.bool_)
         self._is_measured = np.array([kind == "kobuki" for kind in kinds], np.bool_)
         self._scaled = np.flatnonzero(~(self._is_exact | self._is_measured))
@@ -270,8 +273,10 @@ class Odometers:
             base["bias"] = bias * math.radians(kobuki.gyro_bias_deg)
 
     def follow(self, track: NDArray[np.float64], velocities: NDArray[np.float64]) -> None:
-        """Take in true motion, map frame: `track`, (substeps, n, 3), the poses after each sub-step, and
-        `velocities`, (n, 3), at the end."""
+        """Add true motion, map frame.
+
+        `track`: (substeps, n, 3), poses after each sub-step; `velocities`: (n, 3), at the end.
+        """
         if self._scaled.size:
             add_scaled(track, self._scaled, self._last, self._factors, self._estimates)
         if self._measured.size:
@@ -283,13 +288,13 @@ class Odometers:
         self._said = None
 
     def carry(self, index: int, pose: Pose) -> None:
-        """Tell that somebody lifted the robot and put it elsewhere: only an exact odometry notices."""
+        """Record a relocation of the robot; only exact odometry follows it."""
         self._last[index] = pose
         self._true_velocities[index] = 0.0
         self._said = None
 
     def read(self, index: int) -> Odometry:
-        """What the robot's base says."""
+        """Return the odometry of the robot's base."""
         if self._said is None:
             true = self._last, self._origin, self._true_velocities
             estimated = self._estimates, self._velocities
@@ -302,9 +307,8 @@ class Odometers:
 def _check(model: RobotModel, kind: str) -> None:
     known = get_args(OdometryKind)
     if kind not in known:
-        raise AcrcError(f"a robot's odometry is {kind!r}; it should be one of {', '.join(known)}")
+        raise AcrcError(f"odometry is {kind!r}; must be one of {', '.join(known)}")
     if kind == "kobuki" and model.drive.kind != "differential":
         raise AcrcError(
-            f"the odometry of a robot {model.name!r} is 'kobuki', which reads the wheels of a differential "
-            "drive; it should be exact or stage"
+            f"odometry 'kobuki' of model {model.name!r} needs a differential drive; use exact or stage"
         )

@@ -1,4 +1,4 @@
-"""Carries out the scenario's events and a person's orders at a step boundary."""
+"""Carries out the scenario's events and operators' orders at a step boundary."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -36,26 +36,26 @@ from actors.world.world_setup import BarrierStanding, Member, Participants, Time
 
 @dataclass
 class Effects:
-    """What the orders of one step boundary require the world to send and do."""
+    """Effects of the orders of one step boundary on messages and the run."""
 
     starts: list[ProcessOrder] = field(default_factory=list)
-    """Processes to begin."""
+    """Processes to start."""
     ends: list[str] = field(default_factory=list)
-    """Robots whose processes are to end."""
+    """Robots whose processes must end."""
     jams: list[Jam] = field(default_factory=list)
     losses: list[Loss] = field(default_factory=list)
     paused: bool = False
-    """True: stay at this boundary."""
+    """True: pause at this boundary."""
     steps: int | None = None
-    """Pause again after so many steps; 0: do not; None: as before."""
+    """Number of steps until the next pause; 0: none; None: unchanged."""
     speed: float | None = None
-    """Simulated seconds per second from now on, 0: no limit; None: as before."""
+    """New speed, simulated seconds per second, 0: unlimited; None: unchanged."""
     stop: bool = False
     """True: end the run."""
 
 
 class Orders:
-    """Carries out orders, and keeps the effects of the present boundary."""
+    """Carries out orders and keeps the effects of the current boundary."""
 
     def __init__(
         self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies, task: Task
@@ -73,27 +73,27 @@ class Orders:
 
     @property
     def pending(self) -> bool:
-        """True while events of the scenario lie ahead."""
+        """True while events of the scenario remain."""
         return bool(self._events)
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Refused orders from outside, a sentence each; the last may count the rest."""
+        """Messages of refused orders; the last one may count further refusals."""
         more = (f"and {self._refused_later} more",) if self._refused_later else ()
         return (*self._refused, *more)
 
     def begin(self, now: Instant) -> None:
-        """Begin a boundary: carry out every event of the scenario up to `now`."""
+        """Begin a boundary: carry out all events of the scenario up to `now`."""
         self._now = now
         self.effects = Effects()
         while self._events and self._events[0].instant <= now:
             try:
                 self._carry_out(self._events.popleft().order)
             except AcrcError as error:
-                raise AcrcError(f"the event {self._when()} cannot happen: {error}") from error
+                raise AcrcError(f"event {self._when()} failed: {error}") from error
 
     def take(self, orders: Iterable[Order]) -> tuple[str, ...]:
-        """Carry out orders from outside; return, and keep, a sentence for each that is refused."""
+        """Carry out orders from outside; record and return a message for each refused one."""
         refusals = []
         for order in orders:
             try:
@@ -120,7 +120,7 @@ class Orders:
 
     def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | Give) -> None:
         if order.robot not in self._roster:
-            raise AcrcError(f"there is no robot {order.robot!r} to {_verb(order)}")
+            raise AcrcError(f"cannot {_verb(order)} {order.robot!r}: no such robot")
         member = self._roster[order.robot]
         match order:
             case Kill():
@@ -141,7 +141,7 @@ class Orders:
                 raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
 
     def _end(self, member: Member) -> None:
-        """End the robot's process, begun or about to begin."""
+        """End the robot's process, running or about to start."""
         effects = self.effects
         effects.starts = [start for start in effects.starts if start.robot != member.id]
         if member.standing in (BarrierStanding.STEPPING, BarrierStanding.FROZEN):
@@ -149,11 +149,11 @@ class Orders:
         member.standing = BarrierStanding.ENDED
 
     def _give(self, member: Member, order: Give) -> None:
-        """Add places, of which the robot's process learns with its next Senses."""
+        """Add places; the robot's process receives them with its next Senses."""
         if len(member.given) + len(order.places) > self._limits.places:
             raise AcrcError(
-                f"{member.id} was given {len(member.given)} places since the start already; "
-                f"it may be at most {self._limits.places}"
+                f"{member.id} has been given {len(member.given)} places since the start; "
+                f"the limit is {self._limits.places}"
             )
         self._bodies.check_places(order.places)
         member.given += order.places
@@ -165,18 +165,16 @@ class Orders:
             return
         for robot in (order.robot, order.sender):
             if robot not in self._roster:
-                raise AcrcError(f"there is no robot {robot!r} to lose a frame")
+                raise AcrcError(f"cannot lose a frame of {robot!r}: no such robot")
         if order.robot == order.sender:
-            raise AcrcError(f"{order.robot} receives no frames of its own that it could lose")
+            raise AcrcError(f"cannot lose a frame of {order.robot} at itself: robot and sender must differ")
         self.effects.losses.append(Loss(order.robot, order.sender))
 
     def _to_floor(self, order: Obstacle | Wall | CloseDoor | OpenDoor) -> None:
         match order:
             case Obstacle():
                 if self._obstacles >= self._limits.obstacles:
-                    raise AcrcError(
-                        f"there are {self._obstacles} obstacles already; at most that many may be put"
-                    )
+                    raise AcrcError(f"there are {self._obstacles} obstacles; this is the limit")
                 self._bodies.add_obstacle(order.x, order.y, order.radius)
                 self._obstacles += 1
             case Wall():
@@ -184,8 +182,8 @@ class Orders:
                 posts = len(wall_posts(start, end))
                 if self._obstacles + posts > self._limits.obstacles:
                     raise AcrcError(
-                        f"a wall of {posts} posts beside {self._obstacles} obstacles; "
-                        f"at most {self._limits.obstacles} may stand on the floor"
+                        f"a wall of {posts} posts and {self._obstacles} obstacles; "
+                        f"the limit is {self._limits.obstacles} in total"
                     )
                 self._bodies.add_wall(start, end)
                 self._obstacles += posts

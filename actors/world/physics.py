@@ -1,4 +1,4 @@
-"""The floor with everything solid on it: walls, robots, obstacles, and how they move and push one another."""
+"""Physics of walls, robots and obstacles: motion and contacts."""
 
 import math
 import weakref
@@ -21,20 +21,20 @@ from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, 
 
 
 class Shape(NamedTuple):
-    """A convex polygon, rounded: everything within `radius` of it. One vertex: a disc; two: a line."""
+    """A rounded convex polygon: all points within `radius` of it. One vertex: a disc; two: a line."""
 
     vertices: NDArray[np.float64]
-    """(n, 2), counter-clockwise, m in the map frame."""
+    """Vertices, (n, 2), counter-clockwise, m in the map frame."""
     radius: float
 
 
 def disc(x: float, y: float, radius: float) -> Shape:
-    """A disc of that centre and radius, m."""
+    """Return a disc with this centre and radius, m."""
     return Shape(np.array([[x, y]]), radius)
 
 
 def placed(footprint: Footprint, pose: Pose) -> Shape:
-    """A robot's outline where the robot is."""
+    """Return a robot's footprint at a pose."""
     if footprint.radius is not None:
         return disc(pose.x, pose.y, footprint.radius)
     c, s = cos_sin(pose.heading)
@@ -43,9 +43,9 @@ def placed(footprint: Footprint, pose: Pose) -> Shape:
 
 
 def gap(a: Shape, b: Shape) -> float:
-    """Shortest distance between two shapes, m; if they overlap, minus the shortest way apart.
+    """Return the shortest distance of two shapes, m; if they overlap, minus the penetration depth.
 
-    The shortest way apart of convex polygons lies along the normal of one of their edges (separating axes:
+    The penetration depth of convex polygons is along the normal of one of their edges (separating axes:
     Gottschalk, Lin & Manocha, "OBBTree", SIGGRAPH 1996, for the plane).
     """
     radii = a.radius + b.radius
@@ -56,7 +56,7 @@ def gap(a: Shape, b: Shape) -> float:
 
 
 def wall_gap(shape: Shape, segments: NDArray[np.float64]) -> float:
-    """The smallest gap to those wall segments (n, 4) that reach into the shape's bounding box, m; or inf."""
+    """Return the smallest gap to wall segments (n, 4) within the shape's bounding box, m; inf without any."""
     low = shape.vertices.min(axis=0) - shape.radius
     high = shape.vertices.max(axis=0) + shape.radius
     ends = segments.reshape(-1, 2, 2)
@@ -65,12 +65,12 @@ def wall_gap(shape: Shape, segments: NDArray[np.float64]) -> float:
 
 
 def smallest_gap(shape: Shape, others: Iterable[Shape]) -> float:
-    """The gap to the nearest of the others, m; inf without any."""
+    """Return the gap to the nearest other shape, m; inf without any."""
     return min((gap(shape, other) for other in others), default=math.inf)
 
 
 def _separation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """How far b lies beyond a along that of a's edge normals where it does so most; −inf if a is a point."""
+    """Return the largest separation of b from a along a's edge normals; −inf if a is a point."""
     if len(a) == 1:
         return -math.inf
     edges = np.roll(a, -1, axis=0) - a
@@ -80,7 +80,7 @@ def _separation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def _border_distance(points: NDArray[np.float64], ring: NDArray[np.float64]) -> float:
-    """Distance from the nearest of the points to the border of the ring."""
+    """Return the distance from the nearest point to the border of the ring."""
     edges = np.roll(ring, -1, axis=0) - ring
     lengths = np.maximum(_products(edges, edges), np.finfo(float).tiny)
     offsets = points[:, None, :] - ring[None, :, :]
@@ -90,7 +90,7 @@ def _border_distance(points: NDArray[np.float64], ring: NDArray[np.float64]) -> 
 
 
 def _products(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inner products of vectors in the plane: (…, 2) and (…, 2) give (…), as numpy broadcasts them."""
+    """Return the inner products of plane vectors: (…, 2) and (…, 2) to (…), as numpy broadcasts them."""
     product: NDArray[np.float64] = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
     return product
 
@@ -114,10 +114,10 @@ _MEET: Final = ffi.addressof(lib, "pmSpaceArbiterIteratorFuncBatched")
 
 
 class BodyExchange:
-    """Exchanges forces and states with the bodies of one space, in the order in which they were added."""
+    """Exchanges forces and states with the bodies of one space, in the order of their addition."""
 
     def __init__(self, space: pymunk.Space, forces: NDArray[np.float64]) -> None:
-        """`forces`: (n + 1, 3), N, N, N m, read at each `step`; the last row belongs to the walls."""
+        """Create an exchange; `forces`: (n + 1, 3), N, N, N m, read by `step`; the last row is the walls'."""
         self._space = space
         self._address = space._space
         self._into, self._out_of, self._met = batch.Buffer(), batch.Buffer(), batch.Buffer()
@@ -129,26 +129,26 @@ class BodyExchange:
         self._numbers, self._normals = self._met._int_arr, self._met._float_arr
         lib.cpSpaceEachBody(self._address, _GET, self._looked)
         self.states: NDArray[np.float64] = np.frombuffer(self._out_of.float_buf()).reshape(-1, 6)
-        """(n + 1, 6): x, y, heading, vx, vy, omega after the last `step`, which writes to the same memory."""
+        """x, y, heading, vx, vy, omega after the last `step`, (n + 1, 6); `step` overwrites it."""
 
     def step(self, dt: float, *, whole: bool) -> None:
         """Apply the forces for `dt`, s, and read the states.
 
-        `whole`: with pymunk's bookkeeping of what was added or removed since the last such step.
+        `whole`: include pymunk's bookkeeping of additions and removals since the last such step.
         """
-        self._floats.num = 0  # where reading begins
+        self._floats.num = 0  # read from the begin
         lib.cpSpaceEachBody(self._address, _SET, self._pushed)
         if whole:
             self._space.step(dt)
         else:
             lib.cpSpaceStep(self._address, dt)
-        self._states.num = 0  # where writing begins
+        self._states.num = 0  # write from the begin
         lib.cpSpaceEachBody(self._address, _GET, self._looked)
 
     def contacts(self) -> tuple[NDArray[np.uint64], NDArray[np.float64]] | None:
-        """Return the contacts of the last sub-step, None without any; valid until the next call.
+        """Return the contacts of the last sub-step; None without any. Valid until the next call.
 
-        (m, 3): numbers of both bodies, and whether it is new; (m, 2): the normal from first to second.
+        (m, 3): numbers of both bodies, and whether the contact is new; (m, 2): normals from first to second.
         """
         self._numbers.num = self._normals.num = 0
         lib.cpSpaceEachCachedArbiter(self._address, _MEET, self._asked)
@@ -159,27 +159,27 @@ class BodyExchange:
 
 
 def _request(fields: batch.BodyFields | batch.ArbiterFields, buffer: batch.Buffer) -> Any:
-    """Return the argument of the C functions."""
+    """Return the request argument of the C functions."""
     data = ffi.new("pmBatchedData *")
     data.fields, data.floatArray, data.intArray = fields.value, buffer._float_arr, buffer._int_arr
     return data
 
 
 _ANGLE: Final = 14
-"""Where a cpBody (Chipmunk 7, chipmunk_structs.h) holds its angle, in doubles from its begin …"""
+"""Index of the angle in a cpBody (Chipmunk 7, chipmunk_structs.h), in doubles."""
 _TURN: Final = 17
-"""… and its transform: cosine, sine, minus sine, cosine, x, y."""
+"""Index of its transform: cosine, sine, minus sine, cosine, x, y."""
 
 
 def turn_by_ourselves(body: pymunk.Body) -> None:
-    """Compute the rotation of the body's shapes from its angle portably, whenever it moves."""
+    """Use portable functions for the rotation of the body's shapes whenever it moves."""
     _check_layout()
     body.position_func = _move
     turn(body)
 
 
 def turn(body: pymunk.Body) -> None:
-    """Compute the rotation of a body whose angle was set."""
+    """Update the rotation of a body after its angle was set."""
     doubles = _doubles(body)
     c, s = cos_sin(doubles[_ANGLE])
     doubles[_TURN], doubles[_TURN + 1], doubles[_TURN + 2], doubles[_TURN + 3] = c, s, -s, c
@@ -207,14 +207,14 @@ def _check_layout() -> None:
 
 
 SUBSTEP: Final[Duration] = milliseconds(10)
-"""The physics always moves on by this much."""
+"""Time step of the physics."""
 _NO_CONTACTS: Final = np.empty((0, 3), np.uint64), np.empty((0, 2))
 
 
 _SLOP_M: Final = 0.0005
-"""Overlap that is left alone, so that a resting contact stays one; own choice."""
+"""Overlap that is not corrected, so that resting contacts persist; own choice."""
 _CORRECTION: Final = 0.25
-"""Share of the remaining overlap that each sub-step removes; own choice: 5 % are left after 0.1 s."""
+"""Share of the remaining overlap removed per sub-step; own choice: 5 % are left after 0.1 s."""
 _ITERATIONS: Final = 20
 """Iterations of the contact solver per sub-step; own choice, for ten robots pushing into a door."""
 
@@ -222,7 +222,7 @@ _ITERATIONS: Final = 20
 class Arena:
     """Robots, by index, on one floor plan; advances in sub-steps of 10 ms.
 
-    The same calls give bit-equal states. A body whose process is gone brakes and stays.
+    Equal calls give bit-equal states. A body without a process brakes and stays.
     """
 
     def __init__(
@@ -232,7 +232,10 @@ class Arena:
         models: Sequence[RobotModel],
         poses: Sequence[Pose],
     ) -> None:
-        """`segments`: (m, 4), x0, y0, x1, y1 of the walls, m. Raises AcrcError where robots do not fit."""
+        """Create an arena; `segments`: (m, 4), x0, y0, x1, y1 of the walls, m.
+
+        Raises AcrcError if a robot overlaps a wall or another robot.
+        """
         assert len(names) == len(models) == len(poses)
         self._segments = segments
         self._names = tuple(names)
@@ -249,21 +252,21 @@ class Arena:
         self._commands = np.zeros((len(poses), 3))
         self._issued_us = np.zeros(len(poses), np.int64)
         self._memory = np.zeros(len(poses), MEMORY)
-        forces = np.zeros((len(poses) + 1, 3))  # pymunk has the walls as one more body
+        forces = np.zeros((len(poses) + 1, 3))  # pymunk counts the walls as one body
         self._forces = forces[:-1]
         self._touching = np.zeros(len(poses), np.bool_)
-        """(n,): which robots touch something that is no robot."""
+        """Whether each robot touches anything but robots, (n,)."""
         self._touched = False
         """Whether any robot does."""
         self._exchange = BodyExchange(self._space, forces)
         self._state = self._exchange.states[:-1]
         assert np.array_equal(self._state[:, :3], np.array(poses).reshape(-1, 3))
         self.now: Instant = START
-        """The instant that the states belong to."""
+        """Instant of the states."""
         self.bumpers: NDArray[np.uint8] = np.zeros(len(poses), np.uint8)
-        """(n,): pressed at any sub-step of the last `advance`; bit 0 right, 1 centre, 2 left."""
+        """Bumper bits pressed during the last `advance`, (n,); bit 0 right, 1 centre, 2 left."""
         self.contacts = 0
-        """How many contacts, of two robots or of a robot with what does not move, have begun so far."""
+        """Contacts begun so far, between two robots or a robot and a static body."""
         self._refuse_overlaps()
 
     def __len__(self) -> int:
@@ -271,32 +274,32 @@ class Arena:
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """(n, 3): x, y in m, heading in rad in (−π, π], map frame."""
+        """x, y in m, heading in rad in (−π, π], map frame, (n, 3)."""
         return _wrapped(self._state[:, :3])
 
     @property
     def velocities(self) -> NDArray[np.float64]:
-        """(n, 3): vx, vy in m/s, map frame, and omega in rad/s."""
+        """vx, vy in m/s, map frame, and omega in rad/s, (n, 3)."""
         return self._state[:, 3:].copy()
 
     @property
     def obstacles(self) -> NDArray[np.float64]:
-        """(m, 3): x, y, radius of the round obstacles, m."""
+        """x, y, radius of the round obstacles, m, (m, 3)."""
         return np.array(self._obstacles, dtype=np.float64).reshape(-1, 3)
 
     def command(self, index: int, twist: Twist, instant: Instant) -> None:
-        """The velocity a robot wants from now on; its drive forgets it a watchdog's time after `instant`."""
-        vx, vy, omega = twist  # comparisons, as each call counts here
+        """Set a robot's velocity command; the drive's watchdog expires relative to `instant`."""
+        vx, vy, omega = twist  # comparisons, as this is called often
         if not (-math.inf < vx < math.inf and -math.inf < vy < math.inf and -math.inf < omega < math.inf):
             raise AcrcError(
-                f"{self._names[index]} wants to drive at {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
-                "a velocity should be finite"
+                f"{self._names[index]} commands {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
+                "velocities must be finite"
             )
         self._commands[index] = twist
         self._issued_us[index] = instant
 
     def advance(self, substeps: int = 1) -> NDArray[np.float64]:
-        """Move on; gives the poses after every sub-step: (substeps, n, 3)."""
+        """Advance; return the poses after every sub-step, (substeps, n, 3)."""
         track = np.empty((substeps, len(self), 3))
         dt = in_seconds(SUBSTEP)
         self.bumpers[:] = 0
@@ -317,11 +320,11 @@ class Arena:
         return _wrapped(track)
 
     def move(self, index: int, pose: Pose) -> None:
-        """Put a robot's body somewhere else, at rest. Raises AcrcError where it would overlap anything."""
+        """Relocate a robot's body, at rest. Raises AcrcError if it would overlap anything."""
         shape = placed(self._models[index].footprint, pose)
         if obstruction := self._obstruction(shape, [j for j in range(len(self)) if j != index]):
             raise AcrcError(
-                f"{self._names[index]} cannot stand at ({pose.x:g}, {pose.y:g}): "
+                f"{self._names[index]} does not fit at ({pose.x:g}, {pose.y:g}): "
                 f"it would overlap {obstruction}"
             )
         body = self._bodies[index]
@@ -334,31 +337,31 @@ class Arena:
         self._memory[index] = 0.0
 
     def add_obstacle(self, centre: Point, radius: float) -> None:
-        """Add a round obstacle for good. Raises AcrcError as `check_obstacle` does."""
+        """Add a permanent round obstacle. Raises AcrcError as `check_obstacle`."""
         self.check_obstacle(centre, radius)
         self._obstacles.append((centre.x, centre.y, radius))
         self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
 
     def check_obstacle(self, centre: Point, radius: float) -> None:
-        """Raise AcrcError if a round obstacle has no size or would overlap a robot."""
+        """Raise AcrcError for a round obstacle that is not finite or would overlap a robot."""
         if not (0 < radius < 100 and math.isfinite(centre.x) and math.isfinite(centre.y)):
             raise AcrcError(
                 f"an obstacle at ({centre.x:g}, {centre.y:g}) has a radius of {radius:g} m; "
-                "it should stand at a point and have a radius between 0 and 100 m"
+                "its coordinates must be finite, its radius between 0 and 100 m"
             )
         for name, shape in zip(self._names, self._shapes(), strict=True):
             if gap(shape, disc(*centre, radius)) < 0:
                 raise AcrcError(
-                    f"an obstacle of {radius:g} m cannot stand at ({centre.x:g}, {centre.y:g}): "
+                    f"an obstacle of {radius:g} m does not fit at ({centre.x:g}, {centre.y:g}): "
                     f"it would overlap {name}"
                 )
 
     def in_the_way(self, segments: NDArray[np.float64]) -> bool:
-        """True if a robot stands on a door of these segments, (n, 4)."""
+        """Return whether a robot stands on a door of these segments, (n, 4)."""
         return any(wall_gap(shape, segments) < 0 for shape in self._shapes())
 
     def close_door(self, door: int, segments: NDArray[np.float64]) -> None:
-        """Add the segments of a door that no robot is `in_the_way` of."""
+        """Add the segments of a door; no robot may be `in_the_way`."""
         ends = [((x0, y0), (x1, y1)) for x0, y0, x1, y1 in segments.tolist()]
         shapes = [_still(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
         self._space.add(*shapes)
@@ -371,7 +374,7 @@ class Arena:
 
     @property
     def _walls(self) -> NDArray[np.float64]:
-        """(n, 4): those of the floor plan, and closed doors."""
+        """Segments of the floor plan and of closed doors, (n, 4)."""
         return np.concatenate([self._segments, *(segments for segments, _ in self._doors.values())])
 
     def _shapes(self) -> Iterator[Shape]:
@@ -379,7 +382,7 @@ class Arena:
             yield placed(model.footprint, Pose(*state[:3]))
 
     def _obstruction(self, shape: Shape, others: Sequence[int]) -> str:
-        """What `shape` overlaps: "a wall", "an obstacle", a robot's name, or "" for nothing."""
+        """Return what `shape` overlaps: "a wall", "an obstacle", a robot's name, or "" if nothing."""
         if wall_gap(shape, self._walls) < 0:
             return "a wall"
         if smallest_gap(shape, (disc(*obstacle) for obstacle in self._obstacles)) < 0:
@@ -391,7 +394,7 @@ class Arena:
         for index, (shape, pose) in enumerate(zip(self._shapes(), self.poses.tolist(), strict=True)):
             if obstruction := self._obstruction(shape, range(index)):
                 raise AcrcError(
-                    f"{self._names[index]} cannot start at ({pose[0]:g}, {pose[1]:g}): "
+                    f"{self._names[index]} does not fit at ({pose[0]:g}, {pose[1]:g}): "
                     f"it would overlap {obstruction}"
                 )
 
@@ -400,11 +403,11 @@ def _space(segments: NDArray[np.float64]) -> pymunk.Space:
     space = pymunk.Space()
     space.iterations = _ITERATIONS
     space.collision_slop = _SLOP_M
-    # pymunk wants the share of an overlap that is left after 1 s, and takes of it, by the C library's power
-    # function, what is left after a sub-step. Correctly rounded, it is so near to a power that the exact
-    # result lies within 0.1 of the last bit of the float that we want: every C library finds that one.
+    # pymunk's collision_bias is the share of an overlap left after 1 s; it derives the share per sub-step
+    # with the C library's power function. Correctly rounded, our value is so close to an exact power that the
+    # result lies within 0.1 ulp of the float that we need: every C library finds it.
     space.collision_bias = float(Fraction(1 - _CORRECTION) ** (1_000_000 // SUBSTEP))
-    space.collision_persistence = 1  # so that the contacts that pymunk gives are those of this sub-step
+    space.collision_persistence = 1  # so that pymunk returns only contacts of this sub-step
     for x0, y0, x1, y1 in segments.tolist():
         space.add(_still(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)))
     return space
@@ -416,7 +419,7 @@ def _empty(space: pymunk.Space) -> None:
 
 
 def _still(shape: pymunk.Shape) -> pymunk.Shape:
-    """Set the friction of a static shape such that a contact has that of the robot's model."""
+    """Set the friction of a static shape so that a contact has that of the robot's model."""
     shape.friction = 1.0
     return shape
 
@@ -436,14 +439,14 @@ def _body(space: pymunk.Space, model: RobotModel, pose: Pose) -> pymunk.Body:
 
 
 def _wrapped(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A copy with headings in (−π, π]."""
+    """Return a copy with headings in (−π, π]."""
     copy = poses.copy()
     copy[..., 2] = np.pi - np.mod(np.pi - copy[..., 2], 2 * np.pi)
     return copy
 
 
 def fingerprint() -> bytes:
-    """Where pymunk has bodies that push one another: differs where a processor or compiler does otherwise."""
+    """Return the result of a simulation with contacts, which differs if a processor computes differently."""
     wall = np.array([[0.5, -2.0, 0.55, 2.0]])
     turtlebot, omnibox = load_model("turtlebot2"), load_model("omnibox")
     models, names = [turtlebot, omnibox, turtlebot], ["r1", "r2", "r3"]

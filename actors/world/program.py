@@ -1,4 +1,4 @@
-"""The world's process: its set-up, its core, and the router that it is."""
+"""Process of the world: set-up, core and router."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,21 +23,21 @@ from actors.world.core import WorldCore
 from actors.world.world_setup import WorldProgram, WorldSetup
 
 KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, visits, raster)
-"""Modules with numeric kernels that a world computes with."""
+"""Modules with the numeric kernels of a world."""
 
 
 def load_setup(path: Path) -> WorldProgram:
-    """What a world's process is told in a file; its files are called as in there. Raises AcrcError."""
+    """Read the set-up of a world's process; its paths stay relative. Raises AcrcError."""
     return read_setup(path, WorldProgram, "a world")
 
 
 def build(setup: WorldSetup) -> WorldCore:
-    """The core of a world whose task is to visit places."""
+    """Return the core of a world whose task is to visit places."""
     return WorldCore(setup, Bodies(setup), Referee(setup.robots, setup.reach))
 
 
 def part_of(setup: WorldSetup, folder: Path, commit: str) -> ActorProcess:
-    """The world of a set-up in `folder`, without a conductor's clock: in memory, and for replays."""
+    """Return the world of a set-up in `folder` without pacing: in memory, and for replays."""
     return part(build(setup.located(folder)), world_note(setup, commit))
 
 
@@ -46,7 +46,7 @@ def part(
     run: RunNote,
     hold: Callable[[Shell, Bus], None] = run_shell,
 ) -> ActorProcess:
-    """The core and its connections."""
+    """Return the core with its connections."""
     return ActorProcess(
         core=core,
         listens=core.listens(),
@@ -58,15 +58,16 @@ def part(
 
 
 def world_note(setup: WorldSetup, commit: str) -> RunNote:
-    """The first record of the world's file."""
+    """Return the first record of the world's recording."""
     return run_note("world", setup, commit, seed=setup.seed, kernels=fingerprints(KERNELS))
 
 
 class Conductor:
-    """Drives the world over the mesh: keeps the pace, and says what it waits for when it waits long."""
+    """Drives the world over the mesh: keeps the pace and reports long waits."""
 
     TICK_S: Final = 0.25
-    """It has said so before half of the shortest timeout is over, and is not blamed itself."""
+    """Period of checks for waits, s; below half of the shortest timeout, so that the wait is reported
+    first."""
 
     def __init__(self, core: WorldCore, speed: float | None) -> None:
         self._core = core
@@ -87,7 +88,7 @@ class Conductor:
             run_shell(shell, bus, self.hold)
 
     def hold(self) -> None:
-        """Wait until the next step is due, at the speed that was ordered last."""
+        """Wait until the next step is due at the last ordered speed."""
         if self._core.speed != self._heard:
             self._heard = self._core.speed
             self._pace = Pace(self._heard) if self._heard else None

@@ -1,4 +1,4 @@
-"""Rays against the floor plan and against the bodies standing on it: exact, and fast."""
+"""Exact and fast ray casting against the floor plan and bodies."""
 
 import math
 from typing import Any
@@ -30,22 +30,22 @@ SENSOR = np.dtype(
     ],
     align=True,
 )
-"""A range sensor on a body; `table`: where its rays begin in the table of directions."""
+"""A range sensor on a body; `table`: index of its first ray in the table of directions."""
 BODY = np.dtype(
     [("radius", "f8"), ("first_vertex", "i8"), ("vertices", "i8")],
     align=True,
 )
-"""A body's outline: a disc if it has no vertices, otherwise `radius` is that of the disc around it."""
+"""A body's outline: a disc if it has no vertices, otherwise `radius` is its circumradius."""
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def cast(
     squares: NDArray[np.uint8], x: float, y: float, directions: Floats, reach: float, distances: Floats
 ) -> None:
-    """Distances from (x, y) to the first blocking cell along the unit vectors (2, n); inf beyond reach.
+    """Compute distances from (x, y) to the first blocking cell along unit vectors (2, n); inf beyond reach.
 
-    squares: of `free_squares`; distances (n,), written. Everything is in cells; a ray that starts in a
-    blocking cell or outside of the map is at its end.
+    squares: of `free_squares`; distances (n,), written. Units are cells; the distance is 0 from a blocking
+    cell or from outside of the map.
     """
     column, row = math.floor(x), math.floor(y)
     distances[:] = 0.0
@@ -72,13 +72,13 @@ def _leap(
     rows: Floats,
     distances: Floats,
 ) -> None:
-    """The first leap of all rays from a point, as `square_at` and `cell_after` have it.
+    """Compute the first leap of all rays from a point, as `square_at` and `cell_after`.
 
-    sides (4,): of the squares around the point, by quadrant; dx, dy (n,); the others (n,), written: those of
-    `Ray`, column and row of the cell that is entered, and how far along the ray.
+    sides (4,): of the squares around the point, by quadrant; dx, dy (n,); the others (n,), written: values of
+    `Ray`, column and row of the cell entered, and the distance along the ray.
 
-    All leap out of the same four squares, so this needs no look at the map, and processors do several rays at
-    once: as long as all numbers are floats, and each array is known to be apart from the others.
+    All rays leap out of the same four squares. As this needs no look at the map, compilers vectorise it,
+    provided that all numbers are floats and the arrays do not overlap.
     """
     north_east, north_west = float(sides[0]), float(sides[1])
     south_east, south_west = float(sides[2]), float(sides[3])
@@ -107,11 +107,11 @@ def _leap(
 def _rest(
     squares: NDArray[np.uint8], line: Ray, column: int, row: int, distance: float, reach: float
 ) -> float:
-    """Distance to the first blocking cell of a ray that is in this cell after so far; inf beyond reach."""
+    """Return the distance to the first blocking cell of a ray from a cell on its way; inf beyond reach."""
     if distance > reach:
         return math.inf
     sides = squares[line.quadrant]
-    side = int(sides[np.uint64(row), np.uint64(column)])  # without signs: below 0, numba counts from the end
+    side = int(sides[np.uint64(row), np.uint64(column)])  # unsigned, as numba wraps negative indices
     while side:
         square = square_at(line, column, row, side)
         distance = min(square.to_x, square.to_y)
@@ -124,7 +124,7 @@ def _rest(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _to_disc(x: float, y: float, radius: float, dx: float, dy: float) -> float:
-    """Distance from the origin along (dx, dy) to a disc around (x, y); inf if the ray misses it."""
+    """Return the distance from the origin along (dx, dy) to a disc around (x, y); inf without a hit."""
     along = x * dx + y * dy
     aside = x * dy - y * dx
     rest = radius * radius - aside * aside
@@ -136,7 +136,7 @@ def _to_disc(x: float, y: float, radius: float, dx: float, dy: float) -> float:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _to_polygon(ring: Floats, dx: float, dy: float) -> float:
-    """The same to a convex polygon (n, 2), counter-clockwise: where the ray is inside of all its edges.
+    """Return the distance to a convex polygon (n, 2), counter-clockwise: where the ray is inside all edges.
 
     Cyrus and Beck, "Generalized two- and three-dimensional clipping", Computers & Graphics 3, 1978.
     """
@@ -166,7 +166,7 @@ def _hide_behind(
     directions: Floats,
     ranges: Floats,
 ) -> None:
-    """Shorten the ranges of rays that meet a body; (x, y): its centre as seen from the sensor, map frame."""
+    """Shorten the ranges of rays that hit a body; (x, y): its centre relative to the sensor, map frame."""
     apart = hypot(x, y)
     if apart - radius > sensor.range_max:
         return
@@ -181,7 +181,7 @@ def _hide_behind(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _ring(body: Any, pose: Floats, vertices: Floats, x: float, y: float) -> Floats:
-    """The (n, 2) vertices of a body at that pose as seen from (x, y), map frame."""
+    """Return the (n, 2) vertices of a body at a pose relative to (x, y), map frame."""
     ring = np.empty((body.vertices, 2))
     c, s = cos_sin(pose[2])
     for k in range(body.vertices):
@@ -207,11 +207,11 @@ def sweep(
     starts: NDArray[np.int64],
     ranges: Floats,
 ) -> None:
-    """The true ranges of all sensors that are due, m; inf beyond the sensor's reach.
+    """Compute the true ranges of all due sensors, m; inf beyond a sensor's reach.
 
     west, south: the map's corner; due (k,): robots; poses (n, 3); sensors (n,) of SENSOR; table (m, 2):
     cosine and sine of the rays in the body's frame; bodies (n,) of BODY; vertices (v, 2) in the body's frame;
-    obstacles (o, 3): x, y, radius; starts (k,): where each scan begins in ranges, written.
+    obstacles (o, 3): x, y, radius; starts (k,): index of each scan in ranges, written.
     """
     nothing = np.empty((0, 2))
     for scan in range(due.size):
@@ -254,10 +254,10 @@ def in_millimetres(
     starts: NDArray[np.int64],
     report: NDArray[np.uint16],
 ) -> None:
-    """What sensors that are due report of their true ranges: (n,) m, to report, (n,) mm; 65535 = no echo.
+    """Convert true ranges, (n,) m, to reported ones with noise, (n,) mm; 65535 = no echo.
 
     ranges, due, sensors, starts: see `sweep`; report: written; normals: standard normal draws, (rays,) for
-    each scan of a sensor with noise, one after the other.
+    each scan of a sensor with noise, consecutively.
     """
     drawn = 0
     for scan in range(due.size):
@@ -274,7 +274,7 @@ def in_millimetres(
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
     blocking = arrays.sin(np.square(np.arange(1200.0))).reshape(30, 40) > 0.9
     blocking[14:17, 9:31] = False
     squares = free_squares(blocking)

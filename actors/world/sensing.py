@@ -1,4 +1,4 @@
-"""What the robots' range sensors report: planar scans of walls, other robots and obstacles."""
+"""Range sensors of the robots, and statistics of their pose errors."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from actors.world.rays import BODY, SENSOR, in_millimetres, sweep
 
 
 class RangeSensors:
-    """The range sensors of all robots on one floor plan. A sensor does not see the body that carries it."""
+    """Range sensors of all robots on one floor plan; a sensor does not detect its own body."""
 
     def __init__(
         self,
@@ -30,8 +30,11 @@ class RangeSensors:
         dropout: float = 0.0,
         dropouts: Sequence[Generator] = (),
     ) -> None:
-        """`generators`: one per robot, for the noise of its ranges; `dropouts`: the same for the share
-        `dropout` of its rays that give no echo, needed if that is not 0."""
+        """Create the sensors.
+
+        `generators`: one per robot, for the noise of its ranges; `dropouts`: one per robot, for the share
+        `dropout` of rays without echo, required if that is not 0.
+        """
         assert len(models) == len(generators)
         self.look_at(grid)
         self._generators = tuple(generators)
@@ -43,14 +46,14 @@ class RangeSensors:
         self._bodies, self._vertices = _bodies(models)
 
     def look_at(self, grid: OccupancyGrid) -> None:
-        """From now on the floor plan is this one."""
+        """Replace the floor plan."""
         self._grid = grid
         self._squares = free_squares(grid.blocking)
 
     def scan(
         self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
     ) -> list[NDArray[np.uint16]]:
-        """A scan of each robot in `due`: (rays,) mm, 65535 = no echo.
+        """Return a scan of each robot in `due`: (rays,) mm, 65535 = no echo.
 
         `poses`: (n, 3) of all robots; `obstacles`: (m, 3) x, y, radius; m, rad, map frame.
         """
@@ -60,7 +63,7 @@ class RangeSensors:
     def encoded(
         self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
     ) -> list[bytes]:
-        """The same as messages hold it: (rays,) little-endian uint16."""
+        """Return the scans as in messages: (rays,) little-endian uint16."""
         report, bounds = self._report(due, poses, obstacles)
         whole = report.astype("<u2", copy=False).tobytes()
         return [whole[2 * begin : 2 * end] for begin, end in pairwise(bounds)]
@@ -68,7 +71,7 @@ class RangeSensors:
     def _report(
         self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
     ) -> tuple[NDArray[np.uint16], list[int]]:
-        """All scans, one after the other, and where each begins, and the last one ends."""
+        """Return all scans concatenated, and their bounds."""
         robots = np.array(due, np.int64)
         rays = self._sensors["rays"][robots]
         ends = rays.cumsum()
@@ -88,7 +91,7 @@ class RangeSensors:
 
 
 def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
-    """(n,) of SENSOR, and the (m, 2) directions of the rays of each different one."""
+    """Return (n,) of SENSOR, and the (m, 2) ray directions of all distinct sensors."""
     different = list(dict.fromkeys(sensors))
     angles = [scan_angles(sensor) for sensor in different]
     begins = np.cumsum([0, *map(len, angles)])
@@ -103,7 +106,7 @@ def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[
 
 
 def _bodies(models: Sequence[RobotModel]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
-    """(n,) of BODY, and the (v, 2) vertices of all polygons."""
+    """Return (n,) of BODY, and the (v, 2) vertices of all polygons."""
     vertices: list[tuple[float, float]] = []
     rows = []
     for model in models:
@@ -114,40 +117,40 @@ def _bodies(models: Sequence[RobotModel]) -> tuple[NDArray[np.void], NDArray[np.
 
 
 ASTRAY: Final = 0.5
-"""A robot farther than this from where it holds itself to be, m, is astray."""
+"""Localisation error above which a robot counts as astray, m."""
 LOST: Final = 1.0
-"""A robot farther than this from where it holds itself to be, m, is lost."""
+"""Localisation error above which a robot is lost, m."""
 
 
 class PoseError(msgspec.Struct, frozen=True):
-    """How far one robot's held positions lay from its true ones, over all steps in which it said any."""
+    """Statistics of one robot's localisation error over all steps with an estimate."""
 
     samples: int
-    """Steps in which it said where it holds itself to be; 0: never, and the numbers below are all 0."""
+    """Number of steps with an estimate; if 0, all other values are 0."""
     rmse: float
-    """Root of the mean of the squared distances, m: the absolute trajectory error."""
+    """Root mean square of the error, m: the absolute trajectory error."""
     greatest: float
-    """The greatest distance, m."""
+    """Greatest error, m."""
     astray_share: float
-    """Share of the samples with a distance above ASTRAY."""
+    """Share of samples above ASTRAY."""
     lost_share: float
-    """Share of the samples with a distance above LOST."""
+    """Share of samples above LOST."""
     times_lost: int
-    """How often the distance rose above LOST."""
+    """Number of times that the error rose above LOST."""
     lost_at_end: bool
-    """Whether the last distance lies above LOST."""
+    """Whether the last error is above LOST."""
 
 
 class WorldReport(msgspec.Struct, frozen=True):
-    """Ground truth of a run: part of the last record of its world, beside what the task reports."""
+    """Ground truth of a run; part of the last record of the world, with the task's outcome."""
 
     contacts: int
     pose_errors: dict[str, PoseError]
     driven: dict[str, float]
-    """Distance that each robot truly covered, or was pushed, m."""
+    """Distance that each robot truly covered, driven or pushed, m."""
     steps: int
     refused_orders: tuple[str, ...]
-    """Orders from outside that made no sense, a sentence each."""
+    """Messages of refused orders from outside."""
 
 
 class PoseErrorSum:

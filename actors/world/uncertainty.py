@@ -1,6 +1,6 @@
-"""What makes robots lose their way: floor and map that differ, rays without echo, odometry that drifts.
+"""Real-world errors: floor that differs from the map, rays without echo, odometry drift.
 
-All of it is drawn once, from the run's seed; robots have the map as it is in its file.
+All are drawn once from the run's seed; robots receive the unchanged map.
 """
 
 from collections.abc import Sequence
@@ -21,44 +21,44 @@ from actors.world.odometry import KobukiErrors, StageErrors
 
 T = TypeVar("T", StageErrors, KobukiErrors)
 _LATTICE: Final = 2.0
-"""The map's errors at points so far apart, m, are independent of each other; own choice, as all below."""
+"""Distance of points at which the map's errors are independent, m; own choice, as all values below."""
 _PANE: Final = 1.0
-"""Glass comes in squares of this side, m."""
+"""Side of the squares of glass, m."""
 _FURNITURE: Final = 0.25
-"""Radius of a thing on the floor, m,"""
+"""Radius of a piece of furniture, m."""
 _PASSAGE: Final = 0.6
-"""and how far it is from walls and other things at least, m: a robot gets past it. From robots' starts and
-places its middle is twice its radius farther."""
+"""Minimum distance of furniture from walls and other furniture, m, so that robots can pass. From starts and
+places its centre is farther away by twice its radius."""
 
 
 class Uncertainty(Settings, frozen=True):
-    """How the floor differs from the robots' map, what sensors miss, how odometry drifts."""
+    """Differences between floor and map, missing echoes and odometry drift."""
 
     map_error: Annotated[float, Meta(ge=0, le=0.5, extra={"unit": "metres"})] = 0.0
-    """Standard deviation of how far a wall is from where the map has it, m, by direction."""
+    """Standard deviation of walls from their position on the map, m, per axis."""
     glass: Share = 0.0
-    """Share of the walls that range sensors look through."""
+    """Share of the walls that range sensors do not detect."""
     furniture: Annotated[int, Meta(ge=0, le=1000)] = 0
-    """So many things on the floor, of 0.25 m radius, that the map does not have."""
+    """Number of obstacles of 0.25 m radius that are not on the map."""
     drift: Annotated[float, Meta(ge=0, le=1000)] = 1.0
-    """The odometry's errors are so many times as large as those of its kind."""
+    """Factor on the errors of the odometry."""
     dropout: Share = 0.0
-    """Share of the rays of every scan that give no echo, whatever they hit."""
+    """Share of rays without echo in every scan."""
 
 
 class RealFloor(NamedTuple):
-    """What is really there."""
+    """The floor that robots move on."""
 
     solid: OccupancyGrid
-    """What bodies run into."""
+    """Cells that bodies collide with."""
     visible: OccupancyGrid
-    """What range sensors see: where there is glass nothing is, nor outside it; rays end at the map's edge."""
+    """Cells that range sensors detect: without glass; rays end at the map's edge."""
 
 
 def floor(
     plan: OccupancyGrid, dose: Uncertainty, generator: Generator, kept_off: Sequence[Point]
 ) -> RealFloor:
-    """The floor behind a robots' map `plan`; no furniture stands at `kept_off`.
+    """Return the real floor for the map `plan`; no furniture stands near `kept_off`.
 
     Raises PlacementError if there is no room for the furniture.
     """
@@ -77,7 +77,7 @@ def floor(
             keep_off=kept_off,
         )
     except PlacementError as error:
-        raise PlacementError(f"uncertainty.furniture is {dose.furniture}, but {error}") from None
+        raise PlacementError(f"uncertainty.furniture = {dose.furniture}: {error}") from None
     x, y = plan.centres()
     taken = np.zeros(plan.cells.shape, np.bool_)
     for thing in things:
@@ -98,7 +98,7 @@ def drifting(dose: Uncertainty) -> tuple[StageErrors, KobukiErrors]:
 
 
 def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> NDArray[np.uint8]:
-    """Each cell is what the map has where a smooth field of errors leads; walls stay without gaps."""
+    """Return the cells displaced by a smooth random field; walls stay without gaps."""
     rows, columns = np.indices(plan.cells.shape).astype(np.float64)
     down, across = (_smooth(plan, generator) * (error / plan.resolution) for _ in range(2))
     blocked = np.zeros(plan.cells.shape, np.bool_)
@@ -111,7 +111,7 @@ def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> NDArray
 
 
 def _smooth(plan: OccupancyGrid, generator: Generator) -> NDArray[np.float64]:
-    """(rows, columns): standard normal at the points of a lattice, and linear between them."""
+    """Return (rows, columns): standard normal at lattice points, bilinear in between."""
     spacing = _LATTICE / plan.resolution
     shape = (int(plan.rows / spacing) + 2, int(plan.columns / spacing) + 2)
     lattice = normals(generator, shape)

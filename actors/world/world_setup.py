@@ -1,4 +1,4 @@
-"""What a world is built from, as whoever starts the run has it."""
+"""Set-up of a world, and the robots that take part."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -17,46 +17,46 @@ from actors.world.uncertainty import Uncertainty
 
 
 class BodySetup(RobotDescription, frozen=True, kw_only=True):
-    """One robot's body and where it starts; its places are used to measure only."""
+    """One robot's body and its start; places are used for measurements only."""
 
     odometry: OdometryKind
-    """Which model of odometry errors it has."""
+    """Kind of odometry errors."""
 
 
 class TimedOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An order of the scenario; carried out at the first step boundary at or after `instant`."""
+    """An order of the scenario, carried out at the first step boundary at or after `instant`."""
 
     instant: int
     order: Order
 
     def step(self, step_us: int) -> int:
-        """The step at whose boundary that is."""
+        """Return the step at whose start the order is carried out."""
         return -(-self.instant // step_us)
 
 
 class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Everything a world needs to know."""
+    """Parameters of a world."""
 
     map: str
     seed: int
     step_us: int
-    """A multiple of the physics sub-step, 10 000 µs."""
+    """Length of a step, µs; a multiple of the physics sub-step, 10 000 µs."""
     duration_us: int
     robots: tuple[BodySetup, ...]
     events: tuple[TimedOrder, ...] = ()
-    """In order of their instants."""
+    """Orders sorted by instant."""
     uncertainty: Uncertainty = Uncertainty()
-    """How the floor differs from the map, and how far odometry drifts."""
+    """Differences between floor and map, and odometry drift."""
     reach: float = 0.7
-    """A place counts as visited when ground truth was within so many metres: the 0.5 m at which robots report
-    it (d3scomp's testbed), and 0.2 m for what a robot that is not lost may err about where it is."""
+    """A place counts as visited if ground truth was this near, m: the 0.5 m at which robots report it
+    (d3scomp's testbed) plus 0.2 m of localisation error."""
     key: str = ""
-    """Hexadecimal digits without which nothing that is drawn follows from `seed`; empty: there is none."""
+    """Hexadecimal key that enters all random draws beside `seed`; empty for none."""
     detail: RecordDetail = "lean"
-    """How much the world records."""
+    """Level of detail of the world's recording."""
 
     def located(self, folder: Path) -> Self:
-        """With its files as they are called for who does not stand in `folder`, where the set-up lies."""
+        """Return the set-up with its paths relative to `folder` resolved."""
         robots = tuple(
             msgspec.structs.replace(robot, model=located_model(robot.model, folder)) for robot in self.robots
         )
@@ -64,30 +64,30 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def world_seed(self) -> int:
-        """The seed of what the world draws."""
+        """Seed of the world's draws."""
         return keyed_seed(self.seed, self.key, "world")
 
     def robot_seed(self, robot: str) -> int:
-        """The seed of what a robot draws."""
+        """Return the seed of a robot's draws."""
         return derived_seed(self.seed, robot, self.key)
 
 
 class WorldProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
-    """A world's place in a run."""
+    """Process parameters of a world."""
 
     speed: float | None = None
     """Simulated seconds per second; None: as fast as possible."""
 
 
 WorldProgram = ActorSetup[WorldSetup, WorldProcess]
-"""What a world's process reads."""
+"""Set-up file of a world's process."""
 
 
 class BarrierStanding(Enum):
-    """How a robot's process stands towards the barrier."""
+    """State of a robot's process with respect to the step barrier."""
 
     AWAITED = "awaited"
-    """Started, and not Ready yet."""
+    """Started, but not Ready yet."""
     STEPPING = "stepping"
     FROZEN = "frozen"
     ENDED = "ended"
@@ -95,7 +95,7 @@ class BarrierStanding(Enum):
 
 @dataclass
 class Member:
-    """One robot of the roster, at its index in the world's arrays."""
+    """One robot, with its index in the world's arrays."""
 
     id: str
     index: int
@@ -103,26 +103,26 @@ class Member:
     epoch: int = 0
     kernels: str = ""
     events: int = 0
-    """Radio events that lie in wait for the robot's next step."""
+    """Radio events pending for the robot's next step."""
     given: tuple[tuple[float, float], ...] = ()
-    """The places that it was given since the start of the run, m."""
+    """Places added since the start of the run, m."""
     told: int = 0
-    """So many of these its process has been told of."""
+    """Number of these sent to the current process."""
     senses: Address = field(init=False)
-    """Where it is told what it senses."""
+    """Address of its Senses."""
     drive: Address = field(init=False)
-    """Where it says how it wants to drive."""
+    """Address of its Drive."""
 
     def __post_init__(self) -> None:
         self.senses, self.drive = at(SENSES, self.id), at(DRIVE, self.id)
 
     @property
     def alive(self) -> bool:
-        """True while there is a process, frozen or not, or one is under way."""
+        """True while a process exists, frozen or not, or is being started."""
         return self.standing is not BarrierStanding.ENDED
 
     def begin_anew(self) -> None:
-        """Await a new process, which knows of nothing but the start."""
+        """Expect a new process, which has not received the added places."""
         self.epoch += 1
         self.told = 0
         self.standing = BarrierStanding.AWAITED
@@ -142,10 +142,10 @@ class Participants:
         return robot in self._by_id
 
     def of(self, *standings: BarrierStanding) -> list[Member]:
-        """The members with one of these standings."""
+        """Return the members in one of these states."""
         return [member for member in self.members if member.standing in standings]
 
     @property
     def present(self) -> tuple[str, ...]:
-        """The ids of those that take part."""
+        """Ids of the members that are alive."""
         return tuple(member.id for member in self.members if member.alive)

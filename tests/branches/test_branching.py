@@ -122,8 +122,8 @@ def test_events_that_do_not_happen_are_named(leave: Leave) -> None:
     words = ("kill r9 at 4.05", "lose r1 r1 at 5", "kill r1 at 12")
     done = leave(Change(4.0, events=tuple(event(one, 4.0) for one in words)))
     assert done.undone == (
-        "at 4.1 s: there is no robot 'r9' to kill",
-        "at 5 s: r1 receives no frames of its own that it could lose",
+        "at 4.1 s: cannot kill 'r9': no such robot",
+        "at 5 s: cannot lose a frame of r1 at itself: robot and sender must differ",
         "at 12 s: the branch was over at 12 s",
     )
     assert done.divergence is None

@@ -75,7 +75,7 @@ def test_a_door_closes_once_nobody_stands_in_it() -> None:
 
 
 TRUE = Drive(7, 0.1, 0.0, 0.0, 0)
-COUNT = "it should be at least 1, for a robot of the run"
+COUNT = "expected at least 1, for a robot of this run"
 IN_STEP = "it should be from 700000 to 799999 µs"
 
 
@@ -106,9 +106,12 @@ def test_a_false_drive_ends_the_run_and_names_who_sent_it(changes: dict[str, obj
 @pytest.mark.parametrize(
     ("aired", "sentence"),
     [
-        (Aired(5, ()), "the radio says what it aired in step 5; it should be of step 0"),
+        (Aired(5, ()), "the radio reports step 5; expected step 0"),
         *[
-            (Aired(0, (EventCount(robot, count),)), f"the radio counts {count} events for '{robot}'; {COUNT}")
+            (
+                Aired(0, (EventCount(robot, count),)),
+                f"the radio reports {count} events for '{robot}'; {COUNT}",
+            )
             for robot, count in (("r9", 1), ("r1", -1))
         ],
     ],

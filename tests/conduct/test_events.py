@@ -128,7 +128,7 @@ def test_no_sweep_of_a_fast_sensor_is_lost() -> None:
     with patch("actors.world.body.load_model", lambda *_: fast), pytest.raises(AcrcError) as raised:
         Bodies(Theatre.setup_of(["r1"]))
     assert str(raised.value) == (
-        "the range sensor of 'TurtleBot 2' sweeps 200 times a second; the world lets it at most 100 times"
+        "the range sensor of 'TurtleBot 2' has a rate of 200 Hz; the maximum is 100 Hz"
     )
 
 
@@ -166,7 +166,7 @@ def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
     slipped = Theatre(1.0)
     ordered(slipped, Kill("r9"))
     assert slipped.run().digest == Theatre(1.0).run().digest
-    assert list(slipped.core.report().refused_orders) == ["at 0 s: there is no robot 'r9' to kill"]
+    assert list(slipped.core.report().refused_orders) == ["at 0 s: cannot kill 'r9': no such robot"]
     stepped = Theatre(1.0)
     ordered(stepped, Step(5), Resume())
     assert stepped.run().core.step == 10, "the pause after the steps is forgotten"
@@ -195,7 +195,7 @@ def test_a_wall_over_a_robot_is_refused_as_a_whole() -> None:
     answers = ordered(play, Wall(14.0, 13.0, 17.0, 13.0), ticket="mine")
     play.run()
     ((refusal,),) = [answer.refusals for answer in answers]
-    assert "an obstacle of 0.05 m cannot stand at" in refusal and refusal.endswith("it would overlap r2")
+    assert "an obstacle of 0.05 m does not fit at" in refusal and refusal.endswith("it would overlap r2")
     assert play.digest == Theatre(1.0).run().digest
 
 
@@ -213,7 +213,7 @@ UNFIT = [
     (Move("r1", 3.0, 12.0, inf), f"move.heading is inf, {FAR}"),
     (Obstacle(inf, 0.0, 0.2), f"obstacle.x is inf, {FAR}"),
     (Obstacle(5.0, 12.0, -1.0), "obstacle.radius is -1, but must be above 0 and at most 100"),
-    (Kill("r9"), "there is no robot 'r9' to kill"),
+    (Kill("r9"), "cannot kill 'r9': no such robot"),
 ]
 
 
@@ -255,15 +255,15 @@ SHUT = (0.4, CloseDoor(24.0, 11.1))
 @pytest.mark.parametrize(
     ("order", "sentence"),
     [
-        (Kill("r9"), "there is no robot 'r9' to kill"),
+        (Kill("r9"), "cannot kill 'r9': no such robot"),
         (Thaw("r1"), "cannot thaw r1, which is stepping"),
-        (Move("r1", 17.05, 13.0, 0.0), "r1 cannot stand at (17.05, 13): it would overlap r2"),
-        (CloseDoor(9.0, 12.5), "(9, 12.5) is in no door of the map; its doors are at "),
-        (OpenDoor(12.45, 9.4), "the door at (12.45, 9.4) is open already"),
-        (CloseDoor(24.0, 11.2), "the door at (24, 11.2) is closed already"),
+        (Move("r1", 17.05, 13.0, 0.0), "r1 does not fit at (17.05, 13): it would overlap r2"),
+        (CloseDoor(9.0, 12.5), "(9, 12.5) is not at a door; the map's doors are at "),
+        (OpenDoor(12.45, 9.4), "the door at (12.45, 9.4) is already open"),
+        (CloseDoor(24.0, 11.2), "the door at (24, 11.2) is already closed"),
         (CloseDoor(nan, 11.1), f"close.x is nan, {FAR}"),
-        (Give("r1", ((-3.0, 12.0),)), "(-3, 12) is not on free floor, but a place must be"),
-        (Give("r9", ((15.5, 12.5),)), "there is no robot 'r9' to give"),
+        (Give("r1", ((-3.0, 12.0),)), "(-3, 12) is not on free floor; choose another place"),
+        (Give("r9", ((15.5, 12.5),)), "cannot give 'r9': no such robot"),
         (Give("r1", ()), "give.places is 0, but must be from 1 to 1000"),
         (Give("r1", ((inf, 0.0),)), f"give.places is inf, {FAR}"),
     ],
@@ -271,7 +271,7 @@ SHUT = (0.4, CloseDoor(24.0, 11.1))
 def test_an_event_that_cannot_happen_ends_the_run(order: Order, sentence: str) -> None:
     with pytest.raises(AcrcError) as caught:
         Theatre(1.0, [SHUT, (0.5, order)]).run()
-    assert str(caught.value).startswith(f"the event at 0.5 s cannot happen: {sentence}")
+    assert str(caught.value).startswith(f"event at 0.5 s failed: {sentence}")
 
 
 @pytest.mark.parametrize(
@@ -279,14 +279,14 @@ def test_an_event_that_cannot_happen_ends_the_run(order: Order, sentence: str) -
     [
         (combined({"a.cos": "1" * 64, "a.sin": "4" * 64}), "a.sin"),
         ("a.sin=\x1b[2J", "a.sin"),
-        ("\x1b[2J=1", "other kernels"),
-        ("", "other kernels"),
+        ("\x1b[2J=1", "unknown kernels"),
+        ("", "unknown kernels"),
     ],
 )
 def test_robots_that_compute_otherwise_are_refused(said: str, named: str) -> None:
     here = combined({"a.cos": "1" * 64, "a.sin": "2" * 64, "a.tan": "3" * 64})
     with refused(
-        f"r2 computes otherwise than r1: other bits come from {named}; all robots of a run need the same "
-        "version of this software and processors that compute alike"
+        f"r2 and r1 compute different results in {named}; run the same version of this software on "
+        "compatible processors"
     ):
         Theatre(1.0, kernels={"r1": here, "r2": said}).run()

@@ -167,7 +167,7 @@ def test_there_is_a_limit_that_fits_one_message() -> None:
     crowd = (HERE,) * most
     play = Theatre(1.0, [(0.2, Give("r1", crowd)), (0.5, Restart("r1"))]).run()
     assert told(play.acts["r1.1"].senses) == {5: crowd}
-    with pytest.raises(AcrcError, match="it may be at most 1000"):
+    with pytest.raises(AcrcError, match="the limit is 1000"):
         Theatre(1.0, [(0.2, Give("r1", crowd)), (0.5, Give("r1", (HERE,)))]).run()
 
 

@@ -264,6 +264,6 @@ def test_a_world_that_cannot_begin_ends_the_run(tmp_path: Path) -> None:
     with pytest.raises(AcrcError) as caught:
         swarm.run_processes(spoilt, "forkserver", lambda progress: None)
     assert str(caught.value) == (
-        "world ended with exit code 2: a step of 12345 µs; it must be a multiple of 10000 µs"
+        "world ended with exit code 2: step_us is 12345 µs; must be a multiple of 10000 µs"
     )
     assert gone(out)

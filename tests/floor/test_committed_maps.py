@@ -122,6 +122,4 @@ def test_a_point_beside_a_door_means_it_and_one_on_open_floor_none() -> None:
     assert doors.at(Point(12.45, 9.4)) == doors.at(Point(12.6, 9.9))
     with pytest.raises(DoorError) as caught:
         doors.at(Point(9.0, 12.5))
-    assert str(caught.value).startswith(
-        "(9, 12.5) is in no door of the map; its doors are at (12.52, 9.48), "
-    )
+    assert str(caught.value).startswith("(9, 12.5) is not at a door; the map's doors are at (12.52, 9.48), ")

@@ -134,10 +134,10 @@ def test_image_paths(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch)
 def test_an_image_path_of_another_computer_means_the_image_beside(tmp_path: Path, name: str) -> None:
     path = written(tmp_path, image=name)
     assert load_map(path).cells.tolist() == CELLS
-    assert "does not exist; plan.png beside the YAML is read" in map_warnings(path)[0]
+    assert "does not exist; reading plan.png beside the YAML" in map_warnings(path)[0]
 
 
-NEEDED = "the key '{}' is missing; a map needs image, resolution, origin."
+NEEDED = "the key '{}' is missing; required are image, resolution, origin."
 
 
 @pytest.mark.parametrize(
@@ -145,23 +145,23 @@ NEEDED = "the key '{}' is missing; a map needs image, resolution, origin."
     [
         *[({key: None}, NEEDED.format(key)) for key in ("image", "resolution", "origin")],
         ({"origin": "[0, 0, 0.3]"},
-         "origin has yaw 0.3 rad, but only multiples of 90° can be read; turn the image by 17.19°"
+         "origin has yaw 0.3 rad, but must be a multiple of 90°; rotate the image by 17.19°"
          " counter-clockwise and set yaw to 0."),
         ({"mode": "scaled"}, "mode is 'scaled', but must be trinary, scale or raw."),
-        ({"image": "[a, b]"}, "image is ['a', 'b'], but must be the name of a file."),
+        ({"image": "[a, b]"}, "image is ['a', 'b'], but must be a file name."),
         ({"resolution": "fine"}, "resolution is 'fine', but must be a number below 1e9."),
         ({"resolution": "nan"}, "resolution is 'nan', but must be a number below 1e9."),
-        ({"resolution": "0"}, "resolution is 0, but a cell must be longer than 0 m."),
+        ({"resolution": "0"}, "resolution is 0, but must be above 0 m."),
         ({"negate": "2"}, "negate is '2', but must be 0, 1, true or false."),
         ({"origin": "[0, 0]"},
          "origin is ['0', '0'], but must be three numbers below 1e9: x, y in m, yaw in rad."),
         ({"free_thresh": "0.7"}, "free_thresh 0.7 and occupied_thresh 0.65 are out of order;"
-         " right is 0 ≤ free_thresh ≤ occupied_thresh ≤ 1."),
+         " must be 0 ≤ free_thresh ≤ occupied_thresh ≤ 1."),
         ({"origin": "[99999.9, 0, 0]"},
-         "origin (99999.9, 0) is too far from 0: coordinates of the map must be within ±100000 m; set"
-         " origin to [0, 0, 0] and subtract (99999.9, 0) from coordinates that you give."),
+         "origin (99999.9, 0) is too far away: coordinates of the map must be within ±100000 m; set"
+         " origin to [0, 0, 0] and subtract (99999.9, 0) from all your coordinates."),
         ({"free_thresh": "0.1\nfree_thresh: 0.2"},
-         "the key 'free_thresh' is there twice; delete one of the two."),
+         "duplicate key 'free_thresh'; delete one."),
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_named(tmp_path: Path, changes: dict[str, str | None], sentence: str) -> None:
@@ -171,9 +171,9 @@ def test_a_wrong_value_is_named(tmp_path: Path, changes: dict[str, str | None], 
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (b"- image", "a map's YAML must be a list of keys and values, image, resolution, origin, negate,"
+        (b"- image", "the YAML must be a mapping with the keys image, resolution, origin, negate,"
          " occupied_thresh, free_thresh, mode."),
-        (b"image: [", "this is not YAML: while parsing a flow node expected the node content, but found"
+        (b"image: [", "invalid YAML: while parsing a flow node expected the node content, but found"
          ' \'<stream end>\' in "<byte string>", line 1, column 9: image: [ ^.'),
         (b"# " + b"x" * 65_536, "the map cannot be read: has more than 65536 bytes."),
     ],
@@ -281,8 +281,8 @@ def test_channels_are_averaged_and_colours_warned_of(tmp_path: Path) -> None:
     path = image_map(tmp_path, Image.fromarray(colours), "a.png")
     assert load_map(path).cells.tolist() == [[FREE, FREE, OCCUPIED], [OCCUPIED, UNKNOWN, UNKNOWN]]
     assert map_warnings(path) == (
-        "plan.yaml: 1 pixels have a colour, the first in column 2, row 1 from the top: (200, 0, 61); the mean"
-        " of red, green and blue counts",
+        "plan.yaml: 1 pixels are coloured, the first in column 2, row 1 from the top: (200, 0, 61); using"
+        " the mean of red, green and blue",
     )
 
 
@@ -339,7 +339,7 @@ def test_rooms_without_grey_are_not_warned_of(tmp_path: Path) -> None:
 
 def test_damaged_images(tmp_path: Path) -> None:
     assert refusal(image_map(tmp_path, b"not an image")) == (
-        "image: this is not an image that can be read; right are PNG, PPM, BMP, GIF, TIFF, WEBP, JPEG."
+        "image: unknown image format; supported are PNG, PPM, BMP, GIF, TIFF, WEBP, JPEG."
     )
     path = written(tmp_path)
     whole = (tmp_path / "plan.png").read_bytes()
@@ -357,12 +357,12 @@ def test_damaged_images(tmp_path: Path) -> None:
 def test_an_image_too_large_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
     path = written(tmp_path)
     for limits, reason in (
-        (MapLimits(cells=5), "3 x 2 pixels are more than 5"),
+        (MapLimits(cells=5), "3 x 2 pixels; the limit is 5"),
         (MapLimits(image_bytes=20), "has more than 20 bytes"),
     ):
         assert refusal(path, limits=limits) == f"plan.png: the map's image cannot be read: {reason}."
     huge = image_map(tmp_path, b"P5 12000 12000 255\n")
-    assert refusal(huge).endswith("12000 x 12000 pixels are more than 16000000.")
+    assert refusal(huge).endswith("12000 x 12000 pixels; the limit is 16000000.")
     assert "decompression bomb" in refusal(image_map(tmp_path, b"P5 99999 99999 255\n"))
 
 

@@ -21,7 +21,7 @@ BODY = RADIUS + 0.03
 SEEDS = 80
 SEED = "but must be a whole number from 0 to 9223372036854775807, as in 'offices:7'"
 DOOR = "but must be a multiple of 0.05 m from 0.9 to 1.3 m"
-KEYS = "what can be fixed is count, door_width, corridor_width, furniture"
+KEYS = "the parameters are count, door_width, corridor_width, furniture"
 FIRST = "b370e236"
 """So SHA-256 of the first 20 floors' images begins; a processor or a change that draws others is found."""
 
@@ -104,7 +104,7 @@ def test_a_name_means_the_same_bytes_everywhere(tmp_path: Path) -> None:
         ("offices:7,count=1e999", "count is '1e999', but must be a whole number from 1 to 20"),
         ("offices:7,count", "count is '', but must be a whole number from 1 to 20"),
         ("offices:7,furniture=1,furniture=2", f"'furniture' is given twice; {KEYS}"),
-        ("offices:7,doors=1", f"'doors' is not known; {KEYS}"),
+        ("offices:7,doors=1", f"'doors' is not a parameter; {KEYS}"),
     ],
 )  # fmt: skip
 def test_what_no_floor_is_called(name: str, sentence: str) -> None:
@@ -115,7 +115,7 @@ def test_what_no_floor_is_called(name: str, sentence: str) -> None:
 def test_names_of_one_floor_are_one_and_a_name_without_end_is_not_repeated() -> None:
     told = offices.parse("offices:07,furniture=1,door_width=1").name
     assert told == "offices:7,door_width=1.00,furniture=1" == offices.parse(told).name
-    with pytest.raises(offices.OfficesError, match=r"^the name of a floor has 100008 characters"):
+    with pytest.raises(offices.OfficesError, match=r"^the floor name has 100008 characters"):
         load_map(offices.PREFIX + "7" * 100_000)
 
 

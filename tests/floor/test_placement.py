@@ -89,8 +89,8 @@ def test_only_what_can_be_reached_is_drawn_from() -> None:
     assert all(5 < point.x < 8 and point.y > 1 for point in narrow), "the south strip is 1 m wide"
 
 
-FEWER = "from each other; ask for fewer, or for smaller distances."
-FREE_FLOOR = "a place must be free floor."
+FEWER = "from each other; use fewer points or smaller distances."
+FREE_FLOOR = "reduce clearance or move the area."
 FAR = {"areas": [Area("Moon", 100, 100, 101, 101)]}
 NARROW = {"areas": [Area("Hall", 1, 1, 2, 2), Area("Office1", 0, 0, 0.5, 4)]}
 
@@ -98,17 +98,17 @@ NARROW = {"areas": [Area("Hall", 1, 1, 2, 2), Area("Office1", 0, 0, 0.5, 4)]}
 @pytest.mark.parametrize(
     ("count", "options", "sentence"),
     [
-        (40, {}, f"there is room for 13 of 40 points at least 0.6 m from walls and 0.6 m {FEWER}"),
+        (40, {}, f"only 13 of 40 points fit at least 0.6 m from walls and 0.6 m {FEWER}"),
         (1, {"clearance": 2.5}, f"the map has no reachable point at least 2.5 m from walls; {FREE_FLOOR}"),
         (1, NARROW, f"area 'Office1' has no reachable point at least 0.6 m from walls; {FREE_FLOOR}"),
         (1, FAR, f"area 'Moon' has no reachable point at least 0.6 m from walls; {FREE_FLOOR}"),
         (1, {"keep_off": [Point(2.0, 2.0)], "apart": 3.0},
-         f"there is room for 0 of 1 points at least 0.6 m from walls and 3 m {FEWER}"),
+         f"only 0 of 1 points fit at least 0.6 m from walls and 3 m {FEWER}"),
         (1, {"start": Point(0.1, 2.02), "passage": 0.18},
-         "a disc of radius 0.18 m has no room at the start (0.10, 2.02);"
+         "a disc of radius 0.18 m does not fit at the start (0.10, 2.02);"
          " the nearest point with room is (0.25, 2.05)."),
         (1, {"start": Point(-3.0, 2.0), "passage": 5.0},
-         "a disc of radius 5 m has no room at the start (-3.00, 2.00);"
+         "a disc of radius 5 m does not fit at the start (-3.00, 2.00);"
          " no point of this map is that far from walls."),
     ],
 )  # fmt: skip
@@ -120,12 +120,12 @@ def test_what_has_no_room_is_refused(count: int, options: dict[str, Any], senten
 def test_areas_are_checked_and_found_by_name() -> None:
     hall, office = Area("Hall", 0, 0, 2, 1), Area("Office", 3, 0, 4, 1)
     assert areas_named([hall, office], ["Office", "Hall"]) == (office, hall)
-    with refused("area 'Kitchen' is not known; the known ones are 'Hall', 'Office'.", PlacementError):
+    with refused("area 'Kitchen' is not defined; defined are 'Hall', 'Office'.", PlacementError):
         areas_named([hall, office], ["Kitchen"])
-    with refused("area 'Kitchen' is not known; the known ones are none.", PlacementError):
+    with refused("area 'Kitchen' is not defined; defined are none.", PlacementError):
         areas_named([], ["Kitchen"])
     with refused(
-        "area 'Hall' spans x 2 to 2 and y 0 to 1 m, but each must grow from its first number to its second.",
+        "area 'Hall' spans x 2 to 2 and y 0 to 1 m, but must have x0 < x1 and y0 < y1.",
         PlacementError,
     ):
         Area("Hall", 2.0, 0.0, 2.0, 1.0)

@@ -85,7 +85,7 @@ def test_an_area_must_hold_free_floor_also_if_nobody_uses_it() -> None:
     outside = f'{OFFICES}[[area]]\nname = "Moon"\nx = [100, 101]\ny = [-5, 1]\n'
     assert refusal(outside).startswith('area[2] "Moon" spans x 100 to 101 and y -5 to 1 m, where nothing')
     narrow = '[[area]]\nname = "edge"\nx = [11.5, 13.5]\ny = [0.9, 1.0]\n'
-    room = "area 'edge' has no reachable point at least 0.6 m from walls; a place must be free floor."
+    room = "area 'edge' has no reachable point at least 0.6 m from walls; reduce clearance or move the area."
     assert refusal(f'[robots]\nareas = ["edge"]\n{narrow}') == (
         f"no start for robot r1 in robots.areas beside 0 others: {room}"
     )

@@ -130,7 +130,7 @@ REFUSED = {
     '[[event]]\nat = 1\nmove = "r2"\nto = [-3, 0, 0]': "robot 'r2' at (-3.00, 0.00) is outside the ",
     '[[event]]\nat = 1\ngive = "r2"\nplaces = [[5, 12.5]]': "event[0].places has (5, 12.5), but must be",
     "[[event]]\nat = 1\nclose = [9, 12]":
-        "event[0].close: (9, 12) is in no door of the map; its doors are at (12.52, 9.48), ",
+        "event[0].close: (9, 12) is not at a door; the map's doors are at (12.52, 9.48), ",
     "[[event]]\nat = 1\nopen = [12.4, 9.4]": "event[0] cannot open a door at 1 s: it is open then",
     '[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]': "place 1 of robot r2 is at (5, 12.5), ",
     '[places]\npreset = "golden"\nper_robot = 11': "places.per_robot is 11, but must be at most 10 wh",
@@ -170,10 +170,8 @@ def test_more_robots_or_places_than_there_is_room_for(tmp_path: Path) -> None:
     beginning, _, end = too_many.partition(" others: ")
     number = int(beginning.rpartition(" ")[2])
     assert 0 < number < 9 and beginning == f"no start for robot r{number + 1} beside {number}"
-    assert end.startswith(
-        "there is room for 0 of 1 points at least 0.6 m from walls and 0.6 m from each other"
-    )
+    assert end.startswith("only 0 of 1 points fit at least 0.6 m from walls and 0.6 m from each other")
     assert refusal('[robots]\ncount = 1\n[places]\npreset = "free"', head).startswith(
-        "cannot draw 10 places for robot r1 on all free floor: there is room for "
+        "cannot draw 10 places for robot r1 on all free floor: only "
     )
     assert len(resolve(scenario("[robots]\ncount = 1\n[places]\nper_robot = 0", head=head)).world.robots) == 1

@@ -83,7 +83,7 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
     refused = in_process.acrc("order", out, "thaw", "r9")
     assert refused.returncode == 1 and refused.stdout == ""
     assert re.fullmatch(
-        r"acrc: the run refused the order 'thaw r9' at [\d.]+ s: there is no robot 'r9' to thaw\n",
+        r"acrc: the run refused the order 'thaw r9' at [\d.]+ s: cannot thaw 'r9': no such robot\n",
         refused.stderr,
     )
     order("pause")

@@ -196,10 +196,10 @@ def test_measuring_motion_beside_plain_python() -> None:
 
 
 def test_what_no_robot_can_have_is_refused() -> None:
-    drive = "which reads the wheels of a differential drive; it should be exact or stage"
+    drive = "needs a differential drive; use exact or stage"
     for kind, model, sentence in (
-        ("kobuki", OMNIBOX, f"the odometry of a robot 'Omnibox' is 'kobuki', {drive}"),
-        ("gps", TURTLEBOT, "a robot's odometry is 'gps'; it should be one of exact, stage, kobuki"),
+        ("kobuki", OMNIBOX, f"odometry 'kobuki' of model 'Omnibox' {drive}"),
+        ("gps", TURTLEBOT, "odometry is 'gps'; must be one of exact, stage, kobuki"),
     ):
         with refused(sentence):
             Odometers([kind], [model], np.zeros((1, 3)), [np.random.default_rng(0)], SUBSTEP)

@@ -206,21 +206,21 @@ def test_the_same_calls_give_bit_equal_states() -> None:
 @pytest.mark.parametrize(
     ("attempt", "sentence"),
     [
-        (lambda world: world.move(0, Pose(2.1, 2, 0)), "r0 cannot stand at (2.1, 2): it would overlap r1"),
+        (lambda world: world.move(0, Pose(2.1, 2, 0)), "r0 does not fit at (2.1, 2): it would overlap r1"),
         (lambda world: world.move(0, Pose(4.9, 0, 0)),
-         "r0 cannot stand at (4.9, 0): it would overlap a wall"),
+         "r0 does not fit at (4.9, 0): it would overlap a wall"),
         (lambda world: world.move(0, Pose(-3, 0, 0)),
-         "r0 cannot stand at (-3, 0): it would overlap an obstacle"),
+         "r0 does not fit at (-3, 0): it would overlap an obstacle"),
         (lambda world: world.add_obstacle(Point(2, 2.2), 0.1),
-         "an obstacle of 0.1 m cannot stand at (2, 2.2): it would overlap r1"),
+         "an obstacle of 0.1 m does not fit at (2, 2.2): it would overlap r1"),
         (lambda world: world.add_obstacle(Point(0, 0), -1.0),
-         "an obstacle at (0, 0) has a radius of -1 m; it should stand at a point and have a radius "
+         "an obstacle at (0, 0) has a radius of -1 m; its coordinates must be finite, its radius "
          "between 0 and 100 m"),
         (lambda world: world.command(1, Twist(math.nan, 0, 0), Instant(0)),
-         "r1 wants to drive at nan, 0 m/s and 0 rad/s; a velocity should be finite"),
-        (lambda _: arena(Pose(0, 0, 0), Pose(0.3, 0, 0)), "r1 cannot start at (0.3, 0): it would overlap r0"),
+         "r1 commands nan, 0 m/s and 0 rad/s; velocities must be finite"),
+        (lambda _: arena(Pose(0, 0, 0), Pose(0.3, 0, 0)), "r1 does not fit at (0.3, 0): it would overlap r0"),
         (lambda _: arena(Pose(0, -4.9, 0), model=OMNIBOX),
-         "r0 cannot start at (0, -4.9): it would overlap a wall"),
+         "r0 does not fit at (0, -4.9): it would overlap a wall"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(attempt: Callable[[Arena], object], sentence: str) -> None:
@@ -348,4 +348,4 @@ def test_a_process_that_is_killed_before_it_was_begun_is_not_begun() -> None:
     asked = orders()
     refusals = asked.take([Freeze("r9"), Kill("r2")])
     assert asked.effects == Effects(ends=["r2"])
-    assert refusals == asked.refused == ("at 0 s: there is no robot 'r9' to freeze",)
+    assert refusals == asked.refused == ("at 0 s: cannot freeze 'r9': no such robot",)
