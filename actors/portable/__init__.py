@@ -1,11 +1,11 @@
-"""Elementary functions that give the same bits on every processor: the only ones that cores use.
+"""Elementary functions with equal bits on every processor; cores use no others.
 
-They stand on what IEEE 754 defines to the last bit: + − × ÷ √, remainders, and exponents moved about.
-Whatever a C library or numpy brings may choose other instructions, and with them other last bits, on another
-processor or in another release. Results are IEEE's for every argument, never an exception.
+They use only operations that IEEE 754 defines to the last bit: + − × ÷ √, remainders, and changes of
+exponents. Functions of C libraries and numpy may use other instructions on another processor or in another
+release, with other last bits. Results are IEEE's for every argument; no exceptions are raised.
 
-For plain Python from here, for kernels from `portable.compiled`, for arrays from `portable.arrays`: the same
-source, the same bits. `portable.draws` makes normal and exponential draws of a generator's uniform ones.
+Use them from here in plain Python, from `portable.compiled` in kernels and from `portable.arrays` for arrays:
+the same source, the same bits. `portable.draws` has normal and exponential draws from uniform ones.
 """
 
 from actors.portable.elementary import (

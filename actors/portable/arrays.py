@@ -1,4 +1,4 @@
-"""The functions of this package over whole arrays, entry by entry: the same bits as one by one."""
+"""The functions of this package on arrays, entry by entry, with the same bits."""
 
 from collections.abc import Callable
 from typing import Final, TypeAlias
@@ -13,7 +13,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 def _by_entry(function: Callable[[float], float]) -> Callable[[ArrayLike], Floats]:
-    """Return the function over the entries of an array; same shape."""
+    """Return the function applied to each entry of an array; same shape."""
 
     @njit(cache=True)  # type: ignore[untyped-decorator]
     def over(values: Floats, results: Floats) -> None:
@@ -21,9 +21,7 @@ def _by_entry(function: Callable[[float], float]) -> Callable[[ArrayLike], Float
             results[i] = function(values[i])
 
     def by_entry(x: ArrayLike) -> Floats:
-        values = np.array(
-            x, np.float64, order="C"
-        )  # a copy: read-only arrays would need kernels of their own
+        values = np.array(x, np.float64, order="C")  # a copy, as read-only arrays would need separate kernels
         results = np.empty(values.shape)
         over(values.reshape(-1), results.reshape(-1))
         return results
@@ -58,7 +56,7 @@ def _total(rows: Floats, results: Floats) -> None:
 
 
 def hypot(x: ArrayLike, y: ArrayLike) -> Floats:
-    """Lengths of the vectors (x, y), shapes as numpy broadcasts them."""
+    """Return the lengths of the vectors (x, y), broadcast as in numpy."""
     wide = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
     one, other = (np.ascontiguousarray(part) for part in wide)
     results = np.empty(wide[0].shape)
@@ -67,7 +65,7 @@ def hypot(x: ArrayLike, y: ArrayLike) -> Floats:
 
 
 def total(x: ArrayLike) -> Floats:
-    """Sums along the last axis, added from its first entry to its last; (…, n) gives (…)."""
+    """Return the sums along the last axis, added in order; (…, n) to (…)."""
     terms = np.ascontiguousarray(x, np.float64)
     results = np.empty(terms.shape[:-1])
     _total(terms.reshape(results.size, terms.shape[-1]), results.reshape(-1))
@@ -75,7 +73,7 @@ def total(x: ArrayLike) -> Floats:
 
 
 def fingerprint() -> dict[str, bytes]:
-    """What the functions give for fixed inputs: differs where a processor or compiler does otherwise."""
+    """Return the functions' results for fixed inputs, which differ if a processor computes differently."""
     x = np.arange(-40.0, 40.0) * 0.37 + 0.11
     positive = x * x
     results = {"sin": sin(x), "cos": cos(x), "exp": exp(x), "exp10": exp10(x), "expm1": expm1(x)}

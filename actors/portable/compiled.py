@@ -1,8 +1,8 @@
-"""The functions of this package for kernels: importing this teaches numba each of them.
+"""The functions of this package for kernels: an import registers them with numba.
 
-What is compiled is the very source that plain Python runs; only `two_to` and `halved` are written anew, on
-the bits themselves. Divisions follow IEEE 754 (no exception), and nothing is contracted to fused operations,
-since numba allows LLVM that only with fastmath.
+numba compiles the source that plain Python runs, except `two_to` and `halved`, which work on the bits.
+Divisions follow IEEE 754 (no exception), and nothing is contracted to fused operations, which numba allows
+LLVM only with fastmath.
 """
 
 from typing import Any, Final

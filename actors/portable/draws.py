@@ -1,6 +1,6 @@
-"""Normal and exponential draws of a generator, each from one of its uniform ones by the inverse distribution.
+"""Normal and exponential draws, each from one uniform draw by the inverse distribution.
 
-numpy's own take the tails of their distributions from the C library's logarithm and exponential function.
+numpy's own use the C library's logarithm and exponential function in the tails.
 """
 
 from collections.abc import Sequence
@@ -18,14 +18,14 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 def normals(generator: Generator, shape: int | tuple[int, ...]) -> Floats:
-    """Standard normal draws of that shape, none beyond ±8.3."""
+    """Return standard normal draws of this shape, within ±8.3."""
     draws = generator.random(shape)
     _to_normals(draws.reshape(-1))
     return draws
 
 
 def normals_of_each(generators: Sequence[Generator], counts: Sequence[int]) -> Floats:
-    """Standard normal draws, so many of each generator, one after the other: (sum of the counts,)."""
+    """Return `counts` standard normal draws of each generator, concatenated: (sum of the counts,)."""
     draws = np.empty(sum(int(count) for count in counts))
     end = 0
     for generator, count in zip(generators, counts, strict=True):
@@ -37,14 +37,14 @@ def normals_of_each(generators: Sequence[Generator], counts: Sequence[int]) -> F
 
 
 def exponentials(generator: Generator, mean: float, count: int) -> Floats:
-    """Exponentially distributed draws of that mean: (count,), none beyond 37 times the mean."""
+    """Return exponentially distributed draws with this mean, (count,), below 37 times the mean."""
     draws = generator.random(count)
     _to_exponentials(draws, mean)
     return draws
 
 
 def uniforms(generator: Generator, low: float, high: float, count: int) -> Floats:
-    """Evenly distributed draws: (count,), from `low` to `high`."""
+    """Return uniform draws from `low` to `high`, (count,)."""
     draws: Floats = low + (high - low) * generator.random(count)
     return draws
 
@@ -62,7 +62,7 @@ def _to_exponentials(draws: Floats, mean: float) -> None:
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
     uniform = np.arange(200.0) / 200.0
     normal, exponential = uniform.copy(), uniform.copy()
     _to_normals(normal)

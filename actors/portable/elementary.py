@@ -4,23 +4,23 @@ import math
 from typing import Final
 
 MAGIC: Final = 6755399441055744.0
-"""1.5 · 2^52: what is added to a float below 2^51 and taken away again leaves the nearest whole number."""
+"""1.5 · 2^52: adding and subtracting it rounds a float below 2^51 to the nearest integer."""
 _ROOT_HALF: Final = 0.7071067811865476
 _LEAST_NORMAL: Final = 2.2250738585072014e-308
 
 
 def two_to(k: int) -> float:
-    """2^k; −1022 ≤ k ≤ 1023."""
+    """Return 2^k; −1022 ≤ k ≤ 1023."""
     return math.ldexp(1.0, k)
 
 
 def halved(x: float) -> tuple[float, int]:
-    """m, ½ ≤ m < 1, and k, x = m · 2^k; `x` > 0, finite and normal."""
+    """Return m, ½ ≤ m < 1, and k with x = m · 2^k; `x` > 0, finite and normal."""
     return math.frexp(x)
 
 
 def split(x: float) -> tuple[float, int]:
-    """m, √½ ≤ m < √2, and k, x = m · 2^k; `x` > 0 and finite."""
+    """Return m, √½ ≤ m < √2, and k with x = m · 2^k; `x` > 0 and finite."""
     below = 0
     if x < _LEAST_NORMAL:
         x *= 18014398509481984.0  # 2^54
@@ -32,7 +32,7 @@ def split(x: float) -> tuple[float, int]:
 
 
 def scaled(x: float, k: int) -> float:
-    """x · 2^k, ½ < x < 2, rounded once; −1100 ≤ k ≤ 1100."""
+    """Return x · 2^k, ½ < x < 2, rounded once; −1100 ≤ k ≤ 1100."""
     if -1021 <= k <= 1022:
         return x * two_to(k)
     half = k >> 1
@@ -49,7 +49,7 @@ _SPLITTER: Final = 134217729.0  # 2^27 + 1 (Dekker 1971)
 
 
 def log(x: float) -> float:
-    """Natural logarithm: −inf at 0, nan below. Error below 1 ulp."""
+    """Return the natural logarithm: −inf at 0, nan below. Error below 1 ulp."""
     if not 0.0 < x < math.inf:
         return _at_the_edge(x)
     m, k = split(x)
@@ -59,7 +59,7 @@ def log(x: float) -> float:
 
 
 def log1p(x: float) -> float:
-    """ln(1 + x), also where x is small: −inf at −1, nan below. Error below 1 ulp."""
+    """Return ln(1 + x), accurate for small x: −inf at −1, nan below. Error below 1 ulp."""
     if not -1.0 < x < math.inf:
         return _at_the_edge(1.0 + x)
     if -0.29 < x < 0.41:
@@ -74,7 +74,7 @@ def log1p(x: float) -> float:
 
 
 def log10(x: float) -> float:
-    """Decimal logarithm: −inf at 0, nan below. Error below 1 ulp."""
+    """Return the decimal logarithm: −inf at 0, nan below. Error below 1 ulp."""
     if not 0.0 < x < math.inf:
         return _at_the_edge(x)
     m, k = split(x)
@@ -92,14 +92,14 @@ def log10(x: float) -> float:
 
 
 def _at_the_edge(x: float) -> float:
-    """The logarithm of 0, of infinity and of what has none."""
+    """Return the logarithm of 0, infinity, negative numbers and nan."""
     if x == 0.0:
         return -math.inf
     return math.nan if x < 0.0 else x
 
 
 def _tail(f: float, half: float) -> float:
-    """ln(1 + f) − f + ½ f²; `half`: ½ f²."""
+    """Return ln(1 + f) − f + ½ f²; `half`: ½ f²."""
     s = f / (2.0 + f)
     z = s * s
     w = z * z
@@ -118,7 +118,7 @@ _LN10_LOW: Final = 2.7629208037533617e-08
 
 
 def exp(x: float) -> float:
-    """e^x: inf above 709.78, 0 below −745.13. Error below 1 ulp."""
+    """Return e^x: inf above 709.78, 0 below −745.13. Error below 1 ulp."""
     if not -746.0 < x < 710.0:
         return x if math.isnan(x) else (math.inf if x > 0.0 else 0.0)
     k = x * _LOG2_E + MAGIC - MAGIC
@@ -126,7 +126,7 @@ def exp(x: float) -> float:
 
 
 def exp10(x: float) -> float:
-    """10^x: inf above 308.25, 0 below −323.3. Error below 1 ulp."""
+    """Return 10^x: inf above 308.25, 0 below −323.3. Error below 1 ulp."""
     if not -324.0 < x < 309.0:
         return x if math.isnan(x) else (math.inf if x > 0.0 else 0.0)
     k = x * _LOG2_10 + MAGIC - MAGIC
@@ -140,7 +140,7 @@ def exp10(x: float) -> float:
 
 
 def expm1(x: float) -> float:
-    """e^x − 1, also where that is small. Error below 2.5 ulp."""
+    """Return e^x − 1, accurate for small x. Error below 2.5 ulp."""
     if not -50.0 < x < 710.0:
         return x if math.isnan(x) else (math.inf if x > 0.0 else -1.0)
     if -0.34 < x < 0.34:
@@ -154,7 +154,7 @@ def expm1(x: float) -> float:
 
 
 def _beyond_one(high: float, low: float) -> float:
-    """e^(high − low) − 1; |high| < 0.35, low far smaller."""
+    """Return e^(high − low) − 1; |high| < 0.35, low far smaller."""
     r = high - low
     z = r * r
     c = r - z * (
@@ -169,10 +169,9 @@ def _beyond_one(high: float, low: float) -> float:
 
 
 def normal_quantile(u: float) -> float:
-    """The value below which a standard normal lies with probability u + 2^-54; `u`: k · 2^-53, 0 ≤ u < 1.
+    """Return the standard normal quantile of u + 2^-54; `u`: k · 2^-53, 0 ≤ u < 1.
 
-    Half a step is added so that neither end is infinite, and every `u` has its mirror image. Relative error
-    below 1e-15.
+    The added half step keeps both ends finite and the quantiles symmetric. Relative error below 1e-15.
     """
     q = (u - 0.5) + 5.551115123125783e-17
     if -0.425 <= q <= 0.425:
@@ -223,29 +222,29 @@ def _quantiles_tail(r: float) -> float:
 
 
 FARTHEST: Final = 1e6
-"""Up to here, rad, the stated bounds hold. Beyond, the angle is first taken modulo the float next to 2π,
-which moves it by up to 4e-17 of itself: a turn of millions of radians has no direction worth a digit."""
+"""Angle up to which the stated error bounds hold, rad. Larger angles are first reduced modulo the float next
+to 2π, with a relative error of up to 4e-17."""
 _QUARTER: Final = 0.7853981633974483
 _TWO_OVER_PI: Final = 0.6366197723675814
 _FIRST: Final = 1.5707963267341256  # π/2: 33 bits, …
-_SECOND: Final = 6.077100506303966e-11  # 33 more, …
-_REST: Final = 2.0222662487959506e-21  # and what remains; or instead of that …
-_THIRD: Final = 2.0222662487111665e-21  # 33 more, …
-_LAST: Final = 8.4784276603689e-32  # and what remains then
+_SECOND: Final = 6.077100506303966e-11  # the next 33 bits, …
+_REST: Final = 2.0222662487959506e-21  # and the remainder; or instead …
+_THIRD: Final = 2.0222662487111665e-21  # the next 33 bits, …
+_LAST: Final = 8.4784276603689e-32  # and the remainder
 
 
 def sin(x: float) -> float:
-    """Sine of an angle, rad; nan of what is not finite. Error below 1 ulp up to FARTHEST."""
+    """Return the sine of an angle, rad; nan if not finite. Error below 1 ulp up to FARTHEST."""
     return cos_sin(x)[1]
 
 
 def cos(x: float) -> float:
-    """Cosine of an angle, rad; nan of what is not finite. Error below 1 ulp up to FARTHEST."""
+    """Return the cosine of an angle, rad; nan if not finite. Error below 1 ulp up to FARTHEST."""
     return cos_sin(x)[0]
 
 
 def cos_sin(x: float) -> tuple[float, float]:
-    """Cosine and sine together; a compiler leaves out the one that nobody asks for."""
+    """Return cosine and sine; compilers remove an unused one."""
     n, y, low = (0, x, 0.0) if -_QUARTER <= x <= _QUARTER else _reduced(x)
     z = y * y
     r = 0.008333333333330936 + z * (
@@ -275,13 +274,13 @@ def cos_sin(x: float) -> tuple[float, float]:
 
 
 def tan(x: float) -> float:
-    """Tangent of an angle, rad; nan of what is not finite. Error below 2.5 ulp up to FARTHEST."""
+    """Return the tangent of an angle, rad; nan if not finite. Error below 2.5 ulp up to FARTHEST."""
     c, s = cos_sin(x)
     return s / c
 
 
 def _reduced(x: float) -> tuple[int, float, float]:
-    """n modulo 4, and y + low = x − n π/2, |y| ≤ π/4 but for a rounding; y is nan if x is not finite."""
+    """Return n modulo 4, and y + low = x − n π/2, |y| ≤ π/4 up to rounding; y is nan if x is not finite."""
     if not -FARTHEST <= x <= FARTHEST:
         if not -math.inf < x < math.inf:
             return 0, math.nan, 0.0
@@ -293,7 +292,7 @@ def _reduced(x: float) -> tuple[int, float, float]:
     back = y - t
     lost = (y - (t + back)) + (back - part)
     rest = n * _REST
-    if -1e-6 < t < 1e-6:  # so near to a multiple of π/2 that its further digits count
+    if -1e-6 < t < 1e-6:  # so near to a multiple of π/2 that further digits matter
         part = n * _THIRD
         y = t
         t = y - part
@@ -311,7 +310,7 @@ _LARGER: Final = math.ldexp(1.0, 553)
 
 
 def atan(x: float) -> float:
-    """Arctangent, rad, within ±π/2. Error below 1 ulp."""
+    """Return the arctangent, rad, within ±π/2. Error below 1 ulp."""
     a = abs(x)
     if a < 0.4375:
         return x - _shortfall(x)
@@ -329,7 +328,7 @@ def atan(x: float) -> float:
 
 
 def atan2(y: float, x: float) -> float:
-    """Angle of the vector (x, y), rad in [−π, π]; signs of zeros count. Error below 1.5 ulp."""
+    """Return the angle of the vector (x, y), rad in [−π, π]; signs of zeros count. Error below 1.5 ulp."""
     if x == 0.0:
         if y != 0.0:
             return y if math.isnan(y) else math.copysign(1.5707963267948966, y)
@@ -344,21 +343,21 @@ def atan2(y: float, x: float) -> float:
 
 
 def asin(x: float) -> float:
-    """Arcsine, rad, within ±π/2; nan outside [−1, 1]. Error below 2.5 ulp."""
+    """Return the arcsine, rad, within ±π/2; nan outside [−1, 1]. Error below 2.5 ulp."""
     if not -1.0 <= x <= 1.0:
         return math.nan
     return atan2(x, math.sqrt((1.0 - x) * (1.0 + x)))
 
 
 def acos(x: float) -> float:
-    """Arccosine, rad, from 0 to π; nan outside [−1, 1]. Error below 2.5 ulp."""
+    """Return the arccosine, rad, from 0 to π; nan outside [−1, 1]. Error below 2.5 ulp."""
     if not -1.0 <= x <= 1.0:
         return math.nan
     return 2.0 * atan2(math.sqrt(1.0 - x), math.sqrt(1.0 + x))
 
 
 def hypot(x: float, y: float) -> float:
-    """Length of the vector (x, y), also where squares would be too large or small. Error below 1.25 ulp."""
+    """Return the length of the vector (x, y) without overflow or underflow. Error below 1.25 ulp."""
     square = x * x + y * y
     if 1e-280 < square < 1e300:
         return math.sqrt(square)
@@ -373,7 +372,7 @@ def hypot(x: float, y: float) -> float:
 
 
 def _shortfall(t: float) -> float:
-    """t − atan t, |t| ≤ 7/16."""
+    """Return t − atan t, |t| ≤ 7/16."""
     z = t * t
     w = z * z
     odd = z * (

@@ -1,4 +1,4 @@
-"""What cores take from numpy, Python and the compiler as exact: the alarm where one of them is not."""
+"""Check of the numpy, Python and compiler operations that cores assume to be exact."""
 
 import math
 
@@ -26,7 +26,7 @@ def _sum(x: Floats) -> float:
 
 
 def fingerprint() -> dict[str, bytes]:
-    """What they give for fixed inputs: differs where a processor or a library computes differently."""
+    """Return the operations' results for fixed inputs, which differ if a processor or library differs."""
     x = np.arange(-301.0, 300.0) / 7.0 + 0.01
     y = 1.0 + np.square(x) / 3.0
     fused, draws = np.empty(x.size), generator(7, "fingerprint", "none")

@@ -1,1 +1,1 @@
-"""The radio: one process that simulates the medium between the robots' IEEE 802.15.4 transceivers."""
+"""The radio: simulation of the medium between the robots' IEEE 802.15.4 transceivers."""

@@ -1,4 +1,4 @@
-"""The radio as a program: `python -m actors.radio SETUP`."""
+"""Program of the radio: `python -m actors.radio SETUP`."""
 
 import os
 import sys
@@ -14,10 +14,10 @@ from actors.runtime.recording import Recorder
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run the radio; the exit code."""
+    """Run the radio; return the exit code."""
     answer_where()
     try:
-        file = setup_parser("actors.radio", "Simulates the radio medium.").parse_args(argv).setup
+        file = setup_parser("actors.radio", "Simulate the radio medium.").parse_args(argv).setup
         told, folder = load_setup(file), file.parent
         process = told.process
         if process.with_parent:

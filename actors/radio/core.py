@@ -1,4 +1,4 @@
-"""The radio as an actor: ground truth and frames to send in, what the transceivers say out."""
+"""The radio as an actor: takes ground truth and frames to send, returns events of transceivers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -28,22 +28,22 @@ from actors.runtime.errors import AcrcError
 
 
 class Host:
-    """Holds up to `buffer` events for a robot that does not step; what comes later is dropped and counted."""
+    """Holds up to `buffer` events for a robot that is not stepping; further events are dropped and
+    counted."""
 
     def __init__(self, buffer: int, outcomes: FrameCounters) -> None:
         self._buffer = buffer
         self._outcomes = outcomes
         self.held: list[RadioEvent] = []
-        """What waits until the robot steps."""
+        """Events held until the robot steps."""
         self._epoch: int | None = None
 
     def deliver(
         self, events: list[RadioEvent], powered: bool, stepping: bool, epoch: int = 0
     ) -> list[RadioEvent]:
-        """What the robot is given now: all that is held and the new events if it steps, otherwise nothing.
+        """Return the events for the robot now: held and new ones if it steps, otherwise none.
 
-        A robot without power is given nothing, and what was held for it is discarded and counted; so is in a
-        new epoch what was held for the one before.
+        Events for a robot without power, and events held for an earlier epoch, are discarded and counted.
         """
         if epoch != self._epoch:
             self._outcomes.events("discarded", len(self.held))
@@ -65,11 +65,11 @@ _TRUTH_ONLY = (at(TRUTH),)
 
 
 class RadioCore:
-    """The core of the radio's process (see `actors.runtime.core.Core`).
+    """Core of the radio's process (see `actors.runtime.core.Core`).
 
-    In step k it awaits Truth(k) and the Transmit(k) of each robot that steps and has frames. It gives
-    Received(k+1) of each robot that has events and steps by Truth(k), then Aired(k), which counts them. The
-    events lie before the step's end.
+    In step k it waits for Truth(k) and the Transmit(k) of each stepping robot that has frames. It returns
+    Received(k+1) of each stepping robot that has events, then Aired(k) with their counts. The events are
+    before the end of the step.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class RadioCore:
         *,
         records_outcomes: bool = False,
     ) -> None:
-        """`records_outcomes`: give FrameOutcomes too, once per PERIOD and at the end."""
+        """Create the core; `records_outcomes`: also send FrameOutcomes, once per PERIOD and at the end."""
         self._records_outcomes = records_outcomes
         self._step = 0
         self._step_us = step_us
@@ -96,16 +96,16 @@ class RadioCore:
 
     @property
     def step(self) -> int:
-        """The step that the radio is in."""
+        """Number of the current step."""
         return self._step
 
     @property
     def finished(self) -> bool:
-        """True once the world has halted the run."""
+        """True after the world has halted the run."""
         return self._finished
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """Truth, then the Transmit of each robot that announced frames, in Truth's order."""
+        """Return Truth, then the Transmit of each robot that announced frames, in Truth's order."""
         if TRUTH.pattern not in have:
             return _TRUTH_ONLY
         truth = read(have, TRUTH)
@@ -114,14 +114,14 @@ class RadioCore:
         return [at(TRANSMIT, r.id) for r in _senders(truth) if TRANSMIT.key(r.id) not in have]
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Compute the medium over the step."""
+        """Simulate the medium over the step."""
         truth = read(inputs, TRUTH)
         if truth.halt:
             self._finished = True
             outcomes = self._medium.take_outcomes()
             return [to(FRAME_OUTCOMES, FrameOutcomes(self._step, outcomes))] if outcomes else ()
         if truth.step != self._step:
-            wrong = f"gives Truth of step {truth.step}; it should be of step {self._step}"
+            wrong = f"sent Truth of step {truth.step}, expected step {self._step}"
             raise AcrcError(f"Step {self._step}: the world {wrong}.")
         given = self._delivered(truth, self._events(truth, inputs))
         outputs = [
@@ -135,7 +135,7 @@ class RadioCore:
         return outputs
 
     def _delivered(self, truth: Truth, events: Mapping[str, list[RadioEvent]]) -> dict[str, list[RadioEvent]]:
-        """What each robot that is given anything is given now."""
+        """Return the events delivered now, by robot."""
         given: dict[str, list[RadioEvent]] = {}
         for robot in truth.robots:
             if robot.id in events:
@@ -144,7 +144,7 @@ class RadioCore:
                 received = []
             else:
                 continue
-            if robot.id in self._hosts:  # one without a transceiver hears of refusals alone
+            if robot.id in self._hosts:  # a robot without transceiver gets refusals only
                 host = self._hosts[robot.id]
                 received = host.deliver(received, robot.powered, robot.stepping, robot.epoch)
             if received:
@@ -152,9 +152,9 @@ class RadioCore:
         return given
 
     def counters(self) -> dict[str, int]:
-        """What became of all frames and events (`FrameCounters.counters`).
+        """Return counts of frames and events (`FrameCounters.counters`).
 
-        `frames_pending` are still under way. And how many pairs of robots were in direct reach
+        `frames_pending`: frames still in progress. Includes pairs of robots in direct reach
         (`DirectReach.counters`).
         """
         medium = self._medium.medium
@@ -163,11 +163,11 @@ class RadioCore:
         return counters | self._reach.counters()
 
     def counters_by_robot(self) -> dict[str, dict[str, int]]:
-        """What became of each robot's frames, and of the others' at it (`FrameCounters.by_robot`)."""
+        """Return counts of each robot's frames and of others' frames at it (`FrameCounters.by_robot`)."""
         return self._outcomes.by_robot(self._ids, self._medium.medium.counters())
 
     def _events(self, truth: Truth, inputs: Inputs) -> dict[str, list[RadioEvent]]:
-        """The step's events by robot, in order of their instants."""
+        """Return the step's events by robot, in order of time."""
         requests, refusals = self._requests(truth, inputs)
         robots: Sequence[RobotTruth | None] = truth.robots
         if [robot.id for robot in truth.robots] != self._ids:
@@ -189,7 +189,7 @@ class RadioCore:
         return events
 
     def _requests(self, truth: Truth, inputs: Inputs) -> tuple[list[Handed], list[tuple[str, Refused]]]:
-        """The frames for the medium, and those that it is not given."""
+        """Return the frames for the medium, and the refused ones."""
         requests: list[Handed] = []
         refusals: list[tuple[str, Refused]] = []
         for robot in _senders(truth):
@@ -209,12 +209,12 @@ class RadioCore:
         return requests, refusals
 
     def _fault(self, robot: str, frame: Outgoing, start: int) -> str:
-        """One sentence on why the frame is not accepted; empty if it is."""
+        """Return why the frame is refused, as a sentence; empty if it is accepted."""
         if robot not in self._number:
-            return f"Robot {robot} has no transceiver; the radio was set up without it."
+            return f"Robot {robot} has no transceiver; it is not in the radio's set-up."
         if not start <= frame.instant < start + self._step_us:
             return (
-                f"The frame's instant {frame.instant} µs lies outside step {self._step}; "
+                f"The frame's instant {frame.instant} µs is outside step {self._step}; "
                 f"it must be {start} to {start + self._step_us - 1} µs."
             )
         return size_fault(len(frame.data))

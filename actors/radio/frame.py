@@ -1,8 +1,8 @@
-"""Frames that robots send: size, air time, check sequence, and the signal strength codes of the MRF24J40.
+"""Robots' frames: size, air time, check sequence, and signal strength codes of the MRF24J40.
 
-The MAC frame of IEEE 802.15.4-2003 that a BEE click sends: data from a short address.
-It names no destination, which means the PAN's coordinator and to a BEE click everyone. All fields are
-little-endian; the FCS is the last two octets (2006: 7.2.1, 7.2.2). Source: d3scomp/beeclickarm, MRF24J40.cpp.
+A BEE click sends the MAC data frame of IEEE 802.15.4-2003 from a short address. It has no destination, which
+means the PAN's coordinator, and to BEE clicks everyone. All fields are little-endian; the FCS is the last two
+octets (2006: 7.2.1, 7.2.2). Source: d3scomp/beeclickarm, MRF24J40.cpp.
 """
 
 import binascii
@@ -20,17 +20,17 @@ from actors.messages import FRAME_DATA_LIMIT
 
 
 def octets(data_bytes: int) -> int:
-    """The size of a frame with so many data bytes: its MAC header, the data and the FCS."""
+    """Return the octets of a frame with this many data bytes: MAC header, data and FCS."""
     return data_bytes + MAC_OCTETS
 
 
 def airtime_us(data_bytes: int) -> int:
-    """The time in the air, µs, of a frame with so many data bytes."""
+    """Return the air time of a frame with this many data bytes, µs."""
     return ieee802154.airtime_ns(octets(data_bytes)) // 1000
 
 
 def size_fault(data_bytes: int) -> str:
-    """One sentence on why a frame cannot carry so many data bytes; empty if it can."""
+    """Return why a frame cannot carry this many data bytes, as a sentence; empty if it can."""
     if 0 <= data_bytes <= FRAME_DATA_LIMIT:
         return ""
     return f"The frame has {data_bytes} data bytes; it must have 0 to {FRAME_DATA_LIMIT}."
@@ -38,17 +38,17 @@ def size_fault(data_bytes: int) -> str:
 
 _HEADER: Final = struct.Struct("<HBHH")
 _CONTROL: Final = 0x8001
-"""Frame control: a data frame, no destination, a short source address, nothing asked for."""
+"""Frame control: data frame, no destination, short source address, no flags."""
 _MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-"""Each byte with its bits in reverse."""
+"""Bytes with reversed bits."""
 
 
 @dataclass(frozen=True)
 class DataFrame:
-    """Data for everyone; its sequence number is 0, as the firmware always sends."""
+    """Broadcast data; the sequence number is 0, as in the firmware."""
 
     pan: int
-    """Of the source, 0 to 0xFFFF."""
+    """PAN identifier of the source, 0 to 0xFFFF."""
     source: int
     """Short address, 0 to 0xFFFF."""
     data: bytes
@@ -56,14 +56,14 @@ class DataFrame:
 
     @property
     def check(self) -> int:
-        """Return the frame check sequence. Raises struct.error for a number out of range."""
+        """Frame check sequence. Raises struct.error for a number out of range."""
         return frame_check(_HEADER.pack(_CONTROL, 0, self.pan, self.source) + self.data)
 
 
 def frame_check(body: bytes) -> int:
-    """Return the frame check sequence over header and data, as the two bytes behind them hold it, low first.
+    """Return the frame check sequence over header and data, as stored in the last two bytes, low first.
 
-    CRC-16 of ITU-T, least significant bit first, begun with 0 (IEEE 802.15.4-2006, 7.2.1.9).
+    CRC-16 of ITU-T, least significant bit first, initial value 0 (IEEE 802.15.4-2006, 7.2.1.9).
     """
     crc = binascii.crc_hqx(body.translate(_MIRRORED), 0)
     return _MIRRORED[crc & 0xFF] << 8 | _MIRRORED[crc >> 8]
@@ -76,15 +76,15 @@ _RSSI_CODES: Final = (
     *(111, 117, 121, 125, 129, 133, 138, 143, 148, 153, 159, 165, 170, 176, 183, 188, 193, 198, 203),
     *(207, 212, 216, 221, 225, 228, 233, 239, 245, 250, 253, 254, 255),
 )
-"""The code at -90, -89, … -35 dBm. Source: Linux, drivers/net/ieee802154/mrf24j40.c, the energy levels of
-the clear channel assessment, which the chip measures on the same scale; by its own account those of Microchip
-DS39776C, table 3-8. Averaged over 8 symbols, typical values: the data sheet promises ± 5 dB."""
+"""Codes at -90, -89, … -35 dBm. Source: Linux, drivers/net/ieee802154/mrf24j40.c, energy levels of the clear
+channel assessment, which the chip measures on the same scale, after Microchip DS39776C, table 3-8. Typical
+values averaged over 8 symbols; the data sheet specifies ± 5 dB."""
 _CODES: Final = np.array(_RSSI_CODES, dtype=np.float64)
 _QUALITY_SPAN_DB: Final = 20.0
 
 
 def rssi_dbm(code: int) -> float:
-    """Signal strength of a code of the chip, dBm; 0 means -90 or less, 255 means -35 or more."""
+    """Return the signal strength of a code of the chip, dBm; 0 means -90 or less, 255 means -35 or more."""
     return _STRENGTHS[code]
 
 
@@ -101,7 +101,7 @@ _STRENGTH_TABLE: Final = np.array(_STRENGTHS)
 
 
 def rssi_codes(dbm: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The codes that the chip gives for signal strengths, (n,) dBm."""
+    """Return the chip's codes for signal strengths, (n,) dBm."""
     steps = np.clip(dbm, _WEAKEST_DBM, _STRONGEST_DBM) - _WEAKEST_DBM
     lower = steps.astype(np.intp)
     upper = np.minimum(lower + 1, len(_RSSI_CODES) - 1)
@@ -111,15 +111,15 @@ def rssi_codes(dbm: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def strengths_dbm(codes: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Signal strengths of codes, as `rssi_dbm` has them, (n,)."""
+    """Return the signal strengths of codes, as `rssi_dbm`, (n,)."""
     return _STRENGTH_TABLE[codes]
 
 
 def link_qualities(dbm: NDArray[np.float64], weakest_dbm: float) -> NDArray[np.intp]:
-    """The LQI, 0 to 255, of signal strengths, (n,), where frames hardly arrive any more at `weakest_dbm`.
+    """Return the LQI, 0 to 255, of signal strengths, (n,); `weakest_dbm`: about the receivers' limit.
 
-    Own choice: linear, 255 from 20 dB above on. IEEE 802.15.4-2006, 6.9.8, asks only for an even spread, 255
-    the best, and how the chip comes to its own is not documented.
+    Own choice: linear, 255 from 20 dB above the limit. IEEE 802.15.4-2006, 6.9.8, requires only an even
+    spread with 255 as the best; the chip's own formula is not documented.
     """
     share = np.clip((dbm - weakest_dbm) / _QUALITY_SPAN_DB, 0.0, 1.0)
     return np.rint(share * 255.0).astype(np.intp)

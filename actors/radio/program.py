@@ -1,4 +1,4 @@
-"""The radio's process: its set-up and its core."""
+"""Process of the radio: set-up and core."""
 
 from pathlib import Path
 
@@ -16,40 +16,40 @@ from actors.runtime.process_setup import read_setup
 from actors.runtime.processor import combined, fingerprints
 
 KERNELS = (foundations, arrays, portable_draws, propagation, medium, robot_medium)
-"""Modules with numeric kernels that a radio computes with."""
+"""Modules with the numeric kernels of a radio."""
 GREATEST_ADDRESS = 0xFFFD
-"""0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""
+"""Largest short address: 0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""
 
 
 def build(setup: RadioSetup) -> RadioCore:
-    """The core, before its first step; AcrcError if the set-up makes no sense."""
+    """Return the core before its first step. Raises AcrcError for an invalid set-up."""
     model = radio_model(setup)
     if setup.step_us < 1:
-        raise AcrcError(f"The radio's step is {setup.step_us} µs long; it must be at least 1 µs.")
+        raise AcrcError(f"The radio's step_us is {setup.step_us} µs; must be at least 1 µs.")
     owners: dict[int, str] = {}
     for robot, address in setup.robots:
         if not 0 <= address <= GREATEST_ADDRESS:
             raise AcrcError(
-                f"Robot {robot} has the short address {address}; it must be 0 to {GREATEST_ADDRESS}."
+                f"Robot {robot} has the short address {address}; must be 0 to {GREATEST_ADDRESS}."
             )
         if address in owners:
             raise AcrcError(
-                f"Robots {owners[address]} and {robot} share the short address {address}; each needs its own."
+                f"Robots {owners[address]} and {robot} share the short address {address}; it must be unique."
             )
         if robot in owners.values():
-            raise AcrcError(f"Robot {robot} is listed twice for the radio; each robot needs one entry.")
+            raise AcrcError(f"Robot {robot} has two entries in the radio's set-up; delete one.")
         owners[address] = robot
     records = setup.detail == "full"
     return RadioCore(setup.robots, setup.step_us, model, setup.seed, records_outcomes=records)
 
 
 def load_setup(path: Path) -> RadioProgram:
-    """What a radio's process is told in a file; its files are called as in there. Raises AcrcError."""
+    """Read the set-up of a radio's process; its paths stay relative. Raises AcrcError."""
     return read_setup(path, RadioProgram, "a radio")
 
 
 def part(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
-    """The radio of a set-up that lies in `folder`, with its connections."""
+    """Return the radio of a set-up in `folder`, with its connections."""
     prints = fingerprints(KERNELS)
     core = build(setup.located(folder))
     run = run_note("radio", setup, commit, seed=setup.seed, kernels=prints)

@@ -1,18 +1,18 @@
-"""How much of a signal gets from one place to another: distance, walls and shadowing together.
+"""Loss of signals between two places: path loss, walls and shadowing.
 
-Path loss is log-distance with one or two slopes.
-`loss = excess + near_loss + 10 near_exponent log10 d` up to the breakpoint, and beyond it `excess + far_loss
-+ 10 far_exponent log10(d / breakpoint)`. Two slopes are those of IEEE 802.15.4-2006, Annex E; with the
-breakpoint at infinity it is the plain log-distance model (Rappaport, "Wireless Communications", 4.9.1).
+Path loss is log-distance with one or two slopes: `loss = excess + near_loss + 10 near_exponent log10 d` up to
+the breakpoint, and beyond it `excess + far_loss + 10 far_exponent log10(d / breakpoint)`. Two slopes are
+those of IEEE 802.15.4-2006, Annex E; with the breakpoint at infinity it is the plain log-distance model
+(Rappaport, "Wireless Communications", 4.9.1).
 
-Shadowing is a random loss that changes as either end moves.
-For one moving end Gudmundson, "Correlation model for shadow fading in mobile radio systems", Electronics
-Letters 27(23), 1991: exp(-moved / correlation distance). With both ends moving the correlation is the
-product of both (Wang, Tameh and Nix, "Joint Shadowing Process in Urban Peer-to-Peer Radio Channels", IEEE
-Transactions on Vehicular Technology 57(1), 2008), and as there it is made of sinusoids over the four
-coordinates: here with random wave vectors from the bivariate Cauchy distribution, whose characteristic
-function is that very exponential (Rahimi and Recht, "Random Features for Large-Scale Kernel Machines",
-NIPS 2007). So the loss depends only on the two positions and the seed.
+Shadowing is a random loss that changes as either end moves. For one moving end, its correlation is that of
+Gudmundson, "Correlation model for shadow fading in mobile radio systems", Electronics Letters 27(23), 1991:
+exp(-moved / correlation distance). With both ends moving it is the product of both (Wang, Tameh and Nix,
+"Joint Shadowing Process in Urban Peer-to-Peer Radio Channels", IEEE Transactions on Vehicular Technology
+57(1), 2008). As there, it is a sum of sinusoids over the four coordinates, here with random wave vectors from
+the bivariate Cauchy distribution, whose characteristic function is this exponential (Rahimi and Recht,
+"Random Features for Large-Scale Kernel Machines", NIPS 2007). So the loss depends only on the two positions
+and the seed.
 """
 
 import math
@@ -34,26 +34,27 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PathLossParameters:
-    """Loss over distance in line of sight; the defaults are Annex E."""
+    """Path loss in line of sight; the defaults are those of Annex E."""
 
     near_loss_db: float = 40.2
-    """At 1 m, dB. Default: IEEE 802.15.4-2006, Annex E (free space at 2.45 GHz)."""
+    """Loss at 1 m, dB. Default: IEEE 802.15.4-2006, Annex E (free space at 2.45 GHz)."""
     near_exponent: float = 2.0
-    """Up to the breakpoint. Default: Annex E (free space)."""
+    """Exponent up to the breakpoint. Default: Annex E (free space)."""
     breakpoint: float = 8.0
-    """Where the second slope begins, m; `inf`: nowhere. Default: Annex E."""
+    """Distance at which the second slope begins, m; `inf`: none. Default: Annex E."""
     far_loss_db: float = 58.5
-    """Just beyond the breakpoint, dB. Default: Annex E."""
+    """Loss just beyond the breakpoint, dB. Default: Annex E."""
     far_exponent: float = 3.3
-    """Beyond the breakpoint. Default: Annex E."""
+    """Exponent beyond the breakpoint. Default: Annex E."""
     excess_db: float = 0.0
-    """What antennas, their housing and their height above the floor cost beyond that, dB, at any distance."""
+    """Additional loss at any distance, dB, of antennas, their housing and their height above the floor."""
     nearest: float = 0.1
-    """Antennas are never taken to be closer than this, m. Default: about the wavelength, 0.12 m, where the
-    far-field formula ends."""
+    """Minimum distance used, m. Default: about the wavelength, 0.12 m, below which the far-field formula does
+    not hold."""
 
     def coefficients(self) -> Floats:
-        """What the kernels take: near loss and slope, breakpoint, far loss and slope per decade, nearest."""
+        """Return the kernels' coefficients: near loss and slope, breakpoint, far loss and slope per decade,
+        nearest."""
         far = 10.0 * self.far_exponent
         far_at_one = self.far_loss_db - (0.0 if math.isinf(self.breakpoint) else far * log10(self.breakpoint))
         near_at_one, far_at_one = self.excess_db + self.near_loss_db, self.excess_db + far_at_one
@@ -63,7 +64,7 @@ class PathLossParameters:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def over(distance: float, coefficients: Floats) -> float:
-    """The loss, dB, over a distance, m."""
+    """Return the loss, dB, over a distance, m."""
     d = max(distance, coefficients[5])
     if d <= coefficients[2]:
         near: float = coefficients[0] + coefficients[1] * log10(d)
@@ -73,7 +74,7 @@ def over(distance: float, coefficients: Floats) -> float:
 
 
 def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:
-    """The greatest distance, m, over which the loss in line of sight is within the budget, dB; 0: none."""
+    """Return the greatest line-of-sight distance, m, with a loss within the budget, dB; 0: none."""
     p = parameters
     budget_db -= p.excess_db
     if budget_db >= p.far_loss_db and not math.isinf(p.breakpoint):
@@ -85,36 +86,36 @@ def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:
 
 
 NOWHERE: Final = -(2**62)
-"""A square's number for what has no phasors yet."""
+"""Square number of receivers without phasors."""
 
 
 @dataclass(frozen=True)
 class ShadowingParameters:
-    """How much two links of the same length differ, and over which distances."""
+    """Parameters of random differences between links of equal length."""
 
     sigma_db: float = 0.0
     """Standard deviation, dB; 0: none. About 3 in line of sight, 7 to 14 through a building (Rappaport,
     "Wireless Communications", table 4.6)."""
     correlation_distance: float = 2.0
-    """One end's way, m, after which the correlation has fallen to 1/e. Default: own choice, of the order that
-    indoor measurements give, 1 to 3 m."""
+    """Displacement of one end, m, at which the correlation has fallen to 1/e. Default: own choice, within the
+    1 to 3 m of indoor measurements."""
     sinusoids: int = 64
-    """How many make up the field. Default: own choice; the kurtosis falls short of the normal
+    """Number of sinusoids in the field. Default: own choice; the kurtosis is lower than the normal
     distribution's by 1.5 / 64."""
     grain: float = 0.05
-    """Side of the squares, m, in which a place counts as their middle, so that a robot that stands or creeps
-    needs no new sines. Default: own choice; the step from one to the next is about 1/4 sigma."""
+    """Side of the squares, m, within which all places count as the centre, so that standing or slow robots
+    need no new sines. Default: own choice; the step between neighbours is about 1/4 sigma."""
 
 
 class ShadowingWaves(NamedTuple):
-    """The sinusoids of one seed; made by `waves`."""
+    """Sinusoids of one seed, made by `waves`."""
 
     first: Floats
-    """(sinusoids, 2): wave vector of the one end, rad/m."""
+    """Wave vectors of one end, (sinusoids, 2), rad/m."""
     second: Floats
-    """(sinusoids, 2): that of the other end, rad/m."""
+    """Wave vectors of the other end, (sinusoids, 2), rad/m."""
     phase: Floats
-    """(sinusoids,): rad."""
+    """Phases, (sinusoids,), rad."""
 
 
 def waves(parameters: ShadowingParameters, rng: Generator) -> ShadowingWaves:
@@ -141,9 +142,9 @@ def _phasors(column: int, row: int, grain: float, waves: ShadowingWaves, phasors
 def refresh(
     places: Floats, grain: float, waves: ShadowingWaves, cells: NDArray[np.int64], phasors: Floats
 ) -> None:
-    """Bring the phasors, (4, sinusoids, n), of those who have come into another square up to date.
+    """Update the phasors, (4, sinusoids, n), of receivers that have entered another square.
 
-    places (n, 2), m; cells (n, 2): the squares that the phasors are of, written.
+    places (n, 2), m; cells (n, 2): squares of the phasors, written.
     """
     for j in range(places.shape[0]):
         column, row = math.floor(places[j, 0] / grain), math.floor(places[j, 1] / grain)
@@ -179,7 +180,7 @@ def add_shadowing(
             if cells[j, 0] == column and cells[j, 1] == row:
                 known = j
         if known >= 0:
-            for end in range(4):  # not as one slice: its message of sizes that differ compiles for seconds
+            for end in range(4):  # not a slice: its size-mismatch error takes seconds to compile
                 for k in range(sinusoids):
                     own[end, k] = phasors[end, k, known]
         else:
@@ -187,7 +188,7 @@ def add_shadowing(
         total[:] = 0.0
         for k in range(sinusoids):
             a, b, c, d = own[0, k], own[1, k], own[2, k], own[3, k]
-            for j in range(n):  # in this order for the processor's vectors, which must not change the sums
+            for j in range(n):  # this order can be vectorised without changing the sums
                 there = a * phasors[2, k, j] - b * phasors[3, k, j]
                 back = c * phasors[0, k, j] - d * phasors[1, k, j]
                 total[j] += there + back
@@ -199,26 +200,26 @@ def add_shadowing(
 
 
 _ROUNDING_DB: Final = 1e-9
-"""More than sums in another order can differ by."""
+"""More than the rounding differences of sums in another order."""
 
 
 @dataclass(frozen=True)
 class PropagationParameters:
-    """What lies between two antennas."""
+    """Parameters of the loss between two antennas."""
 
     path_loss: PathLossParameters = field(default_factory=PathLossParameters)
-    """Over distance, in line of sight."""
+    """Path loss over distance in line of sight."""
     walls: str = "air"
-    """Material of what the floor plan has as occupied (`walls.MATERIALS`); "air": walls cost nothing."""
+    """Material of occupied cells (`walls.MATERIALS`); "air": no loss by walls."""
     shadowing: ShadowingParameters = field(default_factory=ShadowingParameters)
     """Random differences between places."""
 
 
 class IndoorPropagation:
-    """A `medium.Propagation`: path loss, the walls of a floor plan, shadowing.
+    """A `medium.Propagation` with path loss, walls of a floor plan and shadowing.
 
-    The loss depends on the two places and on the draws at construction alone, is the same in both directions,
-    to the last bit, and never below 0 dB.
+    The loss depends only on the two places and on the draws at construction, is bit-equal in both directions,
+    and is never below 0 dB.
     """
 
     def __init__(
@@ -235,14 +236,16 @@ class IndoorPropagation:
         self._phasors: Floats = np.empty((4, parameters.shadowing.sinusoids, 0))
 
     def loss_db(self, senders: Floats, receivers: Floats, most_db: float = math.inf) -> Floats:
-        """Loss between each sender, (s, 2) m, and each receiver, (r, 2) m: (s, r) dB.
+        """Return the loss between each sender, (s, 2) m, and each receiver, (r, 2) m: (s, r) dB.
 
-        A loss above `most_db` may be any value above it: behind so many walls the rest is not looked at.
+        A loss above `most_db` may be any value above it: further walls are not evaluated.
         """
-        if not (senders.flags.carray and receivers.flags.carray):  # one kind of array for the kernels
+        if not (
+            senders.flags.carray and receivers.flags.carray
+        ):  # kernels are compiled for one kind of array
             senders, receivers = np.array(senders), np.array(receivers)
         loss = np.zeros((senders.shape[0], receivers.shape[0]))
-        if self._waves is not None:  # first: no line is followed to where shadowing takes the frame away
+        if self._waves is not None:  # first: if shadowing exceeds `most_db`, no walls are evaluated
             self._add_shadowing(self._waves, senders, receivers, loss)
         floor = self._floor
         if floor is None:
@@ -252,7 +255,8 @@ class IndoorPropagation:
         return loss
 
     def _add_shadowing(self, waves: ShadowingWaves, senders: Floats, receivers: Floats, loss: Floats) -> None:
-        """Phasors are kept by row of `receivers`: those who have not moved need none anew."""
+        """Add the shadowing; phasors are kept by row of `receivers` and reused for those that have not
+        moved."""
         p = self._shadowing
         if len(self._cells) != len(receivers):
             self._cells = np.full((len(receivers), 2), NOWHERE, np.int64)
@@ -271,7 +275,7 @@ def _over(senders: Floats, i: int, receivers: Floats, j: int, coefficients: Floa
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_db: Floats) -> None:
-    """Add the loss by distance to loss_db, (s, r) dB; 0 at least."""
+    """Add the loss by distance to loss_db, (s, r) dB; at least 0."""
     for i in range(senders.shape[0]):
         for j in range(receivers.shape[0]):
             loss_db[i, j] = max(_over(senders, i, receivers, j, coefficients) + loss_db[i, j], 0.0)
@@ -281,9 +285,9 @@ def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_
 def _losses(
     senders: Floats, receivers: Floats, coefficients: Floats, floor: Walls, most_db: float, loss_db: Floats
 ) -> None:
-    """Add the loss by distance and walls to loss_db, (s, r) dB; 0 at least.
+    """Add the loss by distance and walls to loss_db, (s, r) dB; at least 0.
 
-    What comes to more than most_db may be any value above it.
+    A result above most_db may be any value above it.
     """
     side, west, south = TILE * floor.resolution, floor.west, floor.south
     per_tile_db = floor.per_metre_db * side
@@ -299,7 +303,7 @@ def _losses(
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
     kinds = (arrays.sin(np.square(np.arange(1200.0))).reshape(30, 40) > 0.8).astype(np.uint8)
     floor = walls_of(kinds, 0.05, -0.2, 0.1, np.array([0.0, 1.0]), np.array([0.0, 22.7]))
     places = np.stack([arrays.cos(np.arange(7.0)), 0.85 + 0.8 * arrays.sin(np.arange(7.0))], axis=1)

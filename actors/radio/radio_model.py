@@ -1,4 +1,4 @@
-"""The radio model: presets, the set-up that amends them, the propagation, and the link budget."""
+"""Radio model: presets, changes of a set-up, propagation and link budget."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -35,33 +35,33 @@ from actors.settings import Place, Settings, Text
 Floats = NDArray[np.float64]
 Bursts = NDArray[np.int64]
 _BURST_NS: Final = (1_000_000, 2_000_000)
-"""Bursts last from the first to the second, ns, evenly distributed: 1 to 2 ms, a frame of 1500 octets at
-11 Mb/s with its acknowledgement, or an aggregate of faster ones."""
+"""Shortest and longest burst, ns, uniformly distributed: a frame of 1500 octets at 11 Mb/s with its
+acknowledgement, or an aggregate of faster ones."""
 _CHUNK: Final = 1024
-"""Bursts drawn at once."""
+"""Number of bursts drawn at once."""
 _NONE: Final[Bursts] = np.empty((0, 2), np.int64)
 DROWNING_DBM: Final = 0.0
-"""Power of a jammer wherever it reaches, dBm: above that of any frame over 0.1 m at full power."""
+"""Power of a jammer within its radius, dBm: above that of any frame over 0.1 m at full power."""
 
 
 class WifiParameters(Settings, frozen=True):
-    """A Wi-Fi station that is on and off: bursts of frames, and silence between."""
+    """A Wi-Fi station that sends bursts of frames."""
 
     at: Place
-    """Where it stands, m, map frame."""
+    """Position, m, map frame."""
     channel: Annotated[int, Meta(ge=1, le=13, description="a Wi-Fi channel, a whole number from 1 to 13")]
     duty: Annotated[float, Meta(gt=0, lt=1)]
-    """Share of the time that it is on."""
+    """Share of time in which it sends."""
     power_dbm: Annotated[float, Meta(ge=-60, le=30, extra={"unit": "dBm"})] = 17.0
-    """Radiated, over its whole width of 22 MHz, dBm. Default: own choice, a usual access point; the limit in
+    """Radiated power over its width of 22 MHz, dBm. Default: own choice, a usual access point; the limit in
     Europe is 20 (ETSI EN 300 328)."""
 
 
 def in_band_db(wifi_channel: int, radio_channel: int) -> float:
-    """Share of a Wi-Fi signal's power within 2 MHz around an 802.15.4 channel, 11 to 26, dB.
+    """Return the share of a Wi-Fi signal's power within 2 MHz around an 802.15.4 channel, 11 to 26, dB.
 
-    The transmit spectrum mask of the 22 MHz wide DSSS (IEEE 802.11-2012, HR/DSSS PHY): even within 11 MHz of
-    the middle, 30 dB below that up to 22 MHz, 50 dB beyond. So it is at most -10.4 dB.
+    Transmit spectrum mask of the 22 MHz wide DSSS (IEEE 802.11-2012, HR/DSSS PHY): flat within 11 MHz of the
+    centre, 30 dB lower up to 22 MHz, 50 dB lower beyond. The share is thus at most -10.4 dB.
     """
     offset_mhz = abs((2412 + 5 * (wifi_channel - 1)) - (2405 + 5 * (radio_channel - 11)))
     below = 0.0 if offset_mhz <= 11 else 30.0 if offset_mhz <= 22 else 50.0
@@ -69,10 +69,10 @@ def in_band_db(wifi_channel: int, radio_channel: int) -> float:
 
 
 class Wifi:
-    """A Wi-Fi station; its bursts are a function of its draws alone.
+    """A Wi-Fi station whose bursts depend only on its draws.
 
-    Silence is exponentially distributed, as of many independent senders behind one access point; the first
-    burst follows a silence. `draws` gives a new generator of the same numbers at each call.
+    Pauses are exponentially distributed, as with many independent senders behind one access point; the first
+    burst follows a pause. `draws` returns a new generator of the same numbers at each call.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Wifi:
         self._drawn_until = self._forgotten = 0
 
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
-        """Return bursts as `medium.Interferer` defines; a time before the last one restarts the drawing."""
+        """Return bursts as `medium.Interferer` defines; an earlier time than before restarts the drawing."""
         if since_ns < self._forgotten:
             self._begin_anew()
         while self._drawn_until < until_ns:
@@ -120,7 +120,7 @@ class Wifi:
         self._drawn_until = self._forgotten = 0
 
     def _draw(self) -> None:
-        """Add bursts behind those that are known."""
+        """Append further bursts."""
         shortest, longest = _BURST_NS
         lengths = self._rng.integers(shortest, longest, _CHUNK, endpoint=True)
         mean_silence = (shortest + longest) / 2 * (1.0 - self._duty) / self._duty
@@ -132,24 +132,24 @@ class Wifi:
 
 @dataclass(frozen=True)
 class Jammer:
-    """An interferer that drowns everything within its radius for one burst, and is not noticed beyond."""
+    """An interferer that blocks all reception within its radius for one burst, without effect beyond."""
 
     x: float
     y: float
-    """Where it stands, m, map frame."""
+    """Position, m, map frame."""
     radius: float
-    """m; walls do not count."""
+    """Radius, m; walls have no effect."""
     since_ns: int
     until_ns: int
 
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
-        """Return its only burst, if that begins in the window."""
+        """Return its burst if that begins in the window."""
         if since_ns <= self.since_ns < until_ns and self.since_ns < self.until_ns:
             return np.array([[self.since_ns, self.until_ns]], np.int64)
         return _NONE
 
     def over(self, now_ns: int) -> bool:
-        """Return True once its burst has ended."""
+        """Return whether its burst has ended."""
         return self.until_ns < now_ns
 
     def power_dbm(self, receivers: Floats) -> Floats:
@@ -162,27 +162,27 @@ Channel = Annotated[
     int, Meta(ge=11, le=26, description="an IEEE 802.15.4 channel, a whole number from 11 to 26")
 ]
 CHIP_NOISE_DBM: Final = -95.51
-"""Noise at which 1 % of frames of 20 octets are lost at -95 dBm, which is how the standard defines the
-sensitivity (IEEE 802.15.4-2006, 6.1.7) and what Microchip DS39776C gives as typical for the MRF24J40."""
+"""Noise at which 1 % of frames of 20 octets are lost at -95 dBm. This loss defines the sensitivity in the
+standard (IEEE 802.15.4-2006, 6.1.7); Microchip DS39776C states -95 dBm as typical for the MRF24J40."""
 NO_FLOOR_DBM: Final = -120.0
-"""Sensitivity that refuses nothing, where noise alone decides."""
+"""Sensitivity without effect, so that noise alone decides."""
 
 
 @dataclass(frozen=True)
 class RadioParameters:
-    """Everything that the radio's model can be told."""
+    """Parameters of the radio model."""
 
     transceiver: Transceiver
-    """Settings of every robot's transceiver; its address is a robot's own."""
+    """Settings of every robot's transceiver, except its address."""
     phy: PhyParameters
-    """How receivers decode."""
+    """Parameters of reception."""
     propagation: PropagationParameters = field(default_factory=PropagationParameters)
-    """What lies between the antennas."""
+    """Parameters of the loss between antennas."""
     channel: int = 11
-    """11 to 26: where Wi-Fi disturbs. Default: what the BEE click's firmware sets (d3scomp/beeclickarm,
-    MRF24J40.cpp, RFCON0 = 0x03)."""
+    """IEEE 802.15.4 channel, 11 to 26; matters only with Wi-Fi. Default: as in the BEE click's firmware
+    (d3scomp/beeclickarm, MRF24J40.cpp, RFCON0 = 0x03)."""
     host_buffer: int = 7
-    """Events held for a robot that does not step. Default: the usable slots of the BEE click's answer ring
+    """Events held for a robot that is not stepping. Default: usable slots of the BEE click's answer ring
     (d3scomp/beeclickarm, TOHQueue.h)."""
 
 
@@ -221,93 +221,94 @@ PRESETS: Final[Mapping[str, RadioParameters]] = MappingProxyType(
         ),
     }
 )
-"""`chapter`, the default: a BEE click's chip and power, a textbook clear channel assessment, brick walls and
-24.5 dB of excess loss, so that half of the frames of 127 octets arrive at 10 m in line of sight, the range of
-the chapter's testbed. The excess is our own choice; it stands for antennas half a metre above the floor
-behind the robots' decks. The original reached as far by sending with -32.6 dBm.
+"""`chapter`, the default: chip and power of a BEE click, a textbook clear channel assessment, brick walls and
+24.5 dB of excess loss, so that half of the frames of 127 octets arrive at 10 m in line of sight, the range in
+the chapter's testbed. The excess is our own choice; it represents antennas half a metre above the floor
+behind the robots' decks. The original had this range by sending with -32.6 dBm.
 
-`beeclick`: the firmware's registers as they are (d3scomp/beeclickarm, MRF24J40.cpp): RFCON3 = 0x40, -10 dBm;
-BBREG2 = 0x80 and CCAEDTH = 0x60, energy alone from -69 dBm; TXMCR = 0x1C, the standard's back-offs. Nothing
-is lost but over distance and by walls, so that half of the 127-octet frames arrive at 55 m: stated, not
-tuned. A receiver is deaf while 7 octets of header and 50 of data are read from it (SPI at 10.5 MHz, 24 bits
-an octet: about 3 µs with the program's part, which is an estimate, as are the 20 µs before).
+`beeclick`: the firmware's registers (d3scomp/beeclickarm, MRF24J40.cpp): RFCON3 = 0x40, -10 dBm; BBREG2 =
+0x80 and CCAEDTH = 0x60, energy detection only, from -69 dBm; TXMCR = 0x1C, the standard's back-offs. Only
+distance and walls cause loss, so that half of the 127-octet frames arrive at 55 m: stated, not tuned. A
+receiver is deaf while 7 octets of header and 50 of data are read from it (SPI at 10.5 MHz, 24 bits per octet:
+about 3 µs including software, an estimate, as are the 20 µs before).
 
 `rosomnet`: the original simulation (d3scomp/ROSOMNeT, omnetpp.ini.template: 0.000552615 mW) with the defaults
 of INET 3.1.1's Ieee802154NarrowbandScalarRadio: sensitivity -100 dBm, energy detection from -90 dBm, lock
-from -8 dB, other frames as noise. Not modelled: INET takes the worst ratio for the whole frame.
+from -8 dB, other frames as noise. Not modelled: INET uses the worst ratio for the whole frame.
 
-`ns3`: ns-3.44's lr-wpan at sensitivity -95 dBm over its LogDistancePropagationLossModel, for comparisons.
+`ns3`: ns-3.44's lr-wpan at sensitivity -95 dBm with its LogDistancePropagationLossModel, for comparisons.
 
-`ideal`: everyone hears everyone alike; what is left is the time that frames take, and their collisions."""
+`ideal`: all transceivers are in range of each other; only air time and collisions remain.
+"""
 
 
 def preset(name: str) -> RadioParameters:
-    """The parameters of that name; AcrcError if there is none."""
+    """Return the parameters of a preset. Raises AcrcError for an unknown name."""
     if name not in PRESETS:
         raise AcrcError(f"Radio preset {name!r} is unknown; known are {', '.join(PRESETS)}.")
     return PRESETS[name]
 
 
 class RadioTable(Settings, frozen=True):
-    """What is different from a preset of the radio's model; None is as the preset has it."""
+    """Changes to a preset of the radio model; None keeps the preset's value."""
 
     preset: Annotated[Text, Meta(description='the name of a radio preset, such as "chapter"')] = "chapter"
-    """Name of the model's parameters, see `PRESETS`."""
+    """Name of a preset, see `PRESETS`."""
     channel: Channel | None = None
-    """Part of the band that the frames use; it counts where there is Wi-Fi."""
+    """IEEE 802.15.4 channel; matters only with Wi-Fi."""
     walls: MaterialName | None = None
-    """Material of what is occupied on the map, see `walls.MATERIALS`; "air": walls cost nothing."""
+    """Material of occupied cells on the map, see `walls.MATERIALS`; "air": no loss by walls."""
     shadowing_db: Annotated[float, Meta(ge=0, le=30, extra={"unit": "dB"})] | None = None
-    """Standard deviation of the loss between places alike, dB; 0: none."""
+    """Standard deviation of the shadowing, dB; 0: none."""
     correlation_distance: Annotated[float, Meta(ge=0.1, le=1000, extra={"unit": "metres"})] | None = None
-    """Over which the shadowing changes, m."""
+    """Correlation distance of the shadowing, m."""
 
 
 class RadioSetup(RadioTable, frozen=True, kw_only=True):
-    """The robots with transceivers, and the radio's model."""
+    """Robots with transceivers, and the radio model."""
 
     seed: int
-    """Of everything random on the medium; the run's, if that has no key."""
+    """Seed of everything random on the medium; without a key that of the run."""
     step_us: int
     """Length of a step, µs."""
     robots: tuple[tuple[str, int], ...]
     """Id and short address (IEEE 802.15.4) of every robot, in the order of the scenario."""
     map: str = ""
-    """Path of the floor plan's YAML; empty: there are no walls."""
+    """Path of the floor plan's YAML; empty: no walls."""
     patches: tuple[WallPatch, ...] = ()
-    """Where walls are of another material."""
+    """Areas with walls of another material."""
     wifi: tuple[WifiParameters, ...] = ()
-    """Wi-Fi stations about."""
+    """Wi-Fi stations."""
     detail: RecordDetail = "lean"
-    """How much the radio records."""
+    """Level of detail of the radio's recording."""
 
     def located(self, folder: Path) -> Self:
-        """With its map as it is called for who does not stand in `folder`, where the set-up lies."""
+        """Return the set-up with its map's path relative to `folder` resolved."""
         return msgspec.structs.replace(self, map=str(folder / self.map)) if self.map else self
 
 
 RadioProgram = ActorSetup[RadioSetup, ProcessSetup]
-"""What a radio's process reads."""
+"""Set-up file of a radio's process."""
 
 
 @dataclass(frozen=True)
 class RadioModel:
-    """All that the medium of one run is made of, but for its transceivers' addresses."""
+    """Model of a run's medium, except the transceivers' addresses."""
 
     parameters: RadioParameters
-    """The preset, with what the set-up says instead."""
+    """The preset with the changes of the set-up."""
     propagation: IndoorPropagation
     interferers: tuple[Interferer, ...]
 
 
 def radio_model(setup: RadioSetup) -> RadioModel:
-    """Return the model of a set-up. Raises AcrcError for an unknown name and for a map that is unreadable."""
+    """Return the model of a set-up. Raises AcrcError for an unknown name or an unreadable map."""
     parameters = _amended(setup)
     walls = parameters.propagation.walls
     material(walls)
     floor = build(load_map(setup.map), walls, setup.patches) if setup.map else None
 
-    def propagation() -> IndoorPropagation:  # each keeps what it last saw
+    def propagation() -> IndoorPropagation:  # separate objects, as each caches phasors
         return IndoorPropagation(parameters.propagation, floor, generator(setup.seed, "radio shadowing", ""))
 
     stations = tuple(
@@ -333,9 +334,9 @@ _EVERY_US: Final = 1_000_000
 
 
 def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
-    """The received power, dBm, at which that share of frames of so many octets arrives undisturbed.
+    """Return the received power, dBm, at which this share of frames of `octets` arrives undisturbed.
 
-    By default of the longest frames, which get least far.
+    Default: the longest frames, which have the shortest range.
     """
     low, high = -30.0, 30.0
     for _ in range(60):
@@ -347,21 +348,23 @@ def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = PS
 
 
 def reach(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
-    """The distance, m, in line of sight and without shadowing, over which that share of frames arrives."""
+    """Return the distance, m, in line of sight and without shadowing, over which this share of frames
+    arrives."""
     budget_db = parameters.transceiver.tx_power_dbm - needed_dbm(parameters, share, octets)
     return line_of_sight(budget_db, parameters.propagation.path_loss)
 
 
 class RadioReport(msgspec.Struct, frozen=True):
-    """Counts of a run's frames and events, last record of its radio."""
+    """Counts of a run's frames and events; last record of its radio."""
 
     frames: dict[str, int]
-    """Of all robots; with `pairs` and `pairs_in_reach` (`DirectReach`)."""
+    """Counts of all robots; with `pairs` and `pairs_in_reach` (`DirectReach`)."""
     frames_by_robot: dict[str, dict[str, int]]
 
 
 class DirectReach:
-    """Counts, once a second, the pairs of robots that hear at least half of each other's longest frames."""
+    """Counts, once per second, the pairs of robots that receive at least half of each other's longest
+    frames."""
 
     def __init__(self, parameters: RadioParameters, propagation: Propagation) -> None:
         self._greatest_loss_db = parameters.transceiver.tx_power_dbm - needed_dbm(parameters)
@@ -370,11 +373,11 @@ class DirectReach:
         self._pairs = self._in_reach = 0
 
     def due(self, instant_us: int) -> bool:
-        """True once for each second that has begun."""
+        """Return whether a new second has begun since the last count."""
         return instant_us >= self._next
 
     def see(self, instant_us: int, places: NDArray[np.float64]) -> None:
-        """Count the pairs of robots at these places, (n, 2) m; only of robots whose transceivers are on."""
+        """Count the pairs of powered robots at these places, (n, 2) m."""
         self._next = (instant_us // _EVERY_US + 1) * _EVERY_US
         loss = self._propagation.loss_db(places, places, self._greatest_loss_db)
         one, other = np.triu_indices(len(places), 1)
@@ -382,11 +385,11 @@ class DirectReach:
         self._in_reach += int(np.count_nonzero(loss[one, other] <= self._greatest_loss_db))
 
     def counters(self) -> dict[str, int]:
-        """`pairs`: all pairs seen, one a second each; `pairs_in_reach`: those that can hear each other."""
+        """Return `pairs`, all pairs counted, and `pairs_in_reach`, those within direct reach."""
         return {"pairs": self._pairs, "pairs_in_reach": self._in_reach}
 
 
 def share(counters: dict[str, int]) -> float | None:
-    """The share of pairs in direct reach, by `DirectReach.counters`; None if there was never a pair."""
+    """Return the share of pairs in direct reach, from `DirectReach.counters`; None without pairs."""
     pairs = counters["pairs"]
     return round(counters["pairs_in_reach"] / pairs, 4) if pairs else None

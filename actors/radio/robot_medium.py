@@ -1,4 +1,4 @@
-"""The medium as the robots know it: frames with their data and jams in, what the transceivers say out."""
+"""The medium for robots: takes frames with data and jams, returns events of transceivers."""
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -32,39 +32,39 @@ FRAMES: Final = {
     "frames_access_failure": "access_failures",
     "frames_overflowed": "overflowed",
 }
-"""What became of the frames that a transceiver was handed, by the medium's counter: left the antenna; cut by
-switching the sender off; the channel never was clear; the transmit queue was full."""
+"""Outcomes of frames given to a transceiver, by the medium's counter: transmitted; cut off by switching the
+sender off; channel never clear; transmit queue full."""
 EVENTS: Final = ("dropped", "discarded")
-"""Frames for a robot that does not step: dropped beyond its host's buffer; discarded when the robot is
-switched off or restarted, since they belong to an ended epoch."""
+"""Events for a robot that is not stepping: dropped because the host's buffer is full; discarded because the
+robot was switched off or restarted."""
 COPIES: Final = {
     f"copies_{'' if outcome is Outcome.HEARD else 'lost_'}{outcome.name.lower()}": int(outcome)
     for outcome in Outcome
     if outcome not in (Outcome.FILTERED, Outcome.NOT_COUNTED)
 }
-"""Robots broadcast, so that nothing is filtered."""
+"""Robots broadcast, so frames are never filtered."""
 
 
 class FrameCounters:
-    """Counters of frames, copies and events: those of the medium, and of what never got as far."""
+    """Counters of frames, copies and events, including frames that never reached the medium."""
 
     def __init__(self, transceivers: int) -> None:
         self.refused = 0
-        """Not accepted, of any robot."""
+        """Number of frames refused, of all robots."""
         self.discarded = np.zeros(transceivers, np.int64)
-        """Asked for while the transceiver was off."""
+        """Frames requested while the transceiver was off, by transceiver."""
         self._events = dict.fromkeys(EVENTS, 0)
 
     def events(self, end: str, number: int) -> None:
-        """Count events that a robot never got, by one of EVENTS."""
+        """Count events not delivered to a robot, by one of EVENTS."""
         self._events[end] += number
 
     def counters(self, medium: NDArray[np.void]) -> dict[str, int]:
-        """All counters by name: the medium's (`Medium.counters`) and these.
+        """Return all counters by name, including the medium's (`Medium.counters`).
 
-        `frames_*` count frames; `bytes_sent` the octets of those sent, with MAC header and FCS; `copies_*`
-        count each frame, when it ends, once per other transceiver that was powered when it began: with n of
-        them always on their sum is n - 1 times `frames_sent`; `events_*` count lost events.
+        `frames_*` count frames; `bytes_sent` the octets of transmitted ones, with MAC header and FCS;
+        `copies_*` count each frame, at its end, once per other transceiver that was powered at its begin:
+        with n transceivers always on, they sum up to n - 1 times `frames_sent`; `events_*` count lost events.
         """
 
         def total(counts: NDArray[np.int64]) -> int:
@@ -78,7 +78,7 @@ class FrameCounters:
         return frames | copies | {f"events_{end}": count for end, count in self._events.items()}
 
     def by_robot(self, robots: Sequence[str], medium: NDArray[np.void]) -> dict[str, dict[str, int]]:
-        """The same per robot: of its own frames, and of the copies of others' frames at it."""
+        """Return the counters by robot: of its own frames, and of the copies of others' frames at it."""
         return {
             robot: {
                 **{name: int(own[field]) for name, field in FRAMES.items()},
@@ -93,25 +93,25 @@ Floats = NDArray[np.float64]
 
 
 class TransceiverTruth:
-    """What is true of the transceivers in one step, by number; one whose robot is gone is switched off.
+    """Ground truth of the transceivers in one step, by number; that of an ended robot is off.
 
-    A robot moves on from its pose at the step's start with constant speed and angular velocity: along an arc.
+    From its pose at the step's start a robot moves along an arc, with constant speed and angular velocity.
     """
 
     def __init__(self, start_us: int, robots: Sequence[RobotTruth | None]) -> None:
         self._start_ns = start_us * 1000
-        # Lists, not generators: a call less for each robot.
+        # lists, not generators, which cost a call per robot
         self.powered = tuple([robot is not None and robot.powered for robot in robots])
         self.epochs = tuple([robot.epoch if robot is not None else 0 for robot in robots])
         truths = [(r.x, r.y, r.vx, r.vy, r.omega) if r else (0.0, 0.0, 0.0, 0.0, 0.0) for r in robots]
         table = np.array(truths, dtype=np.float64).reshape(-1, 5)
         self.places: Floats = table[:, :2].copy()
-        """(transceivers, 2), m, at the step's start."""
+        """Positions at the step's start, (transceivers, 2), m."""
         self._truths = table
         self.still = not table[:, 2:4].any()
 
     def positions(self, instant_ns: int) -> NDArray[np.float64]:
-        """Positions at the instant: (transceivers, 2), m."""
+        """Return the positions at an instant, (transceivers, 2), m."""
         elapsed = (instant_ns - self._start_ns) / 1e9
         moved: Floats = _moved(self._truths, elapsed)
         return moved
@@ -119,14 +119,15 @@ class TransceiverTruth:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _moved(truths: Floats, elapsed: float) -> Floats:
-    """Places, (n, 2) m, after so many seconds: truths (n, 5), place, m, velocity, m/s, its turning, rad/s."""
+    """Return places, (n, 2) m, after `elapsed` s; truths (n, 5): place, m, velocity, m/s, its rotation,
+    rad/s."""
     moved = np.empty((truths.shape[0], 2))
     for i in range(truths.shape[0]):
         x, y, omega = truths[i, 0], truths[i, 1], truths[i, 4]
         vx, vy = truths[i, 2], truths[i, 3]
         half_angle = omega * (elapsed / 2)
         cosine, sine = cos(half_angle), sin(half_angle)
-        # the chord of an arc: as long as sin(h)/h of the way driven, turned by the half angle h
+        # chord of an arc: sin(h)/h of the distance driven, rotated by the half angle h
         driven = elapsed * (sine / half_angle if half_angle != 0 else 1.0)
         cosine, sine = driven * cosine, driven * sine
         moved[i, 0] = x + (vx * cosine - vy * sine)
@@ -135,7 +136,7 @@ def _moved(truths: Floats, elapsed: float) -> Floats:
 
 
 def fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernel's results for fixed inputs, which differ if a processor computes differently."""
     robots = []
     for k in range(5):
         state = 0.3 * k, 2.0 - k, 0.0, 0.1 * k, 0.4, 0.2 * k - 0.4
@@ -152,12 +153,12 @@ _ENDS: Final = {
 
 
 class Handed(NamedTuple):
-    """A frame, of a size that is allowed, that a robot hands to its transceiver."""
+    """A frame of valid size that a robot gives to its transceiver."""
 
     instant: int
-    """µs."""
+    """Instant, µs."""
     transceiver: int
-    """Its number on the medium."""
+    """Number of the transceiver on the medium."""
     tag: int
     data: bytes
 
@@ -165,7 +166,7 @@ class Handed(NamedTuple):
 def _copies(
     sent: Sequence[tuple[NDArray[np.uint8], NDArray[np.float64]]], senders: Sequence[int]
 ) -> list[tuple[bytes, bytes, bytes]]:
-    """The last three fields of FrameOutcome for frames that were sent, each with its row of outcomes."""
+    """Return the last three fields of FrameOutcome for transmitted frames with their outcomes."""
     if not sent:
         return []
     outcomes = np.array([row for row, _ in sent])
@@ -185,16 +186,16 @@ def _copies(
 
 
 Notices = list[list[RadioEvent]]
-"""By a transceiver's number: what it has to say to its robot, in order of time."""
+"""Events for each robot, by transceiver number, in order of time."""
 
 
 class RobotMedium:
-    """All transceivers and the frames between them; it keeps the frames' data, the medium their sizes."""
+    """All transceivers and their frames; stores the frames' data, of which the medium knows only the size."""
 
     def __init__(
         self, addresses: Sequence[int], model: RadioModel, seed: int, *, keeps_outcomes: bool = False
     ) -> None:
-        """`keeps_outcomes`: `take_outcomes` gives what became of frames."""
+        """Create the medium; `keeps_outcomes`: collect frame outcomes for `take_outcomes`."""
         parameters = model.parameters
         self._addresses = tuple(addresses)
         self._noise_mw = exp10(parameters.phy.noise_dbm / 10.0)
@@ -209,22 +210,22 @@ class RobotMedium:
         )
         self._keeps_outcomes = keeps_outcomes
         self._ended: list[tuple[Handed, int, str]] = []
-        """Frames that have ended, when, µs, and how, as far as nobody has taken their outcomes."""
+        """Ended frames with end time, µs, and result, until `take_outcomes`."""
         self._powered = (True,) * len(self._addresses)
         self._epochs: tuple[int, ...] | None = None
         self.discarded = 0
-        """Notices that nobody was given: the epoch that they belong to was over."""
+        """Number of notices discarded because their epoch had ended."""
         self._placed: NDArray[np.float64] | None = None
-        # By transceiver, then by a number that is the medium's tag: the robot's own tags need not differ.
+        # By transceiver and medium tag, as robots' own tags need not be unique.
         self._frames: list[dict[int, Handed]] = [{} for _ in self._addresses]
         self._serial = 0
 
     def advance(
         self, truth: TransceiverTruth, jams: Sequence[Jam], handed: Iterable[Handed], until: int
     ) -> Notices:
-        """What the transceivers say from the step's start up to, and without, `until`, µs.
+        """Return the transceivers' events from the step's start up to `until`, µs, exclusive.
 
-        The transceivers of `handed` must be on. One in a new epoch says nothing of the one before.
+        The transceivers of `handed` must be on. Events of an earlier epoch are discarded.
         """
         notices: Notices = [[] for _ in self._addresses]
         if truth.powered != self._powered or truth.epochs != self._epochs:
@@ -262,14 +263,14 @@ class RobotMedium:
         return Request(frame.instant * 1000, frame.transceiver, octets(len(frame.data)), tag=self._serial)
 
     def _restarted(self, epochs: tuple[int, ...]) -> frozenset[int]:
-        """The transceivers whose epoch is another one than in the step before."""
+        """Return the transceivers whose epoch has changed since the last step."""
         before, self._epochs = self._epochs or epochs, epochs
         return frozenset(
             number for number, (was, now) in enumerate(zip(before, epochs, strict=True)) if was != now
         )
 
     def _switch(self, powered: tuple[bool, ...], restarted: frozenset[int]) -> None:
-        """Switch on and off; what was restarted was off in between, and has forgotten everything."""
+        """Switch transceivers on and off; a restart switches off and on, and clears all state."""
         for number, (was, on) in enumerate(zip(self._powered, powered, strict=True)):
             off = was and (not on or number in restarted)
             if off:
@@ -308,10 +309,10 @@ class RobotMedium:
     def _quality(
         self, power_mw: NDArray[np.float64], sinr: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Signal strengths, dBm, and link qualities, as the chip's codes can say them; (n,) each.
+        """Return signal strengths, dBm, and link qualities, limited to the chip's codes; (n,) each.
 
-        What lowers the ratio lowers the quality as if the frame had arrived that much weaker. Of events that
-        tell of no frame heard both mean nothing.
+        Interference lowers the quality like an equally weaker signal. Not meaningful for events other than
+        receptions.
         """
         strengths = strengths_dbm(rssi_codes(10.0 * arrays.log10(power_mw)))
         as_strong_dbm = 10.0 * arrays.log10(np.minimum(power_mw, sinr * self._noise_mw))

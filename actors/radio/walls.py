@@ -1,9 +1,8 @@
-"""What walls cost: the straight line between two antennas, followed over the floor plan.
+"""Loss by walls along the straight line between two antennas on a floor plan.
 
-Materials determine how much of a signal at 2.45 GHz a wall takes.
-The table of ITU-R P.2040-3 gives permittivity and conductivity; from them follow, for a wave that meets the
-wall at a right angle, what its two faces reflect and what a metre of it absorbs. Beside these stand the wall
-types of COST 231, which cost the same however thick they are drawn.
+The loss of a wall at 2.45 GHz depends on its material. The table of ITU-R P.2040-3 has permittivity and
+conductivity, from which follow, at perpendicular incidence, the reflection at both faces and the absorption
+per metre. In addition there are the wall types of COST 231, whose loss does not depend on the thickness.
 """
 
 import math
@@ -24,24 +23,24 @@ from actors.settings import Settings, Span, check_spans
 
 Floats = NDArray[np.float64]
 _GHZ: Final = 2.45
-"""The middle of the band, channels 11 to 26."""
+"""Centre of the band, channels 11 to 26."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """What a wall takes from a signal that crosses it."""
+    """Loss of signals through walls of a material."""
 
     crossing_db: float
-    """Loss of each wall that is entered, dB, however thick."""
+    """Loss of each wall that is entered, dB, whatever its thickness."""
     per_metre_db: float
-    """Loss of each metre in it, dB."""
+    """Loss per metre inside, dB."""
 
 
 def dielectric(permittivity: float, conductivity: float, growth: float) -> Material:
-    """A material of that real relative permittivity and of conductivity · GHz^growth, S/m, at 2.45 GHz.
+    """Return a material of real relative permittivity and conductivity · GHz^growth, S/m, at 2.45 GHz.
 
-    Faces: Fresnel's reflection at a right angle, twice, without what bounces to and fro within. Absorption:
-    1636 σ / √η' dB/m, for low losses (ITU-R P.2040-3, section 2.1, table 3).
+    Faces: Fresnel reflection at perpendicular incidence, twice, without multiple internal reflections.
+    Absorption: 1636 σ / √η' dB/m, for low losses (ITU-R P.2040-3, section 2.1, table 3).
     """
     index = math.sqrt(permittivity)
     reflected = (index - 1.0) / (index + 1.0)
@@ -63,15 +62,15 @@ MATERIALS: Final = {
     "heavy_wall": Material(6.9, 0.0),
     "inet_brick": Material(0.6, 0.0),
 }
-"""By name. `metal`: own choice; nothing passes, so the figure stands for what finds a way round, as measured
-at doors. `light_wall` and `heavy_wall`: thin walls that bear nothing, and thick or load-bearing ones of brick
-or concrete (COST 231, final report, chapter 4, multi-wall model, fitted at 1800 MHz). `inet_brick`: what INET
-3.1.1 makes of brick with resistivity 3 kΩm and permittivity 4.5, the walls of d3scomp/ROSOMNeT: what the
-first face reflects, and next to nothing for the rest (TracingObstacleLoss, which leaves the second out)."""
+"""Materials by name. `metal`: own choice; as nothing passes, the value represents indirect paths, as measured
+at doors. `light_wall` and `heavy_wall`: thin walls without load, and thick or load-bearing ones of brick or
+concrete (COST 231, final report, chapter 4, multi-wall model, fitted at 1800 MHz). `inet_brick`: INET 3.1.1's
+brick of resistivity 3 kΩm and permittivity 4.5, the walls of d3scomp/ROSOMNeT: reflection at the first face
+and hardly any absorption (TracingObstacleLoss, which omits the second face)."""
 
 
 def material(name: str) -> Material:
-    """The material of that name; AcrcError if there is none."""
+    """Return the material of this name. Raises AcrcError for an unknown one."""
     if name not in MATERIALS:
         raise AcrcError(f"Wall material {name!r} is unknown; known are {', '.join(MATERIALS)}.")
     return MATERIALS[name]
@@ -82,25 +81,25 @@ TILE: Final = 16
 
 
 class Walls(NamedTuple):
-    """A floor plan of kinds of cells, 0 of which is air; made by `walls_of`."""
+    """Floor plan of kinds of cells, 0 of which is air; made by `walls_of`."""
 
     leaps: NDArray[np.uint8]
-    """(2, rows, columns): side, in tiles, of the largest square of tiles of nothing but air that has the tile
-    in its near corner, for rays that go east and north, and east and south; 0: the tile has walls."""
+    """Side, in tiles, of the largest square of air tiles with the tile in its near corner, (2, rows,
+    columns), for rays going east and north, and east and south; 0: the tile has walls."""
     begins: NDArray[np.int32]
-    """(rows · columns + 1,): a tile's first block; the next tile's first is behind its last."""
+    """Index of each tile's first block, (rows · columns + 1,); the blocks end at the next tile's first."""
     blocks: NDArray[np.uint8]
-    """(blocks, 5): rectangles that do not overlap, all of one kind: first column and row within the tile,
-    those behind the last, and which kind."""
+    """Rectangles of one kind, without overlap, (blocks, 5): first column and row within the tile, last ones
+    (exclusive), and kind."""
     resolution: float
     """Side of a cell, m."""
     west: float
     south: float
     """The map's corner, m."""
     crossing_db: Floats
-    """(kinds,): loss of each wall that is entered, dB."""
+    """Loss of each wall that is entered, (kinds,), dB."""
     per_metre_db: Floats
-    """(kinds,): loss of each metre in it, dB."""
+    """Loss per metre inside, (kinds,), dB."""
 
 
 def walls_of(
@@ -111,7 +110,7 @@ def walls_of(
     crossing_db: Floats,
     per_metre_db: Floats,
 ) -> Walls:
-    """Return the walls of (rows, columns) of kinds; beyond the edges everything is air."""
+    """Return the walls of (rows, columns) of kinds; outside everything is air."""
     rows, columns = (-(-size // TILE) for size in kinds.shape)
     begins = np.zeros(rows * columns + 1, np.int32)
     _find_blocks(kinds, columns, begins, np.zeros((0, 5), np.uint8))
@@ -128,9 +127,9 @@ def walls_of(
 def _find_blocks(
     kinds: NDArray[np.uint8], columns: int, begins: NDArray[np.int32], blocks: NDArray[np.uint8]
 ) -> None:
-    """Write down how many blocks tiles have, and the blocks where there is room for them.
+    """Write the number of blocks of all tiles, and the blocks as far as there is room.
 
-    From each cell that is not taken yet the run of its kind to the east, and the same run further north.
+    Blocks are grown greedily: from each free cell eastward along its kind, then northward.
     """
     found = 0
     for tile in range(begins.size - 1):
@@ -164,14 +163,14 @@ MaterialName = Annotated[
 
 
 class WallPatch(Settings, frozen=True):
-    """A rectangle of the floor in which what is occupied is of a material of its own."""
+    """A rectangle of the floor whose walls are of another material."""
 
     material: MaterialName
     """Name, see `MATERIALS`."""
     x: Span
-    """From west to east, m."""
+    """Range from west to east, m."""
     y: Span
-    """From south to north, m."""
+    """Range from south to north, m."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -179,11 +178,11 @@ class WallPatch(Settings, frozen=True):
 
 
 def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = ()) -> Walls:
-    """The walls of a floor plan: occupied cells are of `everywhere`, in a patch of its material.
+    """Return the walls of a floor plan: occupied cells are of `everywhere`, in patches of their material.
 
-    Where patches overlap the last one counts.
-    What is unknown costs nothing: maps know the faces of thick walls only, and what lies between rooms is
-    mostly not wall. Nor does anything outside of the map. AcrcError if a material is unknown.
+    The last of overlapping patches counts. Unknown cells and everything outside the map cost nothing: maps
+    contain only the faces of thick walls, and most unknown space between rooms is not wall. Raises AcrcError
+    for an unknown material.
     """
     names = list(dict.fromkeys(["air", everywhere, *(patch.material for patch in patches)]))
     stuff = [material(name) for name in names]
@@ -196,7 +195,7 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
 
 
 def inside(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
-    """(rows, columns): which cells have their middle in the patch."""
+    """Return which cells have their centre in the patch, (rows, columns)."""
     x, y = grid.centres()
     rows = (patch.y[0] <= y) & (y <= patch.y[1])
     return rows[:, None] & (patch.x[0] <= x) & (x <= patch.x[1])
@@ -204,10 +203,10 @@ def inside(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -> tuple[float, float]:
-    """Where a ray is between 0 and `end` along one axis, and between `entry` and `leave`: distances from its
-    start; entry ≥ leave: nowhere.
+    """Return where a ray is between 0 and `end` along one axis, within `entry` and `leave`.
 
-    Liang and Barsky, "A New Concept and Method for Line Clipping", ACM Transactions on Graphics 3, 1984.
+    Distances from its start; entry ≥ leave: nowhere. Liang and Barsky, "A New Concept and Method for Line
+    Clipping", ACM Transactions on Graphics 3, 1984.
     """
     if slope > 0:
         return max(entry, -start / slope), min(leave, (end - start) / slope)
@@ -218,7 +217,7 @@ def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _within(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom: int) -> tuple[float, float]:
-    """Where a ray that goes east enters and leaves a block of the tile with that corner; all in tiles."""
+    """Return where an eastward ray enters and leaves a block of the tile with this corner; all in tiles."""
     low, high = bottom + blocks[k, 1] / TILE, bottom + blocks[k, 3] / TILE
     if line.dy < 0:
         low, high = high, low
@@ -238,7 +237,8 @@ def _along(
     length: float,
     most_db: float,
 ) -> float:
-    """The loss, dB, from (x, y) along the unit vector (dx, dy), dx ≥ 0, in tiles; inf if above most_db."""
+    """Return the loss, dB, from (x, y) along the unit vector (dx, dy), dx ≥ 0, in tiles; inf above
+    most_db."""
     leaps, begins, blocks = walls.leaps, walls.begins, walls.blocks
     southward = 0 if dy >= 0 else 1
     rows, columns = leaps.shape[1:]
@@ -280,9 +280,9 @@ def _along(
 def between(
     walls: Walls, per_tile_db: Floats, x0: float, y0: float, x1: float, y1: float, most_db: float
 ) -> float:
-    """Return the loss by walls, dB, between two places, in tiles from the map's corner; inf if above most_db.
+    """Return the loss by walls, dB, between two places, in tiles from the map's corner; inf above most_db.
 
-    It is the same, to the last bit, in both directions. per_tile_db: as `walls.per_metre_db`.
+    Bit-equal in both directions. per_tile_db: as `walls.per_metre_db`.
     """
     if x1 < x0 or (x1 == x0 and y1 < y0):
         x0, y0, x1, y1 = x1, y1, x0, y0

@@ -238,16 +238,16 @@ def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
     frames = [Frame(10, "a", 1, bytes(120)), Frame(20, "a", 2, bytes(119))]
     frames += [Frame(instant, "a", tag) for tag, instant in ((3, STEP), (4, -1), (5, 15))]
     assert swarm.run(frames)["a"] == [
-        Refused(0, 4, "The frame's instant -1 µs lies outside step 0; it must be 0 to 99999 µs."),
+        Refused(0, 4, "The frame's instant -1 µs is outside step 0; it must be 0 to 99999 µs."),
         Refused(10, 1, "The frame has 120 data bytes; it must have 0 to 118."),
         Refused(20, 2, "The frame has 119 data bytes; it must have 0 to 118."),
         Sent(1039, 5),
-        Refused(99_999, 3, "The frame's instant 100000 µs lies outside step 0; it must be 0 to 99999 µs."),
+        Refused(99_999, 3, "The frame's instant 100000 µs is outside step 0; it must be 0 to 99999 µs."),
     ]
     assert swarm.core.counters()["frames_refused"] == 4
     swarm.robots["x"] = Robot(0.0)
     events = swarm.run([Frame(STEP + 10, "x", 1)])
-    sentence = "Robot x has no transceiver; the radio was set up without it."
+    sentence = "Robot x has no transceiver; it is not in the radio's set-up."
     assert events == {"x": [Refused(STEP + 10, 1, sentence)]}
 
 
@@ -262,7 +262,7 @@ def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
 
 def test_a_truth_of_another_step_ends_the_run() -> None:
     swarm = three()
-    with refused("Step 0: the world gives Truth of step 2; it should be of step 0."):
+    with refused("Step 0: the world sent Truth of step 2, expected step 0."):
         swarm.core.advance({TRUTH.key(): msgspec.structs.replace(swarm.truth([]), step=2)})
 
 
@@ -278,10 +278,10 @@ def test_halt_finishes_without_an_answer() -> None:
 @pytest.mark.parametrize(
     ("robots", "sentence"),
     [
-        ((("a", 1), ("b", 1)), "Robots a and b share the short address 1; each needs its own."),
-        ((("a", 1), ("a", 2)), "Robot a is listed twice for the radio; each robot needs one entry."),
-        ((), "The radio's step is 0 µs long; it must be at least 1 µs."),
-        ((("a", 65534),), "Robot a has the short address 65534; it must be 0 to 65533."),
+        ((("a", 1), ("b", 1)), "Robots a and b share the short address 1; it must be unique."),
+        ((("a", 1), ("a", 2)), "Robot a has two entries in the radio's set-up; delete one."),
+        ((), "The radio's step_us is 0 µs; must be at least 1 µs."),
+        ((("a", 65534),), "Robot a has the short address 65534; must be 0 to 65533."),
     ],
 )
 def test_a_setup_that_makes_no_sense_is_named(robots: tuple[tuple[str, int], ...], sentence: str) -> None:

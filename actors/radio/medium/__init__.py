@@ -1,6 +1,6 @@
-"""The medium between transceivers, a library without an actor: event loop, CSMA/CA, reception, state.
+"""The medium between transceivers as a library: event loop, CSMA/CA, reception and state.
 
-`examples/contention.py` shows it at work by itself.
+`examples/contention.py` uses it without actors.
 """
 
 from actors.radio.medium.medium import Interferer, Medium, Poisson, Propagation, Request, Saturated

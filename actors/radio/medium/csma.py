@@ -1,4 +1,4 @@
-"""Kernels of the MAC: unslotted CSMA/CA, the transmit queue, acknowledgements.
+"""MAC kernels: unslotted CSMA/CA, transmit queue, acknowledgements.
 
 Sections are those of IEEE 802.15.4-2006; the algorithm is that of 7.5.1.4, Figure 69.
 """
@@ -30,7 +30,7 @@ from actors.radio.medium.state import (
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: int) -> int:
-    """Put an entry into a heap of so many; the new size."""
+    """Add an entry to a heap of `size` entries; return the new size."""
     place = size
     while place > 0:
         above = (place - 1) >> 1
@@ -47,7 +47,7 @@ def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def pop(agenda: NDArray[np.void], size: int) -> int:
-    """Take the first entry out of a heap of so many, at least one; the new size."""
+    """Remove the first entry from a heap of `size` ≥ 1 entries; return the new size."""
     size -= 1
     last = agenda[size]
     place = 0
@@ -88,7 +88,7 @@ _airtime_ns: Final = njit(cache=True)(ieee802154.airtime_ns)
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def schedule(st: MediumState, number: int, due: int, after: int, ticket: int) -> None:
-    """Put what is due at a transceiver, so long after now, on the agenda."""
+    """Schedule an action of a transceiver `after` ns from now."""
     medium = st.medium
     medium.due = push(st.agenda, medium.due, medium.now_ns + after, due * _KINDS + number, ticket)
 
@@ -97,7 +97,7 @@ def schedule(st: MediumState, number: int, due: int, after: int, ticket: int) ->
 def say(
     st: MediumState, kind: int, number: int, other: int, octets: int, frame: int, tag: int, asked: int
 ) -> None:
-    """Write an event down; power and SINR are nothing."""
+    """Record an event with power and SINR of 0."""
     medium = st.medium
     event = st.events[medium.events]
     medium.events += 1
@@ -115,7 +115,7 @@ def say(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def hand_over(st: MediumState, number: int, octets: int, to: int, ack: bool, tag: int) -> None:
-    """A transceiver is handed a frame now."""
+    """Give a frame to a transceiver now."""
     transceiver = st.transceivers[number]
     settings, mac, counters = transceiver.settings, transceiver.mac, transceiver.counters
     counters.generated += 1
@@ -165,7 +165,7 @@ def _back_off(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def assess(st: MediumState, number: int) -> None:
-    """The back-off is over: the clear channel assessment begins."""
+    """Begin the clear channel assessment after a back-off."""
     medium, transceiver = st.medium, st.transceivers[number]
     mac, receiver = transceiver.mac, transceiver.receiver
     if transceiver.settings.cca == Cca.NEVER.value:
@@ -174,7 +174,7 @@ def assess(st: MediumState, number: int) -> None:
     mac.assessed_ns = medium.now_ns
     mac.peak = 0.0
     mac.carrier = receiver.lock >= 0
-    # While it sends an acknowledgement, or changes over for one, the channel is not clear.
+    # The channel is not clear during an acknowledgement of its own or the turnaround for one.
     mac.energy = math.inf if receiver.ready_ns > medium.now_ns else 0.0
     st.rosters[medium.assessing].assessing = number
     medium.assessing += 1
@@ -183,7 +183,7 @@ def assess(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def forget_assessment(st: MediumState, number: int) -> None:
-    """Take a transceiver from those who assess the channel, if it is one."""
+    """Remove a transceiver from those that assess the channel, if it is one."""
     medium = st.medium
     for place in range(medium.assessing):
         if st.rosters[place].assessing == number:
@@ -215,7 +215,7 @@ def _is_clear(st: MediumState, number: int) -> bool:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def assessed(st: MediumState, number: int) -> None:
-    """The clear channel assessment is over."""
+    """End the clear channel assessment."""
     transceiver = st.transceivers[number]
     settings, mac, counters = transceiver.settings, transceiver.mac, transceiver.counters
     sense(st.medium, transceiver)
@@ -235,7 +235,7 @@ def assessed(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _turn_around(st: MediumState, number: int) -> None:
-    """Change over to sending; a reception under way is given up."""
+    """Switch to sending; abort a reception in progress."""
     transceiver = st.transceivers[number]
     mac = transceiver.mac
     let_go(st, number, Outcome.HALF_DUPLEX.value)
@@ -246,7 +246,7 @@ def _turn_around(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def transmit(st: MediumState, number: int) -> None:
-    """The frame at the head of the queue begins."""
+    """Begin the frame at the head of the queue."""
     transceiver = st.transceivers[number]
     mac, flight, counters = transceiver.mac, transceiver.flight, transceiver.counters
     frame = st.queue[number, mac.head]
@@ -266,7 +266,7 @@ def transmit(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def transmitted(st: MediumState, number: int) -> None:
-    """The frame has left the antenna."""
+    """End the frame in the air."""
     transceiver = st.transceivers[number]
     mac, flight, counters = transceiver.mac, transceiver.flight, transceiver.counters
     leave(st, number)
@@ -285,7 +285,7 @@ def transmitted(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _space(st: MediumState, number: int) -> None:
-    """The exchange was a success: no next frame before the spacing is over."""
+    """Start the interframe spacing after a successful exchange."""
     mac = st.transceivers[number].mac
     mac.state = MacState.SPACING.value
     short = st.queue[number, mac.head].octets <= LONGEST_SHORT
@@ -296,7 +296,7 @@ def _space(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _finish(st: MediumState, number: int, kind: int) -> None:
-    """Take the frame out of the queue, say what became of it, and go on."""
+    """Remove the frame from the queue, record its result, and continue."""
     transceiver = st.transceivers[number]
     traffic, mac = transceiver.traffic, transceiver.mac
     frame = st.queue[number, mac.head]
@@ -313,7 +313,7 @@ def _finish(st: MediumState, number: int, kind: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def proceed(st: MediumState, number: int) -> None:
-    """Go on with the queue if nothing is under way."""
+    """Start the next frame of the queue if the MAC is idle."""
     mac = st.transceivers[number].mac
     if mac.state == MacState.IDLE.value and mac.queued > 0:
         access(st, number)
@@ -321,7 +321,7 @@ def proceed(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _deliver(st: MediumState, sender: int) -> None:
-    """Give the frame to those who received it, and count what became of it at all others."""
+    """Deliver the frame to its receivers, and count its outcomes at all others."""
     medium, flight, outcomes = st.medium, st.transceivers[sender].flight, st.outcomes[sender]
     to, busies = flight.to, flight.ack or medium.dead_ns + medium.dead_octet_ns > 0
     for i in st.reached[sender, : st.transceivers[sender].reached]:
@@ -357,7 +357,7 @@ def _receive(st: MediumState, sender: int, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def acknowledge(st: MediumState, number: int) -> None:
-    """A transceiver's acknowledgement begins."""
+    """Begin an acknowledgement."""
     transceiver = st.transceivers[number]
     mac, flight = transceiver.mac, transceiver.flight
     flight.octets = ACK_OCTETS
@@ -372,7 +372,7 @@ def acknowledge(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def acknowledged(st: MediumState, number: int) -> None:
-    """A transceiver's acknowledgement has ended: whoever waits for it goes on."""
+    """End an acknowledgement; the waiting sender continues."""
     transceiver = st.transceivers[number]
     flight = transceiver.flight
     leave(st, number)
@@ -383,14 +383,14 @@ def acknowledged(st: MediumState, number: int) -> None:
     mac = st.transceivers[asker].mac
     waits = mac.state == MacState.AWAITING.value and st.queue[asker, mac.head].number == flight.frame
     if st.outcomes[number, asker] == Outcome.HEARD.value and waits:
-        mac.ticket += 1  # the time-out is void
+        mac.ticket += 1  # cancels the timeout
         st.transceivers[asker].counters.acknowledged += 1
         _space(st, asker)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def timed_out(st: MediumState, number: int) -> None:
-    """No acknowledgement came."""
+    """Retry or give up a frame after a missing acknowledgement."""
     transceiver = st.transceivers[number]
     settings, mac, counters = transceiver.settings, transceiver.mac, transceiver.counters
     if mac.tries < settings.max_retries:
@@ -405,7 +405,7 @@ def timed_out(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def arrive(st: MediumState, number: int) -> None:
-    """The traffic that the medium makes hands over a frame."""
+    """Give the next frame of generated traffic to a transceiver."""
     transceiver = st.transceivers[number]
     traffic, mac = transceiver.traffic, transceiver.mac
     if traffic.kind == OfferKind.SATURATED.value:
@@ -418,7 +418,7 @@ def arrive(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def expect(st: MediumState, number: int) -> None:
-    """Draw when the next frame of a Poisson process arrives."""
+    """Draw the next arrival of a Poisson process."""
     transceiver = st.transceivers[number]
     settings, traffic = transceiver.settings, transceiver.traffic
     luck = drawn(st.medium.seed, ARRIVAL, settings.key, traffic.arrivals, 0)

@@ -1,4 +1,4 @@
-"""Kernels of the medium's event loop: what is due, at which transceiver, in the one order that time gives."""
+"""Event loop kernels of the medium: actions of transceivers in order of time."""
 
 from typing import Final
 
@@ -13,13 +13,13 @@ from actors.radio.medium.reception import change_outside, count, free_share, lea
 from actors.radio.medium.state import NEVER, NOBODY, Due, MacState, MediumState, OfferKind, Outcome, Outside
 
 DONE: Final = 0
-"""All that was due has happened."""
+"""All actions before the limit have run."""
 ROW: Final = 1
-"""The frame that is first on the agenda needs the losses from its sender, `medium.sender`."""
+"""The next frame needs the losses from its sender, `medium.sender`."""
 FULL: Final = 2
-"""The events must be taken away first."""
+"""The event buffer is full and must be emptied."""
 SENT: Final = 3
-"""A frame of `medium.sent_by` has been sent, and `medium.pauses`."""
+"""A frame of `medium.sent_by` has been sent, and `medium.pauses` is set."""
 
 _KINDS: Final = 1 << 32
 
@@ -29,10 +29,10 @@ _HALF_DB: Final = 3.0103
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def run(st: MediumState, outside: Outside, until: int, ends_too: bool, loss_db: NDArray[np.float64]) -> int:
-    """Let everything happen before `until`, and the ends of frames at `until` itself if `ends_too`.
+    """Run everything before `until`, and ends of frames at `until` itself if `ends_too`.
 
-    `loss_db`: (n,) dB, those that the call before has asked for with ROW, where above `medium.most_db` any
-    value above; otherwise (0,).
+    `loss_db`: (n,) dB, as requested by the previous call with ROW; any value above `medium.most_db` where
+    above it; otherwise (0,).
     """
     medium = st.medium
     if loss_db.size > 0:
@@ -64,7 +64,7 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool, loss_db: 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _take_row(st: MediumState, loss_db: NDArray[np.float64]) -> None:
-    """How strong the frames of `medium.sender` arrive, and at whom."""
+    """Store the received powers of frames of `medium.sender`, and their receivers."""
     sender, most_db, reached = st.medium.sender, st.medium.most_db, 0
     transceiver = st.transceivers[sender]
     tx_dbm = transceiver.settings.tx_dbm
@@ -86,7 +86,7 @@ def _next_instant(entries: NDArray[np.void], place: int) -> int:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _ends(st: MediumState) -> bool:
-    """True if the end of a frame is first on the agenda."""
+    """Return whether the end of a frame is first on the agenda."""
     return bool(st.agenda[0].order // _KINDS <= Due.ACK_END.value)
 
 
@@ -116,7 +116,7 @@ def _needs_row(st: MediumState) -> bool:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _is_valid(st: MediumState, due: int, number: int, ticket: int) -> bool:
-    """False if what was put on the agenda has been called off since."""
+    """Return whether an entry of the agenda has not been cancelled."""
     if due == Due.ARRIVAL.value:
         return bool(ticket == st.transceivers[number].traffic.ticket)
     mac = st.transceivers[number].mac
@@ -127,7 +127,7 @@ def _is_valid(st: MediumState, due: int, number: int, ticket: int) -> bool:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _dispatch(st: MediumState) -> None:
-    """Let the first thing on the agenda happen."""
+    """Run the first entry of the agenda."""
     medium = st.medium
     order, ticket = st.agenda[0].order, st.agenda[0].ticket
     medium.due = pop(st.agenda, medium.due)
@@ -165,14 +165,14 @@ def _exchange(st: MediumState, due: int, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _forget_row(st: MediumState, number: int) -> None:
-    """A frame has begun: where transceivers move its row is not that of the sender's next one."""
+    """Invalidate the sender's row after a frame has begun if transceivers move."""
     if st.medium.moving:
         st.transceivers[number].row = 0
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def switch_on(st: MediumState, number: int) -> None:
-    """A transceiver gets power: it can receive at once."""
+    """Power a transceiver; it can receive at once."""
     medium, transceiver = st.medium, st.transceivers[number]
     place = 0
     while st.rosters[place].off != number:
@@ -187,7 +187,7 @@ def switch_on(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def switch_off(st: MediumState, number: int) -> None:
-    """A transceiver loses power: its frame is cut short, its queue forgotten, its reception lost."""
+    """Switch a transceiver off: cut its frame, clear its queue, abort its reception."""
     medium, transceiver = st.medium, st.transceivers[number]
     mac, counters = transceiver.mac, transceiver.counters
     cut = False
@@ -215,7 +215,7 @@ def switch_off(st: MediumState, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _cut(st: MediumState, sender: int) -> None:
-    """End a frame before its time: nobody receives it."""
+    """End a frame early; no transceiver receives it."""
     leave(st, sender)
     for i in range(st.transceivers.size):
         if st.transceivers[i].receiver.lock == sender:
@@ -228,7 +228,7 @@ def _cut(st: MediumState, sender: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def offer(st: MediumState, number: int, kind: int, after: int) -> None:
-    """The medium makes a transceiver's traffic from now on; if saturated, beginning after so long."""
+    """Generate a transceiver's traffic from now; saturated traffic begins `after` ns from now."""
     traffic = st.transceivers[number].traffic
     traffic.kind = kind
     traffic.ticket += 1

@@ -1,14 +1,13 @@
-"""The medium that transceivers share: whose frame is in the air when, and who hears it.
+"""The medium shared by transceivers: frames in the air and their reception.
 
-A library of its own: transceivers, where they are, what they send, and how far the time is to go. Every
-instant is a whole number of nanoseconds. A frame is followed as far as it counts
-(`actors.radio.medium.state.initial_state`). Nothing depends on how the time is cut into calls of `run`, nor
-on transceivers that are silent: all random numbers are functions of a seed and of what they are for
+All instants are integers in nanoseconds. Weak frames are followed as far as they matter
+(`actors.radio.medium.state.initial_state`). Results depend neither on how time is divided into calls of `run`
+nor on silent transceivers: every random number is a function of a seed and of its purpose
 (`actors.radio.medium.reception`).
 
-The medium knows frames, transceivers and instants; walls, distances and shadowing belong to a `Propagation`,
-Wi-Fi and jammers to an `Interferer`. Positions are (…, 2) arrays, m, map frame. Everything here is a function
-of its arguments and of a seed given at construction, never of how often or in which order it is asked.
+The medium handles frames, transceivers and instants; walls, distances and shadowing belong to a
+`Propagation`, Wi-Fi and jammers to an `Interferer`. Positions are (…, 2) arrays, m, map frame. Everything is
+a function of its arguments and of a seed given at construction, independent of the number and order of calls.
 """
 
 import math
@@ -36,54 +35,54 @@ from actors.radio.medium.state import (
 )
 
 Trajectory = Callable[[int], NDArray[np.float64]]
-"""Positions of all transceivers, (n, 2), m, at an instant, ns; each depends on the instant alone."""
+"""Positions of all transceivers, (n, 2), m, at an instant, ns; must depend on the instant only."""
 
 
 class Propagation(Protocol):
-    """How much weaker a signal arrives than it was sent."""
+    """Attenuation of signals between positions."""
 
     def loss_db(
         self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
     ) -> NDArray[np.float64]:
-        """Loss from each sender to each receiver, dB ≥ 0, `inf` = nothing arrives: (senders, receivers).
+        """Return the loss from each sender to each receiver, dB ≥ 0, `inf` = no signal: (senders, receivers).
 
-        Where it is above `most_db` any value above will do, so that far ones need not be computed.
+        Where it is above `most_db`, any value above is valid, so that distant receivers need not be computed.
 
-        `senders` (s, 2), `receivers` (r, 2). Asked once per frame, with one sender, for the positions at its
+        `senders` (s, 2), `receivers` (r, 2). Called once per frame, with one sender, for the positions at its
         first symbol, or once per sender while all stand still: entry (i, j) must depend on these two points
-        only, to the last bit. Where a sender is its own receiver any value will do.
+        only, bit for bit. Where a sender is its own receiver, any value is valid.
         """
         ...
 
 
 class Interferer(Protocol):
-    """A source that is no 802.15.4 transceiver: it disturbs while it is on and is never decoded."""
+    """A source of interference other than an 802.15.4 transceiver; never decoded."""
 
     def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
-        """The bursts that begin in [since, until): (bursts, 2), begin and end, ns; in order, without overlap.
+        """Return the bursts that begin in [since, until): (bursts, 2), begin and end, ns; ordered, disjoint.
 
-        An end may lie beyond `until`. How the time is cut into such windows must not change the bursts.
+        An end may be after `until`. The division of time into windows must not change the bursts.
         """
         ...
 
     def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Power within the receiver's band while the source is on, dBm: `receivers` (…, 2) → (…).
+        """Return the power within the receivers' band during a burst, dBm: `receivers` (…, 2) → (…).
 
-        `-inf` = nothing arrives. Evaluated at a burst's first instant, and again every 20 ms of a longer one.
+        `-inf` = no signal. Evaluated at the begin of a burst, and again every 20 ms of a longer one.
         """
         ...
 
     def over(self, now_ns: int) -> bool:
-        """True if no burst begins or goes on at `now_ns` or later."""
+        """Return whether no burst is on or begins at `now_ns` or later."""
         ...
 
 
 @dataclass(frozen=True)
 class Poisson:
-    """Frames at random, independent of one another."""
+    """Traffic of a Poisson process."""
 
     octets: int
-    """Of the PSDU, MAC header and FCS included: 9 to 127."""
+    """Octets of the PSDU, including MAC header and FCS: 9 to 127."""
     per_second: float
     to: int = BROADCAST
     """Number of the receiving transceiver."""
@@ -92,12 +91,12 @@ class Poisson:
 
 @dataclass(frozen=True)
 class Saturated:
-    """Always one more frame: the next is handed over as soon as one is done with."""
+    """Saturated traffic: each frame is followed by the next."""
 
     octets: int
-    """As in Poisson."""
+    """Octets of the PSDU, including MAC header and FCS: 9 to 127."""
     after_ns: int = 0
-    """When the first comes, counted from now: phases that differ keep transceivers from moving in step."""
+    """Delay of the first frame from now; different delays desynchronise transceivers."""
     to: int = BROADCAST
     acknowledged: bool = False
 
@@ -105,31 +104,31 @@ class Saturated:
 Traffic = Poisson | Saturated
 
 REFRESH_NS = 20_000_000
-"""The power of a long burst is evaluated again at every multiple of this, as transceivers may move."""
+"""Instants at multiples of this re-evaluate the power of long bursts, as transceivers may move, ns."""
 
 OFF = -1
 
 
 class Interference:
-    """The interferers, and the bursts of theirs that have begun and not ended."""
+    """Interferers with their current bursts."""
 
     def __init__(self) -> None:
         self._interferers: list[Interferer | None] = []
         self._ends: dict[int, int] = {}
 
     def __len__(self) -> int:
-        """How many numbers have been given out."""
+        """Return the number of slots."""
         return len(self._interferers)
 
     def add(self, interferer: Interferer) -> None:
-        """One more; it takes the number of one that has ended for good, or the next."""
+        """Add an interferer in a free slot, or a new one."""
         if None in self._interferers:
             self._interferers[self._interferers.index(None)] = interferer
         else:
             self._interferers.append(interferer)
 
     def forget(self, now_ns: int) -> None:
-        """Let go of the sources that will not be on any more, from `now_ns` on."""
+        """Remove the sources without bursts from `now_ns` on."""
         for source, interferer in enumerate(self._interferers):
             if interferer is not None and interferer.over(now_ns) and source not in self._ends:
                 self._interferers[source] = None
@@ -137,7 +136,7 @@ class Interference:
     def until(
         self, since_ns: int, until_ns: int, where: Trajectory
     ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
-        """The switches in [since, until), in order, and the powers, mW, that they name by row."""
+        """Return the switches in [since, until), in order, and the powers, mW, of their rows."""
         entries: list[tuple[int, int, bool]] = []
         for source, interferer in enumerate(self._interferers):
             if interferer is not None:
@@ -158,7 +157,7 @@ class Interference:
     def _entries(
         self, source: int, interferer: Interferer, since_ns: int, until_ns: int
     ) -> list[tuple[int, int, bool]]:
-        """Instants at which the source goes off (or on; at one instant off is first)."""
+        """Return the instants at which the source goes on or off (off first)."""
         spans = [(begin, end) for begin, end in interferer.bursts(since_ns, until_ns).tolist()]
         entries = [(begin, source, True) for begin, _ in spans]
         if source in self._ends:
@@ -178,20 +177,20 @@ _NO_SWITCHES: Final = np.zeros(0, SWITCH)
 
 
 class Request(NamedTuple):
-    """A transceiver is handed a frame at an instant that is still to come."""
+    """A frame to give to a transceiver at a future instant."""
 
     instant_ns: int
     transceiver: int
     octets: int
-    """Of the PSDU."""
+    """Octets of the PSDU."""
     to: int = BROADCAST
     ack: bool = False
     tag: int = 0
-    """Comes back in the events."""
+    """Returned in the frame's events."""
 
 
 class Medium:
-    """Transceivers, numbered as given, and the frames between them."""
+    """Transceivers, numbered in order, and the frames between them."""
 
     def __init__(
         self,
@@ -204,14 +203,15 @@ class Medium:
         watched: Sequence[int] | None = None,
         keeps_outcomes: bool = False,
     ) -> None:
-        """`watched`: those for which `run` gives what they hear; all by default. The counters know of all.
+        """Create a medium with all transceivers on.
 
+        `watched`: transceivers whose receptions `run` returns as events; default: all. Counters include all.
         `keeps_outcomes`: append to `sent_outcomes`.
         """
         self._propagation = propagation
         self._state = initial_state(transceivers, phy or PhyParameters(), seed, pauses=keeps_outcomes)
         self.sent_outcomes: list[tuple[NDArray[np.uint8], NDArray[np.float64]]] = []
-        """`frame_outcomes` of each frame that was sent, in the order of the events; the caller clears it."""
+        """`frame_outcomes` of each frame sent, in the order of the events; the caller clears the list."""
         none = np.zeros((0, len(transceivers)))
         self._outside = Outside(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
         self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
@@ -224,32 +224,32 @@ class Medium:
 
     @property
     def now_ns(self) -> int:
-        """Up to, and without, this instant everything has happened."""
+        """Current instant: everything before it has run."""
         return int(self._state.medium["now_ns"])
 
     @property
     def wake_ns(self) -> int | None:
-        """The first instant at which something is due at a transceiver; None: nothing is."""
+        """Next instant at which a transceiver has something scheduled; None without any."""
         medium, requests = self._state.medium, self._outside.requests
         due = [int(self._state.agenda["instant_ns"][0])] if medium["due"] else []
         due += requests["instant_ns"][medium["next_request"] :][:1].tolist()
         return min(due, default=None)
 
     def place(self, positions: NDArray[np.float64]) -> None:
-        """From now on the transceivers stand still: (n, 2), m."""
+        """Place the transceivers at fixed positions from now on: (n, 2), m."""
         positions = np.array(positions, dtype=np.float64)
         self._where = lambda _: positions
         self._state.medium["moving"] = False
         self._state.transceivers["row"] = 0
 
     def follow(self, trajectory: Trajectory) -> None:
-        """From now on the transceivers move. The trajectory is asked for instants as far as `run` goes."""
+        """Move the transceivers from now on; `trajectory` is called for instants within `run`."""
         self._where = trajectory
         self._state.medium["moving"] = True
         self._state.transceivers["row"] = 0
 
     def add(self, interferer: Interferer) -> None:
-        """From now on the source disturbs too; of its bursts those count that begin no earlier."""
+        """Add a source of interference from now on; earlier bursts do not count."""
         self._interference.forget(self.now_ns)
         self._interference.add(interferer)
         now_mw = self._outside.now_mw
@@ -258,14 +258,14 @@ class Medium:
             self._outside = self._outside._replace(now_mw=np.concatenate([now_mw, silent]))
 
     def set_power(self, transceiver: int, tx_power_dbm: float) -> None:
-        """It sends its next frames with that power."""
+        """Set the transmit power of the transceiver's following frames."""
         record = self._state.transceivers[transceiver]
         if record["settings"]["tx_dbm"] != tx_power_dbm:
             record["settings"]["tx_dbm"] = tx_power_dbm
             record["row"] = 0
 
     def offer(self, transceiver: int, traffic: Traffic) -> None:
-        """From now on the medium hands the transceiver frames by itself; their tag is -1."""
+        """Generate traffic at a transceiver from now on; its frames have the tag -1."""
         record = self._state.transceivers["traffic"][transceiver]
         record["octets"], record["to"], record["ack"] = traffic.octets, traffic.to, traffic.acknowledged
         if isinstance(traffic, Poisson):
@@ -275,7 +275,7 @@ class Medium:
             engine.offer(self._state, transceiver, OfferKind.SATURATED.value, traffic.after_ns)
 
     def submit(self, requests: Iterable[Request]) -> None:
-        """Frames to be handed over at instants to come; at one instant by transceiver, then as given."""
+        """Schedule frames; those of one instant in order of transceiver, then as given."""
         rows = [tuple(request) for request in requests]
         if not rows:
             return
@@ -287,7 +287,7 @@ class Medium:
         self._state.medium["next_request"] = 0
 
     def switch(self, transceiver: int, powered: bool) -> None:
-        """Switch it on or off now. Let the frames that end now end first: `finish_frames`."""
+        """Switch a transceiver now. Call `finish_frames` first for frames that end now."""
         if bool(self._state.transceivers["mac"]["powered"][transceiver]) == powered:
             return
         if powered:
@@ -296,15 +296,15 @@ class Medium:
             engine.switch_off(self._state, transceiver)
 
     def withhold(self, sender: int, receiver: int) -> None:
-        """The receiver does not receive the next frame (no acknowledgement) that it would have received."""
+        """Drop the next frame (not acknowledgement) that the receiver would receive from the sender."""
         self._state.withheld[sender, receiver] += 1
 
     def finish_frames(self) -> NDArray[np.void]:
-        """Let the frames end that end right now, before anything is switched: what `run` gives."""
+        """End the frames whose end is now, before a switch; return events as `run`."""
         return self._advance(self.now_ns, True)
 
     def run(self, until_ns: int) -> NDArray[np.void]:
-        """Let everything happen before `until_ns`: the events, (events,) of EVENT, in order of time."""
+        """Run everything before `until_ns`; return the events, (events,) of EVENT, in order of time."""
         if self._interference:
             switches, rows = self._interference.until(self.now_ns, until_ns, self._where)
             self._outside = self._outside._replace(switches=switches, rows_mw=rows)
@@ -312,7 +312,7 @@ class Medium:
         return self._advance(until_ns, False)
 
     def counters(self) -> NDArray[np.void]:
-        """(n,) of COUNTERS: what has become of each transceiver's frames, and of others' at it; a copy."""
+        """Return (n,) of COUNTERS: counts of each transceiver's frames, and of others' at it; a copy."""
         counters = self._state.transceivers["counters"].copy()
         outcomes = counters["outcomes"]
         others = outcomes.sum(axis=1, dtype=np.int64)
@@ -320,25 +320,27 @@ class Medium:
         return counters
 
     def outcomes(self) -> NDArray[np.int64]:
-        """(n, outcomes): what became of others' frames at each transceiver, by Outcome; a copy."""
+        """Return (n, outcomes): outcomes of others' frames at each transceiver; a copy."""
         return self.counters()["outcomes"]
 
     def frame_outcomes(self, sender: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-        """Of the last frame that the sender has sent, until its next one begins, at every transceiver: (n,)
-        what became of it there, by Outcome, and (n,) how strongly it came there, mW, 0 where it was not
-        followed to; copies."""
+        """Return the outcomes of the sender's last frame at all transceivers.
+
+        (n,) of Outcome, and (n,) received powers, mW, 0 where it is not followed; copies. Valid until the
+        sender's next frame begins.
+        """
         return self._state.outcomes[sender].copy(), self._state.gains_mw[sender].copy()
 
     @property
     def busy_ns(self) -> int:
-        """How long at least one frame has been in the air."""
+        """Total time with at least one frame in the air."""
         medium = self._state.medium
         open_ns = medium["now_ns"] - medium["busy_since_ns"] if medium["in_air"] else 0
         return int(medium["busy_ns"] + open_ns)
 
     @property
     def pending(self) -> int:
-        """How many frames are in the air or wait in a queue."""
+        """Number of frames in the air or in queues."""
         return int(self._state.transceivers["mac"]["queued"].sum(dtype=np.int64))
 
     def _advance(self, until_ns: int, ends_too: bool) -> NDArray[np.void]:
@@ -365,7 +367,7 @@ class Medium:
 
 
 class _Line:
-    """Transceivers in a row whose losses and disturbance are plain sums, for the fingerprint."""
+    """Transceivers on a line with simple losses and interference, for the fingerprint."""
 
     def loss_db(
         self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
@@ -386,7 +388,7 @@ class _Line:
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
     line = _Line()
     row = [Transceiver(k, tx_power_dbm=-10.0, max_backoffs=k) for k in range(5)]
     medium = Medium(row, line, seed=1, interferers=[line])

@@ -1,16 +1,15 @@
-"""Kernels of the PHY: what a receiver makes of the frames that begin and end around it.
+"""PHY kernels: reception of frames under noise and interference.
 
 Interference is exact: whenever a frame or an outside source begins or ends, every receiver that is locked
-onto a frame closes a segment of constant SINR; what ends before the frame does counts while it lasted.
+onto a frame closes a segment of constant SINR; interference counts while it lasts.
 
-Bit errors are those of the 2.4 GHz O-QPSK PHY in white noise.
-`BER = 8/15 · 1/16 · Σ_{k=2}^{16} (−1)^k C(16, k) exp(20 SINR (1/k − 1))` (IEEE 802.15.4-2006, E.4.1.8), as
-ns-3 and INET have it. Both charge the 6 octets of preamble, delimiter and length like data; so does this.
+Bit errors are those of the 2.4 GHz O-QPSK PHY in white noise: `BER = 8/15 · 1/16 · Σ_{k=2}^{16} (−1)^k C(16,
+k) exp(20 SINR (1/k − 1))` (IEEE 802.15.4-2006, E.4.1.8), as in ns-3 and INET. As there, the 6 octets of
+preamble, delimiter and length count like data.
 
-Random numbers are a function of their key: no stream, no order, no state.
-The output function of SplitMix64 (Steele, Lea & Flood, "Fast splittable pseudorandom number generators",
-OOPSLA 2014; variant 13 of D. Stafford's mixers) is applied along the key. So one more transceiver, or
-another step, changes no draw of anybody else.
+Random numbers are functions of their key, without stream, order or state: the output function of SplitMix64
+(Steele, Lea & Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014; variant 13 of D.
+Stafford's mixers) is applied along the key. Further transceivers or steps do not change other draws.
 """
 
 from math import comb
@@ -30,7 +29,7 @@ BACKOFF: Final = 1
 RECEPTION: Final = 2
 """Key: sender, frame, receiver."""
 ACK_RECEPTION: Final = 3
-"""Key: sender of the frame that is acknowledged, that frame, receiver."""
+"""Key: sender of the acknowledged frame, that frame, receiver."""
 ARRIVAL: Final = 4
 """Key: transceiver, number of the arrival."""
 
@@ -51,20 +50,21 @@ def _mixed(state: np.uint64, word: int) -> np.uint64:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def drawn(seed: int, purpose: int, transceiver: int, frame: int, other: int) -> float:
-    """The number in [0, 1) that belongs to this key; all whole numbers of up to 63 bits."""
+    """Return the uniform number in [0, 1) of this key; integers of up to 63 bits."""
     state = _mixed(np.uint64(purpose), seed)
     state = _mixed(_mixed(_mixed(state, transceiver), frame), other)
     return np.float64(state >> _S11) * 1.1102230246251565e-16
 
 
 CLEAN: Final = 4.5
-"""A SINR, linear, from which on no bit of any frame is lost: below 1e-19 per bit."""
+"""SINR, linear, above which no bit is lost: below 1e-19 per bit."""
 _STEPS: Final = 4096
-"""Of the table per unit of SINR: linear interpolation is then true to 1e-6 of the value."""
+"""Table entries per unit of SINR; linear interpolation then has a relative error of 1e-6."""
 
 
 def bit_error_rate(sinr: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Probability of a wrong bit at each signal to interference and noise ratio, linear; same shape."""
+    """Return the probability of a bit error at signal to interference and noise ratios, linear; same
+    shape."""
     k = np.arange(2, 17, dtype=np.float64)
     weights = np.array([(-comb(16, i) if i % 2 else comb(16, i)) for i in range(2, 17)], dtype=np.float64)
     terms = weights * arrays.exp(20.0 * np.asarray(sinr)[..., None] * (1.0 / k - 1.0))
@@ -73,7 +73,7 @@ def bit_error_rate(sinr: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def frame_error_rate(snr_db: NDArray[np.float64], octets: int) -> NDArray[np.float64]:
-    """Probability that a frame of so many PSDU octets is lost at a constant ratio, dB; same shape."""
+    """Return the probability that a frame of `octets` of PSDU is lost at a constant ratio, dB; same shape."""
     bits = 8 * (octets + PHY_HEADER_OCTETS)
     log_right = arrays.log1p(-bit_error_rate(arrays.exp10(np.asarray(snr_db) / 10.0)))
     rate: NDArray[np.float64] = -arrays.expm1(bits * log_right)
@@ -91,7 +91,7 @@ _LOG_RIGHT: Final = _table()
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def log_right(sinr: float) -> float:
-    """Logarithm of the probability that a bit is right; for kernels. `sinr` ≥ 0, linear."""
+    """Return the logarithm of the probability that a bit is correct, in kernels; `sinr` ≥ 0, linear."""
     if sinr >= CLEAN:
         return 0.0
     place = sinr * _STEPS
@@ -114,7 +114,7 @@ _WITHHELD: Final = int(Outcome.WITHHELD)
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _close(medium: Record, receiver: Record, signal: float) -> None:
-    """Close the receiver's segment: the chance that all bits so far are right."""
+    """Close the receiver's segment: update the probability that all bits so far are correct."""
     lasted = medium.now_ns - receiver.segment_ns
     receiver.segment_ns = medium.now_ns
     if lasted == 0:
@@ -129,7 +129,7 @@ def _close(medium: Record, receiver: Record, signal: float) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def settle(st: MediumState) -> None:
-    """Close all segments and let those who assess the channel sense what was on it until now."""
+    """Close all segments, and add up the energy for channel assessments in progress."""
     medium, transceivers = st.medium, st.transceivers
     for k in range(medium.in_air):
         sender = st.rosters[k].in_air
@@ -151,7 +151,7 @@ def sense(medium: Record, transceiver: Record) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def note_peaks(st: MediumState) -> None:
-    """Let those who assess the channel see what is on it since now."""
+    """Update the peak power of channel assessments in progress."""
     for k in range(st.medium.assessing):
         transceiver = st.transceivers[st.rosters[k].assessing]
         mac, receiver = transceiver.mac, transceiver.receiver
@@ -168,7 +168,7 @@ def _lock(medium: Record, receiver: Record, sender: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def let_go(st: MediumState, number: int, outcome: int) -> None:
-    """A transceiver gives up the frame that it is locked onto, if any, with that outcome."""
+    """Abort a transceiver's reception, if any, with this outcome."""
     receiver = st.transceivers[number].receiver
     if receiver.lock >= 0:
         st.outcomes[receiver.lock, number] = outcome
@@ -178,9 +178,10 @@ def let_go(st: MediumState, number: int, outcome: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _meet(medium: Record, transceiver: Record, sender: int, power: float, locked_mw: float) -> int:
-    """What a transceiver makes of a frame that begins; its segment is closed, the frame not yet in its total.
+    """Return a transceiver's outcome of a beginning frame; its segment is closed, its total without the
+    frame.
 
-    `locked_mw`: power of the frame that it is locked onto, and lets go of if it locks onto this one.
+    `locked_mw`: power of the frame that it is locked onto, and leaves if it locks onto this one.
     """
     receiver = transceiver.receiver
     if power < transceiver.settings.floor_mw:
@@ -203,9 +204,9 @@ def _meet(medium: Record, transceiver: Record, sender: int, power: float, locked
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def free_share(st: MediumState) -> int:
-    """The first share, from 1, that no frame in the air has: what the next one may leave out is 2 ** -share.
+    """Return the first share, from 1, that no frame in the air has; the next may omit 2 ** -share.
 
-    So all frames in the air together, however many, leave out less than the whole.
+    So all frames in the air together omit less than the whole.
     """
     share, place = 1, 0
     while place < st.medium.in_air:
@@ -217,7 +218,7 @@ def free_share(st: MediumState) -> int:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def begin(st: MediumState, sender: int) -> None:
-    """The sender's frame begins, as its flight and its row of gains describe it."""
+    """Begin the sender's frame, described by its flight and its row of gains."""
     medium = st.medium
     settle(st)
     st.transceivers[sender].flight.share = medium.share
@@ -245,7 +246,7 @@ def begin(st: MediumState, sender: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def leave(st: MediumState, sender: int) -> None:
-    """The sender's frame leaves the air; who is locked onto it stays so for now."""
+    """Remove the sender's frame from the air; receivers stay locked onto it."""
     medium, transceivers, gains_mw = st.medium, st.transceivers, st.gains_mw
     settle(st)
     place = 0
@@ -259,12 +260,12 @@ def leave(st: MediumState, sender: int) -> None:
         receiver = transceivers[i].receiver
         receiver.arriving -= 1
         left_mw = receiver.total_mw - gains_mw[sender, i]
-        receiver.total_mw = left_mw if receiver.arriving > 0 else 0.0  # without what rounding has left
+        receiver.total_mw = left_mw if receiver.arriving > 0 else 0.0  # without rounding errors
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def judge(st: MediumState, sender: int) -> None:
-    """The sender's frame has ended whole: decide at every receiver that is locked onto it."""
+    """Decide the reception of a complete frame at all receivers locked onto it."""
     medium, transceivers = st.medium, st.transceivers
     flight = transceivers[sender].flight
     purpose = ACK_RECEPTION if flight.is_ack else RECEPTION
@@ -287,7 +288,7 @@ def judge(st: MediumState, sender: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def count(st: MediumState, sender: int) -> None:
-    """Count what has become of the sender's frame, no acknowledgement, at everybody."""
+    """Count the outcomes of the sender's frame (not acknowledgement) at all transceivers."""
     st.medium.ended += 1
     for i in range(st.transceivers.size):
         if st.outcomes[sender, i] != _BELOW:
@@ -296,7 +297,7 @@ def count(st: MediumState, sender: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _cause(medium: Record, receiver: Record, power: float, octets: int, luck: float) -> int:
-    """Why a frame was spoilt: what would have become of it, with the same luck, with less around it."""
+    """Return the cause of a loss: the outcome with the same random number and less interference."""
     bits = 8 * (octets + PHY_HEADER_OCTETS)
     if luck >= exp(bits * log_right(power / medium.noise_mw)):
         return _BELOW
@@ -305,7 +306,7 @@ def _cause(medium: Record, receiver: Record, power: float, octets: int, luck: fl
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def change_outside(st: MediumState, now_mw: NDArray[np.float64]) -> None:
-    """The outside sources (rows) give these powers at the receivers (columns) from now on."""
+    """Set the powers of outside sources (rows) at the receivers (columns) from now on."""
     settle(st)
     for i in range(st.transceivers.size):
         total = 0.0
