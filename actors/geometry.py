@@ -12,7 +12,7 @@ from typing import Annotated, Final, NamedTuple, TypeAlias
 import msgspec
 
 from actors.portable import atan2, cos_sin, hypot
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 
 GREATEST_COORDINATE: Final = 1e5
 """Largest magnitude of a coordinate, m, and in messages of a velocity, m/s, and an angle, rad."""
@@ -46,7 +46,7 @@ class Pose(NamedTuple):
     @property
     def point(self) -> Point:
         """The position."""
-        return made(Point, self[:2])
+        return new_tuple(Point, self[:2])
 
     def compose(self, local: "Pose") -> "Pose":
         """Transform `local` from this pose's frame to this pose's parent frame."""
@@ -55,7 +55,7 @@ class Pose(NamedTuple):
         turned = self.heading + heading
         if not -math.pi < turned <= math.pi:
             turned = wrap(turned)
-        return made(Pose, (self.x + c * x - s * y, self.y + s * x + c * y, turned))
+        return new_tuple(Pose, (self.x + c * x - s * y, self.y + s * x + c * y, turned))
 
     def relative(self, other: "Pose") -> "Pose":
         """Transform `other` from this pose's parent frame to this pose's frame: the inverse of `compose`."""
@@ -64,7 +64,7 @@ class Pose(NamedTuple):
         turned = other.heading - self.heading
         if not -math.pi < turned <= math.pi:
             turned = wrap(turned)
-        return made(Pose, (c * dx + s * dy, c * dy - s * dx, turned))
+        return new_tuple(Pose, (c * dx + s * dy, c * dy - s * dx, turned))
 
     def frame(self, local: "Pose") -> "Pose":
         """Return the frame, in this pose's parent frame, in which this pose has the coordinates `local`."""

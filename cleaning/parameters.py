@@ -92,7 +92,7 @@ class AdaptationParameters(CleaningParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_range("strategy.most_adopted", self.most_adopted, 1, LinkParameters().most_items)
+        check_range("strategy.most_adopted", self.most_adopted, 1, LinkParameters().max_items)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
 """The DEECo component model: knowledge, processes and ensembles, as values and functions without I/O."""
 
 from deeco.component import adaptation, component, on_change, periodic, role
+from deeco.encoding import Resolution
 from deeco.ensemble import Contact, ensemble
 from deeco.errors import DeecoError, DefinitionError, DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, replace
-from deeco.on_air import Resolution
 
 __all__ = [
     "START",

@@ -153,7 +153,7 @@ def ensemble_type(cls: type) -> EnsembleType | None:
     return found
 
 
-def type_of(instance: object) -> EnsembleType:
+def ensemble_type_of(instance: object) -> EnsembleType:
     """Return the definition of an ensemble's class. Raises DefinitionError for any other object."""
     found = ensemble_type(type(instance))
     if found is None:
@@ -199,7 +199,7 @@ _NOW: Final = object()
 _CONTACT: Final = object()
 
 
-class Bound:
+class BoundFunction:
     """A function with its bound ports; instant and contact are set for each call."""
 
     def __init__(self, function: Callable[..., Any], arguments: list[Any]) -> None:
@@ -226,11 +226,15 @@ class Binding:
         self._pair = {Contact: _CONTACT, **self._process}
         self._there = ", ".join(describe(one) for one in provided) or "nothing"
 
-    def process(self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str) -> Bound:
+    def process(
+        self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str
+    ) -> BoundFunction:
         """Bind a process. Raises DeploymentError for a missing port; `name` is for errors."""
         return self._bound(function, ports, name, self._process)
 
-    def pair(self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str) -> Bound:
+    def pair(
+        self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str
+    ) -> BoundFunction:
         """Bind a method of an ensemble, as `process`."""
         return self._bound(function, ports, name, self._pair)
 
@@ -240,10 +244,10 @@ class Binding:
         ports: tuple[tuple[str, Any], ...],
         name: str,
         provided: Mapping[Any, object],
-    ) -> Bound:
+    ) -> BoundFunction:
         for parameter, kind in ports:
             if kind not in provided:
                 raise DeploymentError(
                     f"{name} needs a {describe(kind)} ({parameter!r}); this node provides {self._there}"
                 )
-        return Bound(function, [provided[kind] for _, kind in ports])
+        return BoundFunction(function, [provided[kind] for _, kind in ports])

@@ -5,7 +5,7 @@ the node number (JDEECo, L1Packet). The whole is the packet with a CRC-32, which
 checksum does not show whether fragments belong together, and packet numbers repeat.
 
 Reassembly accepts fragments of any node in any order. Frames are untrusted, and memory is bounded: at most
-`most_open` packets of at most `most_packet` bytes each, plus checksum.
+`max_open` packets of at most `max_packet` bytes each, plus checksum.
 """
 
 import struct
@@ -27,7 +27,7 @@ SHORTEST: Final = HEADER.size + 1 + CHECKSUM.size
 _IDS: Final = 1 << 16
 
 
-class _Piece(NamedTuple):
+class _Fragment(NamedTuple):
     """Part of a packet (with checksum) in one frame."""
 
     whole: int
@@ -53,7 +53,7 @@ class Fragmenter:
         frame.
 
         Packets are numbered from `first`, and from 0 after 65535. Raises ExecutionError, without using a
-        number, for a packet that is empty or longer than `most_packet`.
+        number, for a packet that is empty or longer than `max_packet`.
         """
         wholes = [self._checked(packet) for packet in packets]
         sizes = [len(whole) for whole in wholes]
@@ -66,7 +66,7 @@ class Fragmenter:
                 HEADER.pack(size, size, 0, (first + whole) % _IDS, source) for whole, size in enumerate(sizes)
             ]
             return [b"".join([part for pair in zip(heads, wholes, strict=True) for part in pair])]
-        frames = min((self._layout(sizes, thrifty) for thrifty in (False, True)), key=len)
+        frames = min((self._layout(sizes, fill) for fill in (False, True)), key=len)
         return [
             b"".join(
                 HEADER.pack(len(wholes[whole]), size, start, (first + whole) % _IDS, source)
@@ -77,42 +77,42 @@ class Fragmenter:
         ]
 
     def _checked(self, packet: bytes) -> bytes:
-        if not 0 < len(packet) <= self._limits.most_packet:
+        if not 0 < len(packet) <= self._limits.max_packet:
             raise ExecutionError(
                 f"a packet for the link has {len(packet)} bytes; "
-                f"must have 1 to {self._limits.most_packet} (LinkParameters.most_packet)"
+                f"must have 1 to {self._limits.max_packet} (LinkParameters.max_packet)"
             )
         return packet + CHECKSUM.pack(zlib.crc32(packet))
 
-    def _layout(self, sizes: Sequence[int], thrifty: bool) -> list[list[_Piece]]:
-        """Assign pieces to frames; if `thrifty`, fill every frame even if that splits a packet."""
-        frames: list[list[_Piece]] = []
+    def _layout(self, sizes: Sequence[int], fill: bool) -> list[list[_Fragment]]:
+        """Assign pieces to frames; if `fill`, fill every frame even if that splits a packet."""
+        frames: list[list[_Fragment]] = []
         room = 0
         for whole, size in enumerate(sizes):
             start = 0
-            if not self._goes_on(size, room, thrifty):
+            if not self._fits(size, room, fill):
                 room = 0
             while start < size:
                 if room <= HEADER.size:
                     frames.append([])
                     room = self._limits.frame_data
                 part = min(size - start, room - HEADER.size)
-                frames[-1].append(_Piece(whole, start, part))
+                frames[-1].append(_Fragment(whole, start, part))
                 start += part
                 room -= HEADER.size + part
         return frames
 
-    def _goes_on(self, size: int, room: int, thrifty: bool) -> bool:
+    def _fits(self, size: int, room: int, fill: bool) -> bool:
         """Return whether a packet of `size` bytes starts in the current frame with `room` bytes left."""
         here, full = room - HEADER.size, self._limits.frame_data - HEADER.size
         if size <= here:
             return True
-        if here < self._limits.least_fragment:
+        if here < self._limits.min_fragment:
             return False
-        return thrifty or 1 + -((here - size) // full) <= -(-size // full)
+        return fill or 1 + -((here - size) // full) <= -(-size // full)
 
 
-_Key = tuple[int, int, int]
+_PacketKey = tuple[int, int, int]
 """Sender's link address, srcNode, dataId."""
 
 
@@ -137,7 +137,7 @@ class ReassemblyCounters:
 
 
 @dataclass
-class _Open:
+class _PartialPacket:
     """An incomplete packet."""
 
     since: Instant
@@ -158,8 +158,8 @@ class Reassembly:
 
     def __init__(self, limits: LinkParameters = DEFAULTS) -> None:
         self._limits = limits
-        self._most_whole = limits.most_packet + CHECKSUM.size
-        self._open: dict[_Key, _Open] = {}
+        self._max_whole = limits.max_packet + CHECKSUM.size
+        self._open: dict[_PacketKey, _PartialPacket] = {}
         self._counters = ReassemblyCounters()
 
     def counters(self) -> dict[str, int]:
@@ -173,10 +173,10 @@ class Reassembly:
         """
         end = len(frame)
         if self._open:
-            self.give_up(now)
+            self.drop_expired(now)
         elif end >= SHORTEST:  # usual case: the frame is one whole packet
             total, size, start, _, _ = HEADER.unpack_from(frame)
-            if size == total == end - HEADER.size and not start and total <= self._most_whole:
+            if size == total == end - HEADER.size and not start and total <= self._max_whole:
                 packet = self._checked(frame[HEADER.size :])
                 return [packet] if packet else []
         packets = []
@@ -188,7 +188,7 @@ class Reassembly:
                 break
             payload = frame[position : position + size]
             position += size
-            if total > self._most_whole:
+            if total > self._max_whole:
                 self._counters.oversized += 1
                 continue
             whole = self._put(now, (sender, source, number), total, start, payload)
@@ -198,7 +198,7 @@ class Reassembly:
             self._counters.junk_frames += 1
         return packets
 
-    def give_up(self, now: Instant) -> None:
+    def drop_expired(self, now: Instant) -> None:
         """Drop packets after the timeout; `take` does so first."""
         while self._open:
             key, oldest = next(iter(self._open.items()))
@@ -207,7 +207,7 @@ class Reassembly:
             del self._open[key]
             self._counters.timed_out += 1
 
-    def _put(self, now: Instant, key: _Key, total: int, start: int, payload: bytes) -> bytes | None:
+    def _put(self, now: Instant, key: _PacketKey, total: int, start: int, payload: bytes) -> bytes | None:
         known = self._open.get(key)
         if known is not None and len(known.data) != total:
             del self._open[key]
@@ -223,11 +223,11 @@ class Reassembly:
         del self._open[key]
         return bytes(known.data)
 
-    def _begin(self, now: Instant, key: _Key, total: int) -> _Open:
-        if len(self._open) >= self._limits.most_open:
+    def _begin(self, now: Instant, key: _PacketKey, total: int) -> _PartialPacket:
+        if len(self._open) >= self._limits.max_open:
             del self._open[next(iter(self._open))]
             self._counters.evicted += 1
-        begun = self._open[key] = _Open(now, bytearray(total), (1 << total) - 1)
+        begun = self._open[key] = _PartialPacket(now, bytearray(total), (1 << total) - 1)
         return begun
 
     def _checked(self, whole: bytes) -> bytes | None:

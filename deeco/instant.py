@@ -25,7 +25,7 @@ def milliseconds(value: float) -> Duration:
     return Duration(round(value * 1_000))
 
 
-LEAST: Final = milliseconds(1)
+MIN_DURATION: Final = milliseconds(1)
 """Shortest period, delay or age except 0; a smaller value probably has the wrong unit."""
 
 
@@ -36,9 +36,9 @@ def check_duration(name: str, value: object, *, zero: bool = False) -> None:
     """
     if not isinstance(value, int) or isinstance(value, bool):
         raise DefinitionError(f"{name}={value!r} is not a duration; use one, such as seconds(1)")
-    if value < LEAST and not (zero and value == 0):
+    if value < MIN_DURATION and not (zero and value == 0):
         raise DefinitionError(
-            f"{name}={value} is {value} µs; use {'0 or ' if zero else ''}at least {LEAST} µs. "
+            f"{name}={value} is {value} µs; use {'0 or ' if zero else ''}at least {MIN_DURATION} µs. "
             "seconds(1) is one second"
         )
 

@@ -21,11 +21,11 @@ from typing import (
 )
 
 T = TypeVar("T")
-made: Final = tuple.__new__
+new_tuple: Final = tuple.__new__
 """Create a named tuple from its class and values, without the overhead of its Python-level constructor."""
 
 
-def is_plain(cls: type) -> bool:
+def has_generated_init(cls: type) -> bool:
     """Return whether a dataclass's constructor only sets its fields."""
     return (
         dataclasses.is_dataclass(cls)
@@ -42,7 +42,7 @@ def is_plain(cls: type) -> bool:
 @cache
 def _names(cls: type) -> frozenset[str]:
     """Return the fields that `_replace` may set directly; none if the constructor does more."""
-    return frozenset(field.name for field in dataclasses.fields(cls) if is_plain(cls))
+    return frozenset(field.name for field in dataclasses.fields(cls) if has_generated_init(cls))
 
 
 def _replace(value: T, /, **changes: Any) -> T:
@@ -176,28 +176,28 @@ def roles_of(cls: type) -> tuple[type[Knowledge], ...]:
     return tuple(one for one in roles if not any(one in other.__mro__[1:] for other in roles))
 
 
-def roles_under(kind: type[Knowledge]) -> tuple[type[Knowledge], ...]:
+def role_subclasses(kind: type[Knowledge]) -> tuple[type[Knowledge], ...]:
     """Return a role and all roles derived from it."""
-    below = [one for sub in kind.__subclasses__() for one in roles_under(sub)]
+    below = [one for sub in kind.__subclasses__() for one in role_subclasses(sub)]
     return tuple(dict.fromkeys([kind, *below] if is_role(kind) else below))
 
 
-def seen_as(value: Knowledge, wanted: type[Knowledge]) -> Knowledge:
+def role_view(value: Knowledge, wanted: type[Knowledge]) -> Knowledge:
     """Return a component's knowledge reduced to one role."""
-    return wanted(**{name: getattr(value, name) for name in published(wanted)})
+    return wanted(**{name: getattr(value, name) for name in role_fields(wanted)})
 
 
-def published(cls: type[Knowledge]) -> tuple[str, ...]:
+def role_fields(cls: type[Knowledge]) -> tuple[str, ...]:
     """Return the names of a role's fields in order."""
     return tuple(field.name for field in fields(cls))
 
 
 def local_fields(cls: type[Knowledge]) -> tuple[str, ...]:
     """Return the names of the fields that a component adds to its roles."""
-    shared = {name for one in roles_of(cls) for name in published(one)}
+    shared = {name for one in roles_of(cls) for name in role_fields(one)}
     return tuple(field.name for field in fields(cls) if field.name not in shared)
 
 
-def type_of(cls: type[Knowledge], field: str) -> Any:
+def field_type(cls: type[Knowledge], field: str) -> Any:
     """Return the annotated type of a field, including Annotated metadata."""
     return get_type_hints(cls, include_extras=True)[field]

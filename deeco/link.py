@@ -28,15 +28,15 @@ class Transmission(NamedTuple):
 
 _RANGES: Final = {
     "frame_data": (10, 65_535),
-    "least_fragment": (1, 65_535),
-    "most_packet": (1, 65_531),
+    "min_fragment": (1, 65_535),
+    "max_packet": (1, 65_531),
     "reassembly_timeout": (1, 2**63 - 1),
-    "most_open": (1, 65_536),
-    "most_roles": (1, 1_000),
-    "most_items": (1, 10_000),
-    "most_text": (0, 65_531),
-    "most_id": (1, 65_531),
-    "most_depth": (4, 256),
+    "max_open": (1, 65_536),
+    "max_roles": (1, 1_000),
+    "max_items": (1, 10_000),
+    "max_text": (0, 65_531),
+    "max_id": (1, 65_531),
+    "max_depth": (4, 256),
 }
 """Valid ranges. L1 has two bytes for sizes and four bytes of checksum; the other limits bound the work."""
 
@@ -50,29 +50,29 @@ class LinkParameters:
 
     frame_data: int = 118
     """Bytes of a frame. Default: IEEE 802.15.4-2006, 7.4.1, aMaxMACPayloadSize."""
-    least_fragment: int = 8
+    min_fragment: int = 8
     """Smallest free space of a partly filled frame in which a fragment is started, bytes; with less, the
     frame is sent as it is. Default: about the header's 9; JDEECo (DeviceOutputQueue) starts one for a single
     byte."""
-    most_packet: int = 1024
+    max_packet: int = 1024
     """Bytes of an L2 packet. Default: ten frames; if 5 % of frames are lost, 60 % of such packets arrive
     whole."""
     reassembly_timeout: Duration = field(default=seconds(2))
     """A packet still incomplete this long after its first fragment is dropped, µs. Default: 2000 ms as in
     JDEECo 2 (PacketReceiver)."""
-    most_open: int = 32
+    max_open: int = 32
     """Incomplete packets kept at once; beyond that the oldest is dropped. Default: 16 neighbours with one
-    packet of their own and one relayed packet each. Together with most_packet it limits memory to about 40
+    packet of their own and one relayed packet each. Together with max_packet it limits memory to about 40
     KB."""
-    most_roles: int = 8
+    max_roles: int = 8
     """Roles of one component. Default: twice the maximum of the examples."""
-    most_items: int = 64
-    """Items of a tuple and fields of a class. Default: most_packet filled with items of 16 bytes."""
-    most_text: int = 256
-    """Bytes of a str (in UTF-8) or a bytes value. Default: a quarter of most_packet."""
-    most_id: int = 32
+    max_items: int = 64
+    """Items of a tuple and fields of a class. Default: max_packet filled with items of 16 bytes."""
+    max_text: int = 256
+    """Bytes of a str (in UTF-8) or a bytes value. Default: a quarter of max_packet."""
+    max_id: int = 32
     """Bytes of a component's id in UTF-8. Default: a UUID in hexadecimal digits."""
-    most_depth: int = 16
+    max_depth: int = 16
     """Nested classes, tuples and unions in a role. Default: far more than readable types have."""
 
     def __post_init__(self) -> None:

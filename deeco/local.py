@@ -4,11 +4,19 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from deeco.component import Fact, Process, processes_of
-from deeco.ensemble import COORDINATOR, MEMBER, Binding, Bound, Contact, EnsembleType, Exchange, type_of
+from deeco.ensemble import (
+    COORDINATOR,
+    MEMBER,
+    Binding,
+    BoundFunction,
+    Contact,
+    EnsembleType,
+    Exchange,
+    ensemble_type_of,
+)
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import Instant, in_seconds
-from deeco.knowledge import Knowledge, is_component, is_role, seen_as
-from deeco.knowledge import made as named
+from deeco.knowledge import Knowledge, is_component, is_role, new_tuple, role_view
 from deeco.statistics import Statistics
 
 
@@ -28,7 +36,7 @@ class Commit(NamedTuple):
     """Instant at which that knowledge was received; None for a process."""
 
 
-Witness = Callable[[Commit], None]
+CommitListener = Callable[[Commit], None]
 
 
 class BoundProcess:
@@ -60,14 +68,16 @@ class BoundProcess:
 class LocalComponent:
     """Knowledge of one component; `commit` applies every change and notifies the witnesses."""
 
-    def __init__(self, value: Knowledge, binding: Binding, witnesses: tuple[Witness, ...] = ()) -> None:
+    def __init__(
+        self, value: Knowledge, binding: Binding, listeners: tuple[CommitListener, ...] = ()
+    ) -> None:
         kind = type(value)
         if not is_component(kind):
             raise DeploymentError(f"{kind.__name__} cannot be deployed: decorate its class with @component")
         self.id = value.id
         self.value = value
         self.processes = tuple(BoundProcess(process, self, binding) for process in processes_of(kind))
-        self._witnesses = witnesses
+        self._listeners = listeners
         self.watched: list[tuple[str, Callable[[], str]]] = []
         """Watched facts by name, each with its callback."""
         self._facts: list[object] = []
@@ -113,10 +123,10 @@ class LocalComponent:
                 f"{by} of {self.id!r} at {in_seconds(now):g} s changed the id to {made.id!r}; keep the id"
             )
         self.value = made
-        if self._witnesses:
-            commit = named(Commit, (by, now, value, made, adaptation, peer, heard))
-            for witness in self._witnesses:
-                witness(commit)
+        if self._listeners:
+            commit = new_tuple(Commit, (by, now, value, made, adaptation, peer, heard))
+            for on_commit in self._listeners:
+                on_commit(commit)
         return True
 
     def role(self, kind: type[Knowledge]) -> Any:
@@ -125,7 +135,7 @@ class LocalComponent:
             return None
         seen = self._seen.get(kind)
         if seen is None or seen[0] is not self.value:
-            seen = self._seen[kind] = (self.value, seen_as(self.value, kind))
+            seen = self._seen[kind] = (self.value, role_view(self.value, kind))
         return seen[1]
 
     def contact(self, now: Instant) -> Contact:
@@ -150,7 +160,9 @@ class Peer(Protocol):
 class _Side:
     """One side of an ensemble, played by the local component."""
 
-    def __init__(self, kind: EnsembleType, exchange: Exchange | None, call: Bound | None, side: str) -> None:
+    def __init__(
+        self, kind: EnsembleType, exchange: Exchange | None, call: BoundFunction | None, side: str
+    ) -> None:
         self.local_is_coordinator = side == COORDINATOR
         both = kind.coordinator, kind.member
         self.own, self.peer = both if self.local_is_coordinator else reversed(both)
@@ -159,14 +171,14 @@ class _Side:
         self.name = f"{kind.name}.at_{side}"
 
 
-class Pairing:
+class BoundEnsemble:
     """An ensemble with its parameters and bound ports."""
 
     def __init__(self, instance: object, binding: Binding, statistics: Statistics) -> None:
-        self.type = kind = type_of(instance)
+        self.type = kind = ensemble_type_of(instance)
         self._statistics = statistics
 
-        def bound(method: str, ports: tuple[tuple[str, Any], ...]) -> Bound:
+        def bound(method: str, ports: tuple[tuple[str, Any], ...]) -> BoundFunction:
             return binding.pair(getattr(instance, method), ports, f"{kind.name}.{method}")
 
         self._membership = bound("membership", kind.ports)
@@ -195,7 +207,7 @@ class Pairing:
                         changed[local.id] = local
         return list(changed.values())
 
-    def lets_pass(self, sender: Peer, components: Iterable[LocalComponent]) -> bool:
+    def allows_relay(self, sender: Peer, components: Iterable[LocalComponent]) -> bool:
         """Return whether the boundary, if any, allows this node to relay the sender's knowledge."""
         if self._boundary is None or self.type.boundary is None:
             return True
@@ -225,7 +237,13 @@ class Pairing:
             raise
 
     def _exchange(
-        self, side: _Side, call: Bound, local: LocalComponent, peer: Peer, now: Instant, contact: Contact
+        self,
+        side: _Side,
+        call: BoundFunction,
+        local: LocalComponent,
+        peer: Peer,
+        now: Instant,
+        contact: Contact,
     ) -> bool:
         exchange, value = side.exchange, local.value
         assert exchange is not None

@@ -17,10 +17,10 @@ from typing import Any, Final, NamedTuple
 from deeco.ensemble import Contact
 from deeco.fragments import Fragmenter, Reassembly
 from deeco.instant import START, Duration, Instant, Task, milliseconds, seconds
-from deeco.knowledge import Knowledge, made
+from deeco.knowledge import Knowledge, new_tuple
 from deeco.link import LinkParameters, Reception, Transmission
 from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed
-from deeco.schema import RoleBook
+from deeco.schema import RoleRegistry
 from deeco.statistics import NodeCounters, Statistics
 
 
@@ -72,7 +72,7 @@ class Replicas:
         """Return the replica of a component; None if there is none."""
         return self._by_id.get(component)
 
-    def is_news(self, component: str, version: Version) -> bool:
+    def is_newer(self, component: str, version: Version) -> bool:
         """Return whether a version is newer than any received, also of replicas dropped since."""
         known = self._versions.get(component)
         return known is None or version > known
@@ -110,7 +110,7 @@ class RelayParameters:
     hop_limit: int = 3
     """Maximum number of relays of a packet, 1 to 15. Default: three times the radio's range spans the shipped
     corridor."""
-    longest: Duration = field(default=seconds(1))
+    max_delay: Duration = field(default=seconds(1))
     """Delay at the strongest signal. Default: as JDEECo 2 (gossip.rebroadcast.delay, 1000 ms)."""
     spread: Duration = field(default=milliseconds(500))
     """Range of the random addition to the delay, which separates nodes with equal signals. Default: five
@@ -119,13 +119,13 @@ class RelayParameters:
     """Signal strength at and below which there is no delay, dBm. Default: sensitivity of the MRF24J40
     (Microchip DS39776C)."""
     strongest_dbm: float = -45.0
-    """Signal strength at and above which the delay is `longest`, dBm. Default: the original testbed's
+    """Signal strength at and above which the delay is `max_delay`, dBm. Default: the original testbed's
     transmit power minus 40 dB path loss over 1 m, rounded up for stronger transmitters."""
     relay_below_dbm: float | None = None
     """Relay only packets received below this strength, dBm, or without one, as a nearer node adds little
     coverage (distance-based suppression: Ni, Tseng, Chen, Sheu, The broadcast storm problem in a mobile ad
     hoc network, MobiCom 1999). Default: None, no limit; the useful value depends on the link."""
-    waiting: int = 64
+    max_waiting: int = 64
     """Maximum number of packets waiting at once, including cancelled ones."""
 
     def delay(self, rssi_dbm: float | None, chance: float) -> Duration:
@@ -133,10 +133,10 @@ class RelayParameters:
         None."""
         span = self.strongest_dbm - self.weakest_dbm
         strength = 0.5 if rssi_dbm is None else (rssi_dbm - self.weakest_dbm) / span
-        return Duration(round(min(max(strength, 0.0), 1.0) * self.longest + chance * self.spread))
+        return Duration(round(min(max(strength, 0.0), 1.0) * self.max_delay + chance * self.spread))
 
 
-class _Waiting(NamedTuple):
+class _WaitingPacket(NamedTuple):
     version: Version
     data: bytes
 
@@ -158,18 +158,18 @@ class Relay:
         self._plan = plan
         self._send = send
         self._counters = counters
-        self._waiting: dict[str, _Waiting] = {}
+        self._waiting: dict[str, _WaitingPacket] = {}
         self._planned = 0
         """Number of scheduled tasks, including those of cancelled packets."""
 
-    def heard(self, packet: KnowledgePacket) -> None:
-        """Cancel a waiting packet that is no newer than `packet`, which another node has sent."""
+    def cancel_older(self, packet: KnowledgePacket) -> None:
+        """Cancel a waiting packet that is no newer than `packet`, sent by another node."""
         waiting = self._waiting.get(packet.component)
         if waiting is not None and waiting.version <= packet.version:
             del self._waiting[packet.component]
             self._counters.relays_cancelled += 1
 
-    def wants(self, packet: KnowledgePacket, rssi_dbm: float | None) -> bool:
+    def should_relay(self, packet: KnowledgePacket, rssi_dbm: float | None) -> bool:
         """Return whether a new packet is below the hop limit and was not received too strongly."""
         below = self._p.relay_below_dbm
         near = below is not None and rssi_dbm is not None and rssi_dbm > below
@@ -177,10 +177,10 @@ class Relay:
 
     def take(self, packet: KnowledgePacket, data: bytes, heard: Instant, rssi_dbm: float | None) -> None:
         """Schedule the relaying of a packet."""
-        if self._planned >= self._p.waiting:
+        if self._planned >= self._p.max_waiting:
             self._counters.relays_refused += 1
             return
-        waiting = self._waiting[packet.component] = made(_Waiting, (packet.version, relayed(data)))
+        waiting = self._waiting[packet.component] = new_tuple(_WaitingPacket, (packet.version, relayed(data)))
         at = Instant(heard + self._p.delay(rssi_dbm, self._chance(packet)))
 
         def due(now: Instant) -> None:
@@ -219,14 +219,14 @@ class NetworkParameters:
     DefaultKnowledgePublisher."""
     forget_after: Duration = field(default=seconds(30))
     """Age at which a replica is dropped."""
-    most_replicas: int = 256
+    max_replicas: int = 256
     """Maximum number of replicas; beyond it the oldest is dropped."""
     relay: RelayParameters | None = None
     """None: no relaying."""
     link: LinkParameters = field(default_factory=LinkParameters)
 
 
-class News(NamedTuple):
+class ReplicaUpdate(NamedTuple):
     """A new or changed replica."""
 
     before: Replica | None
@@ -239,38 +239,38 @@ class Network:
     def __init__(
         self,
         parameters: NetworkParameters,
-        book: RoleBook,
+        registry: RoleRegistry,
         *,
         own: frozenset[str],
         plan: Callable[[Task, Instant], None],
-        passes: Callable[[Replica], bool],
+        may_relay: Callable[[Replica], bool],
         address: int,
         epoch: int,
         statistics: Statistics,
-        former: "Network | None" = None,
+        previous: "Network | None" = None,
     ) -> None:
-        """Continue numbering and reassembly of the network `former`, if any.
+        """Continue numbering and reassembly of the network `previous`, if any.
 
-        `own`: ids of the node's components. `plan`: schedules a task at an instant. `passes`: returns whether
-        the knowledge of a sender may be relayed.
+        `own`: ids of the node's components. `plan`: schedules a task at an instant. `may_relay`: returns
+        whether a sender's knowledge may be relayed.
         """
-        self._book = book
+        self._registry = registry
         self._own = own
-        self._passes = passes
+        self._may_relay = may_relay
         self._epoch = epoch
         self._limits = parameters.link
         self._statistics = statistics
         self._counters = statistics.counters
-        self._unpacker = Unpacker(parameters.link, known=book.fingerprints)
+        self._unpacker = Unpacker(parameters.link, known=registry.fingerprints)
         self._publications = 0
         self._reassembly = Reassembly(parameters.link)
         self._fragmenter = Fragmenter(address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE)
-        if former is not None:
-            self._publications = former._publications
-            self._reassembly = former._reassembly
-            self._fragmenter = former._fragmenter
+        if previous is not None:
+            self._publications = previous._publications
+            self._reassembly = previous._reassembly
+            self._fragmenter = previous._fragmenter
         self._outbox: list[tuple[Instant, bytes]] = []
-        self.replicas = Replicas(parameters.most_replicas, parameters.forget_after, self._counters)
+        self.replicas = Replicas(parameters.max_replicas, parameters.forget_after, self._counters)
         self._relay: Relay | None = None
         if parameters.relay is not None:
             self._relay = Relay(parameters.relay, address, plan, self._send, self._counters)
@@ -281,17 +281,19 @@ class Network:
             self._publications += 1
             version = Version(self._epoch, self._publications)
             self._counters.published += 1
-            self._send(now, pack(KnowledgePacket(value.id, version, 0, self._book.pack(value)), self._limits))
+            self._send(
+                now, pack(KnowledgePacket(value.id, version, 0, self._registry.pack(value)), self._limits)
+            )
         for replica in self.replicas:
             self._statistics.sample_age(replica.heard, now)
 
-    def take(self, reception: Reception) -> list[News]:
+    def take(self, reception: Reception) -> list[ReplicaUpdate]:
         """Return the replicas changed by the packets that this frame completes."""
         whole = self._reassembly.take(reception.instant, reception.sender, reception.data)
-        found: list[News] = []
+        found: list[ReplicaUpdate] = []
         for data in whole:
-            if news := self._open(data, reception):
-                found += (news,)
+            if update := self._open(data, reception):
+                found += (update,)
         return found
 
     def transmissions(self) -> list[Transmission]:
@@ -301,7 +303,7 @@ class Network:
         sent: list[Transmission] = []
         for instant, group in groupby(self._outbox, key=lambda item: item[0]):
             frames = self._fragmenter.frames([data for _, data in group])
-            sent += [made(Transmission, (instant, frame)) for frame in frames]
+            sent += [new_tuple(Transmission, (instant, frame)) for frame in frames]
         self._outbox = []
         self._counters.frames += len(sent)
         return sent
@@ -318,7 +320,7 @@ class Network:
     def _send(self, now: Instant, data: bytes) -> None:
         self._outbox += ((now, data),)
 
-    def _open(self, data: bytes, reception: Reception) -> News | None:
+    def _open(self, data: bytes, reception: Reception) -> ReplicaUpdate | None:
         counters, relay = self._counters, self._relay
         counters.packets += 1
         packet = self._unpacker.unpack(data)
@@ -330,21 +332,21 @@ class Network:
             counters.packets_own += 1
             return None
         if relay is not None:
-            relay.heard(packet)
-        if not self.replicas.is_news(component, packet.version):
+            relay.cancel_older(packet)
+        if not self.replicas.is_newer(component, packet.version):
             counters.packets_old += 1
             return None
-        unpacked = self._book.unpack(component, packet.roles)
+        unpacked = self._registry.unpack(component, packet.roles)
         if unpacked is None:
             counters.packets_junk += 1
             return None
         roles, unknown = unpacked
         counters.roles_unknown += unknown
         rssi_dbm = reception.rssi_dbm
-        contact = made(Contact, (reception.instant, rssi_dbm, packet.hops))
+        contact = new_tuple(Contact, (reception.instant, rssi_dbm, packet.hops))
         replica = Replica(component, packet.version, roles, contact)
-        news = made(News, (self.replicas.get(component), replica))
+        update = new_tuple(ReplicaUpdate, (self.replicas.get(component), replica))
         self.replicas.put(replica)
-        if relay is not None and relay.wants(packet, rssi_dbm) and self._passes(replica):
+        if relay is not None and relay.should_relay(packet, rssi_dbm) and self._may_relay(replica):
             relay.take(packet, data, reception.instant, rssi_dbm)
-        return news
+        return update

@@ -14,11 +14,11 @@ from deeco.component import Fact, OnChange, has_fact
 from deeco.ensemble import Binding
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, Task, in_seconds
-from deeco.knowledge import Knowledge, made, roles_of, roles_under
+from deeco.knowledge import Knowledge, new_tuple, role_subclasses, roles_of
 from deeco.link import Reception, Transmission
-from deeco.local import BoundProcess, Commit, LocalComponent, Pairing, Witness
-from deeco.network import Network, NetworkParameters, News, Replica, Replicas
-from deeco.schema import RoleBook
+from deeco.local import BoundEnsemble, BoundProcess, Commit, CommitListener, LocalComponent
+from deeco.network import Network, NetworkParameters, Replica, Replicas, ReplicaUpdate
+from deeco.schema import RoleRegistry
 from deeco.statistics import Statistics
 
 _ONCE: Final = 1 << 40
@@ -30,7 +30,7 @@ class _Entry(NamedTuple):
     every: Duration | None
 
 
-class Agenda:
+class TaskQueue:
     """Scheduled tasks by (instant, order, serial number).
 
     Scheduling raises ExecutionError beyond the limit.
@@ -50,7 +50,7 @@ class Agenda:
     def once(self, task: Task, at: Instant, order: int = 0) -> None:
         """Run the task once."""
         self._make_room()
-        heapq.heappush(self._heap, (at, order, _ONCE + self._added, made(_Entry, (task, None))))
+        heapq.heappush(self._heap, (at, order, _ONCE + self._added, new_tuple(_Entry, (task, None))))
 
     def _make_room(self) -> None:
         if len(self._heap) >= self._most:
@@ -88,7 +88,7 @@ class Agenda:
         return left_out
 
 
-class Onlooker(Protocol):
+class NodeObserver(Protocol):
     """Receives events of nodes; arguments are values, and nothing may be changed."""
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
@@ -104,27 +104,27 @@ class Onlooker(Protocol):
         """Receive the news that a component's node has a newer replica since `now`."""
 
 
-_PRESENT: Final[ContextVar[Onlooker | None]] = ContextVar("onlooker", default=None)
+_CURRENT_OBSERVER: Final[ContextVar[NodeObserver | None]] = ContextVar("node_observer", default=None)
 
 
-def onlooker() -> Onlooker | None:
+def node_observer() -> NodeObserver | None:
     """Return the observer of nodes created now; None (the default) for none."""
-    return _PRESENT.get()
+    return _CURRENT_OBSERVER.get()
 
 
-class looking_on:  # noqa: N801  # a context manager, named like a function
-    """Report the events of nodes created in this context, in this thread, to `who`."""
+class observing_nodes:  # noqa: N801  # a context manager, named like a function
+    """Report the events of nodes created in this context, in this thread, to `observer`."""
 
-    __slots__ = ("_token", "_who")
+    __slots__ = ("_observer", "_token")
 
-    def __init__(self, who: Onlooker) -> None:
-        self._who = who
+    def __init__(self, observer: NodeObserver) -> None:
+        self._observer = observer
 
     def __enter__(self) -> None:
-        self._token = _PRESENT.set(self._who)
+        self._token = _CURRENT_OBSERVER.set(self._observer)
 
     def __exit__(self, *_: object) -> None:
-        _PRESENT.reset(self._token)
+        _CURRENT_OBSERVER.reset(self._token)
 
 
 CASCADE_LIMIT: Final = 16
@@ -149,49 +149,49 @@ class Node:
         epoch: int = 0,
         start: Instant = START,
         publish_phase: Duration = _NONE,
-        witness: Witness | None = None,
-        former: "Node | None" = None,
+        on_commit: CommitListener | None = None,
+        previous: "Node | None" = None,
     ) -> None:
         """Deploy components and ensembles.
 
         `ports`: objects that processes and ensembles may use, by type. `address`: of the node on the link.
         `epoch`: number of restarts of the machine. `publish_phase`: delay of the first publication after
-        `start`. `witness`: called for every change of knowledge. `former`: the previous node of this machine,
-        whose counters and numbering continue. Raises DeploymentError if a port is missing or a component is
-        invalid.
+        `start`. `on_commit`: called for every change of knowledge. `previous`: node of this machine until
+        now, whose counters and numbering continue. Raises DeploymentError if a port is missing or a component
+        is invalid.
         """
         parameters = parameters or NetworkParameters()
-        self._statistics: Statistics = Statistics() if former is None else former._statistics
+        self._statistics: Statistics = Statistics() if previous is None else previous._statistics
         self._counters = self._statistics.counters
         self._now = start
-        self._agenda = Agenda()
+        self._tasks = TaskQueue()
         binding = Binding(ports or {})
-        self._onlooker = onlooker()
-        witnesses = (*([witness] if witness else ()), *([self._tell] if self._onlooker else ()))
-        self._locals = tuple(LocalComponent(value, binding, witnesses) for value in components)
+        self._observer = node_observer()
+        listeners = (*([on_commit] if on_commit else ()), *([self._notify] if self._observer else ()))
+        self._locals = tuple(LocalComponent(value, binding, listeners) for value in components)
         self._by_id = {one.id: one for one in self._locals}
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; ids must be unique")
-        self._pairings = tuple(Pairing(one, binding, self._statistics) for one in ensembles)
-        self._reacting = tuple(one for one in self._pairings if one.type.on_change)
+        self._ensembles = tuple(BoundEnsemble(one, binding, self._statistics) for one in ensembles)
+        self._reacting = tuple(one for one in self._ensembles if one.type.on_change)
         self._network: Network = Network(
             parameters,
-            RoleBook(self._roles(), parameters.link),
+            RoleRegistry(self._roles(), parameters.link),
             own=frozenset(self._by_id),
-            plan=self._agenda.once,
-            passes=self._passes,
+            plan=self._tasks.once,
+            may_relay=self._may_relay,
             address=address,
             epoch=epoch,
             statistics=self._statistics,
-            former=None if former is None else former._network,
+            previous=None if previous is None else previous._network,
         )
         self._plan_components(start)
         self._plan_ensembles(start)
         first = Instant(start + publish_phase)
-        self._agenda.repeat(self._publish, first, parameters.publish_every, _PUBLICATION)
-        if self._onlooker is not None:
+        self._tasks.repeat(self._publish, first, parameters.publish_every, _PUBLICATION)
+        if self._observer is not None:
             for value in components:
-                self._onlooker.deployed(value, start)
+                self._observer.deployed(value, start)
 
     @property
     def now(self) -> Instant:
@@ -221,15 +221,15 @@ class Node:
         """
         self._network.replicas.forget(self._now)
         for reception in inputs:
-            for news in self._network.take(reception):
-                self._react(news)
-        self._agenda.run(until)
+            for update in self._network.take(reception):
+                self._react(update)
+        self._tasks.run(until)
         self._now = until
         return self._network.transmissions()
 
     def skip(self, to: Instant) -> None:
         """Skip everything scheduled before `to`, as after a pause; schedules keep their phase."""
-        self._counters.skipped += self._agenda.skip(to)
+        self._counters.skipped += self._tasks.skip(to)
         self._network.clear()
         self._now = to
 
@@ -241,15 +241,15 @@ class Node:
                     component.watch(schedule.facts, partial(self._trigger, process))
                     continue
                 task, first = partial(self._activate, component, process), Instant(start + schedule.offset)
-                self._agenda.repeat(task, first, schedule.every, schedule.order)
+                self._tasks.repeat(task, first, schedule.every, schedule.order)
 
     def _plan_ensembles(self, start: Instant) -> None:
-        for pairing in self._pairings:
-            kind = pairing.type
+        for ensemble in self._ensembles:
+            kind = ensemble.type
             if kind.every is not None:
                 first = Instant(start + kind.offset)
-                self._agenda.repeat(partial(self._evaluate, pairing), first, kind.every, _ENSEMBLES)
-            triggered = partial(self._trigger_ensemble, pairing)
+                self._tasks.repeat(partial(self._evaluate, ensemble), first, kind.every, _ENSEMBLES)
+            triggered = partial(self._trigger_ensemble, ensemble)
             for component in self._locals:
                 facts = [fact for fact in kind.on_change if has_fact(type(component.value), fact)]
                 component.watch(facts, triggered)
@@ -267,18 +267,18 @@ class Node:
         self._counters.commits += process.run(self._now)
         return process.name
 
-    def _evaluate(self, pairing: Pairing, now: Instant) -> None:
+    def _evaluate(self, ensemble: BoundEnsemble, now: Instant) -> None:
         self._now = now
-        learnt = pairing.evaluate(self._locals, self._young(pairing), now)
-        if any(component.watched for component in learnt):
+        changed = ensemble.evaluate(self._locals, self._fresh_replicas(ensemble), now)
+        if any(component.watched for component in changed):
             self._settle()
 
-    def _trigger_ensemble(self, pairing: Pairing) -> str:
-        pairing.evaluate(self._locals, self._young(pairing), self._now)
-        return pairing.type.name
+    def _trigger_ensemble(self, ensemble: BoundEnsemble) -> str:
+        ensemble.evaluate(self._locals, self._fresh_replicas(ensemble), self._now)
+        return ensemble.type.name
 
-    def _young(self, pairing: Pairing) -> list[Replica]:
-        oldest = pairing.type.max_age
+    def _fresh_replicas(self, ensemble: BoundEnsemble) -> list[Replica]:
+        oldest = ensemble.type.max_age
         return [one for one in self._network.replicas if oldest is None or self._now - one.heard <= oldest]
 
     def _settle(self) -> None:
@@ -288,7 +288,7 @@ class Node:
         while due := dict.fromkeys(then for component in self._locals for then in component.changes()):
             if rounds == CASCADE_LIMIT:
                 raise ExecutionError(
-                    f"at {in_seconds(self._now):g} s processes keep triggering each other: {_circle(ran)}"
+                    f"at {in_seconds(self._now):g} s processes keep triggering each other: {_cycle(ran)}"
                 )
             ran += [then() for then in due]
             rounds += 1
@@ -297,35 +297,37 @@ class Node:
         self._now = now
         self._network.publish(now, [component.value for component in self._locals])
 
-    def _tell(self, commit: Commit) -> None:
-        assert self._onlooker is not None
-        self._onlooker.committed(commit, self._network.replicas.get(commit.peer))
+    def _notify(self, commit: Commit) -> None:
+        assert self._observer is not None
+        self._observer.committed(commit, self._network.replicas.get(commit.peer))
 
-    def _react(self, news: News) -> None:
+    def _react(self, update: ReplicaUpdate) -> None:
         """Evaluate the ensembles whose watched facts changed."""
-        if self._onlooker is not None:
+        if self._observer is not None:
             for component in self._locals:
-                self._onlooker.heard(component.id, news.after, self._now)
-        for pairing in self._reacting:
-            if any(_differs(news, fact) for fact in pairing.type.on_change):
-                self._evaluate(pairing, self._now)
+                self._observer.heard(component.id, update.after, self._now)
+        for ensemble in self._reacting:
+            if any(_differs(update, fact) for fact in ensemble.type.on_change):
+                self._evaluate(ensemble, self._now)
 
     def _roles(self) -> tuple[type[Knowledge], ...]:
         wanted = [kind for one in self._locals for kind in roles_of(type(one.value))]
-        wanted += [kind for pairing in self._pairings for kind in pairing.type.roles]
-        known = {(kind.__module__, kind.__qualname__): kind for one in wanted for kind in roles_under(one)}
+        wanted += [kind for ensemble in self._ensembles for kind in ensemble.type.roles]
+        known = {
+            (kind.__module__, kind.__qualname__): kind for one in wanted for kind in role_subclasses(one)
+        }
         return tuple(known.values())
 
-    def _passes(self, sender: Replica) -> bool:
+    def _may_relay(self, sender: Replica) -> bool:
         """Return whether any ensemble allows relaying, or there is no ensemble."""
-        for pairing in self._pairings:
-            if pairing.lets_pass(sender, self._locals):
+        for ensemble in self._ensembles:
+            if ensemble.allows_relay(sender, self._locals):
                 return True
-        return not self._pairings
+        return not self._ensembles
 
 
-def _differs(news: News, fact: Fact) -> bool:
-    return news.before is None or _value(news.before, fact) != _value(news.after, fact)
+def _differs(update: ReplicaUpdate, fact: Fact) -> bool:
+    return update.before is None or _value(update.before, fact) != _value(update.after, fact)
 
 
 def _value(replica: Replica, fact: Fact) -> object:
@@ -335,7 +337,7 @@ def _value(replica: Replica, fact: Fact) -> object:
     return None
 
 
-def _circle(ran: Sequence[str]) -> str:
+def _cycle(ran: Sequence[str]) -> str:
     """Return the part since the previous occurrence of the last name, joined by arrows."""
     last = ran[-1]
     begin = max((index for index, name in enumerate(ran[:-1]) if name == last), default=0)

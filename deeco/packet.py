@@ -9,14 +9,14 @@ from typing import Any, Final, NamedTuple
 
 import msgpack
 
+from deeco.encoding import text_size
 from deeco.errors import ExecutionError
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 from deeco.link import DEFAULTS, LinkParameters
-from deeco.on_air import text_size
 
 _KNOWLEDGE: Final = 0
 """Packet type; JDEECo has three (L2PacketType)."""
-_MOST_HOPS: Final = 15
+_MAX_HOPS: Final = 15
 _HEAD: Final = 3
 """Items before the first role."""
 
@@ -43,19 +43,19 @@ class KnowledgePacket(NamedTuple):
 
 def pack(packet: KnowledgePacket, limits: LinkParameters = DEFAULTS) -> bytes:
     """Return the bytes of a packet. Raises ExecutionError if the packet or the component's id is too long."""
-    if text_size(packet.component) > limits.most_id:
+    if text_size(packet.component) > limits.max_id:
         raise ExecutionError(
             f"the id {packet.component!r} has {text_size(packet.component)} bytes in UTF-8; "
-            f"at most {limits.most_id} are allowed (LinkParameters.most_id)"
+            f"at most {limits.max_id} are allowed (LinkParameters.max_id)"
         )
     body: list[object] = [packet.component, *packet.version]
     for role in packet.roles:
         body += role
-    data = bytes([_KNOWLEDGE | min(packet.hops, _MOST_HOPS) << 4]) + bytes(msgpack.packb(body))
-    if len(data) > limits.most_packet:
+    data = bytes([_KNOWLEDGE | min(packet.hops, _MAX_HOPS) << 4]) + bytes(msgpack.packb(body))
+    if len(data) > limits.max_packet:
         raise ExecutionError(
             f"the published knowledge of {packet.component!r} has {len(data)} bytes; "
-            f"at most {limits.most_packet} are allowed (LinkParameters.most_packet)"
+            f"at most {limits.max_packet} are allowed (LinkParameters.max_packet)"
         )
     return data
 
@@ -73,7 +73,7 @@ def _is_deeper(items: tuple[Any, ...], most: int) -> bool:
 class Unpacker:
     """Decodes packets; of repeated packets, only the first byte.
 
-    Bounds number, size and nesting of role fields; a role book checks their meaning.
+    Bounds number, size and nesting of role fields; a role registry checks their meaning.
     """
 
     def __init__(
@@ -81,28 +81,28 @@ class Unpacker:
     ) -> None:
         """Create an unpacker that caches the last `most` packets.
 
-        `known`: fingerprints of roles whose nesting the role book checks; it is not checked here.
+        `known`: fingerprints of roles whose nesting the role registry checks; it is not checked here.
         """
         self._limits = limits
         self._known = known
         self._most = most
         self._kept: dict[bytes, KnowledgePacket] = {}
         self._bounds = {
-            "max_array_len": max(limits.most_items, _HEAD + 2 * limits.most_roles),
-            "max_str_len": max(limits.most_text, limits.most_id),
-            "max_bin_len": limits.most_text,
+            "max_array_len": max(limits.max_items, _HEAD + 2 * limits.max_roles),
+            "max_str_len": max(limits.max_text, limits.max_id),
+            "max_bin_len": limits.max_text,
             "max_map_len": 0,
             "max_ext_len": 0,
         }
 
     def unpack(self, data: bytes) -> KnowledgePacket | None:
         """Return the packet; None if `data` (untrusted) is not a valid packet. Never raises."""
-        if not 0 < len(data) <= self._limits.most_packet or data[0] & 0xF != _KNOWLEDGE:
+        if not 0 < len(data) <= self._limits.max_packet or data[0] & 0xF != _KNOWLEDGE:
             return None
         body = data[1:]
         kept = self._kept.get(body)
         if kept is not None:
-            return made(KnowledgePacket, (kept.component, kept.version, data[0] >> 4, kept.roles))
+            return new_tuple(KnowledgePacket, (kept.component, kept.version, data[0] >> 4, kept.roles))
         packet = self._unpacked(body, data[0] >> 4)
         if packet is not None:
             self._kept[body] = packet
@@ -113,7 +113,7 @@ class Unpacker:
     def _is_role(self, key: object, fields: object) -> bool:
         if type(key) is not int or not 0 <= key < 2**32 or type(fields) is not tuple:
             return False
-        return key in self._known or not _is_deeper(fields, self._limits.most_depth + 1)
+        return key in self._known or not _is_deeper(fields, self._limits.max_depth + 1)
 
     def _unpacked(self, data: bytes, hops: int) -> KnowledgePacket | None:
         try:
@@ -123,7 +123,7 @@ class Unpacker:
         if type(body) is not tuple or (size := len(body)) < _HEAD or size % 2 != _HEAD % 2:
             return None
         component, epoch, counter, *rest = body
-        if type(component) is not str or text_size(component) > self._limits.most_id:
+        if type(component) is not str or text_size(component) > self._limits.max_id:
             return None
         if not (type(epoch) is type(counter) is int and epoch >= 0 and counter >= 0):
             return None
@@ -131,10 +131,10 @@ class Unpacker:
         for key, fields in roles:
             if not self._is_role(key, fields):
                 return None
-        return made(KnowledgePacket, (component, made(Version, (epoch, counter)), hops, roles))
+        return new_tuple(KnowledgePacket, (component, new_tuple(Version, (epoch, counter)), hops, roles))
 
 
 def relayed(data: bytes) -> bytes:
     """Return the packet with its hop count increased by one, up to 15."""
-    hops = min((data[0] >> 4) + 1, _MOST_HOPS)
+    hops = min((data[0] >> 4) + 1, _MAX_HOPS)
     return bytes([data[0] & 0xF | hops << 4]) + data[1:]

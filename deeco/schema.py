@@ -7,22 +7,31 @@ from collections.abc import Container, Iterable
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
+from deeco.encoding import (
+    Compiler,
+    MalformedDataError,
+    Resolution,
+    UnencodableTypeError,
+    UnencodableValueError,
+    attribute_getter,
+    constructor_of,
+    strict_decoder,
+)
 from deeco.errors import DeploymentError, ExecutionError
-from deeco.knowledge import Knowledge, is_role, made, published, roles_of
+from deeco.knowledge import Knowledge, is_role, new_tuple, role_fields, roles_of
 from deeco.link import DEFAULTS, LinkParameters
-from deeco.on_air import Compiler, Junk, Resolution, Unfit, Unsound, getter, maker, strict
 
-__all__ = ["Junk", "Resolution", "RoleBook", "Unpacked"]
+__all__ = ["MalformedDataError", "Resolution", "RoleRegistry", "UnpackedRoles"]
 
 _ID = "id"
 
 
-class Unpacked(NamedTuple):
+class UnpackedRoles(NamedTuple):
     """Decoded roles of one packet."""
 
     roles: tuple[Knowledge, ...]
     unknown: int
-    """Number of roles that are not in the book."""
+    """Number of roles that are not in the registry."""
 
 
 class _Role:
@@ -36,25 +45,25 @@ class _Role:
         if not is_role(cls):
             raise DeploymentError(f"{cls.__name__} cannot be published: decorate its class with @role")
         self.cls = cls
-        names = tuple(name for name in published(cls) if name != _ID)
+        names = tuple(name for name in role_fields(cls) if name != _ID)
         try:
-            forms = Compiler(limits, inside=(cls,)).fields(cls, names)
-            self._make = maker(cls, (_ID, *names))
-        except Unsound as unsound:
+            codecs = Compiler(limits, inside=(cls,)).fields(cls, names)
+            self._make = constructor_of(cls, (_ID, *names))
+        except UnencodableTypeError as unsound:
             raise DeploymentError(f"role {cls.__name__} cannot be published: {unsound}") from None
-        depth = max((form.depth for form in forms), default=0)
-        if depth > limits.most_depth:
+        depth = max((codec.depth for codec in codecs), default=0)
+        if depth > limits.max_depth:
             raise DeploymentError(
                 f"role {cls.__name__} cannot be published: its types are nested {depth} levels deep; "
-                f"at most {limits.most_depth} are allowed (LinkParameters.most_depth)"
+                f"at most {limits.max_depth} are allowed (LinkParameters.max_depth)"
             )
         self._names = names
-        self._values = getter(names)
-        self._pack = tuple(form.pack for form in forms)
-        self._unpack = strict(forms)
-        fields = ",".join(f"{name}:{form.says}" for name, form in zip(names, forms, strict=True))
-        self.says = f"{cls.__qualname__}({fields})"
-        self.fingerprint = int.from_bytes(blake2b(self.says.encode(), digest_size=4).digest(), "little")
+        self._values = attribute_getter(names)
+        self._pack = tuple(codec.pack for codec in codecs)
+        self._unpack = strict_decoder(codecs)
+        fields = ",".join(f"{name}:{codec.signature}" for name, codec in zip(names, codecs, strict=True))
+        self.signature = f"{cls.__qualname__}({fields})"
+        self.fingerprint = int.from_bytes(blake2b(self.signature.encode(), digest_size=4).digest(), "little")
 
     def pack(self, value: Knowledge) -> tuple[Any, ...]:
         """Return the encoded fields. Raises ExecutionError for a value that cannot be encoded."""
@@ -62,7 +71,7 @@ class _Role:
         try:
             for pack, field in zip(self._pack, self._values(value), strict=True):
                 packed.append(pack(field))
-        except Unfit as unfit:
+        except UnencodableValueError as unfit:
             name = self._names[len(packed)]
             raise ExecutionError(
                 f"{self.cls.__name__}.{name} of {value.id!r} cannot be published: {unfit}"
@@ -70,12 +79,12 @@ class _Role:
         return tuple(packed)
 
     def unpack(self, component: str, packed: object) -> Knowledge:
-        """Return the decoded role of a component. Raises Junk."""
+        """Return the decoded role of a component. Raises MalformedDataError."""
         made: Knowledge = self._make((component, *self._unpack(packed)))
         return made
 
 
-class RoleBook:
+class RoleRegistry:
     """Encodes and decodes the roles that a node knows.
 
     Raises DeploymentError for a role that cannot be encoded and for two roles of one fingerprint.
@@ -101,13 +110,13 @@ class RoleBook:
 
     @property
     def fingerprints(self) -> Container[int]:
-        """Fingerprints of the roles in the book."""
+        """Fingerprints of the roles in the registry."""
         return self._by_fingerprint
 
     def pack(self, value: Knowledge) -> tuple[tuple[int, tuple[object, ...]], ...]:
         """Return the fingerprint and encoded fields of each role that a component plays.
 
-        Raises ExecutionError for a value that cannot be encoded, DeploymentError for a role not in the book.
+        Raises ExecutionError for a value that cannot be encoded, DeploymentError for an unknown role.
         """
         kind = type(value)
         played = self._played.get(kind)
@@ -118,17 +127,20 @@ class RoleBook:
     def _roles_of(self, kind: type[Knowledge]) -> tuple[_Role, ...]:
         roles = roles_of(kind)
         if missing := next((one for one in roles if one not in self._by_class), None):
-            raise DeploymentError(f"{kind.__name__} plays {missing.__name__}, which is not in the role book")
-        if len(roles) > self._limits.most_roles:
             raise DeploymentError(
-                f"{kind.__name__} plays {len(roles)} roles; at most {self._limits.most_roles} are allowed "
-                "(LinkParameters.most_roles)"
+                f"{kind.__name__} plays {missing.__name__}, which is not in the role registry"
+            )
+        if len(roles) > self._limits.max_roles:
+            raise DeploymentError(
+                f"{kind.__name__} plays {len(roles)} roles; at most {self._limits.max_roles} are allowed "
+                "(LinkParameters.max_roles)"
             )
         return tuple(self._by_class[one] for one in roles)
 
-    def unpack(self, component: str, packed: tuple[tuple[int, tuple[object, ...]], ...]) -> Unpacked | None:
-        """Return the component's roles that are in the book, in order of arrival; None if the packet is
-        invalid.
+    def unpack(
+        self, component: str, packed: tuple[tuple[int, tuple[object, ...]], ...]
+    ) -> UnpackedRoles | None:
+        """Return the component's known roles in order of arrival; None if the packet is invalid.
 
         A packet is invalid if it repeats a role or if a role's fields do not match its encoding exactly.
         """
@@ -143,9 +155,9 @@ class RoleBook:
                     return None
                 else:
                     found[key] = role.unpack(component, fields)
-        except Junk:
+        except MalformedDataError:
             return None
-        return made(Unpacked, (tuple(found.values()), unknown))
+        return new_tuple(UnpackedRoles, (tuple(found.values()), unknown))
 
 
 def _place(cls: type) -> str:

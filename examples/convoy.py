@@ -90,7 +90,7 @@ class Convoy:
     reach: float = 100.0
 
     def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
-        """The coordinator is ahead of the member, and not too far."""
+        """Return whether the coordinator is ahead of the member, within reach."""
         return 0 < coordinator.position - member.position < self.reach
 
     def at_member(self, coordinator: Vehicle, member: Follower, now: Instant, contact: Contact) -> Follower:

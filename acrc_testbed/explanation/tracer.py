@@ -26,9 +26,9 @@ from actors.robot.core import RobotCore
 from actors.robot.introspection import as_json, decision, differences, goal_state, in_words
 from actors.runtime.core import Core, Inputs
 from deeco.ensemble import ensemble_type
-from deeco.explain.anatomy import method_flow, methods
-from deeco.explain.dataflow import flow
-from deeco.knowledge import Knowledge, type_of
+from deeco.explain.analysis import method_flow, methods
+from deeco.explain.dataflow import analyse_flow
+from deeco.knowledge import Knowledge, field_type
 from deeco.local import Commit
 from deeco.network import Replica
 
@@ -170,7 +170,7 @@ def dependence(
         if function is None:
             return Dependence((), ())
         own = next(iter(inspect.signature(function).parameters))
-        return Dependence(flow(function, {own: kind}).read(own), ())
+        return Dependence(analyse_flow(function, {own: kind}).read(own), ())
     for one in ensembles:
         described = ensemble_type(type(one))
         if described is not None and described.name == owner:
@@ -196,7 +196,7 @@ def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence
 
 
 class Tracer:
-    """Recorder of the nodes of a replayed core, for `looking_on`."""
+    """Recorder of the nodes of a replayed core, for `observing_nodes`."""
 
     def __init__(self) -> None:
         self.changes: list[KnowledgeChange] = []
@@ -221,7 +221,7 @@ class Tracer:
         cast(Any, core).advance = watched
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
-        """Implement `deeco.node.Onlooker`."""
+        """Implement `deeco.node.NodeObserver`."""
         self.has_nodes = True
 
     def committed(self, commit: Commit, replica: Replica | None) -> None:
@@ -321,6 +321,6 @@ def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, s
 def _worded(knowledge: Knowledge, field: str) -> str:
     """Format a field's value; instants in seconds."""
     value = getattr(knowledge, field)
-    if isinstance(value, int) and "Instant" in str(type_of(type(knowledge), field)):
+    if isinstance(value, int) and "Instant" in str(field_type(type(knowledge), field)):
         return f"{seconds(Instant(value))} s"
     return in_words(value)

@@ -28,7 +28,7 @@ from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
 from actors.runtime.prints import nowhere
 from actors.runtime.recording.reading import report_damage
-from deeco.node import looking_on
+from deeco.node import observing_nodes
 
 _PROGRAM: Final = "acrc_testbed.explanation.tracing"
 BOUNDS: Final = Bounds(1 << 30)
@@ -63,7 +63,7 @@ def traced(out: Path, actor: str) -> CausalTrace:
         tracer.orders.attach(cast(RobotCore, core))
 
     try:
-        with looking_on(tracer):
+        with observing_nodes(tracer):
             replay_actor(out, actor, Onlook(attach, prints=lambda step_us: nowhere()))
     except AcrcError as error:
         fault = str(error)

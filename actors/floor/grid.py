@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from actors.floor import raster
 from actors.geometry import Point
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 
 V = TypeVar("V")
 
@@ -119,7 +119,7 @@ class OccupancyGrid:
     def cell(self, point: Point) -> Cell:
         """Return the cell that contains `point`; outside of the map, its indices are out of range."""
         x, y = self._cells_from_corner(point)
-        return made(Cell, (math.floor(y), math.floor(x)))
+        return new_tuple(Cell, (math.floor(y), math.floor(x)))
 
     def centre(self, cell: Cell) -> Point:
         """Return the centre of a cell, m."""

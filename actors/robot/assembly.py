@@ -34,7 +34,7 @@ from actors.runtime.process_setup import RecordDetail
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import scans
 from actors.settings import Count
-from deeco.node import looking_on
+from deeco.node import observing_nodes
 
 KERNELS: Final = (
     *(foundations, arrays, draws, raster, potential, ray_tracing, cost_map, map_grid, local_planner),
@@ -125,7 +125,7 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
     introspector = None
     if setup.detail == "full":
         introspector = Introspector(setup.id, localisation, navigation)
-    with nullcontext() if introspector is None else looking_on(introspector):
+    with nullcontext() if introspector is None else observing_nodes(introspector):
         behaviour = behaviour_of(setup.behaviour, start(setup, model, common.floor))
     parts = RobotParts(Sweeps(model.sensor), localisation, navigation, behaviour, introspector=introspector)
     return RobotCore(

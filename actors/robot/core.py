@@ -32,8 +32,8 @@ from actors.robot.navigation.navigator import Navigator
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Address, Inputs, Output, at
 from actors.runtime.errors import AcrcError
-from deeco.knowledge import made
-from deeco.node import looking_on
+from deeco.knowledge import new_tuple
+from deeco.node import observing_nodes
 
 _LIMITS: Final = RobotLimits()
 
@@ -117,7 +117,7 @@ class RobotCore:
         if self._introspector is None:
             outputs = self._outputs(*self._act(senses, events))
         else:
-            with looking_on(self._introspector):  # the node of a later behaviour is created in a step
+            with observing_nodes(self._introspector):  # the node of a later behaviour is created in a step
                 outputs = self._outputs(*self._act(senses, events))
             record = self._introspector.end(self.step, self.behaviour)
             outputs += () if record is None else (Output(self._introspection, record),)
@@ -141,7 +141,7 @@ class RobotCore:
     def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose | None]:
         odometry, instant = senses.odometry, Instant(senses.instant)
         localisation, navigation = self.localisation, self.navigation
-        here = made(Pose, (odometry.x, odometry.y, odometry.heading))
+        here = new_tuple(Pose, (odometry.x, odometry.y, odometry.heading))
         sweep = self._sweeps.take(instant, here, senses.scan)
         newest = sweep
         for scan in senses.earlier_scans:
@@ -152,7 +152,7 @@ class RobotCore:
         estimate = localisation.update(here, sweep)
         if self._introspector is not None:
             self._introspector.begin(instant, estimate, newest)
-        velocity = made(Twist, (odometry.vx, odometry.vy, odometry.omega))
+        velocity = new_tuple(Twist, (odometry.vx, odometry.vy, odometry.omega))
         navigation.sense(instant, here, sweep)
         twist = STILL
         if estimate.located:  # otherwise the robot stands and navigation waits

@@ -41,7 +41,7 @@ from actors.task.task import PlaceKey
 from deeco.knowledge import Knowledge
 from deeco.local import Commit
 from deeco.network import Replica
-from deeco.node import Node, Onlooker, onlooker
+from deeco.node import Node, NodeObserver, node_observer
 
 ACTIVITIES: Final = (
     "driving", "planning", "no trajectory", "backing out", "blocked", "adopted", "elsewhere", "paused",
@@ -102,7 +102,7 @@ class Introspector:
         self._robot, self._localisation, self._navigation = robot, localisation, navigation
         planner = navigation.local_planner
         self._planner = planner if isinstance(planner, BaseLocalPlanner) else None
-        self._outer: Onlooker | None = onlooker()
+        self._outer: NodeObserver | None = node_observer()
         self._instant, self._due = Instant(0), Instant(0)
         self._estimate = Estimate(ORIGIN, CERTAIN)
         self._quality: EstimateQuality | None = None
@@ -128,7 +128,7 @@ class Introspector:
         self._words: dict[str, str] = {}
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
-        """Forward the event; see `deeco.node.Onlooker` for this and the next methods."""
+        """Forward the event; see `deeco.node.NodeObserver` for this and the next methods."""
         if self._outer is not None:
             self._outer.deployed(component, now)
 

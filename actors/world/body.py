@@ -25,7 +25,7 @@ from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 
 POST_RADIUS: Final = 0.05
 """Radius of the posts that make up an added wall, m; own choice: as thick as a partition."""
@@ -211,7 +211,7 @@ class Bodies:
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
         """Set the robot's velocity command from `instant`."""
-        self._arena.command(index, made(Twist, (drive.vx, drive.vy, drive.omega)), instant)
+        self._arena.command(index, new_tuple(Twist, (drive.vx, drive.vy, drive.omega)), instant)
 
     def move(self, instant: Instant, duration_us: int) -> None:
         """Advance from `instant`; range sensors scan at their own instants."""

@@ -11,7 +11,7 @@ from typing import Final
 
 from deeco.ensemble import ensemble_type
 from deeco.errors import DeecoError
-from deeco.explain.anatomy import ComponentPart, meeting, processes
+from deeco.explain.analysis import ComponentPart, ensemble_part, processes
 from deeco.explain.description import component_text, ensemble_text, field_table, mermaid_chart, names
 from deeco.knowledge import Knowledge, is_component, is_role
 
@@ -43,8 +43,8 @@ class Subjects:
 
     def parts(self, cls: type[Knowledge]) -> tuple[ComponentPart, ...]:
         """Return the processes of a component, then the ensembles that it takes part in."""
-        met = (meeting(ensemble, cls) for ensemble in self.ensembles)
-        return processes(cls) + tuple(part for part in met if part)
+        parts = (ensemble_part(ensemble, cls) for ensemble in self.ensembles)
+        return processes(cls) + tuple(part for part in parts if part)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

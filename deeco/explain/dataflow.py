@@ -3,7 +3,7 @@
 Read are all fields accessed as attributes, in the function and in all properties, methods and functions that
 receive the knowledge and whose source is available; written are all keywords of `replace(knowledge, ...)`.
 Unreachable code counts, and so do fields read after they were replaced. Everything else is not guessed but
-listed among the doubts.
+listed as unknown.
 """
 
 import ast
@@ -35,10 +35,10 @@ def definition(function: Callable[..., Any]) -> Definition | None:
     return inner if isinstance(inner, Definition) else None
 
 
-def meaning(expression: ast.expr, function: Callable[..., Any]) -> object | None:
+def resolve_name(expression: ast.expr, function: Callable[..., Any]) -> object | None:
     """Return the object that a (dotted) name denotes outside the function; None if unknown."""
     if isinstance(expression, ast.Attribute):
-        owner = meaning(expression.value, function)
+        owner = resolve_name(expression.value, function)
         return None if owner is None else inspect.getattr_static(owner, expression.attr, None)
     if not isinstance(expression, ast.Name):
         return None
@@ -74,7 +74,7 @@ def parameters(tree: Definition) -> tuple[str, ...]:
     return tuple(one.arg for one in (*tree.args.posonlyargs, *tree.args.args))
 
 
-def shortened(tree: ast.AST) -> str:
+def excerpt(tree: ast.AST) -> str:
     """Return the source of a node on one line of at most 60 characters."""
     text = " ".join(ast.unparse(tree).split())
     return text if len(text) <= 60 else text[:59] + "…"
@@ -99,7 +99,7 @@ class Flow:
 
     reads: dict[str, dict[str, None]] = field(default_factory=dict)
     writes: dict[str, dict[str, None]] = field(default_factory=dict)
-    doubts: dict[str, None] = field(default_factory=dict)
+    unknowns: dict[str, None] = field(default_factory=dict)
     """Unresolved accesses, to be read after "unknown"."""
 
     def read(self, label: str) -> tuple[str, ...]:
@@ -111,27 +111,29 @@ class Flow:
         return tuple(self.writes.get(label, ()))
 
 
-def flow(function: Callable[..., Any], subjects: Mapping[str, type], *, gives: bool = False) -> Flow:
+def analyse_flow(
+    function: Callable[..., Any], subjects: Mapping[str, type], *, returns_knowledge: bool = False
+) -> Flow:
     """Analyse a function whose parameters `subjects` receive knowledge of these classes.
 
-    With `gives`, returning anything but knowledge is a doubt.
+    With `returns_knowledge`, returning anything but knowledge is unknown.
     """
     found = Flow()
     known = {name: Subject(name, kind) for name, kind in subjects.items()}
-    reading = _KnowledgeUse(function, known, found, {})
+    reading = _FunctionAnalysis(function, known, found, {})
     if reading.tree is None:
-        found.doubts[f"reads and writes of {function.__name__}(), whose source is not available"] = None
+        found.unknowns[f"reads and writes of {function.__name__}(), whose source is not available"] = None
         return found
     reading.run()
-    if gives:
-        found.doubts |= dict.fromkeys(f"writes of `{shortened(one)}`" for one in reading.strange)
+    if returns_knowledge:
+        found.unknowns |= dict.fromkeys(f"writes of `{excerpt(one)}`" for one in reading.other_returns)
     return found
 
 
 _Followed = dict[tuple[object, ...], Subject | None]
 
 
-class _KnowledgeUse:
+class _FunctionAnalysis:
     """Analysis of one function, with the names in it that denote knowledge."""
 
     def __init__(
@@ -139,14 +141,14 @@ class _KnowledgeUse:
     ) -> None:
         self.function = function
         self.tree = definition(function)
-        self.strange: list[ast.Return] = []
+        self.other_returns: list[ast.Return] = []
         """Return statements with anything but knowledge."""
         self._known = known
         self._classes: dict[str, type] = {}
         """Classes of objects that the function creates, by variable name."""
         self._found = found
         self._followed = followed
-        self._given: Subject | None = None
+        self._returned_subject: Subject | None = None
 
     def run(self) -> Subject | None:
         """Analyse the function; return the knowledge that it always returns, if so."""
@@ -154,10 +156,10 @@ class _KnowledgeUse:
         before = -1
         while before < len(self._known):  # a loop may use a name before the line that binds it
             before = len(self._known)
-            self.strange.clear()
+            self.other_returns.clear()
             for statement in self.tree.body:
                 self._visit(statement)
-        return None if self.strange else self._given
+        return None if self.other_returns else self._returned_subject
 
     def _visit(self, node: ast.AST) -> None:
         """Visit a statement, or a part of one that is not an expression."""
@@ -179,26 +181,26 @@ class _KnowledgeUse:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.expr):
                 if subject := self._value(child):
-                    self._doubt(f"reads of {subject.label} in `{shortened(node)}`")
+                    self._add_unknown(f"reads of {subject.label} in `{excerpt(node)}`")
             else:
                 self._visit(child)
 
     def _nested(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> None:
         own = {one.arg for one in ast.walk(node.args) if isinstance(one, ast.arg)}
-        known, given, strange = self._known, self._given, list(self.strange)
+        known, returned_subject, other_returns = self._known, self._returned_subject, list(self.other_returns)
         self._known = {name: subject for name, subject in known.items() if name not in own}
         for part in node.body if isinstance(node.body, list) else [ast.Expr(node.body)]:
             self._visit(part)
-        self._known, self._given, self.strange[:] = known, given, strange
+        self._known, self._returned_subject, self.other_returns[:] = known, returned_subject, other_returns
 
     def _returned(self, node: ast.Return, value: ast.expr | None) -> None:
         if value is None or (isinstance(value, ast.Constant) and value.value is None):
             return
         subject = self._value(value)
-        if subject is None or (self._given and self._given != subject):
-            self.strange.append(node)
+        if subject is None or (self._returned_subject and self._returned_subject != subject):
+            self.other_returns.append(node)
         else:
-            self._given = subject
+            self._returned_subject = subject
 
     def _assigned(self, target: ast.expr, value: ast.expr) -> None:
         match target, value:
@@ -211,7 +213,7 @@ class _KnowledgeUse:
                     self._assigned(one, other)
             case _:
                 if subject := self._value(value):
-                    self._doubt(f"reads of {subject.label} through `{shortened(target)}`")
+                    self._add_unknown(f"reads of {subject.label} through `{excerpt(target)}`")
                 self._value(target)
 
     def _bind(self, name: str, subject: Subject | None) -> None:
@@ -246,7 +248,7 @@ class _KnowledgeUse:
         if one == other:
             return one
         for subject in filter(None, (one, other)):
-            self._doubt(f"reads of {subject.label} through `{shortened(node)}`")
+            self._add_unknown(f"reads of {subject.label} through `{excerpt(node)}`")
         return None
 
     def _compared(self, node: ast.Compare) -> None:
@@ -267,7 +269,7 @@ class _KnowledgeUse:
         if inspect.isfunction(there):
             return self._follow(there, [subject], {})
         if (there is None or hasattr(type(there), "__get__")) and name != "__class__":
-            self._doubt(f"reads of {subject.label}.{name}")
+            self._add_unknown(f"reads of {subject.label}.{name}")
         return None
 
     def _call(self, call: ast.Call) -> Subject | None:
@@ -282,7 +284,7 @@ class _KnowledgeUse:
                 return self._with_arguments(method, [None], call)
         elif not isinstance(call.func, ast.Name):
             self._value(call.func)
-        target = meaning(call.func, self.function)
+        target = resolve_name(call.func, self.function)
         if target in _REPLACE and call.args:
             return self._replaced(call)
         return self._function_call(call, target)
@@ -291,7 +293,7 @@ class _KnowledgeUse:
         """Return the class of an object that the function makes; None if it cannot be told."""
         if isinstance(node, ast.Name):
             return self._classes.get(node.id)
-        made = meaning(node.func, self.function) if isinstance(node, ast.Call) else None
+        made = resolve_name(node.func, self.function) if isinstance(node, ast.Call) else None
         return made if isinstance(made, type) else None
 
     def _replaced(self, call: ast.Call) -> Subject | None:
@@ -300,7 +302,7 @@ class _KnowledgeUse:
             if whole := self._value(keyword.value):
                 self._read_all(whole)
             if subject and keyword.arg is None:
-                self._doubt(f"writes of `{shortened(call)}`")
+                self._add_unknown(f"writes of `{excerpt(call)}`")
             elif subject and keyword.arg:
                 self._found.writes.setdefault(subject.label, {})[keyword.arg] = None
         return subject
@@ -322,7 +324,7 @@ class _KnowledgeUse:
         function = first and _next_method(first.kind, self.function, name)
         if first and can_follow(function):
             return self._with_arguments(function, [first], call)
-        self._doubt(f"reads and writes of {shortened(call)}")
+        self._add_unknown(f"reads and writes of {excerpt(call)}")
         return None
 
     def _function_call(self, call: ast.Call, target: object) -> Subject | None:
@@ -337,7 +339,7 @@ class _KnowledgeUse:
             if target in _READ_ALL:
                 self._read_all(subject)
             elif target not in _READ_NOTHING:
-                self._doubt(f"reads of {subject.label} in `{shortened(call)}`")
+                self._add_unknown(f"reads of {subject.label} in `{excerpt(call)}`")
         return None
 
     def _with_arguments(self, function: Any, first: list[Subject | None], call: ast.Call) -> Subject | None:
@@ -355,7 +357,7 @@ class _KnowledgeUse:
             if subject and keyword.arg:
                 by_name[keyword.arg] = subject
         if any(isinstance(one, ast.Starred) for one in positional) and any(by_place):
-            self._doubt(f"argument order of `{shortened(call)}`")
+            self._add_unknown(f"argument order of `{excerpt(call)}`")
         return by_place, by_name
 
     def _follow(
@@ -368,10 +370,10 @@ class _KnowledgeUse:
         if key in self._followed:
             return self._followed[key]
         self._followed[key] = None
-        inner = _KnowledgeUse(function, dict(named), self._found, self._followed)
+        inner = _FunctionAnalysis(function, dict(named), self._found, self._followed)
         names = parameters(inner.tree) if inner.tree else ()
         if inner.tree is None or any(positional[len(names) :]):
-            self._doubt(f"further reads in {function.__qualname__}()")
+            self._add_unknown(f"further reads in {function.__qualname__}()")
             return None
         inner._known |= {name: one for name, one in zip(names, positional, strict=False) if one}
         self._followed[key] = inner.run()
@@ -380,8 +382,8 @@ class _KnowledgeUse:
     def _read_all(self, subject: Subject) -> None:
         self._found.reads.setdefault(subject.label, {}).update(dict.fromkeys(_fields(subject.kind)))
 
-    def _doubt(self, doubt: str) -> None:
-        self._found.doubts[doubt] = None
+    def _add_unknown(self, unknown: str) -> None:
+        self._found.unknowns[unknown] = None
 
 
 def _fields(kind: type) -> tuple[str, ...]:

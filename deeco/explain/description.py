@@ -14,9 +14,9 @@ from itertools import permutations, zip_longest
 from typing import Any, Final
 
 from deeco.ensemble import Contact, ensemble_type
-from deeco.explain.anatomy import ComponentPart, method_flow, methods, rhythm_of
+from deeco.explain.analysis import ComponentPart, method_flow, methods, rhythm_of
 from deeco.instant import Duration, Instant, in_seconds
-from deeco.knowledge import Knowledge, describe, local_fields, published, roles_of, type_of
+from deeco.knowledge import Knowledge, describe, field_type, local_fields, role_fields, roles_of
 
 WIDTH: Final = 110
 _LABEL: Final = 12
@@ -28,14 +28,14 @@ def component_text(cls: type[Knowledge], processes: Sequence[ComponentPart]) -> 
     """Describe a component: its roles, local fields and processes."""
     lines = [f"{cls.__name__}, a component"]
     for role in roles_of(cls):
-        lines += _entry("publishes", f"as {role.__name__}: {_typed(role, published(role))}")
+        lines += _entry("publishes", f"as {role.__name__}: {_typed(role, role_fields(role))}")
     lines += _entry("keeps local", _typed(cls, local_fields(cls)))
     for process in processes:
         layer = "adaptation" if process.adaptation else "adapted"
         lines += ["", *_heading(f"  {process.name}, a process of the {layer} layer, {process.when}")]
         lines += _entry("reads", names(process.reads))
         lines += _entry("writes", names(process.writes))
-        lines += _ports_and_doubts(process.ports, process.doubts)
+        lines += _ports_and_unknowns(process.ports, process.unknowns)
     return lines if processes else [*lines, "", "  It has no processes."]
 
 
@@ -53,7 +53,7 @@ def ensemble_text(cls: type, subject: object) -> list[str]:
             written = found.written(side)
             text = f"{role.__name__}; reads {names(found.read(side))}"
             lines += _entry(side, text + (f"; writes {names(written)}" if written else ""))
-        lines += _ports_and_doubts(method.ports, found.doubts)
+        lines += _ports_and_unknowns(method.ports, found.unknowns)
     return lines
 
 
@@ -67,12 +67,14 @@ def _parameter(field: "dataclasses.Field[Any]", subject: object) -> str:
 
 def field_table(cls: type[Knowledge], parts: Sequence[ComponentPart]) -> list[str]:
     """List every field of a component with the parts that write and read it."""
-    shared = dict.fromkeys(name for role in roles_of(cls) for name in published(role))
+    shared = dict.fromkeys(name for role in roles_of(cls) for name in role_fields(role))
     rows = [(f"{cls.__name__}'s field", "written by", "read by", "read on peers' nodes by")]
     for name in (*shared, *local_fields(cls)):
         writers = names(part.name for part in parts if name in part.writes)
         readers = names(part.name for part in parts if name in part.reads)
-        rows.append((name, writers, readers, names(part.name for part in parts if name in part.tells)))
+        rows.append(
+            (name, writers, readers, names(part.name for part in parts if name in part.read_by_peers))
+        )
     first = max(len(row[0]) for row in rows) + 2
     width = (WIDTH - first) // 3
     lines = []
@@ -81,8 +83,8 @@ def field_table(cls: type[Knowledge], parts: Sequence[ComponentPart]) -> list[st
         for texts in zip_longest(*cells, fillvalue=""):
             lines.append((f"{texts[0]:{first}}" + "".join(f"{text:{width}}" for text in texts[1:])).rstrip())
     lines.insert(1, "─" * (first + 3 * width))
-    if doubtful := [part.name for part in parts if part.doubts]:
-        text = f"The table may lack fields used by {names(doubtful)}: see 'unknown' above."
+    if incomplete := [part.name for part in parts if part.unknowns]:
+        text = f"The table may lack fields used by {names(incomplete)}: see 'unknown' above."
         lines += textwrap.wrap(text, WIDTH)
     return lines
 
@@ -102,19 +104,19 @@ def _chart(owner: str, parts: Sequence[ComponentPart]) -> Iterator[str]:
     yield "end"
     yield f'subgraph {owner}_adapted["adapted layer"]'
     yield from (f"    {_node(owner, part)}" for part in parts if not part.adaptation)
-    for name in dict.fromkeys(name for part in parts for name in _devices(part)):
+    for name in dict.fromkeys(name for part in parts for name in _port_types(part)):
         yield f'    {_id(owner, "port", name)}[/"{_escaped(name)}"/]'
     yield "end"
-    if any(part.hears for part in parts):
+    if any(part.peer_reads for part in parts):
         yield f'{owner}_peers(["peers"])'
     for giver, taker in permutations(parts, 2):
         fields = [name for name in giver.writes if name in taker.reads]
         if fields and (giver.adaptation or taker.adaptation):
             yield f'{_part_id(owner, giver)} -- "{", ".join(fields)}" --> {_part_id(owner, taker)}'
     for part in parts:
-        if part.hears:
-            yield f'{owner}_peers -- "{", ".join(part.hears)}" --> {_part_id(owner, part)}'
-        for name in _devices(part):
+        if part.peer_reads:
+            yield f'{owner}_peers -- "{", ".join(part.peer_reads)}" --> {_part_id(owner, part)}'
+        for name in _port_types(part):
             yield f"{_id(owner, 'port', name)} --- {_part_id(owner, part)}"
 
 
@@ -135,7 +137,7 @@ def _escaped(text: str) -> str:
     return text.replace('"', "#quot;")
 
 
-def _devices(part: ComponentPart) -> dict[str, None]:
+def _port_types(part: ComponentPart) -> dict[str, None]:
     """Return the types of its ports except those that every node has."""
     return dict.fromkeys(_type_text(kind) for _, kind in part.ports if kind not in {Instant, Contact})
 
@@ -163,13 +165,13 @@ def _type_text(annotation: Any) -> str:
     return re.sub(r"\b(?:\w+\.)+(?=\w)", "", describe(annotation))
 
 
-def _ports_and_doubts(ports: Sequence[tuple[str, Any]], doubts: Iterable[str]) -> list[str]:
-    lines = [line for doubt in doubts for line in _entry("unknown", doubt)]
+def _ports_and_unknowns(ports: Sequence[tuple[str, Any]], unknowns: Iterable[str]) -> list[str]:
+    lines = [line for unknown in unknowns for line in _entry("unknown", unknown)]
     if ports:
         lines[:0] = _entry("ports", names(f"{name}: {_type_text(kind)}" for name, kind in ports))
     return lines
 
 
 def _typed(cls: type[Knowledge], fields: Sequence[str]) -> str:
-    texts = (f"{name}: {_type_text(type_of(cls, name))}" for name in fields)
+    texts = (f"{name}: {_type_text(field_type(cls, name))}" for name in fields)
     return names(text.replace(" ", _NO_BREAK) for text in texts)

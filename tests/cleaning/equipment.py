@@ -12,7 +12,7 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Assignment
 from cleaning.robot import CleaningRobot
 from deeco import Knowledge
-from deeco.knowledge import seen_as
+from deeco.knowledge import role_view
 
 Role = TypeVar("Role", bound=Knowledge)
 NOW = Instant(seconds(100))
@@ -138,7 +138,7 @@ class Floor:
 
 def published(robot: CleaningRobot, role: type[Role]) -> Role:
     """Return what the robot publishes of itself."""
-    made = seen_as(robot, role)
+    made = role_view(robot, role)
     assert isinstance(made, role)
     return made
 

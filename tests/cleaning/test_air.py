@@ -43,7 +43,7 @@ from deeco.component import Periodic, processes_of
 from deeco.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
-from deeco.schema import RoleBook
+from deeco.schema import RoleRegistry
 from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment
 from tests.deeco.air import Air, everywhere
 from tests.recorded_runs import record
@@ -102,8 +102,8 @@ LONGEST = Assignment("r500", 999, Point(-123.456, 123.456), 2000)
 
 
 def packet(robot: AdaptiveCleaningRobot) -> bytes:
-    book = RoleBook([Cleaner])
-    return pack(KnowledgePacket(robot.id, Version(3, 100_000), 3, book.pack(robot)))
+    registry = RoleRegistry([Cleaner])
+    return pack(KnowledgePacket(robot.id, Version(3, 100_000), 3, registry.pack(robot)))
 
 
 def robot(adopted: int, destination: Assignment | None = LONGEST) -> AdaptiveCleaningRobot:

@@ -5,10 +5,10 @@ from enum import Enum
 from typing import Annotated, NamedTuple
 
 from deeco.component import component, role
+from deeco.encoding import Resolution
 from deeco.knowledge import Knowledge
-from deeco.on_air import Resolution
 from deeco.packet import KnowledgePacket, Version, pack
-from deeco.schema import RoleBook
+from deeco.schema import RoleRegistry
 
 
 class Point(NamedTuple):
@@ -43,7 +43,7 @@ class Robot(Sweeper):
     charge: float = 1.0
 
 
-BOOK = RoleBook([Sweeper])
+REGISTRY = RoleRegistry([Sweeper])
 
 
 def claim(number: int) -> Claim:
@@ -63,4 +63,4 @@ def robot(claims: int) -> Robot:
 def published(claims: int, counter: int = 40_000) -> bytes:
     """The L2 packet of a robot with so many claims."""
     value = robot(claims)
-    return pack(KnowledgePacket(value.id, Version(3, counter), 0, BOOK.pack(value)))
+    return pack(KnowledgePacket(value.id, Version(3, counter), 0, REGISTRY.pack(value)))

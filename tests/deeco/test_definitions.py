@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from deeco import DefinitionError, Knowledge, component, role
-from deeco.ensemble import type_of
-from deeco.knowledge import immutability_fault, is_plain
+from deeco.ensemble import ensemble_type_of
+from deeco.knowledge import has_generated_init, immutability_fault
 from tests.deeco.test_schema import unpacked
 from tests.refusals import refused
 
@@ -150,7 +150,7 @@ def test_a_mistaken_definition_is_refused(sentence: str) -> None:
 
 def test_no_ensemble_at_all() -> None:
     with refused("3 is not an ensemble; use an instance of a class with @ensemble(...)", DefinitionError):
-        type_of(3)
+        ensemble_type_of(3)
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def test_replace_changes_one_field_and_keeps_all_others() -> None:
     assert moved == dataclasses.replace(robot, x=2.0) == Robot(id="r1", x=2.0, held=("a",))
     assert list(vars(moved)) == list(vars(robot)) and hash(moved) != hash(robot) and robot.x == 1.0
     assert replace(robot) == robot and replace(robot) is not robot
-    assert is_plain(Robot) and not is_plain(Checked) and not is_plain(Slotted)
+    assert has_generated_init(Robot) and not has_generated_init(Checked) and not has_generated_init(Slotted)
     with pytest.raises(FrozenInstanceError):
         moved.x = 3.0  # type: ignore[misc]
     with pytest.raises(TypeError, match="speed"):

@@ -62,7 +62,7 @@ def test_the_bytes_of_frames() -> None:
     ],
 )
 def test_packets_share_frames(sizes: list[int], least: int | None, frames: list[list[int]]) -> None:
-    limits = LinkParameters(least_fragment=least) if least else LinkParameters()
+    limits = LinkParameters(min_fragment=least) if least else LinkParameters()
     made = Fragmenter(1, limits).frames([bytes(size - 4) for size in sizes])
     assert [[size for _, size, *_ in pieces(frame)] for frame in made] == frames
 
@@ -71,7 +71,7 @@ def test_packets_share_frames(sizes: list[int], least: int | None, frames: list[
 def test_a_packet_beyond_the_limit_is_refused_and_uses_no_number(size: int) -> None:
     fragmenter = Fragmenter(1)
     with refused(
-        f"a packet for the link has {size} bytes; must have 1 to 1024 (LinkParameters.most_packet)",
+        f"a packet for the link has {size} bytes; must have 1 to 1024 (LinkParameters.max_packet)",
         ExecutionError,
     ):
         fragmenter.frames([b"x", bytes(size)])
@@ -84,7 +84,7 @@ def test_a_packet_beyond_the_limit_is_refused_and_uses_no_number(size: int) -> N
 def test_every_byte_is_sent_once_in_no_more_frames_than_without_sharing(
     packets: list[bytes], frame_data: int, least: int
 ) -> None:
-    frames = Fragmenter(7, LinkParameters(frame_data=frame_data, least_fragment=least)).frames(packets)
+    frames = Fragmenter(7, LinkParameters(frame_data=frame_data, min_fragment=least)).frames(packets)
     sent = [bytearray() for _ in packets]
     for frame in frames:
         assert len(frame) <= frame_data
@@ -161,13 +161,13 @@ def test_incomplete_packets_time_out() -> None:
     assert reassembly.take(Instant(seconds(2)), 1, third) == []
     assert counted(reassembly) == {"timed_out": 1}
     assert open_packets(reassembly) == 1  # the third fragment alone
-    reassembly.give_up(Instant(seconds(4)))
+    reassembly.drop_expired(Instant(seconds(4)))
     assert (open_packets(reassembly), open_bytes(reassembly)) == (0, 0)
     assert counted(reassembly) == {"timed_out": 2}
 
 
 def test_the_oldest_open_packet_is_evicted() -> None:
-    limits = LinkParameters(frame_data=20, most_open=2)
+    limits = LinkParameters(frame_data=20, max_open=2)
     frames = Fragmenter(7, limits).frames([PACKET])
     reassembly = Reassembly(limits)
     for sender in range(3):
@@ -219,14 +219,14 @@ def test_packet_numbers_wrap_around() -> None:
     assert sorted(got) == sorted([PACKET, PACKET.upper()])
 
 
-TIGHT = LinkParameters(frame_data=40, most_packet=200, most_open=3)
+TIGHT = LinkParameters(frame_data=40, max_packet=200, max_open=3)
 
 
 def take_bounded(reassembly: Reassembly, now: int, sender: int, frame: bytes) -> list[bytes]:
     """Return the completed packets; check that what is kept stays within the limits of TIGHT."""
     packets = reassembly.take(Instant(now), sender, frame)
-    assert open_packets(reassembly) <= TIGHT.most_open
-    assert open_bytes(reassembly) <= TIGHT.most_open * (TIGHT.most_packet + CHECKSUM.size)
+    assert open_packets(reassembly) <= TIGHT.max_open
+    assert open_bytes(reassembly) <= TIGHT.max_open * (TIGHT.max_packet + CHECKSUM.size)
     return packets
 
 
@@ -248,7 +248,7 @@ def test_no_frames_raise_or_fill_the_memory(heard: list[tuple[int, int, bytes]])
     for later, sender, frame in heard:
         now += later
         for packet in take_bounded(reassembly, now, sender, frame):
-            assert 0 < len(packet) <= TIGHT.most_packet
+            assert 0 < len(packet) <= TIGHT.max_packet
 
 
 @dataclass
@@ -273,7 +273,7 @@ def _swarms(draw: st.DrawFn) -> list[Sender]:
 def test_all_frames_in_any_order_give_every_packet_once(swarm: list[Sender], data: st.DataObject) -> None:
     aired = [(sender.address, frame) for sender in swarm for frame in sender.frames]
     got: list[tuple[int, bytes]] = []
-    reassembly = Reassembly(LinkParameters(frame_data=40, most_packet=200))
+    reassembly = Reassembly(LinkParameters(frame_data=40, max_packet=200))
     for address, frame in data.draw(st.permutations(aired)):
         got += [(address, packet) for packet in reassembly.take(START, address, frame)]
     assert sorted(got) == sorted((sender.address, packet) for sender in swarm for packet in sender.packets)
@@ -342,14 +342,14 @@ LONG_ID = "ä" * 17
     [
         (
             KNOWLEDGE,
-            LinkParameters(most_packet=16),
+            LinkParameters(max_packet=16),
             "the published knowledge of 'r1' has 19 bytes; "
-            "at most 16 are allowed (LinkParameters.most_packet)",
+            "at most 16 are allowed (LinkParameters.max_packet)",
         ),
         (
             KnowledgePacket(LONG_ID, Version(0, 1), 0, ()),
             LinkParameters(),
-            f"the id '{LONG_ID}' has 34 bytes in UTF-8; at most 32 are allowed (LinkParameters.most_id)",
+            f"the id '{LONG_ID}' has 34 bytes in UTF-8; at most 32 are allowed (LinkParameters.max_id)",
         ),
     ],
 )

@@ -21,7 +21,7 @@ from deeco import (
     seconds,
 )
 from deeco.instant import Duration, Task
-from deeco.node import Agenda, Node
+from deeco.node import Node, TaskQueue
 from tests.refusals import refused
 
 
@@ -236,7 +236,7 @@ def note(log: list[tuple[int, T]], what: T) -> Task:
 
 
 def test_lower_order_goes_first_then_who_came_first() -> None:
-    agenda = Agenda()
+    agenda = TaskQueue()
     log: list[tuple[int, str]] = []
     for name, order in (("a", 1), ("b", 0), ("c", 1), ("d", 0)):
         agenda.repeat(note(log, name), Instant(0), Duration(5), order)
@@ -247,7 +247,7 @@ def test_lower_order_goes_first_then_who_came_first() -> None:
 
 
 def test_skipping_keeps_the_rhythm_and_drops_single_tasks() -> None:
-    agenda, log = Agenda(), list[tuple[int, str]]()
+    agenda, log = TaskQueue(), list[tuple[int, str]]()
     agenda.repeat(note(log, "a"), Instant(3), Duration(10))
     agenda.once(note(log, "b"), Instant(20))
     agenda.once(note(log, "b"), Instant(45))
@@ -262,7 +262,7 @@ def test_skipping_keeps_the_rhythm_and_drops_single_tasks() -> None:
 )
 def test_any_cutting_into_steps_gives_the_same(tasks: list[tuple[int, int, int]], cuts: list[int]) -> None:
     def log_of(boundaries: list[int]) -> list[tuple[int, int]]:
-        agenda: Agenda = Agenda()
+        agenda: TaskQueue = TaskQueue()
         log: list[tuple[int, int]] = []
         for number, (first, every, order) in enumerate(tasks):
             agenda.repeat(note(log, number), Instant(first), Duration(every), order)
@@ -276,7 +276,7 @@ def test_any_cutting_into_steps_gives_the_same(tasks: list[tuple[int, int, int]]
 
 
 def test_what_plans_without_end_is_stopped() -> None:
-    agenda = Agenda(most=3)
+    agenda = TaskQueue(most=3)
     agenda.repeat(lambda now: None, Instant(7_000_000), Duration(10))
     for _ in range(2):
         agenda.once(lambda now: None, Instant(9_000_000))

@@ -115,7 +115,7 @@ def test_at_any_moment_all_that_is_too_old_is_gone_and_nothing_else(
 
 
 def test_the_one_heard_longest_ago_makes_room() -> None:
-    node = listener(most_replicas=2)
+    node = listener(max_replicas=2)
     for name in ("c", "a", "b"):
         hear(node, *publications(1, name=name))
     assert counts(node) == {"a": 1, "b": 1}
@@ -277,7 +277,11 @@ def test_what_was_cancelled_still_counts_until_its_time() -> None:
     planned: list[Callable[[Instant], None]] = []
     counters = NodeCounters()
     relay = Relay(
-        RelayParameters(waiting=4), 1, lambda task, at: planned.append(task), lambda now, data: None, counters
+        RelayParameters(max_waiting=4),
+        1,
+        lambda task, at: planned.append(task),
+        lambda now, data: None,
+        counters,
     )
     for number in range(100):
         packet = KnowledgePacket("c0", Version(0, number), 0, ())

@@ -16,8 +16,8 @@ from deeco.component import component, role
 from deeco.errors import DefinitionError, DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge
 from deeco.link import LinkParameters
-from deeco.schema import Resolution, RoleBook, Unpacked
-from tests.deeco.sweepers import BOOK, Mode, Point, Sweeper, robot
+from deeco.schema import Resolution, RoleRegistry, UnpackedRoles
+from tests.deeco.sweepers import REGISTRY, Mode, Point, Sweeper, robot
 from tests.refusals import refused
 
 Metres = NewType("Metres", float)
@@ -56,7 +56,7 @@ class Pair(NamedTuple):
 
 
 def fingerprint(kind: type[Knowledge]) -> int:
-    return next(iter(RoleBook([kind])._by_fingerprint))
+    return next(iter(RoleRegistry([kind])._by_fingerprint))
 
 
 def role_of(name: str = "Sample", **annotations: Any) -> type[Knowledge]:
@@ -70,14 +70,14 @@ def played(kind: type[Knowledge]) -> type[Knowledge]:
 def packed(annotation: Any, value: Any, **limits: Any) -> Any:
     kind = role_of(value=annotation)
     fields: dict[str, Any] = {"value": value}
-    ((_, (there,)),) = RoleBook([kind], LinkParameters(**limits)).pack(played(kind)(id="c", **fields))
+    ((_, (there,)),) = RoleRegistry([kind], LinkParameters(**limits)).pack(played(kind)(id="c", **fields))
     return there
 
 
 def unpacked(annotation: Any, there: Any, **limits: Any) -> Any:
     """Return a received value of a field of this type; JUNK if it is rejected."""
     kind = role_of(value=annotation)
-    got = RoleBook([kind], LinkParameters(**limits)).unpack("c", ((fingerprint(kind), (there,)),))
+    got = RoleRegistry([kind], LinkParameters(**limits)).unpack("c", ((fingerprint(kind), (there,)),))
     return JUNK if got is None else vars(got.roles[0])["value"]
 
 
@@ -124,14 +124,14 @@ def test_every_type_has_its_form(annotation: Any, value: Any, there: Any) -> Non
 
 
 def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
-    (here,) = RoleBook([Sweeper, Sweeper]).pack(robot(0))
+    (here,) = RoleRegistry([Sweeper, Sweeper]).pack(robot(0))
     assert here == (fingerprint(Sweeper), ((45123, -12500), 1, ("r13", 3, (34234, -12500), 6), ()))
-    got = BOOK.unpack("r12", (here,))
+    got = REGISTRY.unpack("r12", (here,))
     value = robot(0)
     expected = Sweeper(
         id="r12", position=value.position, mode=value.mode, goal=value.goal, claims=value.claims
     )
-    assert got == Unpacked((expected,), 0)
+    assert got == UnpackedRoles((expected,), 0)
     assert type(got.roles[0]) is Sweeper
 
 
@@ -152,11 +152,11 @@ def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
         ),
         (str, b"x", "b'x' must be a str"),
         (str, "\ud800", "'\\ud800' must be a str without lone surrogates"),
-        (str, "ä" * 129, "a str has 258 bytes in UTF-8; at most 256 are allowed (LinkParameters.most_text)"),
+        (str, "ä" * 129, "a str has 258 bytes in UTF-8; at most 256 are allowed (LinkParameters.max_text)"),
         (
             bytes,
             b"x" * 257,
-            "a bytes value has 257 bytes; at most 256 are allowed (LinkParameters.most_text)",
+            "a bytes value has 257 bytes; at most 256 are allowed (LinkParameters.max_text)",
         ),
         (bytes, "x", "'x' must be bytes"),
         (None, 0, "0 must be None"),
@@ -167,7 +167,7 @@ def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
         (
             tuple[int, ...],
             (1,) * 65,
-            "a tuple has 65 items; at most 64 are allowed (LinkParameters.most_items)",
+            "a tuple has 65 items; at most 64 are allowed (LinkParameters.max_items)",
         ),
         (tuple[int, int], (1,), "(1,) must be a tuple of 2 items"),
         (Pair, (1, "x"), "(1, 'x') must be a Pair"),
@@ -227,26 +227,26 @@ def test_a_value_of_another_form_is_rejected(annotation: Any, there: Any) -> Non
 
 
 def test_limits_are_parameters() -> None:
-    assert packed(str, "x" * 300, most_text=300) == "x" * 300
-    assert unpacked(tuple[int, ...], (1,) * 100, most_items=100) == (1,) * 100
-    assert unpacked(str, "xx", most_text=1) is JUNK
+    assert packed(str, "x" * 300, max_text=300) == "x" * 300
+    assert unpacked(tuple[int, ...], (1,) * 100, max_items=100) == (1,) * 100
+    assert unpacked(str, "xx", max_text=1) is JUNK
 
 
 def test_fields_too_many_or_missing_are_junk_and_so_is_a_role_that_comes_twice() -> None:
-    (here,) = BOOK.pack(robot(1))
+    (here,) = REGISTRY.pack(robot(1))
     key, fields = here
-    assert BOOK.unpack("r12", ((key, fields[:-1]),)) is None
-    assert BOOK.unpack("r12", ((key, (*fields, 1)),)) is None
-    assert BOOK.unpack("r12", (here, here)) is None
+    assert REGISTRY.unpack("r12", ((key, fields[:-1]),)) is None
+    assert REGISTRY.unpack("r12", ((key, (*fields, 1)),)) is None
+    assert REGISTRY.unpack("r12", (here, here)) is None
 
 
 def test_a_component_publishes_all_its_roles_and_a_peer_reads_those_it_knows() -> None:
     first, second = role_of("First", a=int), role_of("Second", b=str)
     both: type[Knowledge] = component(type("Both", (first, second), {"__annotations__": {"c": float}}))
     fields: dict[str, Any] = {"a": 1, "b": "x", "c": 0.5}
-    there = RoleBook([first, second]).pack(both(id="r1", **fields))
+    there = RoleRegistry([first, second]).pack(both(id="r1", **fields))
     assert there == ((fingerprint(first), (1,)), (fingerprint(second), ("x",)))
-    got = RoleBook([second]).unpack("r1", there)
+    got = RoleRegistry([second]).unpack("r1", there)
     assert got is not None
     assert got.unknown == 1
     assert [vars(one) for one in got.roles] == [{"id": "r1", "b": "x"}]
@@ -297,7 +297,7 @@ Nested: Any = tuple[tuple[tuple[tuple[tuple[int]]]]]
 def pack_both() -> object:
     both: type[Knowledge] = component(type("Both", (First, Second), {}))
     fields: dict[str, Any] = {"a": 1, "b": 2}
-    return RoleBook([First, Second], LinkParameters(most_roles=1)).pack(both(id="c", **fields))
+    return RoleRegistry([First, Second], LinkParameters(max_roles=1)).pack(both(id="c", **fields))
 
 
 @pytest.mark.parametrize(
@@ -313,13 +313,13 @@ def pack_both() -> object:
         ),
         (
             {"a": Nested},
-            {"most_depth": 4},
-            "its types are nested 5 levels deep; at most 4 are allowed (LinkParameters.most_depth)",
+            {"max_depth": 4},
+            "its types are nested 5 levels deep; at most 4 are allowed (LinkParameters.max_depth)",
         ),
         (
             dict.fromkeys((f"a{index}" for index in range(65)), int),
             {},
-            "Sample has 65 fields; at most 64 are allowed (LinkParameters.most_items)",
+            "Sample has 65 fields; at most 64 are allowed (LinkParameters.max_items)",
         ),
     ],
 )
@@ -327,14 +327,14 @@ def test_roles_that_cannot_be_published_are_refused(
     fields: dict[str, Any], limits: dict[str, Any], sentence: str
 ) -> None:
     with refused(f"role Sample cannot be published: {sentence}", DeploymentError):
-        RoleBook([role_of("Sample", **fields)], LinkParameters(**limits))
+        RoleRegistry([role_of("Sample", **fields)], LinkParameters(**limits))
 
 
 SAME = f"the same fingerprint, {fingerprint(Sample):08x}; rename one of them"
 MISTAKES: dict[str, Callable[[], object]] = {
-    f"{__name__}.Sample and {__name__}.Sample have {SAME}": lambda: RoleBook([Sample, role_of(a=int)]),
-    "Robot plays Sweeper, which is not in the role book": lambda: RoleBook([]).pack(robot(0)),
-    "Both plays 2 roles; at most 1 are allowed (LinkParameters.most_roles)": pack_both,
+    f"{__name__}.Sample and {__name__}.Sample have {SAME}": lambda: RoleRegistry([Sample, role_of(a=int)]),
+    "Robot plays Sweeper, which is not in the role registry": lambda: RoleRegistry([]).pack(robot(0)),
+    "Both plays 2 roles; at most 1 are allowed (LinkParameters.max_roles)": pack_both,
     "Player cannot be published: decorate its class with @role": lambda: fingerprint(played(Sweeper)),
     "LinkParameters.frame_data is 9; must be from 10 to 65535": lambda: LinkParameters(frame_data=9),
 }
@@ -405,11 +405,11 @@ def _record(items: list[Typed]) -> Typed:
 def test_any_role_of_any_types_comes_back_as_it_was(data: st.DataObject, items: list[Typed]) -> None:
     kind = role_of(**{f"f{i}": annotation for i, (annotation, _) in enumerate(items)})
     values = {f"f{i}": data.draw(values) for i, (_, values) in enumerate(items)}
-    book = RoleBook([kind])
-    there = book.pack(played(kind)(id="c", **values))
+    registry = RoleRegistry([kind])
+    there = registry.pack(played(kind)(id="c", **values))
     travelled = msgpack.unpackb(msgpack.packb(there), use_list=False)
-    got = book.unpack("c", travelled)
-    assert got == Unpacked((kind(id="c", **values),), 0)
+    got = registry.unpack("c", travelled)
+    assert got == UnpackedRoles((kind(id="c", **values),), 0)
     assert repr(got.roles[0]) == repr(kind(id="c", **values))  # types, too: 1 == 1.0 == True
 
 
@@ -423,5 +423,5 @@ _ANYTHING = st.recursive(
 @given(_ANYTHING)
 @settings(derandomize=True, max_examples=300)
 def test_whatever_fields_come_nothing_raises(fields: Any) -> None:
-    got = BOOK.unpack("r12", ((fingerprint(Sweeper), fields),))
+    got = REGISTRY.unpack("r12", ((fingerprint(Sweeper), fields),))
     assert got is None or isinstance(got.roles[0], Sweeper)

@@ -12,7 +12,7 @@ from actors.randomness import generator
 from actors.task.task import PlaceKey
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner, State
-from deeco.knowledge import seen_as
+from deeco.knowledge import role_view
 from examples.contention import contend
 from examples.convoy import drive
 from examples.courteous import CourteousRobot, GivingWay, HandOver, Offering
@@ -93,7 +93,7 @@ def test_it_pauses_the_robot_and_lets_it_go_on() -> None:
 def test_who_is_in_the_way_stands_or_is_sent_anywhere() -> None:
     r1, r2 = (replace(robot(name, 0.0, 5.0), state=State.BLOCKED) for name in ("r1", "r2"))
     ensemble, chance = GivingWay(1.5), generator(1, "behaviour", "r1", 0)
-    assert ensemble.membership(seen_as(r2, Cleaner), r1)  # type: ignore[arg-type]  # it is a Cleaner
+    assert ensemble.membership(role_view(r2, Cleaner), r1)  # type: ignore[arg-type]  # it is a Cleaner
     made = [ensemble.at_member(r2, r1, Floor(), chance, NOW) for _ in range(20)]
     assert {(one.waypoint, one.waits_until) for one in made} == {(SOMEWHERE, None), (None, NOW + seconds(3))}
     ways = Ways()
@@ -104,12 +104,12 @@ def test_who_is_in_the_way_stands_or_is_sent_anywhere() -> None:
 def test_it_hands_a_place_over_to_who_has_none() -> None:
     r1, r2 = robot("r1", 0.0, 9.0, 2.0).reorder(), robot("r2", 30.0)
     hand_over, remove = HandOver(), AdoptedDestinationRemove(exchange=False)
-    offering = seen_as(r1, Offering)
+    offering = role_view(r1, Offering)
     assert isinstance(offering, Offering) and hand_over.membership(offering, r2)
     r2 = hand_over.at_member(offering, r2, NOW)
     assert r2.destination == assignment(9.0, term=1) and r1.holds(PlaceKey("r1", 0))
     assert not hand_over.membership(offering, r2), "it has one now"
-    heard = seen_as(r2, Offering)
+    heard = role_view(r2, Offering)
     assert isinstance(heard, Offering) and remove.membership(heard, r1)
     left = remove.at_member(heard, r1, NOW)
     assert not left.holds(PlaceKey("r1", 0)) and left.destination == assignment(2.0, 1)

@@ -10,7 +10,7 @@ from typing import Any, Protocol, Self
 import pytest
 
 from deeco import Knowledge, component, ensemble, periodic, role, seconds
-from deeco.explain.dataflow import Flow, flow
+from deeco.explain.dataflow import Flow, analyse_flow
 
 
 class Motor(Protocol):
@@ -165,7 +165,7 @@ ACCESSES: list[tuple[Callable[..., Any], tuple[str, ...], tuple[str, ...]]] = [
 
 
 def analysed(function: Callable[..., Any]) -> Flow:
-    return flow(function, {"self": Truck}, gives=True)
+    return analyse_flow(function, {"self": Truck}, returns_knowledge=True)
 
 
 @pytest.mark.parametrize(
@@ -177,11 +177,11 @@ def test_reads_and_writes(
     found = analysed(function)
     assert sorted(found.read("self")) == sorted(reads)
     assert sorted(found.written("self")) == sorted(writes)
-    assert list(found.doubts) == []
+    assert list(found.unknowns) == []
 
 
 def test_a_method_is_that_of_the_class_in_hand() -> None:
-    assert flow(by_method, {"self": Lorry}).read("self") == ("speed", "load")
+    assert analyse_flow(by_method, {"self": Lorry}).read("self") == ("speed", "load")
 
 
 def any_fields(self: Truck, changes: dict[str, Any]) -> Truck:
@@ -218,7 +218,7 @@ def forever(self: Truck) -> Truck:
     return self.again()
 
 
-DOUBTS: list[tuple[Callable[..., Any], tuple[str, ...]]] = [
+UNRESOLVED: list[tuple[Callable[..., Any], tuple[str, ...]]] = [
     (any_fields, ("writes of `replace(self, fuel=1.0, **changes)`",)),
     (built, ("writes of `return Truck(id=self.id, position=self.position)`",)),
     (told_to_a_port, ("reads of self in `motor.tell(self)`",)),
@@ -239,15 +239,15 @@ DOUBTS: list[tuple[Callable[..., Any], tuple[str, ...]]] = [
 ]
 
 
-@pytest.mark.parametrize(("function", "doubts"), DOUBTS, ids=lambda one: getattr(one, "__name__", ""))
-def test_unresolved_accesses_are_listed(function: Callable[..., Any], doubts: tuple[str, ...]) -> None:
-    assert tuple(analysed(function).doubts) == doubts
+@pytest.mark.parametrize(("function", "doubts"), UNRESOLVED, ids=lambda one: getattr(one, "__name__", ""))
+def test_unresolved_accesses_are_listed(function: Callable[..., Any], unknowns: tuple[str, ...]) -> None:
+    assert tuple(analysed(function).unknowns) == unknowns
 
 
 def test_a_function_without_source() -> None:
     names: dict[str, Any] = {}
     exec("def hidden(self): return self", names)
-    assert list(analysed(names["hidden"]).doubts) == [
+    assert list(analysed(names["hidden"]).unknowns) == [
         "reads and writes of hidden(), whose source is not available"
     ]
 
@@ -268,14 +268,14 @@ class Convoy:
 
 def test_both_sides_of_an_ensemble_are_kept_apart() -> None:
     subjects: dict[str, type] = {"self": Convoy, "coordinator": Vehicle, "member": Truck}
-    membership = flow(Convoy.membership, subjects)
+    membership = analyse_flow(Convoy.membership, subjects)
     assert membership.read("coordinator") == ("position", "speed")
     assert membership.read("member") == ("position",)
     assert membership.read("self") == ("gap",)
-    exchange = flow(Convoy.at_member, subjects, gives=True)
+    exchange = analyse_flow(Convoy.at_member, subjects, returns_knowledge=True)
     assert (exchange.read("coordinator"), exchange.written("coordinator")) == (("speed",), ())
     assert (exchange.read("member"), exchange.written("member")) == ((), ("speed",))
-    assert not membership.doubts | exchange.doubts
+    assert not membership.unknowns | exchange.unknowns
 
 
 def test_a_tagged_process_is_a_plain_function() -> None:
@@ -285,4 +285,4 @@ def test_a_tagged_process_is_a_plain_function() -> None:
         def stop(self) -> Self:
             return changed(self, speed=0.0)
 
-    assert flow(Van.stop, {"self": Van}, gives=True).written("self") == ("speed",)
+    assert analyse_flow(Van.stop, {"self": Van}, returns_knowledge=True).written("self") == ("speed",)

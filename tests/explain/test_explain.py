@@ -14,7 +14,7 @@ from actors.robot.behaviour import Start
 from actors.robot.behaviour.loading import load_behaviour
 from actors.robot.behaviour.node_host import ensembles_of, node_of
 from cleaning.strategies import STRATEGIES, entry
-from deeco.explain.anatomy import ComponentPart, meeting, processes
+from deeco.explain.analysis import ComponentPart, ensemble_part, processes
 from deeco.explain.command import main
 from tests.cleaning.equipment import Floor
 from tests.documentation.markdown import MarkdownPage
@@ -129,15 +129,15 @@ def parts(strategy: str) -> tuple[ComponentPart, ...]:
     node = node_of(behaviour)
     assert node is not None
     kind = type(node.knowledge("r1"))
-    met = [meeting(type(one), kind) for one in ensembles_of(behaviour)]
-    return processes(kind) + tuple(part for part in met if part)
+    parts = [ensemble_part(type(one), kind) for one in ensembles_of(behaviour)]
+    return processes(kind) + tuple(part for part in parts if part)
 
 
 @pytest.mark.parametrize("strategy", [*STRATEGIES, *EXAMPLES])
 def test_every_process_and_ensemble_is_analysed(strategy: str) -> None:
     found = parts(strategy)
-    assert {(strategy, part.name): part.doubts for part in found if part.doubts} == {
-        key: doubts for key, doubts in UNKNOWN.items() if key[0] == strategy
+    assert {(strategy, part.name): part.unknowns for part in found if part.unknowns} == {
+        key: unknowns for key, unknowns in UNKNOWN.items() if key[0] == strategy
     }
     assert all(part.writes for part in found if part.name not in {"report_status", "PeerMask"})
 

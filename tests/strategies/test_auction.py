@@ -15,7 +15,7 @@ from cleaning.place import Assignment
 from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid
 from deeco.fragments import Fragmenter
 from deeco.packet import KnowledgePacket, Version, pack
-from deeco.schema import RoleBook
+from deeco.schema import RoleRegistry
 from tests.cleaning.equipment import NOW, Act, Floor, Notes, Story, assignment, published
 
 seen = partial(published, role=Bidder)
@@ -89,7 +89,7 @@ def test_a_bid_is_one_frame() -> None:
         robot = robot.taking(place, 0)
     robot = robot.plan(FLOOR)
     assert len(robot.bids) == robots and len(robot.adopted) == 2
-    data = pack(KnowledgePacket("r8", Version(1, 600), 3, RoleBook([Bidder]).pack(robot)))
+    data = pack(KnowledgePacket("r8", Version(1, 600), 3, RoleRegistry([Bidder]).pack(robot)))
     (frame,) = Fragmenter(1).frames([data])
     assert len(frame) <= FRAME_DATA_LIMIT
 

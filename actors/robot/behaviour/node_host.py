@@ -35,7 +35,7 @@ from actors.robot.behaviour.ports import (
 )
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from deeco import DeecoError, Knowledge
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 from deeco.link import Reception, Transmission
 from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
@@ -285,8 +285,8 @@ class _Hosted:
                 epoch=start.epoch,
                 start=first,
                 publish_phase=self._phase,
-                witness=self._log.take,
-                former=self._former,
+                on_commit=self._log.take,
+                previous=self._former,
             )
         except DeecoError as error:
             raise BehaviourError(str(error)) from error
@@ -304,7 +304,7 @@ class _Hosted:
         heard: list[Reception] = []
         for event in events:
             if isinstance(event, Heard):
-                heard += (made(Reception, (event.instant, event.sender, event.data, event.rssi_dbm)),)
+                heard += (new_tuple(Reception, (event.instant, event.sender, event.data, event.rssi_dbm)),)
             else:
                 self._counted[_OUTCOMES[type(event)]] += 1
         return heard
@@ -330,6 +330,6 @@ def _network(start: Start) -> NetworkParameters:
     exchange, relay = start.exchange, None
     if exchange.relay:
         relay = RelayParameters(
-            hop_limit=exchange.hop_limit, longest=exchange.relay_delay, relay_below_dbm=exchange.relay_below
+            hop_limit=exchange.hop_limit, max_delay=exchange.relay_delay, relay_below_dbm=exchange.relay_below
         )
     return NetworkParameters(publish_every=exchange.publish, forget_after=exchange.forget, relay=relay)

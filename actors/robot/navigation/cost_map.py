@@ -32,7 +32,7 @@ from actors.robot.navigation.ray_tracing import (
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 from actors.settings import Interval, NotNegative, Positive, Settings
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 
 LETHAL: Final = 254
 """Cost of a cell that holds something."""
@@ -303,7 +303,7 @@ class CostMap:
         row, column = math.floor(here.y / cell) - self._half, math.floor(here.x / cell) - self._half
         up, right = row - self.corner.row, column - self.corner.column
         if up or right:
-            self.corner = made(Cell, (row, column))
+            self.corner = new_tuple(Cell, (row, column))
             self._marks = _rolled(self._marks, up, right, 0)
             if self._stamps.size:
                 self._stamps = _rolled(self._stamps, up, right, _NEVER)

@@ -29,7 +29,7 @@ from actors.robot.navigation.dwa import (
 from actors.robot.navigation.map_grid import Waves, wavefront
 from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
 from actors.robot_model import DriveParameters
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 
 
 @kernel
@@ -243,7 +243,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         if choice.cost < 0.0:
             return NOWHERE
         self._oscillation.note(here, choice.speed, choice.turn)
-        return made(Steering, (made(Twist, (choice.speed, 0.0, choice.turn)), True))
+        return new_tuple(Steering, (new_tuple(Twist, (choice.speed, 0.0, choice.turn)), True))
 
     def _cheapest(
         self, here: Pose, estimate: Pose, window: tuple[float, float, float, float], barred: Flags
@@ -264,7 +264,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
             self._critics,
             self._alignment,
         )
-        return made(CheapestVelocity, found)
+        return new_tuple(CheapestVelocity, found)
 
     def _window(self, velocity: Twist) -> tuple[float, float, float, float]:
         """The least and greatest speed, m/s, and turn rate, rad/s, within reach.

@@ -27,7 +27,7 @@ from actors.robot.navigation.planning import GlobalPlanner
 from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.sweep import Sweep
 from actors.settings import Count, Interval, NotNegative, Positive, PositiveInterval, Settings
-from deeco.knowledge import made
+from deeco.knowledge import new_tuple
 
 
 class PursuitState(Enum):
@@ -272,7 +272,7 @@ class Navigator:
     def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
         """Take in the odometry's pose and a scan, if there is one."""
         self._local.take(instant, here, sweep)
-        self._here, self._now = made(Point, here[:2]), instant
+        self._here, self._now = new_tuple(Point, here[:2]), instant
         self._counts.now = instant
         if self._withdrawal is None:
             self._trail.take(self._here)

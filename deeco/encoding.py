@@ -24,7 +24,7 @@ from typing import (
 )
 
 from deeco.errors import DefinitionError
-from deeco.knowledge import describe, is_frozen_struct, is_plain, struct_fields
+from deeco.knowledge import describe, has_generated_init, is_frozen_struct, struct_fields
 from deeco.link import LinkParameters
 
 _LEAST: Final = -(2**63)
@@ -32,11 +32,11 @@ _MOST: Final = 2**64 - 1
 """With _LEAST: range of msgpack integers."""
 
 
-class Junk(Exception):  # noqa: N818  # internal
+class MalformedDataError(Exception):
     """Received data that do not match the expected encoding."""
 
 
-class Unfit(Exception):  # noqa: N818  # internal
+class UnencodableValueError(Exception):
     """A value that cannot be encoded; the message names the fault and the remedy."""
 
 
@@ -64,40 +64,40 @@ class Resolution:
 
 
 @dataclass(frozen=True)
-class Form:
+class Codec:
     """Encoding of the values of one type."""
 
-    says: str
+    signature: str
     """Text form; types of equal text are encoded alike."""
     kinds: frozenset[type]
     """Classes of the encoded values."""
     pack: Callable[[Any], Any]
-    """Convert a value for msgpack. Raises Unfit."""
+    """Convert a value for msgpack. Raises UnencodableValueError."""
     unpack: Callable[[Any], Any]
-    """Convert back. Raises only Junk, for anything that `pack` does not return."""
+    """Convert back. Raises only MalformedDataError, for anything that `pack` does not return."""
     depth: int = 0
     """Depth of nested arrays."""
 
 
-def refuse(value: object, should: str) -> NoReturn:
-    """Raise Unfit for a value of the wrong type; `should` names the right one."""
-    raise Unfit(f"{reprlib.repr(value)} must be {should}")
+def refuse(value: object, expected: str) -> NoReturn:
+    """Raise UnencodableValueError for a value of the wrong type; `expected` names the right one."""
+    raise UnencodableValueError(f"{reprlib.repr(value)} must be {expected}")
 
 
-def _singletons(says: str, kind: type, values: tuple[Any, ...], should: str) -> Form:
-    """Return the form of values compared by identity and encoded as themselves."""
+def _identity_codec(signature: str, kind: type, values: tuple[Any, ...], expected: str) -> Codec:
+    """Return the codec of values compared by identity and encoded as themselves."""
 
     def pack(value: Any) -> Any:
         if not any(value is one for one in values):
-            refuse(value, should)
+            refuse(value, expected)
         return value
 
     def unpack(value: object) -> Any:
         if not any(value is one for one in values):
-            raise Junk
+            raise MalformedDataError
         return value
 
-    return Form(says, frozenset({kind}), pack, unpack)
+    return Codec(signature, frozenset({kind}), pack, unpack)
 
 
 def _pack_int(value: Any) -> int:
@@ -111,7 +111,7 @@ def _pack_int(value: Any) -> int:
 def _unpack_int(value: object) -> int:
     if type(value) is int and _LEAST <= value <= _MOST:
         return value
-    raise Junk
+    raise MalformedDataError
 
 
 def _pack_float(value: Any) -> float:
@@ -131,17 +131,17 @@ def _pack_float(value: Any) -> float:
 def _unpack_float(value: object) -> float:
     if type(value) is float and isfinite(value):
         return value
-    raise Junk
+    raise MalformedDataError
 
 
-NONE: Final = _singletons("None", NoneType, (None,), "None")
-BOOL: Final = _singletons("bool", bool, (True, False), "True or False")
-INT: Final = Form("int", frozenset({int}), _pack_int, _unpack_int)
-FLOAT: Final = Form("float", frozenset({float}), _pack_float, _unpack_float)
+NONE: Final = _identity_codec("None", NoneType, (None,), "None")
+BOOL: Final = _identity_codec("bool", bool, (True, False), "True or False")
+INT: Final = Codec("int", frozenset({int}), _pack_int, _unpack_int)
+FLOAT: Final = Codec("float", frozenset({float}), _pack_float, _unpack_float)
 
 
-def rounded(resolution: Resolution) -> Form:
-    """Return the form of floats as integer multiples of a resolution."""
+def resolution_codec(resolution: Resolution) -> Codec:
+    """Return the codec of floats as integer multiples of a resolution."""
     per_unit = resolution.per_unit
 
     def pack(value: Any) -> int:
@@ -153,13 +153,13 @@ def rounded(resolution: Resolution) -> Form:
     def unpack(value: object) -> float:
         if type(value) is int and _LEAST <= value <= _MOST:
             return value / per_unit
-        raise Junk
+        raise MalformedDataError
 
-    return Form(f"float/{per_unit}", FLOAT.kinds, pack, unpack)
+    return Codec(f"float/{per_unit}", FLOAT.kinds, pack, unpack)
 
 
-def text(most: int) -> Form:
-    """Return the form of str values of up to `most` bytes in UTF-8."""
+def text_codec(most: int) -> Codec:
+    """Return the codec of str values of up to `most` bytes in UTF-8."""
 
     def pack(value: Any) -> str:
         if not isinstance(value, str):
@@ -169,17 +169,17 @@ def text(most: int) -> Form:
         except UnicodeEncodeError:
             refuse(value, "a str without lone surrogates")
         if size > most:
-            raise Unfit(
-                f"a str has {size} bytes in UTF-8; at most {most} are allowed (LinkParameters.most_text)"
+            raise UnencodableValueError(
+                f"a str has {size} bytes in UTF-8; at most {most} are allowed (LinkParameters.max_text)"
             )
         return value
 
     def unpack(value: object) -> str:
         if type(value) is str and (4 * len(value) <= most or text_size(value) <= most):
             return value
-        raise Junk
+        raise MalformedDataError
 
-    return Form("str", frozenset({str}), pack, unpack)
+    return Codec("str", frozenset({str}), pack, unpack)
 
 
 def text_size(value: str) -> int:
@@ -187,28 +187,28 @@ def text_size(value: str) -> int:
     return len(value) if value.isascii() else len(value.encode("utf-8", "surrogatepass"))
 
 
-def octets(most: int) -> Form:
-    """Return the form of bytes values of up to `most` bytes."""
+def bytes_codec(most: int) -> Codec:
+    """Return the codec of bytes values of up to `most` bytes."""
 
     def pack(value: Any) -> bytes:
         if not isinstance(value, bytes):
             refuse(value, "bytes")
         if len(value) > most:
-            raise Unfit(
-                f"a bytes value has {len(value)} bytes; at most {most} are allowed (LinkParameters.most_text)"
+            raise UnencodableValueError(
+                f"a bytes value has {len(value)} bytes; at most {most} are allowed (LinkParameters.max_text)"
             )
         return value
 
     def unpack(value: object) -> bytes:
         if type(value) is bytes and len(value) <= most:
             return value
-        raise Junk
+        raise MalformedDataError
 
-    return Form("bytes", frozenset({bytes}), pack, unpack)
+    return Codec("bytes", frozenset({bytes}), pack, unpack)
 
 
-def enumeration(cls: type[Enum]) -> Form:
-    """Return the form of Enum members as indices in order of definition."""
+def enum_codec(cls: type[Enum]) -> Codec:
+    """Return the codec of Enum members as indices in order of definition."""
     members = tuple(cls)
     # By identity: members are singletons, and Enum's hash is slow.
     indices = {id(member): index for index, member in enumerate(members)}
@@ -220,15 +220,15 @@ def enumeration(cls: type[Enum]) -> Form:
         return index
 
     names = ",".join(member.name for member in members)
-    return Form(f"{cls.__qualname__}{{{names}}}", frozenset({cls}), pack, _chosen(members))
+    return Codec(f"{cls.__qualname__}{{{names}}}", frozenset({cls}), pack, _index_decoder(members))
 
 
-def literal(values: tuple[Any, ...]) -> Form:
-    """Return the form of Literal values as indices."""
+def literal_codec(values: tuple[Any, ...]) -> Codec:
+    """Return the codec of Literal values as indices."""
     # Sorted: typing treats Literal["a", "b"] and Literal["b", "a"] as equal and returns the one cached first.
-    ordered = tuple(sorted(values, key=lambda value: (type(value).__name__, _written(value))))
+    ordered = tuple(sorted(values, key=lambda value: (type(value).__name__, _literal_text(value))))
     indices = {(type(value), value): index for index, value in enumerate(ordered)}
-    choice = ", ".join(_written(value) for value in values)
+    choice = ", ".join(_literal_text(value) for value in values)
 
     def pack(value: Any) -> int:
         try:
@@ -236,35 +236,37 @@ def literal(values: tuple[Any, ...]) -> Form:
         except (KeyError, TypeError):  # TypeError: not hashable
             refuse(value, f"one of {choice}")
 
-    says = ",".join(_written(value) for value in ordered)
-    return Form(f"Literal[{says}]", frozenset(type(value) for value in values), pack, _chosen(ordered))
+    signature = ",".join(_literal_text(value) for value in ordered)
+    return Codec(
+        f"Literal[{signature}]", frozenset(type(value) for value in values), pack, _index_decoder(ordered)
+    )
 
 
-def _written(value: object) -> str:
+def _literal_text(value: object) -> str:
     return f"{type(value).__name__}.{value.name}" if isinstance(value, Enum) else repr(value)
 
 
-def _chosen(values: tuple[Any, ...]) -> Callable[[Any], Any]:
+def _index_decoder(values: tuple[Any, ...]) -> Callable[[Any], Any]:
     count = len(values)
 
     def unpack(index: Any) -> Any:
         if type(index) is int and 0 <= index < count:
             return values[index]
-        raise Junk
+        raise MalformedDataError
 
     return unpack
 
 
-_FIXED: Final[dict[Any, Form]] = {None: NONE, types.NoneType: NONE, bool: BOOL, int: INT}
+_FIXED: Final[dict[Any, Codec]] = {None: NONE, types.NoneType: NONE, bool: BOOL, int: INT}
 
 
-class Unsound(Exception):  # noqa: N818  # internal
+class UnencodableTypeError(Exception):
     """A type of immutable values that cannot be encoded; the message names the reason and the remedy."""
 
 
 @dataclass(frozen=True)
 class Compiler:
-    """Compiles types to forms within the limits of the link."""
+    """Compiles types to codecs within the limits of the link."""
 
     limits: LinkParameters
     resolution: Resolution | None = None
@@ -272,62 +274,62 @@ class Compiler:
     inside: tuple[type, ...] = ()
     """Enclosing classes, outermost first."""
 
-    def form(self, annotation: Any) -> Form:
-        """Return the form of an annotated type. Raises Unsound."""
+    def codec(self, annotation: Any) -> Codec:
+        """Return the codec of an annotated type. Raises UnencodableTypeError."""
         if isinstance(annotation, NewType):
-            return self.form(annotation.__supertype__)
+            return self.codec(annotation.__supertype__)
         origin, arguments = get_origin(annotation), get_args(annotation)
         if origin is Annotated:
-            return self._annotated(arguments)
+            return self._annotated_codec(arguments)
         if origin is Literal:
-            return literal(arguments)
+            return literal_codec(arguments)
         if origin is tuple:
-            return self._tuple(arguments)
+            return self._tuple_codec_of(arguments)
         if origin in {Union, types.UnionType}:
-            return self._union(arguments)
-        return self._plain(annotation)
+            return self._union_codec_of(arguments)
+        return self._plain_codec(annotation)
 
-    def _plain(self, annotation: Any) -> Form:
+    def _plain_codec(self, annotation: Any) -> Codec:
         if annotation is float:
-            return rounded(self.resolution) if self.resolution else FLOAT
+            return resolution_codec(self.resolution) if self.resolution else FLOAT
         if annotation is str:
-            return text(self.limits.most_text)
+            return text_codec(self.limits.max_text)
         if annotation is bytes:
-            return octets(self.limits.most_text)
+            return bytes_codec(self.limits.max_text)
         if annotation in _FIXED:
             return _FIXED[annotation]
-        return self._class(annotation)
+        return self._class_codec_of(annotation)
 
-    def _annotated(self, arguments: tuple[Any, ...]) -> Form:
+    def _annotated_codec(self, arguments: tuple[Any, ...]) -> Codec:
         annotation, *extras = arguments
         resolution = next((extra for extra in reversed(extras) if isinstance(extra, Resolution)), None)
-        return (replace(self, resolution=resolution) if resolution else self).form(annotation)
+        return (replace(self, resolution=resolution) if resolution else self).codec(annotation)
 
-    def _tuple(self, arguments: tuple[Any, ...]) -> Form:
+    def _tuple_codec_of(self, arguments: tuple[Any, ...]) -> Codec:
         if len(arguments) == 2 and arguments[1] is Ellipsis:
-            return _sequence(self.form(arguments[0]), self.limits.most_items)
-        return _row([self.form(argument) for argument in arguments])
+            return _sequence_codec(self.codec(arguments[0]), self.limits.max_items)
+        return _tuple_codec([self.codec(argument) for argument in arguments])
 
-    def _union(self, arguments: tuple[Any, ...]) -> Form:
+    def _union_codec_of(self, arguments: tuple[Any, ...]) -> Codec:
         # Sorted by text, as typing treats unions of different order as equal.
-        forms: dict[str, Form] = {}
-        for form in sorted((self.form(one) for one in arguments), key=lambda one: one.says):
-            if forms.setdefault(form.says, form).kinds != form.kinds:
-                raise Unsound(f"two alternatives are {form.says}; rename one of them")
-        optional = forms.pop(NONE.says, None)
-        alternatives = tuple(forms.values())
+        codecs: dict[str, Codec] = {}
+        for codec in sorted((self.codec(one) for one in arguments), key=lambda one: one.signature):
+            if codecs.setdefault(codec.signature, codec).kinds != codec.kinds:
+                raise UnencodableTypeError(f"two alternatives are {codec.signature}; rename one of them")
+        optional = codecs.pop(NONE.signature, None)
+        alternatives = tuple(codecs.values())
         if not alternatives:
             return NONE
-        form = alternatives[0] if len(alternatives) == 1 else _choice(alternatives)
-        return _optional(form) if optional else form
+        codec = alternatives[0] if len(alternatives) == 1 else _union_codec(alternatives)
+        return _optional_codec(codec) if optional else codec
 
-    def _class(self, cls: Any) -> Form:
+    def _class_codec_of(self, cls: Any) -> Codec:
         if not isinstance(cls, type):
-            raise Unsound(f"{describe(cls)} cannot be encoded")
+            raise UnencodableTypeError(f"{describe(cls)} cannot be encoded")
         if issubclass(cls, Enum):
-            return enumeration(cls)
+            return enum_codec(cls)
         if cls in self.inside:
-            raise Unsound(f"{cls.__name__} contains itself; recursive types cannot be encoded")
+            raise UnencodableTypeError(f"{cls.__name__} contains itself; recursive types cannot be encoded")
         inner = replace(self, inside=(*self.inside, cls))
         if is_dataclass(cls):
             names = tuple(field.name for field in fields(cls) if field.init)
@@ -336,59 +338,59 @@ class Compiler:
         elif is_frozen_struct(cls):
             names = struct_fields(cls)
         else:
-            raise Unsound(f"{describe(cls)} cannot be encoded")
-        return _record(cls, names, inner.fields(cls, names))
+            raise UnencodableTypeError(f"{describe(cls)} cannot be encoded")
+        return _class_codec(cls, names, inner.fields(cls, names))
 
-    def fields(self, cls: type, names: Sequence[str]) -> list[Form]:
-        """Return the forms of a class's fields. Raises Unsound."""
-        if len(names) > self.limits.most_items:
-            raise Unsound(
-                f"{cls.__name__} has {len(names)} fields; at most {self.limits.most_items} are allowed "
-                "(LinkParameters.most_items)"
+    def fields(self, cls: type, names: Sequence[str]) -> list[Codec]:
+        """Return the codecs of a class's fields. Raises UnencodableTypeError."""
+        if len(names) > self.limits.max_items:
+            raise UnencodableTypeError(
+                f"{cls.__name__} has {len(names)} fields; at most {self.limits.max_items} are allowed "
+                "(LinkParameters.max_items)"
             )
         hints = get_type_hints(cls, localns={cls.__name__: cls}, include_extras=True)
         if untyped := next((name for name in names if name not in hints), None):
-            raise Unsound(f"annotate {cls.__name__}.{untyped} with its type")
-        return [self.form(hints[name]) for name in names]
+            raise UnencodableTypeError(f"annotate {cls.__name__}.{untyped} with its type")
+        return [self.codec(hints[name]) for name in names]
 
 
-def _sequence(item: Form, most: int) -> Form:
+def _sequence_codec(item: Codec, most: int) -> Codec:
     pack_item, unpack_item = item.pack, item.unpack
 
     def pack(value: Any) -> tuple[Any, ...]:
         if not isinstance(value, tuple):
             refuse(value, "a tuple")
         if len(value) > most:
-            raise Unfit(
-                f"a tuple has {len(value)} items; at most {most} are allowed (LinkParameters.most_items)"
+            raise UnencodableValueError(
+                f"a tuple has {len(value)} items; at most {most} are allowed (LinkParameters.max_items)"
             )
         return tuple(map(pack_item, value))
 
     def unpack(packed: Any) -> tuple[Any, ...]:
         if type(packed) is not tuple or len(packed) > most:
-            raise Junk
+            raise MalformedDataError
         return tuple(map(unpack_item, packed))
 
-    return Form(f"[{item.says},...]", frozenset({tuple}), pack, unpack, 1 + item.depth)
+    return Codec(f"[{item.signature},...]", frozenset({tuple}), pack, unpack, 1 + item.depth)
 
 
-def _row(forms: Sequence[Form]) -> Form:
-    count = len(forms)
-    pack_items = _each([form.pack for form in forms])
+def _tuple_codec(codecs: Sequence[Codec]) -> Codec:
+    count = len(codecs)
+    pack_items = _apply_each([codec.pack for codec in codecs])
 
     def pack(value: Any) -> tuple[Any, ...]:
         if not isinstance(value, tuple) or len(value) != count:
             refuse(value, f"a tuple of {count} items")
         return pack_items(value)
 
-    says = ",".join(form.says for form in forms)
-    return Form(f"[{says}]", frozenset({tuple}), pack, strict(forms), _depth(forms))
+    signature = ",".join(codec.signature for codec in codecs)
+    return Codec(f"[{signature}]", frozenset({tuple}), pack, strict_decoder(codecs), _depth(codecs))
 
 
-def _record(cls: type, names: tuple[str, ...], forms: Sequence[Form]) -> Form:
-    make = maker(cls, names)
-    attributes = getter(names)
-    pack_items, unpack_items = _each([form.pack for form in forms]), strict(forms)
+def _class_codec(cls: type, names: tuple[str, ...], codecs: Sequence[Codec]) -> Codec:
+    make = constructor_of(cls, names)
+    attributes = attribute_getter(names)
+    pack_items, unpack_items = _apply_each([codec.pack for codec in codecs]), strict_decoder(codecs)
 
     def pack(value: Any) -> tuple[Any, ...]:
         if type(value) is not cls:  # a subclass would lose fields
@@ -398,12 +400,12 @@ def _record(cls: type, names: tuple[str, ...], forms: Sequence[Form]) -> Form:
     def unpack(packed: Any) -> Any:
         return make(unpack_items(packed))
 
-    says = ",".join(f"{name}:{form.says}" for name, form in zip(names, forms, strict=True))
-    return Form(f"{cls.__qualname__}({says})", frozenset({cls}), pack, unpack, _depth(forms))
+    signature = ",".join(f"{name}:{codec.signature}" for name, codec in zip(names, codecs, strict=True))
+    return Codec(f"{cls.__qualname__}({signature})", frozenset({cls}), pack, unpack, _depth(codecs))
 
 
-def _optional(form: Form) -> Form:
-    pack_value, unpack_value = form.pack, form.unpack
+def _optional_codec(codec: Codec) -> Codec:
+    pack_value, unpack_value = codec.pack, codec.unpack
 
     def pack(value: Any) -> Any:
         return None if value is None else pack_value(value)
@@ -411,41 +413,41 @@ def _optional(form: Form) -> Form:
     def unpack(packed: Any) -> Any:
         return None if packed is None else unpack_value(packed)
 
-    return Form(f"?{form.says}", form.kinds | NONE.kinds, pack, unpack, form.depth)
+    return Codec(f"?{codec.signature}", codec.kinds | NONE.kinds, pack, unpack, codec.depth)
 
 
-def _choice(alternatives: tuple[Form, ...]) -> Form:
+def _union_codec(alternatives: tuple[Codec, ...]) -> Codec:
     def pack(value: Any) -> tuple[int, Any]:
         for index in orders.get(type(value), indices):
             try:
                 return index, alternatives[index].pack(value)
-            except Unfit:
+            except UnencodableValueError:
                 continue
-        raise Unfit(f"{reprlib.repr(value)} must be one of {says}")
+        raise UnencodableValueError(f"{reprlib.repr(value)} must be one of {signature}")
 
     def unpack(packed: Any) -> Any:
         if type(packed) is not tuple or len(packed) != 2:
-            raise Junk
+            raise MalformedDataError
         index, value = packed
         if type(index) is not int or not 0 <= index < len(alternatives):
-            raise Junk
+            raise MalformedDataError
         return alternatives[index].unpack(value)
 
-    says = "|".join(form.says for form in alternatives)
-    kinds = frozenset[type]().union(*(form.kinds for form in alternatives))
+    signature = "|".join(codec.signature for codec in alternatives)
+    kinds = frozenset[type]().union(*(codec.kinds for codec in alternatives))
     indices = range(len(alternatives))
-    # Forms for the value's own class first, as float also accepts int.
+    # Codecs for the value's own class first, as float also accepts int.
     orders = {
         kind: sorted(indices, key=lambda index: kind not in alternatives[index].kinds) for kind in kinds
     }
-    return Form(f"({says})", kinds, pack, unpack, _depth(alternatives))
+    return Codec(f"({signature})", kinds, pack, unpack, _depth(alternatives))
 
 
-def _depth(forms: Sequence[Form]) -> int:
-    return 1 + max((form.depth for form in forms), default=0)
+def _depth(codecs: Sequence[Codec]) -> int:
+    return 1 + max((codec.depth for codec in codecs), default=0)
 
 
-def _each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+def _apply_each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
     """Return a function that applies `functions` to the items of a sequence; fast for pairs (positions)."""
     if len(functions) == 2:
         first, second = functions
@@ -453,37 +455,39 @@ def _each(functions: Sequence[Callable[[Any], Any]]) -> Callable[[Sequence[Any]]
     return lambda items: tuple([function(item) for function, item in zip(functions, items, strict=True)])
 
 
-def strict(forms: Sequence[Form]) -> Callable[[Any], tuple[Any, ...]]:
-    """Return a function that unpacks a tuple of exactly these forms, or raises Junk."""
-    functions, count = [form.unpack for form in forms], len(forms)
+def strict_decoder(codecs: Sequence[Codec]) -> Callable[[Any], tuple[Any, ...]]:
+    """Return a function that unpacks a tuple of exactly these codecs, or raises MalformedDataError."""
+    functions, count = [codec.unpack for codec in codecs], len(codecs)
 
     def unpack(packed: Any) -> tuple[Any, ...]:
         if type(packed) is not tuple or len(packed) != count:
-            raise Junk
+            raise MalformedDataError
         return tuple([function(item) for function, item in zip(functions, packed, strict=True)])
 
     return unpack
 
 
-def getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
+def attribute_getter(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
     """Return a function from an object to the values of its attributes."""
     if len(names) > 1:
         return attrgetter(*names)
     return lambda value: tuple(getattr(value, name) for name in names)
 
 
-def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]:
-    """Return a function that makes an object from field values; it raises Junk if the class rejects them.
+def constructor_of(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]:
+    """Return a function from field values to an object; it raises MalformedDataError if the class refuses.
 
-    Raises Unsound if the constructor's parameters are not the fields.
+    Raises UnencodableTypeError if the constructor's parameters are not the fields.
     """
-    taken = tuple(inspect.signature(cls).parameters.values())
-    if {parameter.name for parameter in taken} != set(names):
-        wanted = ", ".join(parameter.name for parameter in taken) or "nothing"
-        raise Unsound(f"{cls.__name__} has parameters {wanted}; they must be its fields {', '.join(names)}")
+    parameters = tuple(inspect.signature(cls).parameters.values())
+    if {parameter.name for parameter in parameters} != set(names):
+        given = ", ".join(parameter.name for parameter in parameters) or "nothing"
+        raise UnencodableTypeError(
+            f"{cls.__name__} has parameters {given}; they must be its fields {', '.join(names)}"
+        )
     if issubclass(cls, tuple) and cls.__new__.__code__.co_filename == "<string>":  # generated by NamedTuple
         return partial(tuple.__new__, cls)
-    if is_plain(cls):
+    if has_generated_init(cls):
         new = object.__new__
 
         def fill(values: tuple[Any, ...]) -> Any:
@@ -492,12 +496,12 @@ def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]
             return made
 
         return fill
-    by_position = all(parameter.kind is not inspect.Parameter.KEYWORD_ONLY for parameter in taken)
+    by_position = all(parameter.kind is not inspect.Parameter.KEYWORD_ONLY for parameter in parameters)
 
     def make(values: tuple[Any, ...]) -> Any:
         try:
             return cls(*values) if by_position else cls(**dict(zip(names, values, strict=True)))
         except Exception as error:  # a user's __post_init__ may raise anything
-            raise Junk from error
+            raise MalformedDataError from error
 
     return make

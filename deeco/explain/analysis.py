@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 from deeco.component import Fact, OnChange, Periodic, Process, has_fact, processes_of
 from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType, ensemble_type
-from deeco.explain.dataflow import Flow, flow
+from deeco.explain.dataflow import Flow, analyse_flow
 from deeco.instant import in_seconds
 from deeco.knowledge import Knowledge, is_component
 
@@ -28,11 +28,11 @@ class ComponentPart:
     reads: tuple[str, ...] = ()
     """Fields of the component that it reads."""
     writes: tuple[str, ...] = ()
-    hears: tuple[str, ...] = ()
+    peer_reads: tuple[str, ...] = ()
     """Fields of peers that it reads."""
-    tells: tuple[str, ...] = ()
+    read_by_peers: tuple[str, ...] = ()
     """Fields of the component that it reads on peers' nodes."""
-    doubts: tuple[str, ...] = ()
+    unknowns: tuple[str, ...] = ()
     """Accesses that the analysis cannot resolve."""
 
 
@@ -55,7 +55,7 @@ def processes(cls: type[Knowledge]) -> tuple[ComponentPart, ...]:
 def _process(cls: type[Knowledge], process: Process) -> ComponentPart:
     function = getattr(cls, process.name)
     own = next(iter(inspect.signature(function).parameters))
-    found = flow(function, {own: cls}, gives=True)
+    found = analyse_flow(function, {own: cls}, returns_knowledge=True)
     schedule = process.schedule
     facts = schedule.facts if isinstance(schedule, OnChange) else ()
     watched = [_fact_flow(fact, cls) for fact in facts]
@@ -67,7 +67,7 @@ def _process(cls: type[Knowledge], process: Process) -> ComponentPart:
         ports=process.ports,
         reads=_union([found.read(own), *(one.read("self") for one in watched)]),
         writes=found.written(own),
-        doubts=_union([found.doubts, *(one.doubts for one in watched)]),
+        unknowns=_union([found.unknowns, *(one.unknowns for one in watched)]),
     )
 
 
@@ -92,15 +92,17 @@ def method_flow(ensemble: type, method: Method, local: str = "", cls: type[Knowl
     subjects: dict[str, type] = {"self": ensemble, **dict(method.sides)}
     if cls is not None:
         subjects[local] = cls
-    return flow(function, subjects, gives=method.name in {f"at_{COORDINATOR}", f"at_{MEMBER}"})
+    return analyse_flow(
+        function, subjects, returns_knowledge=method.name in {f"at_{COORDINATOR}", f"at_{MEMBER}"}
+    )
 
 
-def meeting(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
+def ensemble_part(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
     """Return an ensemble as used by components of a class; None if they can be on neither side."""
     kind = ensemble_type(ensemble)
     assert kind is not None
     own: list[tuple[Method, str, str, Flow]] = []
-    tells: list[tuple[str, ...]] = []
+    read_by_peers: list[tuple[str, ...]] = []
     for method in methods(kind):
         sides = dict(method.sides)
         for local in method.local:
@@ -108,9 +110,9 @@ def meeting(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
             if issubclass(cls, sides[local]):
                 own.append((method, local, peer, method_flow(ensemble, method, local, cls)))
             if issubclass(cls, sides[peer]):
-                tells.append(method_flow(ensemble, method).read(peer))
+                read_by_peers.append(method_flow(ensemble, method).read(peer))
     watched = [_fact_flow(fact, cls) for fact in kind.on_change if own and has_fact(cls, fact)]
-    if not own and not tells:
+    if not own and not read_by_peers:
         return None
     return ComponentPart(
         name=kind.name,
@@ -122,9 +124,9 @@ def meeting(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
             [*(found.read(local) for _, local, _, found in own), *(w.read("self") for w in watched)]
         ),
         writes=_union(found.written(local) for _, local, _, found in own),
-        hears=_union(found.read(peer) for _, _, peer, found in own),
-        tells=_union(tells),
-        doubts=_union([*(found.doubts for *_, found in own), *(one.doubts for one in watched)]),
+        peer_reads=_union(found.read(peer) for _, _, peer, found in own),
+        read_by_peers=_union(read_by_peers),
+        unknowns=_union([*(found.unknowns for *_, found in own), *(one.unknowns for one in watched)]),
     )
 
 
@@ -151,8 +153,8 @@ def _fact_flow(fact: Fact, cls: type[Knowledge]) -> Flow:
     """Analyse a fact as defined or overridden by the class."""
     function = getattr(cls, fact.__name__)
     own = next(iter(inspect.signature(function).parameters))
-    found = flow(function, {own: cls})
-    return Flow({"self": dict.fromkeys(found.read(own))}, {}, found.doubts)
+    found = analyse_flow(function, {own: cls})
+    return Flow({"self": dict.fromkeys(found.read(own))}, {}, found.unknowns)
 
 
 def _union(many: Iterable[Iterable[str]]) -> tuple[str, ...]:
