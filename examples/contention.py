@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 from actors.ieee802154 import airtime_ns
-from actors.radio.medium import Kind, Medium, Poisson
+from actors.radio.medium import EventKind, Medium, PoissonTraffic
 from actors.radio.propagation import IndoorPropagation
 from actors.radio.radio_model import preset
 
@@ -26,9 +26,9 @@ def contend(load: float, seed: int = 1) -> tuple[float, float, float]:
     medium = Medium(transceivers, propagation, PARAMETERS.phy, seed=seed, watched=[SENDERS])
     medium.place(np.concatenate([around, np.zeros((1, 2))]))  # m; the last one listens
     for sender in range(SENDERS):
-        medium.offer(sender, Poisson(OCTETS, load * 1e9 / airtime_ns(OCTETS) / SENDERS))
+        medium.offer(sender, PoissonTraffic(OCTETS, load * 1e9 / airtime_ns(OCTETS) / SENDERS))
     events = medium.run(SECONDS * 1_000_000_000)
-    heard = events[(events["kind"] == Kind.HEARD)]
+    heard = events[(events["kind"] == EventKind.HEARD)]
     counted = medium.counters()
     offered, failed = counted["generated"].sum(), counted["access_failures"].sum()
     return len(heard) / offered, failed / offered, (heard["instant_ns"] - heard["asked_ns"]).mean() / 1e6

@@ -29,14 +29,14 @@ from actors.floor.map_file import load_map
 from actors.ieee802154 import airtime_ns
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
-from actors.radio.medium.medium import Medium, Poisson, Request
+from actors.radio.medium.medium import Medium, PoissonTraffic, Request
 from actors.radio.medium.reception import frame_error_rate
 from actors.radio.medium.state import Outcome, Transceiver
 from actors.radio.propagation import IndoorPropagation, ShadowingParameters
 from actors.radio.radio_model import (
     RadioParameters,
     RadioSetup,
-    Wifi,
+    WifiInterferer,
     WifiParameters,
     needed_dbm,
     preset,
@@ -77,7 +77,7 @@ def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int) -> flo
 
     medium.follow(where)
     for number in range(robots):
-        medium.offer(number, Poisson(_CROWD_OCTETS, 1.0))
+        medium.offer(number, PoissonTraffic(_CROWD_OCTETS, 1.0))
     return 1e6 * _frame_s(medium, (1 + seconds) * SECOND, _STEP_NS)
 
 
@@ -166,7 +166,11 @@ def _heard(
 ) -> float:
     """Count the share of 127-octet frames that arrive over a distance in line of sight."""
     propagation = IndoorPropagation(parameters.propagation)
-    stations = [Wifi(wifi, parameters.channel, propagation, lambda: np.random.default_rng(5))] if wifi else []
+    stations = (
+        [WifiInterferer(wifi, parameters.channel, propagation, lambda: np.random.default_rng(5))]
+        if wifi
+        else []
+    )
     pair = [replace(parameters.transceiver, address=address) for address in (1, 2)]
     medium = Medium(pair, propagation, parameters.phy, seed=1, interferers=stations)
     medium.place(np.array([[0.0, 0.0], [distance, 0.0]]))
@@ -358,7 +362,7 @@ def medium_speed(senders: int, load: float, seed: int) -> float:
     medium.place(losses.places)
     per_second = load * SECOND / airtime_ns(_OCTETS)
     for sender in range(senders):
-        medium.offer(sender, Poisson(_OCTETS, per_second / senders))
+        medium.offer(sender, PoissonTraffic(_OCTETS, per_second / senders))
     return 1.0 / _frame_s(medium, SECOND + round(_FRAMES / per_second * SECOND))
 
 
@@ -397,7 +401,7 @@ def _delivery(settings: Transceiver, side: float, load: float, draw: int) -> flo
     medium = Medium(transceivers, IndoorPropagation(NS3.propagation), NS3.phy, seed=draw, watched=())
     medium.place(np.random.default_rng(draw).uniform(0.0, side, (_ROBOTS, 2)))
     for robot in range(_ROBOTS):
-        medium.offer(robot, Poisson(_OCTETS, load * SECOND / airtime_ns(_OCTETS) / _ROBOTS))
+        medium.offer(robot, PoissonTraffic(_OCTETS, load * SECOND / airtime_ns(_OCTETS) / _ROBOTS))
     medium.run(_SECONDS * SECOND)
     heard, sent = medium.outcomes()[:, Outcome.HEARD].sum(), medium.counters()["sent"].sum()
     return float(heard / (sent * (_ROBOTS - 1)))

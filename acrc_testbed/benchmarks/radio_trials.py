@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.ieee802154 import airtime_ns
-from actors.radio.medium.medium import Medium, Poisson, Propagation, Request, Saturated
-from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
+from actors.radio.medium.medium import Medium, PoissonTraffic, Propagation, Request, SaturatedTraffic
+from actors.radio.medium.state import BROADCAST, Cca, EventKind, Outcome, PhyParameters, Transceiver
 from actors.radio.propagation import IndoorPropagation
 from actors.radio.radio_model import preset
 from actors.runtime.errors import AcrcError
@@ -234,7 +234,7 @@ def contend(stage: TrialScene, seed: int) -> dict[str, float]:
         for name in ("generated", "sent", "access_failures", "overlapping")
     }
     waited = events["instant_ns"] - events["asked_ns"]
-    latency_ms = waited[(events["kind"] == Kind.HEARD) & (events["transceiver"] == sink)] / 1e6
+    latency_ms = waited[(events["kind"] == EventKind.HEARD) & (events["transceiver"] == sink)] / 1e6
     sent = max(counted["sent"], 1)
     frames_s = len(latency_ms) / stage.seconds
     return {
@@ -257,10 +257,10 @@ def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
     phases = np.random.default_rng(seed).integers(0, SECOND // 10, sink).tolist()
     for sender in range(sink):
         if math.isinf(stage.load):
-            medium.offer(sender, Saturated(stage.octets, phases[sender], to, stage.acknowledged))
+            medium.offer(sender, SaturatedTraffic(stage.octets, phases[sender], to, stage.acknowledged))
         else:
             rate = stage.load / (sink * airtime_ns(stage.octets) / SECOND)
-            medium.offer(sender, Poisson(stage.octets, rate, to, stage.acknowledged))
+            medium.offer(sender, PoissonTraffic(stage.octets, rate, to, stage.acknowledged))
 
 
 def _hidden(weaker_db: float) -> LossTable:
@@ -317,5 +317,5 @@ def _heard(
         requests = [request for k in rounds for request in one(k * round_ns)]
         medium.submit(requests)
         events = medium.run(requests[-1].instant_ns + SECOND // 50)
-        heard += np.bincount(events["other"][events["kind"] == Kind.HEARD], minlength=last + 1)
+        heard += np.bincount(events["other"][events["kind"] == EventKind.HEARD], minlength=last + 1)
     return [int(count) for count in heard[:last]]

@@ -268,7 +268,7 @@ class TrueFloor:
         """Return the cells of a closed door, (rows, columns); none if the map has no door there."""
         (x, y), (to_x, to_y) = door.points
         try:
-            return self._doorways.closed(self._doorways.at(Point((x + to_x) / 2, (y + to_y) / 2)))
+            return self._doorways.closed_cells(self._doorways.at(Point((x + to_x) / 2, (y + to_y) / 2)))
         except DoorError:
             return np.zeros(self.grid.cells.shape, np.bool_)
 

@@ -47,24 +47,24 @@ def regions(
     count = int(labels.max())
     narrow = raster.regions(passable & ~opened)
     doors: list[Door] = []
-    named = labels.copy()
+    numbered = labels.copy()
     for number in range(1, int(narrow.max()) + 1):
         cells = narrow == number
-        touched = touching(labels, cells)
-        if len(touched) > 1:
+        adjacent = adjacent_labels(labels, cells)
+        if len(adjacent) > 1:
             row, column = divmod(int(np.argmax(np.where(cells, clearance, 0.0))), grid.columns)
-            doors.append(Door(len(doors), grid.centre(Cell(row, column)), touched))
-            named[cells] = -len(doors)
+            doors.append(Door(len(doors), grid.centre(Cell(row, column)), adjacent))
+            numbered[cells] = -len(doors)
             continue
-        if not touched:
+        if not adjacent:
             count += 1
-        named[cells] = touched[0] if touched else count
-    named = np.where(named < 0, count - named, named).astype(np.int32)
-    named.setflags(write=False)
-    return Regions(named, count, tuple(doors))
+        numbered[cells] = adjacent[0] if adjacent else count
+    numbered = np.where(numbered < 0, count - numbered, numbered).astype(np.int32)
+    numbered.setflags(write=False)
+    return Regions(numbered, count, tuple(doors))
 
 
-def touching(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, ...]:
+def adjacent_labels(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, ...]:
     """Return the labels of regions and doors adjacent to these cells, ascending."""
     beside = np.zeros_like(cells)
     beside[1:] |= cells[:-1]
@@ -74,11 +74,11 @@ def touching(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, 
     return tuple(int(label) for label in np.unique(labels[beside]) if label > 0)
 
 
-_WITHIN: Final = 0.5
+_MAX_DISTANCE: Final = 0.5
 """Maximum distance of a point from a door's cells to select the door, m."""
 _DIRECTIONS: Final = 16
 """Number of directions of candidate lines, from east to west through north."""
-_STRAIGHT: Final = 0.8
+_STRAIGHTNESS: Final = 0.8
 """A line counts if this share of its length is at most twice the clearance at its middle: others cut
 corners."""
 _SAMPLES: Final = 4
@@ -104,14 +104,14 @@ class Doorways:
     def at(self, point: Point) -> Door:
         """Return the door at a point, or within 0.5 m of it. Raises DoorError."""
         parts = self.regions
-        cell = nearest_cell(self._grid, parts.labels > parts.count, point, _WITHIN)
+        cell = nearest_cell(self._grid, parts.labels > parts.count, point, _MAX_DISTANCE)
         if cell is None:
             known = ", ".join(f"({door.middle.x:.2f}, {door.middle.y:.2f})" for door in parts.doors)
             has = f"the map's doors are at {known}" if known else "the map has none"
             raise DoorError(f"({point.x:g}, {point.y:g}) is not at a door; {has}")
         return parts.doors[int(parts.labels[cell]) - parts.count - 1]
 
-    def closed(self, door: Door) -> NDArray[np.bool_]:
+    def closed_cells(self, door: Door) -> NDArray[np.bool_]:
         """Return the cells that the closed door fills, (rows, columns). Raises DoorError.
 
         They are connected by their edges, so they block robots and rays.
@@ -120,15 +120,15 @@ class Doorways:
         begin, end = self._lines(inside)
         length = arrays.hypot(*(end - begin).T)
         for number in np.argsort(length, kind="stable").tolist():
-            filled = self._filled(begin[number], end[number])
-            if self._parts(inside & ~filled, door):
+            filled = self._cells_on_line(begin[number], end[number])
+            if self._separates(inside & ~filled, door):
                 return filled
         x, y = door.middle
         raise DoorError(f"the door at ({x:.2f}, {y:.2f}) cannot be closed by a straight line")
 
-    def leaf(self, closed: NDArray[np.bool_]) -> tuple[Point, Point]:
+    def ends_of(self, closed_cells: NDArray[np.bool_]) -> tuple[Point, Point]:
         """Return the ends of a closed door, m: its two cells farthest from each other."""
-        rows, columns = np.nonzero(closed)
+        rows, columns = np.nonzero(closed_cells)
         gaps = arrays.hypot((rows[:, None] - rows).astype(float), (columns[:, None] - columns).astype(float))
         ends = np.unravel_index(int(gaps.argmax()), gaps.shape)
         one, other = (self._grid.centre(Cell(int(rows[end]), int(columns[end]))) for end in ends)
@@ -141,25 +141,25 @@ class Doorways:
         angles = np.arange(_DIRECTIONS) * (np.pi / _DIRECTIONS)
         begins, ends = [], []
         for along in np.stack([arrays.sin(angles), arrays.cos(angles)], axis=1):
-            begin, end = self._met(cells, -along), self._met(cells, along)
+            begin, end = self._first_blocking(cells, -along), self._first_blocking(cells, along)
             length = arrays.hypot(*(end - begin).T.astype(np.float64))
-            straight = _STRAIGHT * length <= 2 * room + 1
+            straight = _STRAIGHTNESS * length <= 2 * room + 1
             begins.append(begin[straight])
             ends.append(end[straight])
         return np.concatenate(begins), np.concatenate(ends)
 
-    def _met(self, cells: NDArray[np.int64], along: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _first_blocking(self, cells: NDArray[np.int64], along: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the first blocking cell from each cell in a direction; the last one otherwise."""
         blocking = np.pad(self._grid.blocking, 1, constant_values=True)
         shape = np.array(self._grid.cells.shape)
-        met, going = cells.copy(), np.ones(len(cells), np.bool_)
+        last, active = cells.copy(), np.ones(len(cells), np.bool_)
         for step in range(1, int(2 * ROOM / self._grid.resolution) + 2):
             here = np.floor(cells + along * step + 0.5).astype(np.int64)
-            met[going] = np.clip(here[going], -1, shape)
-            going &= ~blocking[met[:, 0] + 1, met[:, 1] + 1]
-        return met
+            last[active] = np.clip(here[active], -1, shape)
+            active &= ~blocking[last[:, 0] + 1, last[:, 1] + 1]
+        return last
 
-    def _filled(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _cells_on_line(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return the free cells on a line; at a diagonal step, one of the cells beside, too."""
         count = int(np.abs(end - begin).max()) * _SAMPLES + 1
         line = np.floor(np.linspace(begin, end, count) + 0.5).astype(np.int64)
@@ -170,14 +170,14 @@ class Doorways:
         filled[rows[on_map], columns[on_map]] = True
         return filled & self._grid.free
 
-    def _parts(self, left: NDArray[np.bool_], door: Door) -> bool:
+    def _separates(self, rest: NDArray[np.bool_], door: Door) -> bool:
         """Return whether the rest of a door's cells no longer connects all its regions."""
-        rows, columns = np.nonzero(left)
+        rows, columns = np.nonzero(rest)
         if not rows.size:
             return True
         south, west = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
-        around = np.s_[south : int(rows.max()) + 2, west : int(columns.max()) + 2]
-        pieces = raster.regions(left[around])
-        labels = self.regions.labels[around]
-        touched = (touching(labels, pieces == number) for number in range(1, int(pieces.max()) + 1))
-        return not any(set(door.regions).issubset(labels) for labels in touched)
+        box = np.s_[south : int(rows.max()) + 2, west : int(columns.max()) + 2]
+        pieces = raster.regions(rest[box])
+        labels = self.regions.labels[box]
+        adjacent = (adjacent_labels(labels, pieces == number) for number in range(1, int(pieces.max()) + 1))
+        return not any(set(door.regions).issubset(labels) for labels in adjacent)

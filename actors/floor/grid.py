@@ -18,7 +18,7 @@ from deeco.knowledge import new_tuple
 V = TypeVar("V")
 
 
-class Shared(Generic[V]):
+class SharedCache(Generic[V]):
     """Weak cache of immutable values by their content.
 
     A process that needs a value once does not keep it; one that starts many robots keeps those of the first,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from actors.floor import offices
-from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Shared
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, SharedCache
 from actors.floor.offices import RESOLUTION
 from actors.geometry import GREATEST_COORDINATE, Point
 from actors.runtime import regular_file
@@ -60,24 +60,26 @@ class MapHeader:
         )
 
 
-def read_header(path: Path, most: int = YAML_BYTES) -> MapHeader:
-    """Read the YAML of a map, up to `most` bytes, first document only. Raises MapError.
+def read_header(path: Path, max_bytes: int = YAML_BYTES) -> MapHeader:
+    """Read the YAML of a map, up to `max_bytes` bytes, first document only. Raises MapError.
 
     Numbers are parsed from text as in yaml-cpp, since YAML 1.1 treats "0.05" and 5e-2 as text.
     """
-    fields, unknown = _fields(path, most)
+    fields, unknown = _fields(path, max_bytes)
     for key in REQUIRED:
         if key not in fields:
             raise MapError(f"{path}: the key {key!r} is missing; required are {', '.join(REQUIRED)}.")
     if not isinstance(fields["image"], str):
         raise MapError(f"{path}: image is {brief(fields['image'])}, but must be a file name.")
-    told = [f"ignored keys: {brief(', '.join(unknown))}"] if unknown else []
+    notes = [f"ignored keys: {brief(', '.join(unknown))}"] if unknown else []
     name, mode, negate = (str(fields[key]) for key in ("image", "mode", "negate"))
     image = path.parent / os.path.expanduser(name.removeprefix("file://"))  # noqa: PTH111 - never raises
-    beside = path.parent / PureWindowsPath(name).name
-    if not os.path.isfile(image) and os.path.isfile(beside):  # noqa: PTH113 - false for invalid names
-        told.append(f"image is {brief(name)}, which does not exist; reading {beside.name} beside the YAML")
-        image = beside
+    local_image = path.parent / PureWindowsPath(name).name
+    if not os.path.isfile(image) and os.path.isfile(local_image):  # noqa: PTH113 - false for invalid names
+        notes.append(
+            f"image is {brief(name)}, which does not exist; reading {local_image.name} beside the YAML"
+        )
+        image = local_image
     if mode.lower() not in {"trinary", "scale", "raw"}:
         raise MapError(f"{path}: mode is {brief(mode)}, but must be trinary, scale or raw.")
     if negate.lower() not in _BOOLEANS:
@@ -104,14 +106,14 @@ def read_header(path: Path, most: int = YAML_BYTES) -> MapHeader:
         occupied=occupied,
         free=free,
         mode=mode.lower(),
-        warnings=tuple(told),
+        warnings=tuple(notes),
     )
 
 
-def _fields(path: Path, most: int) -> tuple[dict[str, str | list[str]], list[str]]:
+def _fields(path: Path, max_bytes: int) -> tuple[dict[str, str | list[str]], list[str]]:
     """Return the values of known keys, with defaults, and the names of other keys."""
     try:
-        content = regular_file.content(path, most).replace(b"\t", b" ")
+        content = regular_file.content(path, max_bytes).replace(b"\t", b" ")
         try:
             document = next(yaml.compose_all(content, Loader=yaml.BaseLoader), None)
         except yaml.reader.ReaderError:  # Latin-1 comments of old editors
@@ -126,17 +128,17 @@ def _fields(path: Path, most: int) -> tuple[dict[str, str | list[str]], list[str
     fields: dict[str, str | list[str]] = {}
     unknown = []
     for key, value in document.value:
-        name, given = str(_plain(key)), _plain(value)
+        name, entry = str(_node_text(key)), _node_text(value)
         if name not in KEYS:
             unknown.append(name)
         elif name in fields:
             raise MapError(f"{path}: duplicate key {name!r}; delete one.")
-        elif given not in ("", "~", "null"):
-            fields[name] = given
+        elif entry not in ("", "~", "null"):
+            fields[name] = entry
     return DEFAULTS | fields, unknown
 
 
-def _plain(node: yaml.Node) -> str | list[str]:
+def _node_text(node: yaml.Node) -> str | list[str]:
     """Return a text or a list of texts; deeper nodes, possibly recursive, become "…"."""
     if isinstance(node, yaml.SequenceNode):
         return [part.value.strip() if isinstance(part, yaml.ScalarNode) else "…" for part in node.value]
@@ -144,14 +146,14 @@ def _plain(node: yaml.Node) -> str | list[str]:
 
 
 def _numbers(
-    path: Path, key: str, given: str | list[str], count: int = 1, right: str = "a number below 1e9"
+    path: Path, key: str, entry: str | list[str], count: int = 1, expected: str = "a number below 1e9"
 ) -> list[float]:
     try:
-        numbers = [float(text) for text in ([given] if isinstance(given, str) else given)]
+        numbers = [float(text) for text in ([entry] if isinstance(entry, str) else entry)]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(number) < 1e9 for number in numbers):
-        raise MapError(f"{path}: {key} is {brief(given)}, but must be {right}.")
+        raise MapError(f"{path}: {key} is {brief(entry)}, but must be {expected}.")
     return numbers
 
 
@@ -183,7 +185,7 @@ class MapLimits:
     """Size of the image file: 8 bytes per pixel, more than any format needs."""
 
 
-_MAPS: Final = Shared[OccupancyGrid]()
+_MAPS: Final = SharedCache[OccupancyGrid]()
 _WARNINGS: Final = WeakKeyDictionary[OccupancyGrid, tuple[str, ...]]()
 
 
@@ -199,7 +201,7 @@ def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid
     name.
     """
     if offices.is_name(path):
-        return _MAPS.get(str(path), lambda: _drawn(str(path)))
+        return _MAPS.get(str(path), lambda: _generated(str(path)))
     path = Path(path)
     header = read_header(path, limits.yaml_bytes)
     try:
@@ -209,7 +211,7 @@ def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid
             f"{str(header.image)[:300]}: the map's image cannot be read: {getattr(error, 'strerror', error)}."
         ) from error
     content = hashlib.sha256(image).digest(), replace(header, image=Path()), limits
-    return _MAPS.get(content, lambda: _grid(path, header, _decoded(header.image, image, limits)))
+    return _MAPS.get(content, lambda: _grid(path, header, _decoded_image(header.image, image, limits)))
 
 
 def map_warnings(path: Path | str, limits: MapLimits = MapLimits()) -> tuple[str, ...]:
@@ -218,15 +220,15 @@ def map_warnings(path: Path | str, limits: MapLimits = MapLimits()) -> tuple[str
     Raises what `load_map` raises.
     """
     grid = load_map(path, limits)
-    return tuple(f"{Path(path).name}: {told}" for told in _WARNINGS.get(grid, ()))
+    return tuple(f"{Path(path).name}: {notes}" for notes in _WARNINGS.get(grid, ()))
 
 
-def _drawn(name: str) -> OccupancyGrid:
+def _generated(name: str) -> OccupancyGrid:
     cells = np.where(offices.cells_of(name), OCCUPIED, FREE).astype(np.uint8)
     return OccupancyGrid(cells, RESOLUTION, Point(0.0, 0.0))
 
 
-def _decoded(path: Path, content: bytes, limits: MapLimits) -> _Pixels:
+def _decoded_image(path: Path, content: bytes, limits: MapLimits) -> _Pixels:
     """Return the pixels of an image file, first frame only. Raises MapError."""
     try:
         with warnings.catch_warnings():
@@ -242,29 +244,29 @@ def _decoded(path: Path, content: bytes, limits: MapLimits) -> _Pixels:
 
 
 def _pixels(image: Image.Image) -> _Pixels:
-    told = ["JPEG blurs the edges of walls; save the image as PNG"] if image.format == "JPEG" else []
+    notes = ["JPEG blurs the edges of walls; save the image as PNG"] if image.format == "JPEG" else []
     if image.mode.startswith("I;16") or (image.mode, image.format) == ("I", "PPM"):
         wide = np.asarray(image).astype(np.int64)
         sums = ((wide + 128) // 257 * 3).astype(np.uint16)
-        return sums, wide == image.info.get("transparency", -1), told
+        return sums, wide == image.info.get("transparency", -1), notes
     if image.mode in {"I", "F"}:
         raise ValueError("32 bits per channel; must be 8 or 16")
     if not image.has_transparency_data and image.mode in {"1", "L"}:
-        return np.multiply(np.asarray(image.convert("L")), 3, dtype=np.uint16), np.array(False), told
+        return np.multiply(np.asarray(image.convert("L")), 3, dtype=np.uint16), np.array(False), notes
     channels = np.asarray(image.convert("RGBA"))
-    colours, clear = channels[..., :3], channels[..., 3] < 255
-    coloured = np.argwhere((np.ptp(colours, axis=2) > _GREY_SPREAD) & ~clear)
+    colours, transparent = channels[..., :3], channels[..., 3] < 255
+    coloured = np.argwhere((np.ptp(colours, axis=2) > _GREY_SPREAD) & ~transparent)
     if coloured.size:
         row, column = coloured[0]
-        told.append(
+        notes.append(
             f"{len(coloured)} pixels are coloured, the first in column {column}, row {row} from the top:"
             f" {tuple(colours[row, column].tolist())}; using the mean of red, green and blue"
         )
-    return colours.sum(axis=2, dtype=np.int64).astype(np.uint16), clear, told
+    return colours.sum(axis=2, dtype=np.int64).astype(np.uint16), transparent, notes
 
 
 def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
-    sums, clear, told = pixels
+    sums, transparent, notes = pixels
     occupancy = (_BRIGHTNESS if header.negate else 255.0 - _BRIGHTNESS) / 255.0
     if header.mode == "raw":  # NaN is neither free nor occupied
         occupancy = np.where(_BRIGHTNESS <= 100, _BRIGHTNESS / 100, np.nan)
@@ -272,20 +274,20 @@ def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
     states[occupancy > header.occupied] = OCCUPIED
     states[occupancy < header.free] = FREE
     cells = states[sums]
-    cells[clear] = UNKNOWN
+    cells[transparent] = UNKNOWN
     if header.mode != "raw" and header.free > _UNKNOWN:
-        told += _unknown_as_free(header, np.where(cells == FREE, sums, 0), occupancy)
+        notes += _unknown_as_free(header, np.where(cells == FREE, sums, 0), occupancy)
     turns = round(header.yaw / (math.pi / 2))
-    off = abs(header.yaw - turns * math.pi / 2)
+    deviation = abs(header.yaw - turns * math.pi / 2)
     height, width = cells.shape[0] * header.resolution, cells.shape[1] * header.resolution
     x, y = header.origin
-    if off > _YAW_TOLERANCE:
+    if deviation > _YAW_TOLERANCE:
         raise MapError(
             f"{path}: origin has yaw {header.yaw:g} rad, but must be a multiple of 90°; rotate the"
             f" image by {math.degrees(header.yaw):.4g}° counter-clockwise and set yaw to 0."
         )
-    if turns % 4 or off > 1e-4:
-        told.append(
+    if turns % 4 or deviation > 1e-4:
+        notes.append(
             f"origin has yaw {header.yaw:g}: the map is rotated by {turns % 4 * 90}° counter-clockwise; AMCL"
             " and Nav2's costmaps ignore the yaw"
         )
@@ -297,7 +299,7 @@ def _grid(path: Path, header: MapHeader, pixels: _Pixels) -> OccupancyGrid:
             f" ±{GREATEST_COORDINATE:.0f} m; set origin to [0, 0, 0] and subtract ({x:.10g}, {y:.10g}) from"
             " all your coordinates."
         )
-    _WARNINGS[grid] = *header.warnings, *told
+    _WARNINGS[grid] = *header.warnings, *notes
     return grid
 
 

@@ -72,8 +72,8 @@ def _fill(pixels: NDArray[np.uint8], box: Box, brightness: int) -> None:
 
 
 PREFIX: Final = "offices:"
-_MOST_SEED: Final = 2**63 - 1
-_LONGEST: Final = 200
+_MAX_SEED: Final = 2**63 - 1
+_MAX_NAME: Final = 200
 """Maximum length of a name, characters."""
 
 
@@ -87,7 +87,7 @@ class _Range:
 
     low: int
     high: int
-    drawn: tuple[int, int]
+    random_range: tuple[int, int]
     is_length: bool = True
 
     @property
@@ -95,7 +95,7 @@ class _Range:
         return RESOLUTION if self.is_length else 1.0
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         kind = f"multiple of {RESOLUTION:g} m" if self.is_length else "whole number"
         end = " m" if self.is_length else ""
         return f"a {kind} from {self.low * self.unit:g} to {self.high * self.unit:g}{end}"
@@ -130,7 +130,7 @@ _PIECE: Final = ((16, 32), (12, 16))
 
 
 @dataclass(frozen=True)
-class Offices:
+class OfficeParameters:
     """Parameters of a generated floor: seed, and values set by the name (lengths in cells)."""
 
     seed: int
@@ -139,15 +139,15 @@ class Offices:
     @property
     def name(self) -> str:
         """Canonical name of this floor."""
-        words = [f"{PREFIX}{self.seed}"]
+        parts = [f"{PREFIX}{self.seed}"]
         for key, value in self.fixed:
             is_length = PARAMETERS[key].is_length
-            words.append(f"{key}={value * RESOLUTION:.2f}" if is_length else f"{key}={value}")
-        return ",".join(words)
+            parts.append(f"{key}={value * RESOLUTION:.2f}" if is_length else f"{key}={value}")
+        return ",".join(parts)
 
-    def drawn(self, key: str, rng: Generator) -> int:
+    def value(self, key: str, rng: Generator) -> int:
         """Return the value set by the name, otherwise a random one; always draw one number."""
-        low, high = PARAMETERS[key].drawn
+        low, high = PARAMETERS[key].random_range
         number = int(rng.integers(low, high, endpoint=True))
         return dict(self.fixed).get(key, number)
 
@@ -168,7 +168,7 @@ class OfficeFloor:
 
 
 @dataclass(frozen=True)
-class _DrawnRoom:
+class _Office:
     """An office, in cells: x0 to x1, y0 to y1; the corridor is to its north or south."""
 
     x0: int
@@ -183,24 +183,24 @@ def is_name(text: str | Path) -> bool:
     return str(text).startswith(PREFIX)
 
 
-def parse(name: str) -> Offices:
+def parse(name: str) -> OfficeParameters:
     """Return the floor of this name. Raises OfficesError."""
-    if len(name) > _LONGEST:
-        raise OfficesError(f"the floor name has {len(name)} characters; at most {_LONGEST} are allowed")
+    if len(name) > _MAX_NAME:
+        raise OfficesError(f"the floor name has {len(name)} characters; at most {_MAX_NAME} are allowed")
     seed, *others = name.removeprefix(PREFIX).split(",")
-    if not (seed.isascii() and seed.isdigit() and int(seed) <= _MOST_SEED):
+    if not (seed.isascii() and seed.isdigit() and int(seed) <= _MAX_SEED):
         raise OfficesError(
-            f"{name!r}: the seed is {seed!r}, but must be a whole number from 0 to {_MOST_SEED}, as in"
+            f"{name!r}: the seed is {seed!r}, but must be a whole number from 0 to {_MAX_SEED}, as in"
             " 'offices:7'"
         )
     fixed: dict[str, int] = {}
     for word in others:
         key, _, text = word.partition("=")
         if key not in PARAMETERS or key in fixed:
-            once = "is given twice" if key in fixed else "is not a parameter"
-            raise OfficesError(f"{name!r}: {key!r} {once}; the parameters are {', '.join(PARAMETERS)}")
+            fault = "is given twice" if key in fixed else "is not a parameter"
+            raise OfficesError(f"{name!r}: {key!r} {fault}; the parameters are {', '.join(PARAMETERS)}")
         fixed[key] = _value(name, key, text)
-    return Offices(int(seed), tuple((key, fixed[key]) for key in PARAMETERS if key in fixed))
+    return OfficeParameters(int(seed), tuple((key, fixed[key]) for key in PARAMETERS if key in fixed))
 
 
 def _value(name: str, key: str, text: str) -> int:
@@ -210,36 +210,36 @@ def _value(name: str, key: str, text: str) -> int:
     except ValueError:
         number = float("nan")
     if not (allowed.low - 0.5 < number < allowed.high + 0.5 and abs(number - round(number)) < 1e-6):
-        raise OfficesError(f"{name!r}: {key} is {text!r}, but must be {allowed.words}")
+        raise OfficesError(f"{name!r}: {key} is {text!r}, but must be {allowed.description}")
     return round(number)
 
 
 @lru_cache(maxsize=16)
 def office_floor(name: str) -> OfficeFloor:
     """Return the floor of this name. Raises OfficesError."""
-    told = parse(name)
-    shape = told.stream("shape")
-    count, corridor = told.drawn("count", shape), told.drawn("corridor_width", shape)
-    south = _south(count, shape)
+    parameters = parse(name)
+    shape = parameters.stream("shape")
+    count, corridor = parameters.value("count", shape), parameters.value("corridor_width", shape)
+    south = _south_count(count, shape)
     depths = shape.integers(*_DEPTH, size=2, endpoint=True).tolist()
     # offices of the shorter side are widened to the length of the longer one
     sides = [shape.integers(*_WIDTH, size=n, endpoint=True).tolist() for n in (south, count - south)]
     length = max(_length(widths) for widths in sides)
-    sides = [_stretched(widths, length, shape) for widths in sides]
+    sides = [_widened(widths, length, shape) for widths in sides]
     y0 = _BORDER + depths[0] + _WALL
     y1 = y0 + corridor
     top = y1 + (_WALL + depths[1] if sides[1] else 0)
     rooms = [
-        [_DrawnRoom(x0, x1, _BORDER, y0 - _WALL, northward=True) for x0, x1 in _spans(sides[0])],
-        [_DrawnRoom(x0, x1, y1 + _WALL, top, northward=False) for x0, x1 in _spans(sides[1])],
+        [_Office(x0, x1, _BORDER, y0 - _WALL, northward=True) for x0, x1 in _spans(sides[0])],
+        [_Office(x0, x1, y1 + _WALL, top, northward=False) for x0, x1 in _spans(sides[1])],
     ]
-    doors = _doors(told, rooms)
+    doors = _doors(parameters, rooms)
     hall = (_BORDER, y0, _BORDER + length, y1)
     free = [hall, *((room.x0, room.y0, room.x1, room.y1) for side in rooms for room in side)]
     width, height = length + 2 * _BORDER, top + _BORDER
     wall = _box((0, 0, width, height))
     openings = tuple(_box(box) for box in (*free, *doors))
-    furniture = tuple(_box(box) for box in _furniture(told, rooms))
+    furniture = tuple(_box(box) for box in _furniture(parameters, rooms))
     names = ["corridor", *(f"office {number}" for number in range(1, len(free)))]
     return OfficeFloor(
         DrawnFloor(*wall[2:], (wall,), openings, furniture),
@@ -262,7 +262,7 @@ def write(name: str, stem: Path) -> None:
     stem.with_name(f"{stem.name}.yaml").write_text(header(image.name, parse(name).name), encoding="utf-8")
 
 
-def _south(count: int, rng: Generator) -> int:
+def _south_count(count: int, rng: Generator) -> int:
     """Return the number of offices in the south: possibly all if few, else at most two more than in the
     north."""
     one_sided, more = int(rng.integers(4)) == 0, int(rng.integers(-1, 1, endpoint=True))
@@ -276,7 +276,7 @@ def _length(widths: list[int]) -> int:
     return sum(int(width) for width in widths) + (len(widths) - 1) * _WALL
 
 
-def _stretched(widths: list[int], length: int, rng: Generator) -> list[int]:
+def _widened(widths: list[int], length: int, rng: Generator) -> list[int]:
     """Return the widths with the remaining length added in random shares."""
     if not widths:
         return []
@@ -295,19 +295,19 @@ def _spans(widths: list[int]) -> list[tuple[int, int]]:
 _Cells = tuple[int, int, int, int]
 
 
-def _doors(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
-    rng = told.stream("doors")
+def _doors(parameters: OfficeParameters, sides: list[list[_Office]]) -> list[_Cells]:
+    rng = parameters.stream("doors")
     found: list[_Cells] = []
     for room in (room for side in sides for room in side):
         middle = (room.x0 + room.x1) // 2
         two, wide = int(rng.integers(2)) == 0, room.x1 - room.x0 >= _TWO_DOORS
         for x0, x1 in [(room.x0, middle), (middle, room.x1)] if two and wide else [(room.x0, room.x1)]:
-            width, share = told.drawn("door_width", rng), int(rng.integers(1 << 30))
+            width, share = parameters.value("door_width", rng), int(rng.integers(1 << 30))
             x = x0 + _CORNER + share % (x1 - x0 - 2 * _CORNER - width + 1)
             y = room.y1 if room.northward else room.y0 - _WALL
             found.append((x, y, x + width, y + _WALL))
     for west, east in (pair for side in sides for pair in pairwise(side)):
-        joined, width = int(rng.integers(4)) == 0, told.drawn("door_width", rng)
+        joined, width = int(rng.integers(4)) == 0, parameters.value("door_width", rng)
         from_corridor = _APART + int(rng.integers(1 << 30)) % (
             west.y1 - west.y0 - _APART - _PIECE[1][1] - _CORNER - width + 1
         )
@@ -317,12 +317,12 @@ def _doors(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
     return found
 
 
-def _furniture(told: Offices, sides: list[list[_DrawnRoom]]) -> list[_Cells]:
+def _furniture(parameters: OfficeParameters, sides: list[list[_Office]]) -> list[_Cells]:
     """Return pieces of furniture in corners away from the corridor and the doors."""
-    rng = told.stream("furniture")
+    rng = parameters.stream("furniture")
     found: list[_Cells] = []
     for room in (room for side in sides for room in side):
-        count, first = told.drawn("furniture", rng), int(rng.integers(2))
+        count, first = parameters.value("furniture", rng), int(rng.integers(2))
         for number in range(2):
             length = min(int(rng.integers(*_PIECE[0], endpoint=True)), (room.x1 - room.x0) // 2 - 2)
             depth = int(rng.integers(*_PIECE[1], endpoint=True))

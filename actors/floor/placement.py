@@ -93,23 +93,23 @@ def draw_points(
         )
     spacing = apart + half_diagonal if apart > 0 else 0.0
     for point in keep_off:
-        _withdraw(grid, admitted, point, spacing)
+        _exclude(grid, admitted, point, spacing)
     points: list[Point] = []
     while len(points) < count:
-        open_windows = [window for window in windows if window.has_room]
-        if not open_windows:
+        with_room = [window for window in windows if window.has_room]
+        if not with_room:
             raise PlacementError(
                 f"only {len(points)} of {count} points fit at least {clearance:g} m from walls and"
                 f" {apart:g} m from each other; use fewer points or smaller distances."
             )
-        point = _draw(open_windows, rng)
-        _withdraw(grid, admitted, point, spacing)
+        point = _draw(with_room, rng)
+        _exclude(grid, admitted, point, spacing)
         points.append(point)
     return tuple(points)
 
 
-def check_pose(grid: OccupancyGrid, point: Point, radius: float, who: str) -> None:
-    """Raise PlacementError if the robot `who`, a disc of `radius`, m, at `point` overlaps blocking cells."""
+def check_pose(grid: OccupancyGrid, point: Point, radius: float, robot: str) -> None:
+    """Raise PlacementError if `robot`, a disc of `radius`, m, overlaps blocking cells at `point`."""
     gap = grid.clearance_at(point, radius)
     if gap >= radius - 1e-9:  # tolerance for rounding
         return
@@ -120,7 +120,7 @@ def check_pose(grid: OccupancyGrid, point: Point, radius: float, who: str) -> No
     else:
         where = f"is {gap:.3f} m from a wall"
     raise PlacementError(
-        f"robot {who!r} at ({point.x:.2f}, {point.y:.2f}) {where}, but must be at least"
+        f"robot {robot!r} at ({point.x:.2f}, {point.y:.2f}) {where}, but must be at least"
         f" {radius:g} m from walls; {_advice(grid, point, radius)}."
     )
 
@@ -131,8 +131,8 @@ class _Window:
     def __init__(self, grid: OccupancyGrid, admitted: NDArray[np.bool_], area: Area) -> None:
         self.title = f"area {area.name!r}" if area.name else "the map"
         self.surface = area.surface
-        self._x0, self._x1 = _cuts(grid.origin.x, grid.resolution, grid.columns, area.x0, area.x1)
-        self._y0, self._y1 = _cuts(grid.origin.y, grid.resolution, grid.rows, area.y0, area.y1)
+        self._x0, self._x1 = _clipped_edges(grid.origin.x, grid.resolution, grid.columns, area.x0, area.x1)
+        self._y0, self._y1 = _clipped_edges(grid.origin.y, grid.resolution, grid.rows, area.y0, area.y1)
         columns, rows = np.flatnonzero(self._x1 > self._x0), np.flatnonzero(self._y1 > self._y0)
         self._left = int(columns[0]) if columns.size else 0
         self._bottom = int(rows[0]) if rows.size else 0
@@ -159,7 +159,7 @@ class _Window:
         return Point(x0 + east * (x1 - x0), y0 + north * (y1 - y0))
 
 
-def _cuts(
+def _clipped_edges(
     origin: float, resolution: float, count: int, low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return both edges of the cells along one axis, m, clipped to the interval from low to high."""
@@ -181,13 +181,13 @@ def _walkable(grid: OccupancyGrid, start: Point | None, passage: float) -> NDArr
 
 def _draw(windows: Sequence[_Window], rng: Generator) -> Point:
     """Return a point of one window; always draw four numbers, whatever the number of windows."""
-    which, chance, east, north = (float(number) for number in rng.random(4))
+    selector, chance, east, north = (float(number) for number in rng.random(4))
     ladder = np.cumsum([window.surface for window in windows])
-    rung = min(int(np.searchsorted(ladder, which * ladder[-1], side="right")), len(windows) - 1)
+    rung = min(int(np.searchsorted(ladder, selector * ladder[-1], side="right")), len(windows) - 1)
     return windows[rung].point(chance, east, north)
 
 
-def _withdraw(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, spacing: float) -> None:
+def _exclude(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, spacing: float) -> None:
     """Exclude the cells whose centre is nearer than `spacing` to `point`."""
     row, column = grid.cell(point)
     reach = int(spacing / grid.resolution) + 1

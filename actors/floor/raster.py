@@ -242,7 +242,7 @@ def window(bearing: float, half: float, turn: int, increment: float, rays: int) 
     return max(math.ceil(low) - 1, 0), min(math.floor(high) + 2, rays)
 
 
-MOST_SIDE: Final = 255
+MAX_SIDE: Final = 255
 """Maximum side of a square, cells, as it is stored in one byte."""
 
 
@@ -280,7 +280,7 @@ def equal_squares(kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return how far a ray may leap: (4, rows, columns) for (rows, columns) of kinds of cells.
 
     For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) this is the
-    side, in cells, of the largest square of one kind with the cell in its near corner; MOST_SIDE at most.
+    side, in cells, of the largest square of one kind with the cell in its near corner; MAX_SIDE at most.
     """
     squares = np.empty((4, *kinds.shape), np.uint8)
     _equal_squares(kinds, squares)
@@ -363,4 +363,4 @@ def _equal_squares(kinds: NDArray[np.uint8], squares: NDArray[np.uint8]) -> None
                             squares[quadrant, row, column + east],
                             squares[quadrant, row + north, column + east],
                         )
-                squares[quadrant, row, column] = min(side, MOST_SIDE - 1) + 1
+                squares[quadrant, row, column] = min(side, MAX_SIDE - 1) + 1

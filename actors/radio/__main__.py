@@ -18,12 +18,12 @@ def main(argv: Sequence[str]) -> int:
     answer_where()
     try:
         file = setup_parser("actors.radio", "Simulate the radio medium.").parse_args(argv).setup
-        told, folder = load_setup(file), file.parent
-        process = told.process
+        program, folder = load_setup(file), file.parent
+        process = program.process
         if process.with_parent:
             die_with_parent(os.getppid())
         config = client_config(folder / process.credentials, process.endpoint(folder))
-        radio = part(told.actor, folder, process.commit)
+        radio = part(program.actor, folder, process.commit)
         recorder = Recorder(folder / process.record, radio.run.step_us)
         return play(radio, recorder, config, patience_s=process.patience_s)
     except AcrcError as error:

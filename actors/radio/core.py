@@ -22,12 +22,12 @@ from actors.messages import (
 )
 from actors.radio.frame import size_fault
 from actors.radio.radio_model import DirectReach, RadioModel
-from actors.radio.robot_medium import FrameCounters, Handed, RobotMedium, TransceiverTruth
+from actors.radio.robot_medium import FrameCounters, RobotMedium, SubmittedFrame, TransceiverTruth
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 
 
-class Host:
+class EventBuffer:
     """Holds up to `buffer` events for a robot that is not stepping; further events are dropped and
     counted."""
 
@@ -92,7 +92,9 @@ class RadioCore:
         self._reach = DirectReach(model.parameters, model.propagation)
         self._number = {robot: number for number, (robot, _) in enumerate(robots)}
         self._ids = [robot for robot, _ in robots]
-        self._hosts = {robot: Host(model.parameters.host_buffer, self._outcomes) for robot in self._ids}
+        self._buffers = {
+            robot: EventBuffer(model.parameters.host_buffer, self._outcomes) for robot in self._ids
+        }
 
     @property
     def step(self) -> int:
@@ -140,13 +142,13 @@ class RadioCore:
         for robot in truth.robots:
             if robot.id in events:
                 received = events[robot.id]
-            elif robot.id in self._hosts and self._hosts[robot.id].held:
+            elif robot.id in self._buffers and self._buffers[robot.id].held:
                 received = []
             else:
                 continue
-            if robot.id in self._hosts:  # a robot without transceiver gets refusals only
-                host = self._hosts[robot.id]
-                received = host.deliver(received, robot.powered, robot.stepping, robot.epoch)
+            if robot.id in self._buffers:  # a robot without transceiver gets refusals only
+                event_buffer = self._buffers[robot.id]
+                received = event_buffer.deliver(received, robot.powered, robot.stepping, robot.epoch)
             if received:
                 given[robot.id] = received
         return given
@@ -175,7 +177,7 @@ class RadioCore:
             robots = [by_id.get(robot) for robot in self._ids]
         transceivers = TransceiverTruth(truth.instant, robots)
         if self._reach.due(truth.instant):
-            self._reach.see(truth.instant, transceivers.places[list(transceivers.powered)])
+            self._reach.count_pairs(truth.instant, transceivers.places[list(transceivers.powered)])
         until = truth.instant + self._step_us
         for loss in truth.losses:
             if loss.robot in self._number and loss.sender in self._number:
@@ -188,27 +190,31 @@ class RadioCore:
             events[robot_id].sort(key=lambda event: event.instant)
         return events
 
-    def _requests(self, truth: Truth, inputs: Inputs) -> tuple[list[Handed], list[tuple[str, Refused]]]:
+    def _requests(
+        self, truth: Truth, inputs: Inputs
+    ) -> tuple[list[SubmittedFrame], list[tuple[str, Refused]]]:
         """Return the frames for the medium, and the refused ones."""
-        requests: list[Handed] = []
+        requests: list[SubmittedFrame] = []
         refusals: list[tuple[str, Refused]] = []
         for robot in _senders(truth):
             transmit = read(inputs, TRANSMIT, robot.id)
             if wrong := transmit_fault(transmit, self._step, robot.transmits):
                 raise AcrcError(f"Step {self._step}: {robot.id} {wrong}.")
             for frame in transmit.frames:
-                fault = self._fault(robot.id, frame, truth.instant)
+                fault = self._refusal(robot.id, frame, truth.instant)
                 if fault:
                     nearest = min(max(frame.instant, truth.instant), truth.instant + self._step_us - 1)
                     refusals.append((robot.id, Refused(nearest, frame.tag, fault)))
                 elif robot.powered:
-                    requests.append(Handed(frame.instant, self._number[robot.id], frame.tag, frame.data))
+                    requests.append(
+                        SubmittedFrame(frame.instant, self._number[robot.id], frame.tag, frame.data)
+                    )
                 else:
                     self._outcomes.discarded[self._number[robot.id]] += 1
         self._outcomes.refused += len(refusals)
         return requests, refusals
 
-    def _fault(self, robot: str, frame: Outgoing, start: int) -> str:
+    def _refusal(self, robot: str, frame: Outgoing, start: int) -> str:
         """Return why the frame is refused, as a sentence; empty if it is accepted."""
         if robot not in self._number:
             return f"Robot {robot} has no transceiver; it is not in the radio's set-up."

@@ -27,7 +27,7 @@ from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import cos, exp, exp10, log10, sin
 from actors.portable.draws import normals, uniforms
-from actors.radio.walls import TILE, Walls, between, walls_of
+from actors.radio.walls import TILE, Walls, wall_loss, walls_of
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class PathLossParameters:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def over(distance: float, coefficients: Floats) -> float:
+def path_loss(distance: float, coefficients: Floats) -> float:
     """Return the loss, dB, over a distance, m."""
     d = max(distance, coefficients[5])
     if d <= coefficients[2]:
@@ -85,7 +85,7 @@ def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:
     return float(distance) if distance >= p.nearest else 0.0
 
 
-NOWHERE: Final = -(2**62)
+NO_SQUARE: Final = -(2**62)
 """Square number of receivers without phasors."""
 
 
@@ -195,8 +195,8 @@ def add_shadowing(
         for j in range(n):
             dx, dy = column - cells[j, 0], row - cells[j, 1]
             apart = grain * math.sqrt(dx * dx + dy * dy)
-            alike = exp(-2.0 * apart / correlation_distance)
-            loss_db[i, j] += sigma_db * total[j] / math.sqrt(sinusoids * (1.0 + alike))
+            correlation = exp(-2.0 * apart / correlation_distance)
+            loss_db[i, j] += sigma_db * total[j] / math.sqrt(sinusoids * (1.0 + correlation))
 
 
 _ROUNDING_DB: Final = 1e-9
@@ -259,7 +259,7 @@ class IndoorPropagation:
         moved."""
         p = self._shadowing
         if len(self._cells) != len(receivers):
-            self._cells = np.full((len(receivers), 2), NOWHERE, np.int64)
+            self._cells = np.full((len(receivers), 2), NO_SQUARE, np.int64)
             self._phasors = np.empty((4, p.sinusoids, len(receivers)))
         kept = p.grain, waves, self._cells, self._phasors
         refresh(receivers, *kept)
@@ -267,9 +267,9 @@ class IndoorPropagation:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _over(senders: Floats, i: int, receivers: Floats, j: int, coefficients: Floats) -> float:
+def _path_loss_between(senders: Floats, i: int, receivers: Floats, j: int, coefficients: Floats) -> float:
     dx, dy = receivers[j, 0] - senders[i, 0], receivers[j, 1] - senders[i, 1]
-    loss: float = max(over(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
+    loss: float = max(path_loss(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
     return loss
 
 
@@ -278,7 +278,9 @@ def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_
     """Add the loss by distance to loss_db, (s, r) dB; at least 0."""
     for i in range(senders.shape[0]):
         for j in range(receivers.shape[0]):
-            loss_db[i, j] = max(_over(senders, i, receivers, j, coefficients) + loss_db[i, j], 0.0)
+            loss_db[i, j] = max(
+                _path_loss_between(senders, i, receivers, j, coefficients) + loss_db[i, j], 0.0
+            )
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -294,11 +296,11 @@ def _losses(
     for i in range(senders.shape[0]):
         x, y = (senders[i, 0] - west) / side, (senders[i, 1] - south) / side
         for j in range(receivers.shape[0]):
-            loss = _over(senders, i, receivers, j, coefficients)
+            loss = _path_loss_between(senders, i, receivers, j, coefficients)
             left_db = most_db - (loss + loss_db[i, j])
             if left_db >= 0.0:
                 to_x, to_y = (receivers[j, 0] - west) / side, (receivers[j, 1] - south) / side
-                loss += between(floor, per_tile_db, x, y, to_x, to_y, left_db + _ROUNDING_DB)
+                loss += wall_loss(floor, per_tile_db, x, y, to_x, to_y, left_db + _ROUNDING_DB)
             loss_db[i, j] = max(loss + loss_db[i, j], 0.0)
 
 

@@ -40,7 +40,7 @@ acknowledgement, or an aggregate of faster ones."""
 _CHUNK: Final = 1024
 """Number of bursts drawn at once."""
 _NONE: Final[Bursts] = np.empty((0, 2), np.int64)
-DROWNING_DBM: Final = 0.0
+JAMMER_DBM: Final = 0.0
 """Power of a jammer within its radius, dBm: above that of any frame over 0.1 m at full power."""
 
 
@@ -68,7 +68,7 @@ def in_band_db(wifi_channel: int, radio_channel: int) -> float:
     return 10.0 * log10(2.0 / 22.0) - below
 
 
-class Wifi:
+class WifiInterferer:
     """A Wi-Fi station whose bursts depend only on its draws.
 
     Pauses are exponentially distributed, as with many independent senders behind one access point; the first
@@ -94,7 +94,7 @@ class Wifi:
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
         """Return bursts as `medium.Interferer` defines; an earlier time than before restarts the drawing."""
         if since_ns < self._forgotten:
-            self._begin_anew()
+            self._restart()
         while self._drawn_until < until_ns:
             self._draw()
         begins = self._known[:, 0]
@@ -114,7 +114,7 @@ class Wifi:
         """Return False: a station never ends."""
         return False
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         self._rng = self._draws()
         self._known = _NONE
         self._drawn_until = self._forgotten = 0
@@ -155,7 +155,7 @@ class Jammer:
     def power_dbm(self, receivers: Floats) -> Floats:
         """Return the power as `medium.Interferer` defines it."""
         away = np.square(receivers[..., 0] - self.x) + np.square(receivers[..., 1] - self.y)
-        return np.where(away <= self.radius * self.radius, DROWNING_DBM, -np.inf)
+        return np.where(away <= self.radius * self.radius, JAMMER_DBM, -np.inf)
 
 
 Channel = Annotated[
@@ -164,7 +164,7 @@ Channel = Annotated[
 CHIP_NOISE_DBM: Final = -95.51
 """Noise at which 1 % of frames of 20 octets are lost at -95 dBm. This loss defines the sensitivity in the
 standard (IEEE 802.15.4-2006, 6.1.7); Microchip DS39776C states -95 dBm as typical for the MRF24J40."""
-NO_FLOOR_DBM: Final = -120.0
+NO_SENSITIVITY_LIMIT_DBM: Final = -120.0
 """Sensitivity without effect, so that noise alone decides."""
 
 
@@ -193,12 +193,14 @@ _NS3_NOISE_DBM: Final = -95.4066
 PRESETS: Final[Mapping[str, RadioParameters]] = MappingProxyType(
     {
         "chapter": RadioParameters(
-            Transceiver(0, tx_power_dbm=-10.0, sensitivity_dbm=NO_FLOOR_DBM, cca=Cca.EITHER),
+            Transceiver(0, tx_power_dbm=-10.0, sensitivity_dbm=NO_SENSITIVITY_LIMIT_DBM, cca=Cca.EITHER),
             _CHIP,
             PropagationParameters(PathLossParameters(excess_db=24.5), walls="brick"),
         ),
         "beeclick": RadioParameters(
-            Transceiver(0, tx_power_dbm=-10.0, sensitivity_dbm=NO_FLOOR_DBM, cca_threshold_dbm=-69.0),
+            Transceiver(
+                0, tx_power_dbm=-10.0, sensitivity_dbm=NO_SENSITIVITY_LIMIT_DBM, cca_threshold_dbm=-69.0
+            ),
             PhyParameters(noise_dbm=CHIP_NOISE_DBM, dead_us=20, dead_octet_us=3, dead_octets=57),
             PropagationParameters(walls="brick"),
         ),
@@ -208,7 +210,7 @@ PRESETS: Final[Mapping[str, RadioParameters]] = MappingProxyType(
             PropagationParameters(walls="inet_brick"),
         ),
         "ns3": RadioParameters(
-            Transceiver(0, sensitivity_dbm=NO_FLOOR_DBM, cca=Cca.EITHER),
+            Transceiver(0, sensitivity_dbm=NO_SENSITIVITY_LIMIT_DBM, cca=Cca.EITHER),
             PhyParameters(_NS3_NOISE_DBM, cochannel_penalty_db=0.0, capture_us=0, peak_cca=True),
             PropagationParameters(
                 PathLossParameters(40.05, near_exponent=3.0, breakpoint=float("inf"), nearest=1.0)
@@ -303,7 +305,7 @@ class RadioModel:
 
 def radio_model(setup: RadioSetup) -> RadioModel:
     """Return the model of a set-up. Raises AcrcError for an unknown name or an unreadable map."""
-    parameters = _amended(setup)
+    parameters = _parameters_of(setup)
     walls = parameters.propagation.walls
     material(walls)
     floor = build(load_map(setup.map), walls, setup.patches) if setup.map else None
@@ -312,25 +314,27 @@ def radio_model(setup: RadioSetup) -> RadioModel:
         return IndoorPropagation(parameters.propagation, floor, generator(setup.seed, "radio shadowing", ""))
 
     stations = tuple(
-        Wifi(station, parameters.channel, propagation(), partial(generator, setup.seed, "Wi-Fi", str(number)))
+        WifiInterferer(
+            station, parameters.channel, propagation(), partial(generator, setup.seed, "Wi-Fi", str(number))
+        )
         for number, station in enumerate(setup.wifi)
     )
     return RadioModel(parameters, propagation(), stations)
 
 
-def _amended(setup: RadioSetup) -> RadioParameters:
-    named = preset(setup.preset)
-    shadowing = named.propagation.shadowing
+def _parameters_of(setup: RadioSetup) -> RadioParameters:
+    base = preset(setup.preset)
+    shadowing = base.propagation.shadowing
     if setup.shadowing_db is not None:
         shadowing = replace(shadowing, sigma_db=setup.shadowing_db)
     if setup.correlation_distance is not None:
         shadowing = replace(shadowing, correlation_distance=setup.correlation_distance)
-    walls = setup.walls or named.propagation.walls
-    propagation = replace(named.propagation, walls=walls, shadowing=shadowing)
-    return replace(named, channel=setup.channel or named.channel, propagation=propagation)
+    walls = setup.walls or base.propagation.walls
+    propagation = replace(base.propagation, walls=walls, shadowing=shadowing)
+    return replace(base, channel=setup.channel or base.channel, propagation=propagation)
 
 
-_EVERY_US: Final = 1_000_000
+_PERIOD_US: Final = 1_000_000
 
 
 def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
@@ -376,9 +380,9 @@ class DirectReach:
         """Return whether a new second has begun since the last count."""
         return instant_us >= self._next
 
-    def see(self, instant_us: int, places: NDArray[np.float64]) -> None:
+    def count_pairs(self, instant_us: int, places: NDArray[np.float64]) -> None:
         """Count the pairs of powered robots at these places, (n, 2) m."""
-        self._next = (instant_us // _EVERY_US + 1) * _EVERY_US
+        self._next = (instant_us // _PERIOD_US + 1) * _PERIOD_US
         loss = self._propagation.loss_db(places, places, self._greatest_loss_db)
         one, other = np.triu_indices(len(places), 1)
         self._pairs += one.size

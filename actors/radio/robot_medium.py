@@ -23,7 +23,7 @@ from actors.portable import arrays, exp10
 from actors.portable.compiled import cos, sin
 from actors.radio.frame import link_qualities, octets, rssi_codes, strengths_dbm
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import Kind, Outcome
+from actors.radio.medium.state import EventKind, Outcome
 from actors.radio.radio_model import Jammer, RadioModel, needed_dbm
 
 FRAMES: Final = {
@@ -144,15 +144,15 @@ def fingerprint() -> bytes:
     return TransceiverTruth(0, robots).positions(73_000_001).tobytes()
 
 
-_HEARD: Final = int(Kind.HEARD)
-_ENDS: Final = {
-    int(Kind.SENT): (Sent, "sent"),
-    int(Kind.ACCESS_FAILURE): (AccessFailure, "access_failure"),
-    int(Kind.OVERFLOW): (Overflow, "overflow"),
+_HEARD: Final = int(EventKind.HEARD)
+_END_EVENTS: Final = {
+    int(EventKind.SENT): (Sent, "sent"),
+    int(EventKind.ACCESS_FAILURE): (AccessFailure, "access_failure"),
+    int(EventKind.OVERFLOW): (Overflow, "overflow"),
 }
 
 
-class Handed(NamedTuple):
+class SubmittedFrame(NamedTuple):
     """A frame of valid size that a robot gives to its transceiver."""
 
     instant: int
@@ -209,7 +209,7 @@ class RobotMedium:
             keeps_outcomes=keeps_outcomes,
         )
         self._keeps_outcomes = keeps_outcomes
-        self._ended: list[tuple[Handed, int, str]] = []
+        self._ended: list[tuple[SubmittedFrame, int, str]] = []
         """Ended frames with end time, µs, and result, until `take_outcomes`."""
         self._powered = (True,) * len(self._addresses)
         self._epochs: tuple[int, ...] | None = None
@@ -217,11 +217,11 @@ class RobotMedium:
         """Number of notices discarded because their epoch had ended."""
         self._placed: NDArray[np.float64] | None = None
         # By transceiver and medium tag, as robots' own tags need not be unique.
-        self._frames: list[dict[int, Handed]] = [{} for _ in self._addresses]
+        self._frames: list[dict[int, SubmittedFrame]] = [{} for _ in self._addresses]
         self._serial = 0
 
     def advance(
-        self, truth: TransceiverTruth, jams: Sequence[Jam], handed: Iterable[Handed], until: int
+        self, truth: TransceiverTruth, jams: Sequence[Jam], handed: Iterable[SubmittedFrame], until: int
     ) -> Notices:
         """Return the transceivers' events from the step's start up to `until`, µs, exclusive.
 
@@ -230,7 +230,7 @@ class RobotMedium:
         notices: Notices = [[] for _ in self._addresses]
         if truth.powered != self._powered or truth.epochs != self._epochs:
             restarted = self._restarted(truth.epochs)
-            self._note(self.medium.finish_frames(), notices)
+            self._record_events(self.medium.finish_frames(), notices)
             for number in restarted:
                 self.discarded += len(notices[number])
                 notices[number].clear()
@@ -240,7 +240,7 @@ class RobotMedium:
         for jam in jams:
             self.medium.add(Jammer(jam.x, jam.y, jam.radius, now_ns, jam.until * 1000))
         self.medium.submit([self._request(frame) for frame in handed])
-        self._note(self.medium.run(until * 1000), notices)
+        self._record_events(self.medium.run(until * 1000), notices)
         return notices
 
     def take_outcomes(self) -> tuple[FrameOutcome, ...]:
@@ -257,7 +257,7 @@ class RobotMedium:
             for frame, instant, end in ended
         )  # fmt: skip
 
-    def _request(self, frame: Handed) -> Request:
+    def _request(self, frame: SubmittedFrame) -> Request:
         self._serial += 1
         self._frames[frame.transceiver][self._serial] = frame
         return Request(frame.instant * 1000, frame.transceiver, octets(len(frame.data)), tag=self._serial)
@@ -288,7 +288,7 @@ class RobotMedium:
             self._placed = truth.places
             self.medium.place(truth.places)
 
-    def _note(self, events: NDArray[np.void], notices: Notices) -> None:
+    def _record_events(self, events: NDArray[np.void], notices: Notices) -> None:
         if not events.size:
             return
         strengths, qualities = self._quality(events["power_mw"], events["sinr"])
@@ -300,9 +300,9 @@ class RobotMedium:
                 data = frames[sender][serial].data
                 notices[number] += (Heard(instant, addresses[sender], strength, quality, data),)
             else:
-                says, end = _ENDS[kind]
+                event_type, end = _END_EVENTS[kind]
                 frame = frames[number].pop(serial)
-                notices[number] += (says(instant, frame.tag),)
+                notices[number] += (event_type(instant, frame.tag),)
                 if self._keeps_outcomes:
                     self._ended.append((frame, instant, end))
 

@@ -185,16 +185,16 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
     for an unknown material.
     """
     names = list(dict.fromkeys(["air", everywhere, *(patch.material for patch in patches)]))
-    stuff = [material(name) for name in names]
+    materials = [material(name) for name in names]
     kinds = np.where(grid.cells == OCCUPIED, names.index(everywhere), 0).astype(np.uint8)
     for patch in patches:
-        kinds[inside(grid, patch) & (grid.cells == OCCUPIED)] = names.index(patch.material)
-    crossing_db = np.array([one.crossing_db for one in stuff])
-    per_metre_db = np.array([one.per_metre_db for one in stuff])
+        kinds[cells_in(grid, patch) & (grid.cells == OCCUPIED)] = names.index(patch.material)
+    crossing_db = np.array([one.crossing_db for one in materials])
+    per_metre_db = np.array([one.per_metre_db for one in materials])
     return walls_of(kinds, grid.resolution, *grid.origin, crossing_db, per_metre_db)
 
 
-def inside(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
+def cells_in(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
     """Return which cells have their centre in the patch, (rows, columns)."""
     x, y = grid.centres()
     rows = (patch.y[0] <= y) & (y <= patch.y[1])
@@ -216,7 +216,7 @@ def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _within(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom: int) -> tuple[float, float]:
+def _block_span(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom: int) -> tuple[float, float]:
     """Return where an eastward ray enters and leaves a block of the tile with this corner; all in tiles."""
     low, high = bottom + blocks[k, 1] / TILE, bottom + blocks[k, 3] / TILE
     if line.dy < 0:
@@ -227,7 +227,7 @@ def _within(line: Ray, blocks: NDArray[np.uint8], k: int, left: int, bottom: int
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _along(
+def _loss_along(
     walls: Walls,
     per_tile_db: Floats,
     x: float,
@@ -256,7 +256,7 @@ def _along(
         while side == 0:
             first, end, kind, met = border, border, 0, 0
             for k in range(begins[tile], begins[tile + 1]):
-                enters, leaves = _within(line, blocks, k, column, row)
+                enters, leaves = _block_span(line, blocks, k, column, row)
                 enters, leaves = max(enters, at), min(leaves, border)
                 met += enters < leaves
                 if enters < leaves and enters < first:
@@ -277,7 +277,7 @@ def _along(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def between(
+def wall_loss(
     walls: Walls, per_tile_db: Floats, x0: float, y0: float, x1: float, y1: float, most_db: float
 ) -> float:
     """Return the loss by walls, dB, between two places, in tiles from the map's corner; inf above most_db.
@@ -290,5 +290,5 @@ def between(
     length = math.sqrt(dx * dx + dy * dy)
     if length == 0.0:
         return 0.0
-    loss: float = _along(walls, per_tile_db, x0, y0, dx / length, dy / length, length, most_db)
+    loss: float = _loss_along(walls, per_tile_db, x0, y0, dx / length, dy / length, length, most_db)
     return loss

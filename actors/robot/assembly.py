@@ -87,7 +87,7 @@ class CommonGround:
 
 
 def common_ground(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> CommonGround:
-    """Return the data shared by robots of this model and stack; cached while referenced, see `Shared`."""
+    """Return the data shared by robots of this model and stack, cached weakly (`SharedCache`)."""
     field, costs = None, None
     if stack.localisation is not None:
         field = likelihood_field(plan, stack.localisation.max_distance)

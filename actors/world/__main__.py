@@ -22,17 +22,17 @@ def main(argv: Sequence[str]) -> int:
     answer_where()
     try:
         file = setup_parser("actors.world", "Conduct a run.").parse_args(argv).setup
-        told, folder = load_setup(file), file.parent
-        process = told.process
+        program, folder = load_setup(file), file.parent
+        process = program.process
         if process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
-        core = build(told.actor.located(folder))
+        core = build(program.actor.located(folder))
         conductor = Conductor(core, process.speed)
-        note = world_note(told.actor, process.commit)
+        note = world_note(program.actor, process.commit)
         router = folder / process.router
         issued = credentials.read_router_file(router)
         world = part(core, note, conductor.drive)
-        recorder = Recorder(folder / process.record, told.actor.step_us)
+        recorder = Recorder(folder / process.record, program.actor.step_us)
         try:
             return play(world, recorder, world_config(issued), lambda: reveal(issued))
         finally:

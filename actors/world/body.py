@@ -23,7 +23,7 @@ from actors.runtime.errors import AcrcError
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import RealFloor, drifting, floor
+from actors.world.uncertainty import RealFloor, draw_floor, odometry_errors
 from actors.world.world_setup import WorldSetup
 from deeco.knowledge import new_tuple
 
@@ -50,7 +50,7 @@ class FloorRecord:
         self._put.append(FloorThing(self._count, kind, ends, radius))
         self._count += 1
 
-    def turn(self, door: int, kind: str = "", ends: Sequence[Point] = ()) -> None:
+    def change_door(self, door: int, kind: str = "", ends: Sequence[Point] = ()) -> None:
         """Change the kind of a door, which is as thick as a wall; without `ends` it is open."""
         if door in self._doors:
             self._gone.append(self._doors.pop(door))
@@ -67,7 +67,7 @@ class FloorRecord:
         return changed
 
 
-class _Leaf(NamedTuple):
+class _DoorLeaf(NamedTuple):
     """A closed or closing door."""
 
     cells: NDArray[np.bool_]
@@ -87,23 +87,23 @@ class Doors:
         self._sensors = sensors
         self._record = record
         self._doorways = Doorways(floor.solid, radius)
-        self._closed: dict[int, _Leaf] = {}
-        self._closing: dict[int, _Leaf] = {}
+        self._closed: dict[int, _DoorLeaf] = {}
+        self._closing: dict[int, _DoorLeaf] = {}
         """Doors that will close when no robot stands in them."""
 
     def close(self, point: Point) -> None:
-        """Close the door at a point at the next `settle` that finds it free.
+        """Close the door at a point at the next `close_unobstructed` that finds it free.
 
         Raises DoorError if there is none, or if it is closed or closing.
         """
         door = self._doorways.at(point)
         if door.index in self._closed or door.index in self._closing:
             raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is already closed")
-        cells = self._doorways.closed(door)
-        alone = replace(self._floor.solid, cells=np.where(cells, OCCUPIED, FREE).astype(np.uint8))
-        leaf = _Leaf(cells, outline(alone, beyond=False), self._doorways.leaf(cells))
+        cells = self._doorways.closed_cells(door)
+        door_only = replace(self._floor.solid, cells=np.where(cells, OCCUPIED, FREE).astype(np.uint8))
+        leaf = _DoorLeaf(cells, outline(door_only, beyond=False), self._doorways.ends_of(cells))
         self._closing[door.index] = leaf
-        self._record.turn(door.index, "closing door", leaf.ends)
+        self._record.change_door(door.index, "closing door", leaf.ends)
 
     def open(self, point: Point) -> None:
         """Open the door at a point, or cancel its closing. Raises DoorError if it is open."""
@@ -112,24 +112,24 @@ class Doors:
             if self._closed.pop(door, None) is None:
                 raise DoorError(f"the door at ({point.x:g}, {point.y:g}) is already open")
             self._arena.open_door(door)
-            self._show_to_sensors()
-        self._record.turn(door)
+            self._update_sensors()
+        self._record.change_door(door)
 
-    def settle(self) -> None:
+    def close_unobstructed(self) -> None:
         """Close all closing doors in which no robot stands."""
-        free = [door for door, leaf in self._closing.items() if not self._arena.in_the_way(leaf.segments)]
+        free = [door for door, leaf in self._closing.items() if not self._arena.is_obstructed(leaf.segments)]
         for door in free:
             leaf = self._closed[door] = self._closing.pop(door)
             self._arena.close_door(door, leaf.segments)
-            self._record.turn(door, "closed door", leaf.ends)
+            self._record.change_door(door, "closed door", leaf.ends)
         if free:
-            self._show_to_sensors()
+            self._update_sensors()
 
-    def _show_to_sensors(self) -> None:
+    def _update_sensors(self) -> None:
         cells = self._floor.visible.cells
         for leaf in self._closed.values():
             cells = np.where(leaf.cells, np.uint8(OCCUPIED), cells)
-        self._sensors.look_at(replace(self._floor.visible, cells=cells))
+        self._sensors.set_floor(replace(self._floor.visible, cells=cells))
 
 
 class Bodies:
@@ -142,7 +142,7 @@ class Bodies:
         floor = real_floor(setup, self._models)
         self._grid = floor.solid
         self.floor_record = FloorRecord()
-        stage, kobuki = drifting(setup.uncertainty)
+        stage, kobuki = odometry_errors(setup.uncertainty)
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
         self._arena = Arena(outline(floor.solid), names, self._models, poses)
@@ -164,10 +164,12 @@ class Bodies:
         self._periods = [model.sensor.period for model in self._models]
         self._different_periods = tuple(dict.fromkeys(self._periods))
         # A frozen robot reads no scans: the queue keeps the latest.
-        self._scans = [deque[Scan](maxlen=_sweeps(model, setup.step_us)) for model in self._models]
+        self._scans = [
+            deque[Scan](maxlen=_max_scans_per_step(model, setup.step_us)) for model in self._models
+        ]
         self._bumpers = np.zeros(len(names), np.uint8)
         self._driven = np.zeros(len(names))
-        self._scan_due(Instant(0))
+        self._scan(Instant(0))
         self._cache()
 
     @property
@@ -215,11 +217,11 @@ class Bodies:
 
     def move(self, instant: Instant, duration_us: int) -> None:
         """Advance from `instant`; range sensors scan at their own instants."""
-        self._doors.settle()
+        self._doors.close_unobstructed()
         end = instant + duration_us
         now: int = instant
         while now < end:
-            until = min(end, self._next_sweep(now))
+            until = min(end, self._next_scan(now))
             before = self.positions
             track = self._arena.advance((until - now) // SUBSTEP)
             moved = track[-1, :, :2] - before
@@ -227,14 +229,14 @@ class Bodies:
             self._odometers.follow(track, self._arena.velocities)
             self._bumpers |= self._arena.bumpers
             now = until
-            self._scan_due(Instant(now))
+            self._scan(Instant(now))
         self._cache()
 
     def place(self, index: int, pose: Pose) -> None:
         """Relocate a robot."""
         check_pose(self._grid, pose.point, self._models[index].footprint.inradius, self._names[index])
         self._arena.move(index, pose)
-        self._odometers.carry(index, pose)
+        self._odometers.relocate(index, pose)
         self._scans[index].clear()  # scans of the former position
         self._cache()
 
@@ -266,17 +268,17 @@ class Bodies:
             if not self._grid.is_free(Point(x, y)):
                 raise PlacementError(f"({x:g}, {y:g}) is not on free floor; choose another place")
 
-    def _next_sweep(self, now: int) -> int:
+    def _next_scan(self, now: int) -> int:
         """Return the instant of the next scan of any sensor, rounded up to a sub-step."""
-        return min(_on_grid((now // period + 1) * period) for period in self._different_periods)
+        return min(_round_up((now // period + 1) * period) for period in self._different_periods)
 
-    def _scan_due(self, now: Instant) -> None:
-        ending = [period for period in self._different_periods if _on_grid(now // period * period) == now]
+    def _scan(self, now: Instant) -> None:
+        ending = [period for period in self._different_periods if _round_up(now // period * period) == now]
         if not ending:
             return
         due = [i for i, period in enumerate(self._periods) if period in ending]
         poses, obstacles = self._arena.poses, self._arena.obstacles
-        for index, ranges in zip(due, self._sensors.encoded(due, poses, obstacles), strict=True):
+        for index, ranges in zip(due, self._sensors.encoded_scans(due, poses, obstacles), strict=True):
             self._scans[index].append(Scan(now, ranges))
 
     def _cache(self) -> None:
@@ -296,16 +298,16 @@ def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
 
 def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
     """Return the real floor of a run. Raises MapError, PlacementError if a robot's start is not free."""
-    kept_off = [Point(*robot.start[:2]) for robot in setup.robots]
-    kept_off += [Point(*place) for robot in setup.robots for place in robot.places]
-    chance = generator(setup.world_seed, "uncertainty", "world")
-    real = floor(load_map(Path(setup.map)), setup.uncertainty, chance, kept_off)
+    keep_off = [Point(*robot.start[:2]) for robot in setup.robots]
+    keep_off += [Point(*place) for robot in setup.robots for place in robot.places]
+    rng = generator(setup.world_seed, "uncertainty", "world")
+    real = draw_floor(load_map(Path(setup.map)), setup.uncertainty, rng, keep_off)
     for robot, model in zip(setup.robots, models, strict=True):
         check_pose(real.solid, Point(*robot.start[:2]), model.footprint.inradius, robot.id)
     return real
 
 
-def _sweeps(model: RobotModel, step_us: int) -> int:
+def _max_scans_per_step(model: RobotModel, step_us: int) -> int:
     """Return the maximum number of scans that end in one step, at least 1."""
     if model.sensor.period < SUBSTEP:
         raise AcrcError(
@@ -315,6 +317,6 @@ def _sweeps(model: RobotModel, step_us: int) -> int:
     return max(-(-step_us // model.sensor.period), 1)
 
 
-def _on_grid(instant: int) -> int:
+def _round_up(instant: int) -> int:
     """Return the first sub-step boundary at or after `instant`."""
     return -(-instant // SUBSTEP) * SUBSTEP

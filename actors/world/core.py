@@ -42,11 +42,11 @@ from actors.runtime.processor import few, otherwise, parted
 from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies, Places
-from actors.world.orders import Effects, Orders
+from actors.world.orders import OrderEffects, Orders
 from actors.world.sensing import PoseErrorSum, WorldReport
-from actors.world.world_setup import BarrierStanding, Member, Participants, WorldSetup
+from actors.world.world_setup import BarrierState, Member, Participants, WorldSetup
 
-_SHOWN: Final = 32
+_MAX_NAME: Final = 32
 """Maximum length of a received name in a message; names of this software are shorter."""
 
 
@@ -152,19 +152,21 @@ class WorldCore:
     def _awaited(self) -> list[Address]:
         match self._phase:
             case WorldPhase.ROLL_CALL:
-                robots = [at(READY, member.id) for member in self._participants.of(BarrierStanding.AWAITED)]
+                robots = [
+                    at(READY, member.id) for member in self._participants.in_state(BarrierState.AWAITED)
+                ]
                 return [*robots, at(RADIO_READY)] if self._awaits_radio else robots
             case WorldPhase.OPEN:
                 return [at(AIRED)] if self._step else []
             case WorldPhase.CLOSE:
-                return [member.drive for member in self._participants.of(BarrierStanding.STEPPING)]
+                return [member.drive for member in self._participants.in_state(BarrierState.STEPPING)]
             case WorldPhase.PAUSED:
                 return [at(CONTROL)]
             case WorldPhase.MOVE:
                 return []
 
     def _call_roll(self, inputs: Inputs) -> Sequence[Output]:
-        for member in self._participants.of(BarrierStanding.AWAITED):
+        for member in self._participants.in_state(BarrierState.AWAITED):
             self._admit(member, read(inputs, READY, member.id))
         self._awaits_radio = False
         if self._restarting:
@@ -177,7 +179,7 @@ class WorldCore:
     def _admit(self, member: Member, ready: Ready) -> None:
         if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
             raise AcrcError(
-                f"step {self._step}: {ready.actor[:_SHOWN]} reports ready for step {ready.step} in epoch "
+                f"step {self._step}: {ready.actor[:_MAX_NAME]} reports ready for step {ready.step} in epoch "
                 f"{ready.epoch}; "
                 f"expected {member.id} in epoch {member.epoch}"
             )
@@ -190,13 +192,13 @@ class WorldCore:
                 "run the same version of this software on compatible processors"
             )
         member.kernels = ready.kernels
-        member.standing = BarrierStanding.STEPPING
+        member.state = BarrierState.STEPPING
 
     def _open(self, inputs: Inputs) -> Sequence[Output]:
         effects = self._orders.effects
         if self._phase is WorldPhase.OPEN:
             if self._step:
-                self._take_counts(read(inputs, AIRED))
+                self._add_event_counts(read(inputs, AIRED))
             self._orders.begin(self.instant)
             effects = self._orders.effects
             if self._pause_at == self._step:
@@ -213,7 +215,7 @@ class WorldCore:
             return [*outputs, to(PROGRESS, self._progress())]
         ended = [self._participants[robot] for robot in effects.ends]
         outputs += [self._senses(member, self.instant, halt=True) for member in ended]
-        if self._over(effects):
+        if self._is_over(effects):
             return [*outputs, *self._halt()]
         if effects.starts:
             self._restarting = True
@@ -229,7 +231,7 @@ class WorldCore:
         refusals = self._orders.take(control.orders)
         return [to(ANSWERED, Answered(self._step, control.ticket, refusals))] if control.ticket else []
 
-    def _take_counts(self, aired: Aired) -> None:
+    def _add_event_counts(self, aired: Aired) -> None:
         if aired.step != self._step - 1:
             raise AcrcError(
                 f"{self._when()}: the radio reports step {aired.step}; expected step {self._step - 1}"
@@ -242,13 +244,13 @@ class WorldCore:
                 )
             self._participants[count.id].events += count.events
 
-    def _over(self, effects: Effects) -> bool:
+    def _is_over(self, effects: OrderEffects) -> bool:
         if effects.stop or self.instant >= self._setup.duration_us:
             return True
         return self._task.settled and not self._orders.pending and not effects.starts
 
     def _halt(self) -> list[Output]:
-        alive = self._participants.of(BarrierStanding.STEPPING, BarrierStanding.FROZEN)
+        alive = self._participants.in_state(BarrierState.STEPPING, BarrierState.FROZEN)
         outputs = [self._senses(member, self.instant, halt=True) for member in alive]
         self._finished = True
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
@@ -258,13 +260,15 @@ class WorldCore:
     def _send_senses(self) -> list[Output]:
         self._phase = WorldPhase.CLOSE
         instant = self.instant
-        return [self._senses(member, instant) for member in self._participants.of(BarrierStanding.STEPPING)]
+        return [
+            self._senses(member, instant) for member in self._participants.in_state(BarrierState.STEPPING)
+        ]
 
     def _senses(self, member: Member, instant: Instant, halt: bool = False) -> Output:
         events, member.events = member.events, 0
         new: Places = ()
-        if member.given and not halt:  # an ending process gets no new places; the one started next does
-            new, member.told = member.given[member.told :], len(member.given)
+        if member.added_places and not halt:  # a restarted process gets them all
+            new, member.sent_places = member.added_places[member.sent_places :], len(member.added_places)
         senses = self._bodies.senses(member.index, self._step, instant, events, halt, new)
         return Output(member.senses, senses)
 
@@ -272,7 +276,7 @@ class WorldCore:
         transmits = {member.id: 0 for member in self._participants.members}
         estimates: dict[int, tuple[float, float, float]] = {}
         begin, end = self.instant, self.instant + self._setup.step_us
-        for member in self._participants.of(BarrierStanding.STEPPING):
+        for member in self._participants.in_state(BarrierState.STEPPING):
             drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` returns
             if wrong := drive_fault(drive, self._step, begin, end):
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")
@@ -293,8 +297,8 @@ class WorldCore:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
-        stepping = member.standing is BarrierStanding.STEPPING
-        powered = member.standing is not BarrierStanding.ENDED
+        stepping = member.state is BarrierState.STEPPING
+        powered = member.state is not BarrierState.ENDED
         state = self._bodies.truth(member.index)
         return RobotTruth(member.id, *state, stepping, powered, transmits, member.epoch)
 

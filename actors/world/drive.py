@@ -87,7 +87,7 @@ def drive_forces(
         if now_us - issued_us[i] > limit.watchdog_us:
             vx = vy = omega = 0.0
         if limit.omnidirectional:
-            vx, vy = _shortened(vx, vy, limit.speed)
+            vx, vy = _limited(vx, vy, limit.speed)
         else:
             vx, vy = min(max(vx, -limit.speed), limit.speed), 0.0
         # The physics moves bodies before it changes velocities, so the new velocity applies at the heading
@@ -95,11 +95,11 @@ def drive_forces(
         heading = state[i, 2] + state[i, 5] * dt
         c, s = cos_sin(heading)
         forward, leftward = c * state[i, 3] + s * state[i, 4], c * state[i, 4] - s * state[i, 3]
-        ahead, aside = _pull(state[i], forward, leftward, vx, vy, dt, limit, memory[i])
+        ahead, aside = _velocity_change(state[i], forward, leftward, vx, vy, dt, limit, memory[i])
         omega = min(max(omega, -limit.turn_rate), limit.turn_rate)
         turn, turn_grip = limit.turn_acceleration * dt, limit.turn_grip * dt
         wheels = memory[i]
-        wheels.hold_turn = _held(wheels.hold_turn, state[i, 5] - wheels.turn, turn_grip)
+        wheels.hold_turn = _holding(wheels.hold_turn, state[i, 5] - wheels.turn, turn_grip)
         wheels.turn += min(max(omega - wheels.turn, -turn), turn)
         turning = min(max(wheels.turn - state[i, 5] + wheels.hold_turn, -turn_grip), turn_grip)
         forces[i, 0] = limit.mass * (c * ahead - s * aside) / dt
@@ -108,7 +108,7 @@ def drive_forces(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _pull(
+def _velocity_change(
     state: Floats, forward: float, leftward: float, vx: float, vy: float, dt: float, limit: Any, wheels: Any
 ) -> tuple[float, float]:
     """Return the drive's velocity change, body frame; forward, leftward: current velocity."""
@@ -116,7 +116,7 @@ def _pull(
     c, s = cos_sin(state[2])
     slip_ahead = c * state[3] + s * state[4] - wheels.ahead  # since the last sub-step: pushed
     slip_aside = c * state[4] - s * state[3] - wheels.aside
-    change_x, change_y = _shortened(vx - wheels.ahead, vy - wheels.aside, reach)
+    change_x, change_y = _limited(vx - wheels.ahead, vy - wheels.aside, reach)
     wheels.ahead += change_x
     wheels.aside += change_y
     ahead, aside = wheels.ahead - forward, wheels.aside - leftward
@@ -124,21 +124,21 @@ def _pull(
         wheels.hold_ahead = 0.0
         if limit.omnidirectional:
             wheels.hold_aside = 0.0
-            ahead, aside = _shortened(ahead, aside, reach)
+            ahead, aside = _limited(ahead, aside, reach)
             wheels.ahead, wheels.aside = forward + ahead, leftward + aside
             return ahead, aside
         ahead = min(max(ahead, -reach), reach)
         wheels.ahead = forward + ahead
     else:
-        wheels.hold_ahead = _held(wheels.hold_ahead, slip_ahead, grip)
+        wheels.hold_ahead = _holding(wheels.hold_ahead, slip_ahead, grip)
         ahead = min(max(ahead + wheels.hold_ahead, -grip), grip)
-    wheels.hold_aside = _held(wheels.hold_aside, slip_aside, grip)
+    wheels.hold_aside = _holding(wheels.hold_aside, slip_aside, grip)
     aside = min(max(aside + wheels.hold_aside, -grip), grip)
     return ahead, aside
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _held(hold: float, slip: float, grip: float) -> float:
+def _holding(hold: float, slip: float, grip: float) -> float:
     """Return the holding action after a slip at this velocity: critically damped, with slow decay.
 
     Without decay, a robot wedged between walls would stay under stress after the pushing has stopped.
@@ -147,7 +147,7 @@ def _held(hold: float, slip: float, grip: float) -> float:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
+def _limited(x: float, y: float, longest: float) -> tuple[float, float]:
     """Return the vector, shortened to at most `longest`."""
     length = hypot(x, y)
     share = 1.0 if length <= longest else longest / length
@@ -155,7 +155,7 @@ def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def press_bumpers(
+def set_bumpers(
     state: Floats,
     pairs: NDArray[np.uint64],
     normals: Floats,
@@ -175,12 +175,12 @@ def press_bumpers(
     begun = 0
     now_touching = np.zeros(n, np.bool_)
     for k in range(pairs.shape[0]):
-        a, b = _robot(pairs[k, 0], numbers, robots), _robot(pairs[k, 1], numbers, robots)
+        a, b = _robot_of(pairs[k, 0], numbers, robots), _robot_of(pairs[k, 1], numbers, robots)
         bearing = atan2(normals[k, 1], normals[k, 0])
         if a >= 0:
-            bumpers[a] |= _sector(bearing - state[a, 2], limits[a])
+            bumpers[a] |= _bumper_bit(bearing - state[a, 2], limits[a])
         if b >= 0:
-            bumpers[b] |= _sector(bearing + math.pi - state[b, 2], limits[b])
+            bumpers[b] |= _bumper_bit(bearing + math.pi - state[b, 2], limits[b])
         if a >= 0 and b >= 0:
             begun += 1 if pairs[k, 2] else 0
         elif a >= 0:
@@ -195,14 +195,14 @@ def press_bumpers(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _robot(number: int, numbers: NDArray[np.uint64], robots: NDArray[np.int64]) -> int:
+def _robot_of(number: int, numbers: NDArray[np.uint64], robots: NDArray[np.int64]) -> int:
     """Return the robot with this body number, or −1."""
     place = np.searchsorted(numbers, number)
     return robots[place] if place < numbers.size and numbers[place] == number else -1
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _sector(bearing: float, limit: Any) -> np.uint8:
+def _bumper_bit(bearing: float, limit: Any) -> np.uint8:
     """Return the bumper bit for a bearing relative to straight ahead: 1 right, 2 centre, 4 left, 0 none."""
     bearing -= 2 * math.pi * math.floor((bearing + math.pi) / (2 * math.pi))
     if abs(bearing) <= limit.bumper_centre:
@@ -224,5 +224,5 @@ def fingerprint() -> bytes:
     pairs = np.array([[5, 6, 1], [6, 7, 0], [7, 1, 1]], np.uint64)
     numbers, robots = np.array([5, 6, 7], np.uint64), np.array([1, 0, 2])
     normals = arrays.cos(np.arange(6.0)).reshape(3, 2)
-    begun = press_bumpers(state, pairs, normals, numbers, robots, fixed, bumpers, touching)
+    begun = set_bumpers(state, pairs, normals, numbers, robots, fixed, bumpers, touching)
     return forces.tobytes() + memory.tobytes() + bumpers.tobytes() + touching.tobytes() + bytes([begun])

@@ -84,11 +84,11 @@ def add_measured(
             base.bias += normals[row, k, 3] * walk * math.sqrt(dt)
             base.substeps += 1
             if base.substeps % every == 0:
-                _feed_back(base, per_tick, resolution, every * dt, estimates[i], velocities[i])
+                _read_sensors(base, per_tick, resolution, every * dt, estimates[i], velocities[i])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _feed_back(
+def _read_sensors(
     base: Any, per_tick: float, resolution: float, period: float, estimate: Floats, velocity: Floats
 ) -> None:
     """Read the encoders and the gyro of a base and update its estimate."""
@@ -121,7 +121,7 @@ def _add(estimate: Floats, heading: float, forward: float, leftward: float) -> N
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def tell(
+def write_odometry(
     last: Floats,
     origin: Floats,
     true: Floats,
@@ -141,16 +141,16 @@ def tell(
         rows[i, 0:3] = estimates[i]
         if exact[i]:
             x, y = last[i, 0] - origin[i, 0], last[i, 1] - origin[i, 1]
-            rows[i, 0], rows[i, 1] = _turned_back(origin[i, 2], x, y)
+            rows[i, 0], rows[i, 1] = _rotated_back(origin[i, 2], x, y)
             rows[i, 2] = last[i, 2] - origin[i, 2]
         rows[i, 3:6] = velocities[i]
         if not measured[i]:
-            rows[i, 3], rows[i, 4] = _turned_back(last[i, 2], true[i, 0], true[i, 1])
+            rows[i, 3], rows[i, 4] = _rotated_back(last[i, 2], true[i, 0], true[i, 1])
             rows[i, 5] = true[i, 2]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _turned_back(heading: float, x: float, y: float) -> tuple[float, float]:
+def _rotated_back(heading: float, x: float, y: float) -> tuple[float, float]:
     """Return a vector in a frame rotated by this heading."""
     c, s = cos_sin(heading)
     return c * x + s * y, c * y - s * x
@@ -168,7 +168,7 @@ def fingerprint() -> bytes:
     model = (0.23, 8.5e-5, 0.002, 5e-4, 1e-5, 1.7e-4, 2)
     add_measured(track, robots, last, normals, 0.01, model, bases, estimates, velocities)
     rows, kinds = np.zeros((2, 6)), np.array([True, False])
-    tell(track[9], track[0], track[1], estimates, velocities, kinds, kinds, rows)
+    write_odometry(track[9], track[0], track[1], estimates, velocities, kinds, kinds, rows)
     return estimates.tobytes() + velocities.tobytes() + bases.tobytes() + rows.tobytes()
 
 
@@ -254,7 +254,7 @@ class Odometers:
         self._estimates = np.zeros((n, 3))
         self._velocities = np.zeros((n, 3))
         self._rows = np.zeros((n, 6))
-        self._said: list[tuple[float, ...]] | None = None
+        self._readings: list[tuple[float, ...]] | None = None
         """Readings of all robots; None after a motion, until the next `read`."""
         self._is_exact = np.array([kind == "exact" for kind in kinds], np.bool_)
         self._is_measured = np.array([kind == "kobuki" for kind in kinds], np.bool_)
@@ -285,23 +285,23 @@ class Odometers:
             add_measured(track, self._measured, self._last, draws, self._dt, self._kobuki, *written)
         self._last[:] = track[-1]
         self._true_velocities[:] = velocities
-        self._said = None
+        self._readings = None
 
-    def carry(self, index: int, pose: Pose) -> None:
+    def relocate(self, index: int, pose: Pose) -> None:
         """Record a relocation of the robot; only exact odometry follows it."""
         self._last[index] = pose
         self._true_velocities[index] = 0.0
-        self._said = None
+        self._readings = None
 
     def read(self, index: int) -> Odometry:
         """Return the odometry of the robot's base."""
-        if self._said is None:
+        if self._readings is None:
             true = self._last, self._origin, self._true_velocities
             estimated = self._estimates, self._velocities
-            tell(*true, *estimated, self._is_exact, self._is_measured, self._rows)
+            write_odometry(*true, *estimated, self._is_exact, self._is_measured, self._rows)
             rows = self._rows.tolist()
-            self._said = [(x, y, wrap(heading), vx, vy, omega) for x, y, heading, vx, vy, omega in rows]
-        return Odometry(*self._said[index])
+            self._readings = [(x, y, wrap(heading), vx, vy, omega) for x, y, heading, vx, vy, omega in rows]
+        return Odometry(*self._readings[index])
 
 
 def _check(model: RobotModel, kind: str) -> None:

@@ -31,11 +31,11 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies, wall_posts
-from actors.world.world_setup import BarrierStanding, Member, Participants, TimedOrder
+from actors.world.world_setup import BarrierState, Member, Participants, TimedOrder
 
 
 @dataclass
-class Effects:
+class OrderEffects:
     """Effects of the orders of one step boundary on messages and the run."""
 
     starts: list[ProcessOrder] = field(default_factory=list)
@@ -60,7 +60,7 @@ class Orders:
     def __init__(
         self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies, task: Task
     ) -> None:
-        self.effects = Effects()
+        self.effects = OrderEffects()
         self._events = deque(events)
         self._roster = roster
         self._bodies = bodies
@@ -85,7 +85,7 @@ class Orders:
     def begin(self, now: Instant) -> None:
         """Begin a boundary: carry out all events of the scenario up to `now`."""
         self._now = now
-        self.effects = Effects()
+        self.effects = OrderEffects()
         while self._events and self._events[0].instant <= now:
             try:
                 self._carry_out(self._events.popleft().order)
@@ -125,38 +125,38 @@ class Orders:
         match order:
             case Kill():
                 self._end(member)
-            case Freeze() if member.standing is BarrierStanding.STEPPING:
-                member.standing = BarrierStanding.FROZEN
-            case Thaw() if member.standing is BarrierStanding.FROZEN:
-                member.standing = BarrierStanding.STEPPING
+            case Freeze() if member.state is BarrierState.STEPPING:
+                member.state = BarrierState.FROZEN
+            case Thaw() if member.state is BarrierState.FROZEN:
+                member.state = BarrierState.STEPPING
             case Restart():
                 self._end(member)
-                member.begin_anew()
+                member.restart()
                 self.effects.starts.append(ProcessOrder(member.id, member.epoch))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
             case Give():
                 self._give(member, order)
             case _:
-                raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
+                raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.state.value}")
 
     def _end(self, member: Member) -> None:
         """End the robot's process, running or about to start."""
         effects = self.effects
         effects.starts = [start for start in effects.starts if start.robot != member.id]
-        if member.standing in (BarrierStanding.STEPPING, BarrierStanding.FROZEN):
+        if member.state in (BarrierState.STEPPING, BarrierState.FROZEN):
             effects.ends.append(member.id)
-        member.standing = BarrierStanding.ENDED
+        member.state = BarrierState.ENDED
 
     def _give(self, member: Member, order: Give) -> None:
         """Add places; the robot's process receives them with its next Senses."""
-        if len(member.given) + len(order.places) > self._limits.places:
+        if len(member.added_places) + len(order.places) > self._limits.places:
             raise AcrcError(
-                f"{member.id} has been given {len(member.given)} places since the start; "
+                f"{member.id} has been given {len(member.added_places)} places since the start; "
                 f"the limit is {self._limits.places}"
             )
         self._bodies.check_places(order.places)
-        member.given += order.places
+        member.added_places += order.places
         self._task.give(self._now, member.id, order.places)
 
     def _to_radio(self, order: StartJam | Lose) -> None:

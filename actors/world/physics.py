@@ -17,7 +17,7 @@ from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays, cos_sin
 from actors.robot_model import Footprint, RobotModel, load_model
 from actors.runtime.errors import AcrcError
-from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, press_bumpers
+from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, set_bumpers
 
 
 class Shape(NamedTuple):
@@ -33,7 +33,7 @@ def disc(x: float, y: float, radius: float) -> Shape:
     return Shape(np.array([[x, y]]), radius)
 
 
-def placed(footprint: Footprint, pose: Pose) -> Shape:
+def footprint_at(footprint: Footprint, pose: Pose) -> Shape:
     """Return a robot's footprint at a pose."""
     if footprint.radius is not None:
         return disc(pose.x, pose.y, footprint.radius)
@@ -108,9 +108,9 @@ _CONTACTS: Final = (
     | batch.ArbiterFields.IS_FIRST_CONTACT
     | batch.ArbiterFields.NORMAL
 )
-_GET: Final = ffi.addressof(lib, "pmSpaceBodyGetIteratorFuncBatched")
-_SET: Final = ffi.addressof(lib, "pmSpaceBodySetIteratorFuncBatched")
-_MEET: Final = ffi.addressof(lib, "pmSpaceArbiterIteratorFuncBatched")
+_BODY_READER: Final = ffi.addressof(lib, "pmSpaceBodyGetIteratorFuncBatched")
+_BODY_WRITER: Final = ffi.addressof(lib, "pmSpaceBodySetIteratorFuncBatched")
+_CONTACT_ITERATOR: Final = ffi.addressof(lib, "pmSpaceArbiterIteratorFuncBatched")
 
 
 class BodyExchange:
@@ -120,15 +120,15 @@ class BodyExchange:
         """Create an exchange; `forces`: (n + 1, 3), N, N, N m, read by `step`; the last row is the walls'."""
         self._space = space
         self._address = space._space
-        self._into, self._out_of, self._met = batch.Buffer(), batch.Buffer(), batch.Buffer()
-        self._into.set_float_buf(forces.reshape(-1))
-        self._pushed = _request(_FORCES, self._into)
-        self._looked = _request(_STATE, self._out_of)
-        self._asked = _request(_CONTACTS, self._met)
-        self._floats, self._states = self._into._float_arr, self._out_of._float_arr
-        self._numbers, self._normals = self._met._int_arr, self._met._float_arr
-        lib.cpSpaceEachBody(self._address, _GET, self._looked)
-        self.states: NDArray[np.float64] = np.frombuffer(self._out_of.float_buf()).reshape(-1, 6)
+        self._force_buffer, self._state_buffer, self._contact_buffer = (batch.Buffer() for _ in range(3))
+        self._force_buffer.set_float_buf(forces.reshape(-1))
+        self._force_request = _request(_FORCES, self._force_buffer)
+        self._state_request = _request(_STATE, self._state_buffer)
+        self._contact_request = _request(_CONTACTS, self._contact_buffer)
+        self._floats, self._states = self._force_buffer._float_arr, self._state_buffer._float_arr
+        self._numbers, self._normals = self._contact_buffer._int_arr, self._contact_buffer._float_arr
+        lib.cpSpaceEachBody(self._address, _BODY_READER, self._state_request)
+        self.states: NDArray[np.float64] = np.frombuffer(self._state_buffer.float_buf()).reshape(-1, 6)
         """x, y, heading, vx, vy, omega after the last `step`, (n + 1, 6); `step` overwrites it."""
 
     def step(self, dt: float, *, whole: bool) -> None:
@@ -137,13 +137,13 @@ class BodyExchange:
         `whole`: include pymunk's bookkeeping of additions and removals since the last such step.
         """
         self._floats.num = 0  # read from the begin
-        lib.cpSpaceEachBody(self._address, _SET, self._pushed)
+        lib.cpSpaceEachBody(self._address, _BODY_WRITER, self._force_request)
         if whole:
             self._space.step(dt)
         else:
             lib.cpSpaceStep(self._address, dt)
         self._states.num = 0  # write from the begin
-        lib.cpSpaceEachBody(self._address, _GET, self._looked)
+        lib.cpSpaceEachBody(self._address, _BODY_READER, self._state_request)
 
     def contacts(self) -> tuple[NDArray[np.uint64], NDArray[np.float64]] | None:
         """Return the contacts of the last sub-step; None without any. Valid until the next call.
@@ -151,11 +151,11 @@ class BodyExchange:
         (m, 3): numbers of both bodies, and whether the contact is new; (m, 2): normals from first to second.
         """
         self._numbers.num = self._normals.num = 0
-        lib.cpSpaceEachCachedArbiter(self._address, _MEET, self._asked)
+        lib.cpSpaceEachCachedArbiter(self._address, _CONTACT_ITERATOR, self._contact_request)
         if not self._numbers.num:
             return None
-        pairs = np.frombuffer(self._met.int_buf(), np.uint64).reshape(-1, 3)
-        return pairs, np.frombuffer(self._met.float_buf()).reshape(-1, 2)
+        pairs = np.frombuffer(self._contact_buffer.int_buf(), np.uint64).reshape(-1, 3)
+        return pairs, np.frombuffer(self._contact_buffer.float_buf()).reshape(-1, 2)
 
 
 def _request(fields: batch.BodyFields | batch.ArbiterFields, buffer: batch.Buffer) -> Any:
@@ -167,27 +167,27 @@ def _request(fields: batch.BodyFields | batch.ArbiterFields, buffer: batch.Buffe
 
 _ANGLE: Final = 14
 """Index of the angle in a cpBody (Chipmunk 7, chipmunk_structs.h), in doubles."""
-_TURN: Final = 17
+_ROTATION: Final = 17
 """Index of its transform: cosine, sine, minus sine, cosine, x, y."""
 
 
-def turn_by_ourselves(body: pymunk.Body) -> None:
+def use_portable_rotation(body: pymunk.Body) -> None:
     """Use portable functions for the rotation of the body's shapes whenever it moves."""
     _check_layout()
-    body.position_func = _move
-    turn(body)
+    body.position_func = _move_portably
+    update_rotation(body)
 
 
-def turn(body: pymunk.Body) -> None:
+def update_rotation(body: pymunk.Body) -> None:
     """Update the rotation of a body after its angle was set."""
     doubles = _doubles(body)
     c, s = cos_sin(doubles[_ANGLE])
-    doubles[_TURN], doubles[_TURN + 1], doubles[_TURN + 2], doubles[_TURN + 3] = c, s, -s, c
+    doubles[_ROTATION], doubles[_ROTATION + 1], doubles[_ROTATION + 2], doubles[_ROTATION + 3] = c, s, -s, c
 
 
-def _move(body: pymunk.Body, dt: float) -> None:
+def _move_portably(body: pymunk.Body, dt: float) -> None:
     pymunk.Body.update_position(body, dt)
-    turn(body)
+    update_rotation(body)
 
 
 def _doubles(body: pymunk.Body) -> Any:
@@ -195,13 +195,13 @@ def _doubles(body: pymunk.Body) -> Any:
 
 
 def _check_layout() -> None:
-    """Assert that this release of pymunk has the memory layout that `turn` writes to."""
+    """Assert that this release of pymunk has the memory layout that `update_rotation` writes to."""
     body = pymunk.Body(2.0, 3.0)
     body.position, body.angle = (7.0, 9.0), 0.5
     found = _doubles(body)
     c, s = cos_sin(0.5)
     expected = (c, s, -s, c, 7.0, 9.0)
-    places = zip(range(_TURN, _TURN + 6), expected, strict=True)
+    places = zip(range(_ROTATION, _ROTATION + 6), expected, strict=True)
     assert found[_ANGLE] == 0.5
     assert all(abs(found[place] - value) < 1e-12 for place, value in places)
 
@@ -307,11 +307,11 @@ class Arena:
             orders = self._commands, self._issued_us, self.now
             drive_forces(self._state, *orders, dt, self._limits, self._memory, self._forces)
             self._exchange.step(dt, whole=k == 0)
-            met = self._exchange.contacts()
-            if met is not None or self._touched:
-                pairs, normals = met or _NO_CONTACTS
+            contacts = self._exchange.contacts()
+            if contacts is not None or self._touched:
+                pairs, normals = contacts or _NO_CONTACTS
                 robots = self._numbers, self._robots, self._limits
-                self.contacts += press_bumpers(
+                self.contacts += set_bumpers(
                     self._state, pairs, normals, *robots, self.bumpers, self._touching
                 )
                 self._touched = bool(self._touching.any())
@@ -321,7 +321,7 @@ class Arena:
 
     def move(self, index: int, pose: Pose) -> None:
         """Relocate a robot's body, at rest. Raises AcrcError if it would overlap anything."""
-        shape = placed(self._models[index].footprint, pose)
+        shape = footprint_at(self._models[index].footprint, pose)
         if obstruction := self._obstruction(shape, [j for j in range(len(self)) if j != index]):
             raise AcrcError(
                 f"{self._names[index]} does not fit at ({pose.x:g}, {pose.y:g}): "
@@ -331,7 +331,7 @@ class Arena:
         body.position, body.angle = (pose.x, pose.y), pose.heading
         body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
         if self._models[index].footprint.radius is None:
-            turn(body)
+            update_rotation(body)
         self._space.reindex_shapes_for_body(body)
         self._state[index] = (*pose, 0.0, 0.0, 0.0)
         self._memory[index] = 0.0
@@ -340,7 +340,7 @@ class Arena:
         """Add a permanent round obstacle. Raises AcrcError as `check_obstacle`."""
         self.check_obstacle(centre, radius)
         self._obstacles.append((centre.x, centre.y, radius))
-        self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
+        self._space.add(_static(pymunk.Circle(self._space.static_body, radius, centre)))
 
     def check_obstacle(self, centre: Point, radius: float) -> None:
         """Raise AcrcError for a round obstacle that is not finite or would overlap a robot."""
@@ -356,14 +356,14 @@ class Arena:
                     f"it would overlap {name}"
                 )
 
-    def in_the_way(self, segments: NDArray[np.float64]) -> bool:
+    def is_obstructed(self, segments: NDArray[np.float64]) -> bool:
         """Return whether a robot stands on a door of these segments, (n, 4)."""
         return any(wall_gap(shape, segments) < 0 for shape in self._shapes())
 
     def close_door(self, door: int, segments: NDArray[np.float64]) -> None:
-        """Add the segments of a door; no robot may be `in_the_way`."""
+        """Add the segments of a door; none may obstruct them."""
         ends = [((x0, y0), (x1, y1)) for x0, y0, x1, y1 in segments.tolist()]
-        shapes = [_still(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
+        shapes = [_static(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
         self._space.add(*shapes)
         self._doors[door] = segments, shapes
 
@@ -379,7 +379,7 @@ class Arena:
 
     def _shapes(self) -> Iterator[Shape]:
         for model, state in zip(self._models, self._state.tolist(), strict=True):
-            yield placed(model.footprint, Pose(*state[:3]))
+            yield footprint_at(model.footprint, Pose(*state[:3]))
 
     def _obstruction(self, shape: Shape, others: Sequence[int]) -> str:
         """Return what `shape` overlaps: "a wall", "an obstacle", a robot's name, or "" if nothing."""
@@ -409,7 +409,7 @@ def _space(segments: NDArray[np.float64]) -> pymunk.Space:
     space.collision_bias = float(Fraction(1 - _CORRECTION) ** (1_000_000 // SUBSTEP))
     space.collision_persistence = 1  # so that pymunk returns only contacts of this sub-step
     for x0, y0, x1, y1 in segments.tolist():
-        space.add(_still(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)))
+        space.add(_static(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)))
     return space
 
 
@@ -418,7 +418,7 @@ def _empty(space: pymunk.Space) -> None:
     space.remove(*space.shapes, *space.bodies)
 
 
-def _still(shape: pymunk.Shape) -> pymunk.Shape:
+def _static(shape: pymunk.Shape) -> pymunk.Shape:
     """Set the friction of a static shape so that a contact has that of the robot's model."""
     shape.friction = 1.0
     return shape
@@ -432,7 +432,7 @@ def _body(space: pymunk.Space, model: RobotModel, pose: Pose) -> pymunk.Body:
         shape = pymunk.Circle(body, model.footprint.radius)
     else:
         shape = pymunk.Poly(body, model.footprint.vertices or ())
-        turn_by_ourselves(body)
+        use_portable_rotation(body)
     shape.friction = model.friction
     space.add(body, shape)
     return body

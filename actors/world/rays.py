@@ -52,15 +52,17 @@ def cast(
     if not (0 <= column < squares.shape[2] and 0 <= row < squares.shape[1]) or not squares[0, row, column]:
         return
     per_x, per_y, columns, rows = np.empty((4, distances.size))
-    _leap(squares[:, row, column], x, y, directions[0], directions[1], per_x, per_y, columns, rows, distances)
+    _first_leap(
+        squares[:, row, column], x, y, directions[0], directions[1], per_x, per_y, columns, rows, distances
+    )
     for k in range(distances.size):
         dx, dy = directions[0, k], directions[1, k]
         line = Ray(x, y, dx, dy, per_x[k], per_y[k], quadrant(dx, dy))
-        distances[k] = _rest(squares, line, int(columns[k]), int(rows[k]), distances[k], reach)
+        distances[k] = _remaining_distance(squares, line, int(columns[k]), int(rows[k]), distances[k], reach)
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _leap(
+def _first_leap(
     sides: NDArray[np.uint8],
     x: float,
     y: float,
@@ -104,7 +106,7 @@ def _leap(
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _rest(
+def _remaining_distance(
     squares: NDArray[np.uint8], line: Ray, column: int, row: int, distance: float, reach: float
 ) -> float:
     """Return the distance to the first blocking cell of a ray from a cell on its way; inf beyond reach."""
@@ -156,7 +158,7 @@ def _to_polygon(ring: Floats, dx: float, dy: float) -> float:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _hide_behind(
+def _occlude(
     x: float,
     y: float,
     radius: float,
@@ -180,7 +182,7 @@ def _hide_behind(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _ring(body: Any, pose: Floats, vertices: Floats, x: float, y: float) -> Floats:
+def _vertices_at(body: Any, pose: Floats, vertices: Floats, x: float, y: float) -> Floats:
     """Return the (n, 2) vertices of a body at a pose relative to (x, y), map frame."""
     ring = np.empty((body.vertices, 2))
     c, s = cos_sin(pose[2])
@@ -235,18 +237,18 @@ def sweep(
             away_x, away_y = poses[other, 0] - x, poses[other, 1] - y
             if other == own or hypot(away_x, away_y) - body.radius > sensor.range_max:
                 continue
-            ring = _ring(body, poses[other], vertices, x, y) if body.vertices else nothing
-            _hide_behind(away_x, away_y, body.radius, ring, sensor, heading, directions, found)
+            ring = _vertices_at(body, poses[other], vertices, x, y) if body.vertices else nothing
+            _occlude(away_x, away_y, body.radius, ring, sensor, heading, directions, found)
         for k in range(obstacles.shape[0]):
             away_x, away_y = obstacles[k, 0] - x, obstacles[k, 1] - y
-            _hide_behind(away_x, away_y, obstacles[k, 2], nothing, sensor, heading, directions, found)
+            _occlude(away_x, away_y, obstacles[k, 2], nothing, sensor, heading, directions, found)
         for k in range(sensor.rays):
             if found[k] > sensor.range_max:
                 found[k] = math.inf
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def in_millimetres(
+def report_ranges(
     ranges: Floats,
     normals: Floats,
     due: NDArray[np.int64],
@@ -295,5 +297,5 @@ def fingerprint() -> bytes:
     carriers = due, poses, sensors, table, bodies, corners
     sweep(squares, 0.05, 0.0, 0.0, *carriers, obstacles, starts, ranges)
     report = np.empty(321, np.uint16)
-    in_millimetres(ranges, arrays.cos(np.arange(310.0)), due, sensors, starts, report)
+    report_ranges(ranges, arrays.cos(np.arange(310.0)), due, sensors, starts, report)
     return squares.tobytes() + ranges.tobytes() + report.tobytes()

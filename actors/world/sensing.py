@@ -16,7 +16,7 @@ from actors.messages import NO_ECHO_MM, RobotTruth
 from actors.portable import arrays, hypot
 from actors.portable.draws import normals_of_each
 from actors.robot_model import RangeSensor, RobotModel, scan_angles
-from actors.world.rays import BODY, SENSOR, in_millimetres, sweep
+from actors.world.rays import BODY, SENSOR, report_ranges, sweep
 
 
 class RangeSensors:
@@ -36,7 +36,7 @@ class RangeSensors:
         `dropout` of rays without echo, required if that is not 0.
         """
         assert len(models) == len(generators)
-        self.look_at(grid)
+        self.set_floor(grid)
         self._generators = tuple(generators)
         self._dropout = dropout
         self._dropouts = tuple(dropouts)
@@ -45,7 +45,7 @@ class RangeSensors:
         self._draws: list[int] = np.where(noisy, self._sensors["rays"], 0).tolist()
         self._bodies, self._vertices = _bodies(models)
 
-    def look_at(self, grid: OccupancyGrid) -> None:
+    def set_floor(self, grid: OccupancyGrid) -> None:
         """Replace the floor plan."""
         self._grid = grid
         self._squares = free_squares(grid.blocking)
@@ -60,7 +60,7 @@ class RangeSensors:
         report, bounds = self._report(due, poses, obstacles)
         return [report[begin:end] for begin, end in pairwise(bounds)]
 
-    def encoded(
+    def encoded_scans(
         self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
     ) -> list[bytes]:
         """Return the scans as in messages: (rays,) little-endian uint16."""
@@ -82,7 +82,7 @@ class RangeSensors:
         sweep(*floor, *carriers, obstacles, starts, ranges)
         draws = normals_of_each([self._generators[i] for i in due], [self._draws[i] for i in due])
         report = np.empty(ranges.size, np.uint16)
-        in_millimetres(ranges, draws, robots, self._sensors, starts, report)
+        report_ranges(ranges, draws, robots, self._sensors, starts, report)
         bounds = [*starts.tolist(), report.size]
         if self._dropout:
             for robot, (begin, end) in zip(due, pairwise(bounds), strict=True):

@@ -55,7 +55,7 @@ class RealFloor(NamedTuple):
     """Cells that range sensors detect: without glass; rays end at the map's edge."""
 
 
-def floor(
+def draw_floor(
     plan: OccupancyGrid, dose: Uncertainty, generator: Generator, kept_off: Sequence[Point]
 ) -> RealFloor:
     """Return the real floor for the map `plan`; no furniture stands near `kept_off`.
@@ -63,12 +63,12 @@ def floor(
     Raises PlacementError if there is no room for the furniture.
     """
     cells = _shifted(plan, dose.map_error, generator) if dose.map_error else plan.cells
-    seen = _without_glass(plan, cells, dose.glass, generator) if dose.glass else cells
+    visible = _without_glass(plan, cells, dose.glass, generator) if dose.glass else cells
     solid = replace(plan, cells=cells)
     if not dose.furniture:
-        return RealFloor(solid, solid if seen is cells else replace(plan, cells=seen))
+        return RealFloor(solid, solid if visible is cells else replace(plan, cells=visible))
     try:
-        things = draw_points(
+        pieces = draw_points(
             solid,
             dose.furniture,
             rng=generator,
@@ -79,14 +79,14 @@ def floor(
     except PlacementError as error:
         raise PlacementError(f"uncertainty.furniture = {dose.furniture}: {error}") from None
     x, y = plan.centres()
-    taken = np.zeros(plan.cells.shape, np.bool_)
-    for thing in things:
-        away = np.square(x - thing.x) + np.square(y[:, None] - thing.y)
-        taken |= away <= _FURNITURE * _FURNITURE
-    return RealFloor(*(replace(plan, cells=np.where(taken, OCCUPIED, part)) for part in (cells, seen)))
+    occupied = np.zeros(plan.cells.shape, np.bool_)
+    for piece in pieces:
+        away = np.square(x - piece.x) + np.square(y[:, None] - piece.y)
+        occupied |= away <= _FURNITURE * _FURNITURE
+    return RealFloor(*(replace(plan, cells=np.where(occupied, OCCUPIED, part)) for part in (cells, visible)))
 
 
-def drifting(dose: Uncertainty) -> tuple[StageErrors, KobukiErrors]:
+def odometry_errors(dose: Uncertainty) -> tuple[StageErrors, KobukiErrors]:
     """Return the errors of both kinds of odometry, scaled by `drift`."""
 
     def scaled(errors: T, *names: str) -> T:
@@ -130,5 +130,5 @@ def _without_glass(
     rows, columns = np.indices(cells.shape)
     side = max(round(_PANE / plan.resolution), 1)
     panes = generator.random((plan.rows // side + 1, plan.columns // side + 1)) < share
-    seen = np.equal(cells, OCCUPIED) & ~panes[rows // side, columns // side]
-    return np.where(seen, OCCUPIED, FREE).astype(np.uint8)
+    visible = np.equal(cells, OCCUPIED) & ~panes[rows // side, columns // side]
+    return np.where(visible, OCCUPIED, FREE).astype(np.uint8)

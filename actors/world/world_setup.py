@@ -83,7 +83,7 @@ WorldProgram = ActorSetup[WorldSetup, WorldProcess]
 """Set-up file of a world's process."""
 
 
-class BarrierStanding(Enum):
+class BarrierState(Enum):
     """State of a robot's process with respect to the step barrier."""
 
     AWAITED = "awaited"
@@ -99,14 +99,14 @@ class Member:
 
     id: str
     index: int
-    standing: BarrierStanding = BarrierStanding.AWAITED
+    state: BarrierState = BarrierState.AWAITED
     epoch: int = 0
     kernels: str = ""
     events: int = 0
     """Radio events pending for the robot's next step."""
-    given: tuple[tuple[float, float], ...] = ()
+    added_places: tuple[tuple[float, float], ...] = ()
     """Places added since the start of the run, m."""
-    told: int = 0
+    sent_places: int = 0
     """Number of these sent to the current process."""
     senses: Address = field(init=False)
     """Address of its Senses."""
@@ -119,13 +119,13 @@ class Member:
     @property
     def alive(self) -> bool:
         """True while a process exists, frozen or not, or is being started."""
-        return self.standing is not BarrierStanding.ENDED
+        return self.state is not BarrierState.ENDED
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Expect a new process, which has not received the added places."""
         self.epoch += 1
-        self.told = 0
-        self.standing = BarrierStanding.AWAITED
+        self.sent_places = 0
+        self.state = BarrierState.AWAITED
 
 
 class Participants:
@@ -141,9 +141,9 @@ class Participants:
     def __contains__(self, robot: str) -> bool:
         return robot in self._by_id
 
-    def of(self, *standings: BarrierStanding) -> list[Member]:
+    def in_state(self, *states: BarrierState) -> list[Member]:
         """Return the members in one of these states."""
-        return [member for member in self.members if member.standing in standings]
+        return [member for member in self.members if member.state in states]
 
     @property
     def present(self) -> tuple[str, ...]:

@@ -64,7 +64,7 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
     doorways, doors = Doorways(grid, max(radii.values())), []
     for door in doorways.regions.doors:
         try:
-            doors.append([(end.x, end.y) for end in doorways.leaf(doorways.closed(door))])
+            doors.append([(end.x, end.y) for end in doorways.ends_of(doorways.closed_cells(door))])
         except DoorError:  # an order to close it would be refused, too
             continue
     cells, file = grid.cells[::-1], io.BytesIO()

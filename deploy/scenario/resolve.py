@@ -14,7 +14,7 @@ from actors.geometry import Point, wrap
 from actors.instant import milliseconds, seconds
 from actors.radio import radio_model
 from actors.radio.radio_model import RadioSetup
-from actors.radio.walls import inside
+from actors.radio.walls import cells_in
 from actors.randomness import generator
 from actors.robot.assembly import RobotSetup
 from actors.robot.stack import Adaptation, Stack
@@ -153,7 +153,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
 def _check_walls(grid: OccupancyGrid, scenario: Scenario) -> None:
     """Raise AcrcError if a [[wall]] table covers no occupied cell."""
     for index, patch in enumerate(scenario.wall):
-        if not (grid.cells[inside(grid, patch)] == OCCUPIED).any():
+        if not (grid.cells[cells_in(grid, patch)] == OCCUPIED).any():
             (x0, x1), (y0, y1) = patch.x, patch.y
             raise AcrcError(
                 f"wall[{index}] spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m, where nothing is occupied;"
@@ -276,7 +276,7 @@ def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scena
             continue
         try:
             door = doorways.at(Point(*point))
-            doorways.closed(door)
+            doorways.closed_cells(door)
         except DoorError as error:
             raise LayoutError(f"event[{index}].{verb}: {error}") from None
         if (door.index in closed) == (verb == "close"):

@@ -274,7 +274,7 @@ def _closed_doors(floor: _Floor) -> Iterator[str]:
             del closed[doors.at(Point(*event.open)).index]
     cells = grid.cells.copy()
     for index in closed:
-        cells[doors.closed(doors.regions.doors[index])] = OCCUPIED
+        cells[doors.closed_cells(doors.regions.doors[index])] = OCCUPIED
     if closed:
         left = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
         if names := [f"{key.owner}/{key.place}" for key in left.unreached if key not in floor.unreached]:

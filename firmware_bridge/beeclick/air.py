@@ -15,7 +15,7 @@ from actors.instant import START, Instant
 from actors.messages import Heard, Jam, RadioEvent, RobotTruth
 from actors.radio.frame import DataFrame, rssi_codes
 from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
-from actors.radio.robot_medium import FrameCounters, Handed, RobotMedium, TransceiverTruth
+from actors.radio.robot_medium import FrameCounters, RobotMedium, SubmittedFrame, TransceiverTruth
 from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings
 
 USUAL_DBM: Final = BoardSettings(0).power_dbm
@@ -68,7 +68,7 @@ class _Channel:
     def __init__(self, addresses: Sequence[int], model: RadioModel, seed: int, jams: Sequence[Jam]) -> None:
         self.robots = RobotMedium(addresses, model, seed)
         self.usual_dbm = model.parameters.transceiver.tx_power_dbm
-        self.handed: list[Handed] = []
+        self.handed: list[SubmittedFrame] = []
         self.jams = list(jams)
 
     @property
@@ -129,7 +129,7 @@ class EmulatedAir:
         number, channel = self._number(device), self._channel(device.channel)
         power_dbm = channel.usual_dbm + (device.power_dbm - USUAL_DBM)
         channel.robots.medium.set_power(number, power_dbm)
-        channel.handed.append(Handed(now, number, tag, data))
+        channel.handed.append(SubmittedFrame(now, number, tag, data))
 
     def silence(self, device: Device) -> None:
         """Drop all frames of a device that was reset, without a call of `finished`."""

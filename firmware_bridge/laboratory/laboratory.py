@@ -25,7 +25,7 @@ from actors.world.body import Bodies, real_floor
 from actors.world.orders import Orders
 from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import drifting
+from actors.world.uncertainty import odometry_errors
 from actors.world.world_setup import Participants, WorldSetup
 from firmware_bridge.beeclick.air import air
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
@@ -225,7 +225,7 @@ class Laboratory:
         """Create the hardware. Raises AcrcError for missing files and invalid positions."""
         world, seed = setup.world, setup.world.seed
         self._bodies = Bodies(world)
-        _, self._errors = drifting(world.uncertainty)
+        _, self._errors = odometry_errors(world.uncertainty)
         self._referee = Referee(world.robots, world.reach)
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]

@@ -25,7 +25,7 @@ from actors.messages import (
     Unconfirmed,
 )
 from actors.radio.frame import DataFrame, octets
-from actors.radio.medium import Medium, Saturated
+from actors.radio.medium import Medium, SaturatedTraffic
 from actors.radio.radio_model import RadioSetup, radio_model
 from firmware_bridge.beeclick.air import BoardRadio, EmulatedAir
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
@@ -492,7 +492,7 @@ def test_the_link_uses_the_capacity_of_line_and_medium(
     rate = (desk.link.counters["sent"] - before) / (duration / 1e6)
     model = radio_model(RadioSetup(seed=1, step_us=10_000, robots=(), preset="beeclick"))
     medium = Medium([model.parameters.transceiver], model.propagation, model.parameters.phy, seed=1)
-    medium.offer(0, Saturated(octets(data_bytes)))
+    medium.offer(0, SaturatedTraffic(octets(data_bytes)))
     medium.run(duration * 1000)
     most = min(int(medium.counters()["sent"][0]) / (duration / 1e6), 1e6 / byte_time(6 + data_bytes))
     record_property(f"{data_bytes} bytes: packets per s, share", (rate, rate / most))

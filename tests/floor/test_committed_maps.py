@@ -98,7 +98,7 @@ def doorways(name: str) -> tuple[OccupancyGrid, Doorways]:
 
 def test_a_closed_office_door_spans_its_opening() -> None:
     grid, doors = doorways("corridor")
-    rows, columns = np.nonzero(doors.closed(doors.at(Point(12.45, 9.4))))
+    rows, columns = np.nonzero(doors.closed_cells(doors.at(Point(12.45, 9.4))))
     first, last = grid.centre(Cell(rows.min(), columns.min())), grid.centre(Cell(rows.max(), columns.max()))
     assert last.y - first.y < 0.05 and (first.x, last.x) == pytest.approx((12.0, 12.88), abs=0.05)
     cells = grid.blocking[rows[0], [columns.min() - 1, columns.max() + 1]]
@@ -110,7 +110,7 @@ def test_a_closed_door_parts_what_it_joined(name: str) -> None:
     grid, doors = doorways(name)
     floor = passable(grid, RADIUS)
     for door in doors.regions.doors:
-        left = floor & ~doors.closed(door)
+        left = floor & ~doors.closed_cells(door)
         inside = doors.regions.labels == doors.regions.count + 1 + door.index
         pieces = raster.regions(left & np.isin(doors.regions.labels, door.regions) | left & inside)
         ends = [np.unique(pieces[(doors.regions.labels == one) & (pieces > 0)]) for one in door.regions]

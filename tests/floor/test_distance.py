@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from actors.floor import raster
-from actors.floor.grid import Cell, OccupancyGrid, Shared
+from actors.floor.grid import Cell, OccupancyGrid, SharedCache
 from actors.floor.map_file import load_map
 from actors.floor.raster import bearing_to, equal_squares, free_squares, half_width, window
 from actors.geometry import Point
@@ -124,7 +124,7 @@ class Thing:
 
 
 def test_a_value_is_shared_while_it_lives() -> None:
-    shared, made = Shared[Thing](), list[str]()
+    shared, made = SharedCache[Thing](), list[str]()
 
     def make() -> Thing:
         made.append("made")

@@ -47,7 +47,7 @@ def test_a_door_can_be_closed_and_physics_can_have_the_walls() -> None:
     for seed in range(4):
         name = f"{offices.PREFIX}{seed}"
         doorways, grid = Doorways(load_map(name), RADIUS), load_map(name)
-        assert all(doorways.closed(door).any() for door in doorways.regions.doors)
+        assert all(doorways.closed_cells(door).any() for door in doorways.regions.doors)
         assert len(outline(grid)) < 1000
         edge = np.ones_like(grid.free)
         edge[2:-2, 2:-2] = False

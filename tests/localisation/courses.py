@@ -31,7 +31,7 @@ from actors.robot.navigation.planning import Planner, ground
 from actors.robot_model import DriveParameters, RobotModel, load_model
 from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import Uncertainty, drifting, floor
+from actors.world.uncertainty import Uncertainty, draw_floor, odometry_errors
 
 ROBOT: Final = "robot"
 CORRIDOR, APARTMENT, MAZE = (
@@ -146,7 +146,7 @@ class WanderingRoute:
         east, north = self._speed * math.cos(heading), self._speed * math.sin(heading)
         return track, np.array([east, north, self._turn])
 
-    def carry(self, pose: Pose) -> None:
+    def relocate(self, pose: Pose) -> None:
         self._pose, self._speed, self._turn = pose, 0.0, 0.0
         self._way, self._passed = np.empty((0, 2)), 0
 
@@ -377,7 +377,7 @@ class Crowd:
 def drive(setup: Setup) -> Course:
     place = mapped = site(setup.plan, setup.view)
     chance = generator(setup.seed, "localisation/uncertainty", ROBOT)
-    solid, visible = floor(mapped.grid, setup.dose, chance, ())
+    solid, visible = draw_floor(mapped.grid, setup.dose, chance, ())
     if setup.dose != _NONE:  # else the way over it is known already
         place = replace(mapped, grid=solid)
     steps = round(setup.seconds * 1e6 / STEP_US)
@@ -394,8 +394,8 @@ def drive(setup: Setup) -> Course:
         if step == carried:
             base.follow(track, np.zeros(3))
             elsewhere = _pose(place, route)
-            driver.carry(elsewhere)
-            base.carry(elsewhere)
+            driver.relocate(elsewhere)
+            base.relocate(elsewhere)
             truth[step] = elsewhere
         else:
             base.follow(track, velocity)
@@ -424,15 +424,15 @@ class _BaseOdometry:
     def __init__(self, setup: Setup, place: Site, start: Pose) -> None:
         draws = generator(setup.seed, "localisation/odometry", ROBOT)
         step = Duration(round(SUBSTEP * 1e6))
-        errors = drifting(setup.dose)
+        errors = odometry_errors(setup.dose)
         self._odometers = Odometers([setup.base], [place.model], np.array([start]), [draws], step, *errors)
 
     def follow(self, track: Floats, velocity: Floats) -> None:
         assert len(track) == CONTROLS
         self._odometers.follow(track[:, None, :], velocity[None, :])
 
-    def carry(self, pose: Pose) -> None:
-        self._odometers.carry(0, pose)
+    def relocate(self, pose: Pose) -> None:
+        self._odometers.relocate(0, pose)
 
     def read(self) -> tuple[float, float, float]:
         odometry = self._odometers.read(0)

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.radio.medium.medium import Request
-from actors.radio.medium.reception import ACK_RECEPTION, BACKOFF, RECEPTION, bit_error_rate, drawn
-from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
+from actors.radio.medium.reception import ACK_RECEPTION, BACKOFF, RECEPTION, bit_error_rate, keyed_uniform
+from actors.radio.medium.state import BROADCAST, Cca, EventKind, Outcome, PhyParameters, Transceiver
 
 SYMBOL = 16_000
 ENDS, ACK_ENDS, CCA_ENDS, BEGINS, ACK_BEGINS, TIMES_OUT, SPACED, CCA_BEGINS, ARRIVES = range(9)
@@ -109,7 +109,7 @@ class PlainMedium:
         own = self.state[i]
         number, own.number = own.number, own.number + 1
         if len(own.queue) == self.t[i].queue:
-            self.said.append((self.now, Kind.OVERFLOW, i, -1, request.tag))
+            self.said.append((self.now, EventKind.OVERFLOW, i, -1, request.tag))
             return
         own.queue.append((number, request))
         if own.doing == "nothing":
@@ -123,7 +123,7 @@ class PlainMedium:
     def back_off(self, i: int) -> None:
         own = self.state[i]
         key = own.tries * 16 + own.nb
-        luck = drawn(self.seed, BACKOFF, self.t[i].address, own.queue[0][0], key)
+        luck = keyed_uniform(self.seed, BACKOFF, self.t[i].address, own.queue[0][0], key)
         self.at(self.now + int(luck * 2**own.be) * 20 * SYMBOL, CCA_BEGINS, i)
 
     def cca_begin(self, i: int, _: object) -> None:
@@ -144,7 +144,7 @@ class PlainMedium:
             self.back_off(i)
         else:
             own.doing = "nothing"
-            self.done(i, Kind.ACCESS_FAILURE)
+            self.done(i, EventKind.ACCESS_FAILURE)
 
     def is_clear(self, i: int) -> bool:
         own, since = self.state[i], self.now - 8 * SYMBOL
@@ -188,7 +188,7 @@ class PlainMedium:
             heard = outcome == Outcome.HEARD and request.to in (BROADCAST, j)
             self.outcomes[j][Outcome.FILTERED if outcome == Outcome.HEARD and not heard else outcome] += 1
             if heard:
-                self.said.append((self.now, Kind.HEARD, j, i, request.tag))
+                self.said.append((self.now, EventKind.HEARD, j, i, request.tag))
                 phy, other = self.phy, self.state[j]
                 read = min(request.octets, phy.dead_octets)
                 other.dead_until = self.now + 1000 * (phy.dead_us + phy.dead_octet_us * read)
@@ -224,20 +224,20 @@ class PlainMedium:
             self.access(i)
         else:
             own.doing = "nothing"
-            self.done(i, Kind.NO_ACK)
+            self.done(i, EventKind.NO_ACK)
 
     def space(self, i: int) -> None:
         own = self.state[i]
         own.doing = "spacing"
         self.at(self.now + (12 if own.queue[0][1].octets <= 18 else 40) * SYMBOL, SPACED, i)
-        self.done(i, Kind.SENT)
+        self.done(i, EventKind.SENT)
 
     def spaced(self, i: int, _: object) -> None:
         self.state[i].doing = "nothing"
         if self.state[i].queue:
             self.access(i)
 
-    def done(self, i: int, kind: Kind) -> None:
+    def done(self, i: int, kind: EventKind) -> None:
         own = self.state[i]
         _, request = own.queue.popleft()
         own.tries = 0
@@ -306,7 +306,7 @@ class PlainMedium:
             right += bits * log_right(power / disturbing)
         purpose = RECEPTION if flight.ack_of is None else ACK_RECEPTION
         origin = flight.sender if flight.ack_of is None else flight.ack_of
-        luck = drawn(self.seed, purpose, self.t[origin].address, flight.draw, self.t[i].address)
+        luck = keyed_uniform(self.seed, purpose, self.t[origin].address, flight.draw, self.t[i].address)
         for log, outcome in ((right, Outcome.HEARD), (quiet, None), (alone, Outcome.COLLISION)):
             if outcome is None and luck >= math.exp(log):
                 return Outcome.BELOW_SENSITIVITY

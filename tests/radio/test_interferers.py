@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Outcome
 from actors.radio.propagation import IndoorPropagation, PropagationParameters
-from actors.radio.radio_model import Jammer, Wifi, WifiParameters, in_band_db, preset
+from actors.radio.radio_model import Jammer, WifiInterferer, WifiParameters, in_band_db, preset
 from tests.refusals import refused
 
 PROPAGATION = IndoorPropagation(PropagationParameters())
 HOUR = 3_600_000_000_000
 
 
-def wifi(duty: float = 0.3, channel: int = 1, seed: int = 1) -> Wifi:
-    return Wifi(
+def wifi(duty: float = 0.3, channel: int = 1, seed: int = 1) -> WifiInterferer:
+    return WifiInterferer(
         WifiParameters((2.0, 1.0), channel, duty), 11, PROPAGATION, lambda: np.random.default_rng(seed)
     )
 
@@ -105,7 +105,7 @@ DISTURBANCE_PROPAGATION = IndoorPropagation(BEECLICK.propagation)
 
 
 def counted(wifi: WifiParameters, radio_channel: int, octets: int, link: float) -> tuple[float, float]:
-    station = Wifi(wifi, radio_channel, DISTURBANCE_PROPAGATION, lambda: np.random.default_rng(2))
+    station = WifiInterferer(wifi, radio_channel, DISTURBANCE_PROPAGATION, lambda: np.random.default_rng(2))
     pair = [replace(BEECLICK.transceiver, address=address) for address in (1, 2)]
     medium = Medium(pair, DISTURBANCE_PROPAGATION, BEECLICK.phy, seed=1, interferers=[station])
     medium.place(np.array([[0.0, 0.0], [link, 0.0]]))

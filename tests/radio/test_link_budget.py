@@ -17,7 +17,7 @@ from actors.radio.propagation import (
     PathLossParameters,
     PropagationParameters,
     line_of_sight,
-    over,
+    path_loss,
 )
 from actors.radio.radio_model import (
     PRESETS,
@@ -37,7 +37,7 @@ CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")
 
 def arriving(name: str, distance: float, octets: int = 127) -> float:
     p = preset(name)
-    loss_db = over(distance, p.propagation.path_loss.coefficients())
+    loss_db = path_loss(distance, p.propagation.path_loss.coefficients())
     snr_db = p.transceiver.tx_power_dbm - loss_db - p.phy.noise_dbm
     return 1.0 - float(frame_error_rate(np.array([snr_db]), octets)[0])
 
@@ -81,11 +81,11 @@ def test_pairs_in_reach_are_counted_once_a_second() -> None:
     places = np.array([[0.0, 0.0], [9.9, 0.0], [19.7, 0.0]])
     for instant in range(0, 3_000_000, 100_000):
         if seen.due(instant):
-            seen.see(instant, places + 0.2 * (instant // 1_000_000))
+            seen.count_pairs(instant, places + 0.2 * (instant // 1_000_000))
     assert seen.counters() == {"pairs": 9, "pairs_in_reach": 6}
     assert share(seen.counters()) == 0.6667
     alone = DirectReach(parameters, IndoorPropagation(parameters.propagation))
-    alone.see(0, places[:1])
+    alone.count_pairs(0, places[:1])
     assert share(alone.counters()) is None
 
 
@@ -131,7 +131,7 @@ ANNEX_E = PathLossParameters()
 
 
 def test_annex_e_at_known_distances() -> None:
-    loss_db = [over(distance, ANNEX_E.coefficients()) for distance in (1.0, 2.0, 8.0, 80.0)]
+    loss_db = [path_loss(distance, ANNEX_E.coefficients()) for distance in (1.0, 2.0, 8.0, 80.0)]
     assert loss_db == pytest.approx([40.2, 46.2206, 58.2618, 91.5], abs=1e-4)
 
 
@@ -146,12 +146,12 @@ def test_line_of_sight_ends_where_the_loss_passes_the_budget(
     parameters = PathLossParameters(breakpoint=breakpoint_)
     edge = line_of_sight(budget_db, parameters)
     if not math.isclose(distance, edge, rel_tol=1e-9):
-        loss_db = over(distance, parameters.coefficients())
+        loss_db = path_loss(distance, parameters.coefficients())
         assert (loss_db <= budget_db) == (distance < edge)
 
 
 def test_antennas_that_touch_are_taken_to_be_ten_centimetres_apart() -> None:
-    touching, apart = (over(distance, ANNEX_E.coefficients()) for distance in (0.0, 0.1))
+    touching, apart = (path_loss(distance, ANNEX_E.coefficients()) for distance in (0.0, 0.1))
     assert touching == apart == pytest.approx(20.2)
     assert line_of_sight(5.0, ANNEX_E) == 0.0
 

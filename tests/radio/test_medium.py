@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from actors.messages import Jam
 from actors.radio.medium import engine
-from actors.radio.medium.medium import Medium, Poisson, Request, fingerprint
-from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome, PhyParameters, Transceiver
+from actors.radio.medium.medium import Medium, PoissonTraffic, Request, fingerprint
+from actors.radio.medium.state import BROADCAST, Cca, EventKind, Outcome, PhyParameters, Transceiver
 from actors.radio.propagation import IndoorPropagation, PathLossParameters, PropagationParameters
 from actors.radio.radio_model import preset
 from tests.radio.plain_medium import PlainMedium, Said, mw
@@ -142,7 +142,7 @@ def busy_medium(extra: int = 0, moving: bool = True) -> Medium:
         medium.place(np.concatenate([circling(0), silent]))
     for sender in range(6):
         to = sender ^ 1 if sender < 2 else BROADCAST
-        medium.offer(sender, Poisson(60 + sender, 40.0, to, acknowledged=sender < 2))
+        medium.offer(sender, PoissonTraffic(60 + sender, 40.0, to, acknowledged=sender < 2))
     return medium
 
 
@@ -173,9 +173,9 @@ def test_the_number_of_a_transceiver_means_nothing_only_its_address() -> None:
         medium = Medium([Transceiver(k) for k in order], LINE_OF_SIGHT, PhyParameters(), seed=5)
         medium.place(np.array([[3.0 * k, 0.0] for k in order]))
         for number, k in enumerate(order):
-            medium.offer(number, Poisson(50, 30.0 + k))
+            medium.offer(number, PoissonTraffic(50, 30.0 + k))
         events = medium.run(SECOND)
-        events = events[events["kind"] == Kind.HEARD]
+        events = events[events["kind"] == EventKind.HEARD]
         return sorted(
             (int(e["instant_ns"]), order[int(e["transceiver"])], order[int(e["other"])]) for e in events
         )

@@ -21,8 +21,8 @@ def test_the_figures_are_drawn(tmp_path: Path) -> None:
     assert found.figures == {"written": [str(tmp_path / name) for name in NAMES], "reference": False}
     assert found.shown[-1] == "Without the dots of ns-3, whose figures --data gives."
     for name in NAMES[:-1]:
-        drawn = ElementTree.fromstring((tmp_path / name).read_text())
-        lines = [one for one in drawn.iter(f"{SVG}g") if one.get("id", "").startswith("line2d")]
+        keyed_uniform = ElementTree.fromstring((tmp_path / name).read_text())
+        lines = [one for one in keyed_uniform.iter(f"{SVG}g") if one.get("id", "").startswith("line2d")]
         assert len([one for one in lines if one.find(f"{SVG}path") is not None]) >= 3
     with Image.open(tmp_path / NAMES[-1]) as image:
         assert image.size == (705, 357)

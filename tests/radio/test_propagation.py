@@ -25,9 +25,9 @@ from actors.radio.walls import (
     TILE,
     WallPatch,
     Walls,
-    between,
     build,
     material,
+    wall_loss,
     walls_of,
 )
 
@@ -39,7 +39,7 @@ def loss(
 ) -> float:
     side = TILE * walls.resolution
     (x0, y0), (x1, y1) = (((x - walls.west) / side, (y - walls.south) / side) for x, y in (one, other))
-    return float(between(walls, walls.per_metre_db * side, x0, y0, x1, y1, most_db))
+    return float(wall_loss(walls, walls.per_metre_db * side, x0, y0, x1, y1, most_db))
 
 
 def room(middle: int = OCCUPIED) -> OccupancyGrid:

@@ -28,9 +28,9 @@ from acrc_testbed.benchmarks.radio_trials import (
     share,
 )
 from actors.ieee802154 import SYMBOL_NS
-from actors.radio.medium.medium import Medium, Poisson, Request, Saturated
+from actors.radio.medium.medium import Medium, PoissonTraffic, Request, SaturatedTraffic
 from actors.radio.medium.reception import bit_error_rate, frame_error_rate
-from actors.radio.medium.state import Kind
+from actors.radio.medium.state import EventKind
 from actors.radio.radio_model import preset
 from actors.runtime.errors import AcrcError
 
@@ -69,7 +69,7 @@ def test_frames_over_a_weak_link_are_lost_by_the_formula(rx_dbm: float, octets: 
     medium = Medium(two, table, NS3.phy, seed=1, watched=[1])
     medium.place(table.places)
     medium.submit(Request(k * SECOND // 20, 0, octets) for k in range(4000))
-    heard = (medium.run(201 * SECOND)["kind"] == Kind.HEARD).sum()
+    heard = (medium.run(201 * SECOND)["kind"] == EventKind.HEARD).sum()
     lost = float(frame_error_rate(np.array([rx_dbm - NS3.phy.noise_dbm]), octets)[0])
     assert heard / 4000 == pytest.approx(1 - lost, abs=4 * math.sqrt(0.25 / 4000))
 
@@ -95,7 +95,7 @@ def test_the_first_back_off_is_even_over_eight_periods() -> None:
 
 def test_arrivals_are_a_poisson_process() -> None:
     medium = pair(4)
-    medium.offer(0, Poisson(20, 10.0))
+    medium.offer(0, PoissonTraffic(20, 10.0))
     asked = np.unique(medium.run(1000 * SECOND)["asked_ns"]) / SECOND
     gaps = np.diff(asked)
     assert len(asked) == pytest.approx(10_000, abs=400)
@@ -104,7 +104,7 @@ def test_arrivals_are_a_poisson_process() -> None:
 
 def test_a_backlogged_sender_never_rests() -> None:
     medium = pair(4)
-    medium.offer(0, Saturated(20))
+    medium.offer(0, SaturatedTraffic(20))
     ends = medium.run(SECOND)["instant_ns"]
     assert np.diff(ends).max() <= (40 + 7 * 20 + 8 + 12 + 52) * SYMBOL_NS
 

@@ -57,7 +57,7 @@ def test_only_exact_odometry_notices_that_the_robot_was_carried(kind: str, notic
     odometry = odometers(world, kind)
     before = tour(world, odometry)[0]
     world.move(0, Pose(4, 4, 1.0))
-    odometry.carry(0, Pose(4, 4, 1.0))
+    odometry.relocate(0, Pose(4, 4, 1.0))
     odometry.follow(world.advance(), world.velocities)
     after = odometry.read(0)
     assert (math.hypot(after.x - before.x, after.y - before.y) > 1) == notices
@@ -325,5 +325,5 @@ def test_contacts_press_the_sectors_of_plain_python(contacts: list[tuple[int, in
     robots = np.argsort(numbers)
     bumpers = np.zeros(4, np.uint8)
     ids, limits = np.array(numbers, np.uint64)[robots], drive.limits(models)
-    got = drive.press_bumpers(states, pairs, normals, ids, robots, limits, bumpers, touching)
+    got = drive.set_bumpers(states, pairs, normals, ids, robots, limits, bumpers, touching)
     assert bumpers.tolist() == expected and touching.tolist() == touches and got == begun

@@ -19,9 +19,9 @@ from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies
-from actors.world.orders import Effects, Orders
-from actors.world.physics import SUBSTEP, Arena, Shape, disc, gap, placed, wall_gap
-from actors.world.world_setup import BarrierStanding, BodySetup, Participants, TimedOrder
+from actors.world.orders import OrderEffects, Orders
+from actors.world.physics import SUBSTEP, Arena, Shape, disc, footprint_at, gap, wall_gap
+from actors.world.world_setup import BarrierState, BodySetup, Participants, TimedOrder
 from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, overlap, room, room_with_door, towards
 
 MM = 0.001
@@ -279,7 +279,7 @@ def test_known_gaps(a: Shape, b: Shape, expected: float) -> None:
 @settings(max_examples=25, deadline=None)
 @given(poses, poses)
 def test_moving_apart_by_the_overlap_is_enough_and_by_less_is_not(one: Pose, other: Pose) -> None:
-    a, b = placed(OMNIBOX.footprint, one), placed(OMNIBOX.footprint, other)
+    a, b = footprint_at(OMNIBOX.footprint, one), footprint_at(OMNIBOX.footprint, other)
     depth = -gap(a, b)
     if depth <= 1e-3:
         return
@@ -291,8 +291,8 @@ def test_moving_apart_by_the_overlap_is_enough_and_by_less_is_not(one: Pose, oth
 
 @given(poses)
 def test_the_gap_of_apart_shapes_is_that_of_their_nearest_border_points(pose: Pose) -> None:
-    a = placed(OMNIBOX.footprint, pose)
-    b = placed(TURTLEBOT.footprint, Pose(0, 0, 0))
+    a = footprint_at(OMNIBOX.footprint, pose)
+    b = footprint_at(TURTLEBOT.footprint, Pose(0, 0, 0))
     if gap(a, b) > 0:
         assert gap(a, b) == pytest.approx(np.hypot(*border(a).T).min() - 0.177, abs=2e-3)
 
@@ -305,7 +305,7 @@ def border(shape: Shape) -> NDArray[np.float64]:
 
 def test_only_walls_that_can_overlap_count() -> None:
     assert wall_gap(disc(4.9, 0, 0.2), room()) == pytest.approx(-0.1)
-    assert wall_gap(placed(OMNIBOX.footprint, Pose(4.8, 4.8, 0)), room()) == pytest.approx(-0.05)
+    assert wall_gap(footprint_at(OMNIBOX.footprint, Pose(4.8, 4.8, 0)), room()) == pytest.approx(-0.05)
     assert wall_gap(disc(4.5, 0, 0.2), room()) == math.inf
 
 
@@ -323,7 +323,7 @@ def orders(*events: TimedOrder) -> Orders:
     )
     roster = Participants(robots)
     for member in roster.members:
-        member.standing = BarrierStanding.STEPPING
+        member.state = BarrierState.STEPPING
     return Orders(events, roster, NOWHERE, NOTHING)
 
 
@@ -331,12 +331,12 @@ def test_events_that_are_due_come_to_what_the_world_has_to_send() -> None:
     early = TimedOrder(100, StartJam(1.0, 2.0, 3.0, 50))
     asked = orders(early, TimedOrder(200, Restart("r1")), TimedOrder(900, Stop()))
     asked.begin(Instant(200))
-    assert asked.effects == Effects([ProcessOrder("r1", 1)], ["r1"], [Jam(1.0, 2.0, 3.0, 250)])
+    assert asked.effects == OrderEffects([ProcessOrder("r1", 1)], ["r1"], [Jam(1.0, 2.0, 3.0, 250)])
     assert asked.pending
     asked.begin(Instant(300))
-    assert asked.effects == Effects()
+    assert asked.effects == OrderEffects()
     asked.begin(Instant(900))
-    assert asked.effects == Effects(stop=True) and not asked.pending
+    assert asked.effects == OrderEffects(stop=True) and not asked.pending
 
 
 def test_a_process_that_is_killed_before_it_was_begun_is_not_begun() -> None:
@@ -344,8 +344,8 @@ def test_a_process_that_is_killed_before_it_was_begun_is_not_begun() -> None:
     assert asked.take([Restart("r1"), Pause()]) == ()
     assert asked.effects.paused and asked.effects.starts == [ProcessOrder("r1", 1)]
     assert asked.take([Kill("r1"), Resume()]) == ()
-    assert asked.effects == Effects(ends=["r1"], steps=0)
+    assert asked.effects == OrderEffects(ends=["r1"], steps=0)
     asked = orders()
     refusals = asked.take([Freeze("r9"), Kill("r2")])
-    assert asked.effects == Effects(ends=["r2"])
+    assert asked.effects == OrderEffects(ends=["r2"])
     assert refusals == asked.refused == ("at 0 s: cannot freeze 'r9': no such robot",)

@@ -20,9 +20,9 @@ from actors.randomness import generator
 from actors.robot_model import RobotModel, scan_angles
 from actors.world import rays
 from actors.world.odometry import KobukiErrors, StageErrors
-from actors.world.physics import Shape, disc, placed
+from actors.world.physics import Shape, disc, footprint_at
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import RealFloor, Uncertainty, drifting, floor
+from actors.world.uncertainty import RealFloor, Uncertainty, draw_floor, odometry_errors
 from tests.world.scenery import OMNIBOX, TURTLEBOT, clutter, with_sensor
 
 NOBODY = np.empty((0, 3))
@@ -151,7 +151,7 @@ def test_ranges_are_those_of_outlines_cut_with_rays(seed: int, view: float, seer
     poses = np.array([here, *(pose for _, pose in others)])
     scan = sensors(grid, seer, *(model for model, _ in others)).scan([0], poses, np.array([obstacle]))[0]
     got = np.where(scan == NO_ECHO_MM, math.inf, scan * MM)
-    lines = [outline(grid), *(border_of(placed(model.footprint, pose)) for model, pose in others)]
+    lines = [outline(grid), *(border_of(footprint_at(model.footprint, pose)) for model, pose in others)]
     lines.append(border_of(disc(*obstacle)))
     origin, directions = rays_of(seer, here)
     expected = np.array([to_lines(origin, direction, np.concatenate(lines)) for direction in directions])
@@ -224,7 +224,7 @@ BODY = 0.177
 
 
 def made(dose: Uncertainty, seed: int = 1, kept_off: tuple[Point, ...] = ()) -> RealFloor:
-    return floor(CORRIDOR, dose, generator(seed, "uncertainty", "world"), kept_off)
+    return draw_floor(CORRIDOR, dose, generator(seed, "uncertainty", "world"), kept_off)
 
 
 def walls(grid: OccupancyGrid) -> "np.typing.NDArray[np.bool_]":
@@ -234,8 +234,8 @@ def walls(grid: OccupancyGrid) -> "np.typing.NDArray[np.bool_]":
 def test_a_floor_follows_from_dose_and_seed() -> None:
     solid, visible = made(Uncertainty())
     assert solid.cells.tobytes() == visible.cells.tobytes() == CORRIDOR.cells.tobytes()
-    assert drifting(Uncertainty()) == (StageErrors(), KobukiErrors())
-    stage, kobuki = drifting(Uncertainty(drift=3.0))
+    assert odometry_errors(Uncertainty()) == (StageErrors(), KobukiErrors())
+    stage, kobuki = odometry_errors(Uncertainty(drift=3.0))
     assert (stage.forward, stage.turn) == (3 * StageErrors().forward, 3 * StageErrors().turn)
     assert kobuki.gyro_bias_deg == 3 * KobukiErrors().gyro_bias_deg and kobuki.slip == 3 * KobukiErrors().slip
     assert (kobuki.track, kobuki.tick_um) == (KobukiErrors().track, KobukiErrors().tick_um)

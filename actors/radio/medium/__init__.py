@@ -3,19 +3,26 @@
 `examples/contention.py` uses it without actors.
 """
 
-from actors.radio.medium.medium import Interferer, Medium, Poisson, Propagation, Request, Saturated
-from actors.radio.medium.state import Cca, Kind, Outcome, PhyParameters, Transceiver
+from actors.radio.medium.medium import (
+    Interferer,
+    Medium,
+    PoissonTraffic,
+    Propagation,
+    Request,
+    SaturatedTraffic,
+)
+from actors.radio.medium.state import Cca, EventKind, Outcome, PhyParameters, Transceiver
 
 __all__ = [
     "Cca",
+    "EventKind",
     "Interferer",
-    "Kind",
     "Medium",
     "Outcome",
     "PhyParameters",
-    "Poisson",
+    "PoissonTraffic",
     "Propagation",
     "Request",
-    "Saturated",
+    "SaturatedTraffic",
     "Transceiver",
 ]

@@ -13,18 +13,28 @@ from actors import ieee802154
 from actors.ieee802154 import CCA_NS, SYMBOL_NS, TURNAROUND_NS, UNIT_BACKOFF_NS
 from actors.kernels import njit
 from actors.portable.compiled import log
-from actors.radio.medium.reception import ARRIVAL, BACKOFF, begin, count, drawn, judge, leave, let_go, sense
+from actors.radio.medium.reception import (
+    ARRIVAL,
+    BACKOFF,
+    abort_reception,
+    add_energy,
+    begin,
+    count,
+    decide_reception,
+    end_signal,
+    keyed_uniform,
+)
 from actors.radio.medium.state import (
     BROADCAST,
     NEVER,
-    NOBODY,
+    NO_TRANSCEIVER,
+    ActionKind,
     Cca,
-    Due,
-    Kind,
+    EventKind,
     MacState,
     MediumState,
-    OfferKind,
     Outcome,
+    TrafficKind,
 )
 
 
@@ -94,7 +104,7 @@ def schedule(st: MediumState, number: int, due: int, after: int, ticket: int) ->
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def say(
+def record_event(
     st: MediumState, kind: int, number: int, other: int, octets: int, frame: int, tag: int, asked: int
 ) -> None:
     """Record an event with power and SINR of 0."""
@@ -114,7 +124,7 @@ def say(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def hand_over(st: MediumState, number: int, octets: int, to: int, ack: bool, tag: int) -> None:
+def enqueue(st: MediumState, number: int, octets: int, to: int, ack: bool, tag: int) -> None:
     """Give a frame to a transceiver now."""
     transceiver = st.transceivers[number]
     settings, mac, counters = transceiver.settings, transceiver.mac, transceiver.counters
@@ -127,7 +137,9 @@ def hand_over(st: MediumState, number: int, octets: int, to: int, ack: bool, tag
     capacity = st.queue.shape[1]
     if mac.queued >= settings.capacity:
         counters.overflowed += 1
-        say(st, Kind.OVERFLOW.value, number, NOBODY, octets, frame, tag, st.medium.now_ns)
+        record_event(
+            st, EventKind.OVERFLOW.value, number, NO_TRANSCEIVER, octets, frame, tag, st.medium.now_ns
+        )
         return
     slot = st.queue[number, (mac.head + mac.queued) % capacity]
     slot.octets = octets
@@ -149,22 +161,22 @@ def access(st: MediumState, number: int) -> None:
     mac.state = MacState.BACKOFF.value
     mac.nb = 0
     mac.be = settings.min_be
-    _back_off(st, number)
+    _begin_backoff(st, number)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _back_off(st: MediumState, number: int) -> None:
+def _begin_backoff(st: MediumState, number: int) -> None:
     transceiver = st.transceivers[number]
     settings, mac = transceiver.settings, transceiver.mac
-    luck = drawn(
+    chance = keyed_uniform(
         st.medium.seed, BACKOFF, settings.key, st.queue[number, mac.head].number, mac.tries * 16 + mac.nb
     )
-    periods = int(luck * (1 << mac.be))
-    schedule(st, number, Due.CCA_BEGIN.value, periods * UNIT_BACKOFF_NS, mac.ticket)
+    periods = int(chance * (1 << mac.be))
+    schedule(st, number, ActionKind.CCA_BEGIN.value, periods * UNIT_BACKOFF_NS, mac.ticket)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def assess(st: MediumState, number: int) -> None:
+def begin_assessment(st: MediumState, number: int) -> None:
     """Begin the clear channel assessment after a back-off."""
     medium, transceiver = st.medium, st.transceivers[number]
     mac, receiver = transceiver.mac, transceiver.receiver
@@ -178,11 +190,11 @@ def assess(st: MediumState, number: int) -> None:
     mac.energy = math.inf if receiver.ready_ns > medium.now_ns else 0.0
     st.rosters[medium.assessing].assessing = number
     medium.assessing += 1
-    schedule(st, number, Due.CCA_END.value, CCA_NS, mac.ticket)
+    schedule(st, number, ActionKind.CCA_END.value, CCA_NS, mac.ticket)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def forget_assessment(st: MediumState, number: int) -> None:
+def cancel_assessment(st: MediumState, number: int) -> None:
     """Remove a transceiver from those that assess the channel, if it is one."""
     medium = st.medium
     for place in range(medium.assessing):
@@ -214,23 +226,23 @@ def _is_clear(st: MediumState, number: int) -> bool:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def assessed(st: MediumState, number: int) -> None:
+def end_assessment(st: MediumState, number: int) -> None:
     """End the clear channel assessment."""
     transceiver = st.transceivers[number]
     settings, mac, counters = transceiver.settings, transceiver.mac, transceiver.counters
-    sense(st.medium, transceiver)
-    forget_assessment(st, number)
+    add_energy(st.medium, transceiver)
+    cancel_assessment(st, number)
     if _is_clear(st, number):
         _turn_around(st, number)
         return
     mac.nb += 1
     mac.be = min(mac.be + 1, settings.max_be)
     if mac.nb <= settings.max_backoffs:
-        _back_off(st, number)
+        _begin_backoff(st, number)
         return
     counters.access_failures += 1
     mac.state = MacState.IDLE.value
-    _finish(st, number, Kind.ACCESS_FAILURE.value)
+    _finish(st, number, EventKind.ACCESS_FAILURE.value)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -238,14 +250,14 @@ def _turn_around(st: MediumState, number: int) -> None:
     """Switch to sending; abort a reception in progress."""
     transceiver = st.transceivers[number]
     mac = transceiver.mac
-    let_go(st, number, Outcome.HALF_DUPLEX.value)
+    abort_reception(st, number, Outcome.HALF_DUPLEX.value)
     transceiver.receiver.ready_ns = NEVER
     mac.state = MacState.TURNAROUND.value
-    schedule(st, number, Due.FRAME_BEGIN.value, TURNAROUND_NS, mac.ticket)
+    schedule(st, number, ActionKind.FRAME_BEGIN.value, TURNAROUND_NS, mac.ticket)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def transmit(st: MediumState, number: int) -> None:
+def begin_frame(st: MediumState, number: int) -> None:
     """Begin the frame at the head of the queue."""
     transceiver = st.transceivers[number]
     mac, flight, counters = transceiver.mac, transceiver.flight, transceiver.counters
@@ -261,16 +273,16 @@ def transmit(st: MediumState, number: int) -> None:
     counters.overlapping += st.medium.in_air > 0
     mac.state = MacState.SENDING.value
     begin(st, number)
-    schedule(st, number, Due.FRAME_END.value, _airtime_ns(frame.octets), mac.ticket)
+    schedule(st, number, ActionKind.FRAME_END.value, _airtime_ns(frame.octets), mac.ticket)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def transmitted(st: MediumState, number: int) -> None:
+def end_frame(st: MediumState, number: int) -> None:
     """End the frame in the air."""
     transceiver = st.transceivers[number]
     mac, flight, counters = transceiver.mac, transceiver.flight, transceiver.counters
-    leave(st, number)
-    judge(st, number)
+    end_signal(st, number)
+    decide_reception(st, number)
     transceiver.receiver.ready_ns = st.medium.now_ns + TURNAROUND_NS
     counters.sent += 1
     counters.octets_sent += flight.octets
@@ -278,20 +290,20 @@ def transmitted(st: MediumState, number: int) -> None:
     _deliver(st, number)
     if flight.ack:
         mac.state = MacState.AWAITING.value
-        schedule(st, number, Due.ACK_TIMEOUT.value, ACK_WAIT_NS, mac.ticket)
+        schedule(st, number, ActionKind.ACK_TIMEOUT.value, ACK_WAIT_NS, mac.ticket)
     else:
-        _space(st, number)
+        _start_spacing(st, number)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _space(st: MediumState, number: int) -> None:
+def _start_spacing(st: MediumState, number: int) -> None:
     """Start the interframe spacing after a successful exchange."""
     mac = st.transceivers[number].mac
     mac.state = MacState.SPACING.value
     short = st.queue[number, mac.head].octets <= LONGEST_SHORT
     spacing = SHORT_SPACING_NS if short else LONG_SPACING_NS
-    schedule(st, number, Due.SPACING_END.value, spacing, mac.ticket)
-    _finish(st, number, Kind.SENT.value)
+    schedule(st, number, ActionKind.SPACING_END.value, spacing, mac.ticket)
+    _finish(st, number, EventKind.SENT.value)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -300,19 +312,19 @@ def _finish(st: MediumState, number: int, kind: int) -> None:
     transceiver = st.transceivers[number]
     traffic, mac = transceiver.traffic, transceiver.mac
     frame = st.queue[number, mac.head]
-    say(st, kind, number, frame.to, frame.octets, frame.number, frame.tag, frame.asked_ns)
-    if kind == Kind.SENT.value:
+    record_event(st, kind, number, frame.to, frame.octets, frame.number, frame.tag, frame.asked_ns)
+    if kind == EventKind.SENT.value:
         st.medium.sent_by = number
     mac.head = (mac.head + 1) % st.queue.shape[1]
     mac.queued -= 1
     mac.tries = 0
-    proceed(st, number)
-    if traffic.kind == OfferKind.SATURATED.value:
-        hand_over(st, number, traffic.octets, traffic.to, traffic.ack, -1)
+    start_next(st, number)
+    if traffic.kind == TrafficKind.SATURATED.value:
+        enqueue(st, number, traffic.octets, traffic.to, traffic.ack, -1)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def proceed(st: MediumState, number: int) -> None:
+def start_next(st: MediumState, number: int) -> None:
     """Start the next frame of the queue if the MAC is idle."""
     mac = st.transceivers[number].mac
     if mac.state == MacState.IDLE.value and mac.queued > 0:
@@ -339,9 +351,8 @@ def _receive(st: MediumState, sender: int, number: int) -> None:
     receiver = transceiver.receiver
     if transceiver.settings.watched:
         event = st.events[medium.events]
-        say(
-            st, Kind.HEARD.value, number, sender, flight.octets, flight.frame, flight.tag, flight.asked_ns
-        )  # fmt: skip
+        tag, asked = flight.tag, flight.asked_ns
+        record_event(st, EventKind.HEARD.value, number, sender, flight.octets, flight.frame, tag, asked)
         event.power_mw = st.gains_mw[sender, number]
         event.sinr = receiver.worst_sinr
     dead = medium.dead_ns + medium.dead_octet_ns * min(flight.octets, medium.dead_octets)
@@ -352,11 +363,11 @@ def _receive(st: MediumState, sender: int, number: int) -> None:
         mac.ack_number = flight.frame
         mac.ack_draw = flight.draw
         receiver.ready_ns = NEVER
-        schedule(st, number, Due.ACK_BEGIN.value, TURNAROUND_NS, mac.epoch)
+        schedule(st, number, ActionKind.ACK_BEGIN.value, TURNAROUND_NS, mac.epoch)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def acknowledge(st: MediumState, number: int) -> None:
+def begin_ack(st: MediumState, number: int) -> None:
     """Begin an acknowledgement."""
     transceiver = st.transceivers[number]
     mac, flight = transceiver.mac, transceiver.flight
@@ -367,16 +378,16 @@ def acknowledge(st: MediumState, number: int) -> None:
     flight.frame = mac.ack_number
     flight.draw = mac.ack_draw
     begin(st, number)
-    schedule(st, number, Due.ACK_END.value, _airtime_ns(ACK_OCTETS), mac.epoch)
+    schedule(st, number, ActionKind.ACK_END.value, _airtime_ns(ACK_OCTETS), mac.epoch)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def acknowledged(st: MediumState, number: int) -> None:
+def end_ack(st: MediumState, number: int) -> None:
     """End an acknowledgement; the waiting sender continues."""
     transceiver = st.transceivers[number]
     flight = transceiver.flight
-    leave(st, number)
-    judge(st, number)
+    end_signal(st, number)
+    decide_reception(st, number)
     transceiver.receiver.ready_ns = st.medium.now_ns + TURNAROUND_NS
     transceiver.counters.on_air_ns += _airtime_ns(ACK_OCTETS)
     asker = flight.to
@@ -385,7 +396,7 @@ def acknowledged(st: MediumState, number: int) -> None:
     if st.outcomes[number, asker] == Outcome.HEARD.value and waits:
         mac.ticket += 1  # cancels the timeout
         st.transceivers[asker].counters.acknowledged += 1
-        _space(st, asker)
+        _start_spacing(st, asker)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -400,7 +411,7 @@ def timed_out(st: MediumState, number: int) -> None:
         return
     counters.no_ack += 1
     mac.state = MacState.IDLE.value
-    _finish(st, number, Kind.NO_ACK.value)
+    _finish(st, number, EventKind.NO_ACK.value)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -408,20 +419,20 @@ def arrive(st: MediumState, number: int) -> None:
     """Give the next frame of generated traffic to a transceiver."""
     transceiver = st.transceivers[number]
     traffic, mac = transceiver.traffic, transceiver.mac
-    if traffic.kind == OfferKind.SATURATED.value:
+    if traffic.kind == TrafficKind.SATURATED.value:
         if mac.queued == 0:
-            hand_over(st, number, traffic.octets, traffic.to, traffic.ack, -1)
+            enqueue(st, number, traffic.octets, traffic.to, traffic.ack, -1)
         return
-    hand_over(st, number, traffic.octets, traffic.to, traffic.ack, -1)
-    expect(st, number)
+    enqueue(st, number, traffic.octets, traffic.to, traffic.ack, -1)
+    schedule_arrival(st, number)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def expect(st: MediumState, number: int) -> None:
+def schedule_arrival(st: MediumState, number: int) -> None:
     """Draw the next arrival of a Poisson process."""
     transceiver = st.transceivers[number]
     settings, traffic = transceiver.settings, transceiver.traffic
-    luck = drawn(st.medium.seed, ARRIVAL, settings.key, traffic.arrivals, 0)
+    chance = keyed_uniform(st.medium.seed, ARRIVAL, settings.key, traffic.arrivals, 0)
     traffic.arrivals += 1
-    wait = int(-log(1.0 - luck) * traffic.interval_ns)
-    schedule(st, number, Due.ARRIVAL.value, wait, traffic.ticket)
+    wait = int(-log(1.0 - chance) * traffic.interval_ns)
+    schedule(st, number, ActionKind.ARRIVAL.value, wait, traffic.ticket)

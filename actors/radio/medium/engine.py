@@ -9,8 +9,17 @@ from actors.kernels import njit
 from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.csma import pop
-from actors.radio.medium.reception import change_outside, count, free_share, leave, let_go
-from actors.radio.medium.state import NEVER, NOBODY, Due, MacState, MediumState, OfferKind, Outcome, Outside
+from actors.radio.medium.reception import abort_reception, count, end_signal, free_share, set_external_power
+from actors.radio.medium.state import (
+    NEVER,
+    NO_TRANSCEIVER,
+    ActionKind,
+    ExternalInputs,
+    MacState,
+    MediumState,
+    Outcome,
+    TrafficKind,
+)
 
 DONE: Final = 0
 """All actions before the limit have run."""
@@ -28,42 +37,44 @@ _HALF_DB: Final = 3.0103
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def run(st: MediumState, outside: Outside, until: int, ends_too: bool, loss_db: NDArray[np.float64]) -> int:
-    """Run everything before `until`, and ends of frames at `until` itself if `ends_too`.
+def run(
+    st: MediumState, outside: ExternalInputs, until: int, include_ends: bool, loss_db: NDArray[np.float64]
+) -> int:
+    """Run everything before `until`, and ends of frames at `until` itself if `include_ends`.
 
     `loss_db`: (n,) dB, as requested by the previous call with ROW; any value above `medium.most_db` where
     above it; otherwise (0,).
     """
     medium = st.medium
     if loss_db.size > 0:
-        _take_row(st, loss_db)
-    medium.sent_by = NOBODY
+        _store_row(st, loss_db)
+    medium.sent_by = NO_TRANSCEIVER
     while st.events.size - medium.events > st.transceivers.size + 8:
         at = st.agenda[0].instant_ns if medium.due > 0 else NEVER
         switched = _next_instant(outside.switches, medium.next_switch)
         asked = _next_instant(outside.requests, medium.next_request)
         first = min(at, switched, asked)
-        if first > until or (first == until and not (ends_too and first == at and _ends(st))):
+        if first > until or (first == until and not (include_ends and first == at and _ends(st))):
             medium.now_ns = max(medium.now_ns, until)
             return DONE
         medium.now_ns = first
-        if switched == first and not ends_too:
+        if switched == first and not include_ends:
             _switch(st, outside)
         elif at == first:
             if _needs_row(st):
                 return ROW
             _dispatch(st)
-            if medium.pauses and medium.sent_by != NOBODY:
+            if medium.pauses and medium.sent_by != NO_TRANSCEIVER:
                 return SENT
         else:
             request = outside.requests[medium.next_request]
             medium.next_request += 1
-            csma.hand_over(st, request.transceiver, request.octets, request.to, request.ack, request.tag)
+            csma.enqueue(st, request.transceiver, request.octets, request.to, request.ack, request.tag)
     return FULL
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _take_row(st: MediumState, loss_db: NDArray[np.float64]) -> None:
+def _store_row(st: MediumState, loss_db: NDArray[np.float64]) -> None:
     """Store the received powers of frames of `medium.sender`, and their receivers."""
     sender, most_db, reached = st.medium.sender, st.medium.most_db, 0
     transceiver = st.transceivers[sender]
@@ -87,23 +98,23 @@ def _next_instant(entries: NDArray[np.void], place: int) -> int:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _ends(st: MediumState) -> bool:
     """Return whether the end of a frame is first on the agenda."""
-    return bool(st.agenda[0].order // _KINDS <= Due.ACK_END.value)
+    return bool(st.agenda[0].order // _KINDS <= ActionKind.ACK_END.value)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _switch(st: MediumState, outside: Outside) -> None:
+def _switch(st: MediumState, outside: ExternalInputs) -> None:
     switch = outside.switches[st.medium.next_switch]
     st.medium.next_switch += 1
     for i in range(st.transceivers.size):
         outside.now_mw[switch.source, i] = outside.rows_mw[switch.row, i] if switch.row >= 0 else 0.0
-    change_outside(st, outside.now_mw)
+    set_external_power(st, outside.now_mw)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _needs_row(st: MediumState) -> bool:
     medium, order = st.medium, st.agenda[0].order
     due, number = order // _KINDS, order % _KINDS
-    if due not in (Due.FRAME_BEGIN.value, Due.ACK_BEGIN.value):
+    if due not in (ActionKind.FRAME_BEGIN.value, ActionKind.ACK_BEGIN.value):
         return False
     medium.share = free_share(st)
     if st.transceivers[number].row >= medium.share or not _is_valid(st, due, number, st.agenda[0].ticket):
@@ -117,10 +128,10 @@ def _needs_row(st: MediumState) -> bool:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _is_valid(st: MediumState, due: int, number: int, ticket: int) -> bool:
     """Return whether an entry of the agenda has not been cancelled."""
-    if due == Due.ARRIVAL.value:
+    if due == ActionKind.ARRIVAL.value:
         return bool(ticket == st.transceivers[number].traffic.ticket)
     mac = st.transceivers[number].mac
-    if due in (Due.ACK_BEGIN.value, Due.ACK_END.value):
+    if due in (ActionKind.ACK_BEGIN.value, ActionKind.ACK_END.value):
         return bool(ticket == mac.epoch)
     return bool(ticket == mac.ticket)
 
@@ -134,37 +145,37 @@ def _dispatch(st: MediumState) -> None:
     due, number = order // _KINDS, order % _KINDS
     if not _is_valid(st, due, number, ticket):
         return
-    if due == Due.ARRIVAL.value:
+    if due == ActionKind.ARRIVAL.value:
         csma.arrive(st, number)
-    elif due == Due.CCA_BEGIN.value:
-        csma.assess(st, number)
-    elif due == Due.CCA_END.value:
-        csma.assessed(st, number)
-    elif due == Due.SPACING_END.value:
+    elif due == ActionKind.CCA_BEGIN.value:
+        csma.begin_assessment(st, number)
+    elif due == ActionKind.CCA_END.value:
+        csma.end_assessment(st, number)
+    elif due == ActionKind.SPACING_END.value:
         st.transceivers[number].mac.state = MacState.IDLE.value
-        csma.proceed(st, number)
+        csma.start_next(st, number)
     else:
         _exchange(st, due, number)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _exchange(st: MediumState, due: int, number: int) -> None:
-    if due == Due.FRAME_BEGIN.value:
-        csma.transmit(st, number)
-        _forget_row(st, number)
-    elif due == Due.FRAME_END.value:
-        csma.transmitted(st, number)
-    elif due == Due.ACK_BEGIN.value:
-        csma.acknowledge(st, number)
-        _forget_row(st, number)
-    elif due == Due.ACK_END.value:
-        csma.acknowledged(st, number)
+    if due == ActionKind.FRAME_BEGIN.value:
+        csma.begin_frame(st, number)
+        _invalidate_row(st, number)
+    elif due == ActionKind.FRAME_END.value:
+        csma.end_frame(st, number)
+    elif due == ActionKind.ACK_BEGIN.value:
+        csma.begin_ack(st, number)
+        _invalidate_row(st, number)
+    elif due == ActionKind.ACK_END.value:
+        csma.end_ack(st, number)
     else:
         csma.timed_out(st, number)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _forget_row(st: MediumState, number: int) -> None:
+def _invalidate_row(st: MediumState, number: int) -> None:
     """Invalidate the sender's row after a frame has begun if transceivers move."""
     if st.medium.moving:
         st.transceivers[number].row = 0
@@ -194,9 +205,9 @@ def switch_off(st: MediumState, number: int) -> None:
     for k in range(medium.in_air):
         cut = cut or st.rosters[k].in_air == number
     if cut:
-        _cut(st, number)
-    let_go(st, number, Outcome.POWERED_OFF.value)
-    csma.forget_assessment(st, number)
+        _cut_frame(st, number)
+    abort_reception(st, number, Outcome.POWERED_OFF.value)
+    csma.cancel_assessment(st, number)
     for k in range(medium.in_air):
         if st.outcomes[st.rosters[k].in_air, number] != Outcome.NOT_COUNTED.value:
             st.outcomes[st.rosters[k].in_air, number] = Outcome.POWERED_OFF.value
@@ -214,12 +225,12 @@ def switch_off(st: MediumState, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _cut(st: MediumState, sender: int) -> None:
+def _cut_frame(st: MediumState, sender: int) -> None:
     """End a frame early; no transceiver receives it."""
-    leave(st, sender)
+    end_signal(st, sender)
     for i in range(st.transceivers.size):
         if st.transceivers[i].receiver.lock == sender:
-            let_go(st, i, Outcome.POWERED_OFF.value)
+            abort_reception(st, i, Outcome.POWERED_OFF.value)
         if st.outcomes[sender, i] != Outcome.NOT_COUNTED.value:
             st.outcomes[sender, i] = Outcome.POWERED_OFF.value
     if not st.transceivers[sender].flight.is_ack:
@@ -232,7 +243,7 @@ def offer(st: MediumState, number: int, kind: int, after: int) -> None:
     traffic = st.transceivers[number].traffic
     traffic.kind = kind
     traffic.ticket += 1
-    if kind == OfferKind.POISSON.value:
-        csma.expect(st, number)
-    elif kind == OfferKind.SATURATED.value:
-        csma.schedule(st, number, Due.ARRIVAL.value, after, traffic.ticket)
+    if kind == TrafficKind.POISSON.value:
+        csma.schedule_arrival(st, number)
+    elif kind == TrafficKind.SATURATED.value:
+        csma.schedule(st, number, ActionKind.ARRIVAL.value, after, traffic.ticket)

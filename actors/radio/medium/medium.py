@@ -25,10 +25,10 @@ from actors.radio.medium.state import (
     EVENT,
     REQUEST,
     SWITCH,
-    OfferKind,
+    ExternalInputs,
     Outcome,
-    Outside,
     PhyParameters,
+    TrafficKind,
     Transceiver,
     initial_state,
     milliwatts,
@@ -78,7 +78,7 @@ class Interferer(Protocol):
 
 
 @dataclass(frozen=True)
-class Poisson:
+class PoissonTraffic:
     """Traffic of a Poisson process."""
 
     octets: int
@@ -90,7 +90,7 @@ class Poisson:
 
 
 @dataclass(frozen=True)
-class Saturated:
+class SaturatedTraffic:
     """Saturated traffic: each frame is followed by the next."""
 
     octets: int
@@ -101,7 +101,7 @@ class Saturated:
     acknowledged: bool = False
 
 
-Traffic = Poisson | Saturated
+Traffic = PoissonTraffic | SaturatedTraffic
 
 REFRESH_NS = 20_000_000
 """Instants at multiples of this re-evaluate the power of long bursts, as transceivers may move, ns."""
@@ -172,7 +172,7 @@ class Interference:
         return entries
 
 
-_NOT_ASKED: Final = np.zeros(0)
+_NO_LOSSES: Final = np.zeros(0)
 _NO_SWITCHES: Final = np.zeros(0, SWITCH)
 
 
@@ -213,7 +213,7 @@ class Medium:
         self.sent_outcomes: list[tuple[NDArray[np.uint8], NDArray[np.float64]]] = []
         """`frame_outcomes` of each frame sent, in the order of the events; the caller clears the list."""
         none = np.zeros((0, len(transceivers)))
-        self._outside = Outside(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
+        self._outside = ExternalInputs(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
         self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
         self._interference = Interference()
         for interferer in interferers:
@@ -268,11 +268,11 @@ class Medium:
         """Generate traffic at a transceiver from now on; its frames have the tag -1."""
         record = self._state.transceivers["traffic"][transceiver]
         record["octets"], record["to"], record["ack"] = traffic.octets, traffic.to, traffic.acknowledged
-        if isinstance(traffic, Poisson):
+        if isinstance(traffic, PoissonTraffic):
             record["interval_ns"] = 1e9 / traffic.per_second
-            engine.offer(self._state, transceiver, OfferKind.POISSON.value, 0)
+            engine.offer(self._state, transceiver, TrafficKind.POISSON.value, 0)
         else:
-            engine.offer(self._state, transceiver, OfferKind.SATURATED.value, traffic.after_ns)
+            engine.offer(self._state, transceiver, TrafficKind.SATURATED.value, traffic.after_ns)
 
     def submit(self, requests: Iterable[Request]) -> None:
         """Schedule frames; those of one instant in order of transceiver, then as given."""
@@ -343,19 +343,19 @@ class Medium:
         """Number of frames in the air or in queues."""
         return int(self._state.transceivers["mac"]["queued"].sum(dtype=np.int64))
 
-    def _advance(self, until_ns: int, ends_too: bool) -> NDArray[np.void]:
+    def _advance(self, until_ns: int, include_ends: bool) -> NDArray[np.void]:
         state, medium = self._state, self._state.medium
         parts: list[NDArray[np.void]] = []
-        loss_db = _NOT_ASKED
+        loss_db = _NO_LOSSES
         while True:
-            code = engine.run(state, self._outside, until_ns, ends_too, loss_db)
+            code = engine.run(state, self._outside, until_ns, include_ends, loss_db)
             if code == engine.ROW:
                 sender, positions = medium["sender"], self._where(int(medium["now_ns"]))
                 loss_db = self._propagation.loss_db(
                     positions[sender : sender + 1], positions, float(medium["most_db"])
                 )[0]
                 continue
-            loss_db = _NOT_ASKED
+            loss_db = _NO_LOSSES
             if code == engine.SENT:
                 self.sent_outcomes.append(self.frame_outcomes(int(medium["sent_by"])))
                 continue
@@ -366,7 +366,7 @@ class Medium:
                 return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.zeros(0, EVENT)
 
 
-class _Line:
+class _LinearPropagation:
     """Transceivers on a line with simple losses and interference, for the fingerprint."""
 
     def loss_db(
@@ -389,13 +389,13 @@ class _Line:
 
 def fingerprint() -> bytes:
     """Return the kernels' results for fixed inputs, which differ if a processor computes differently."""
-    line = _Line()
+    line = _LinearPropagation()
     row = [Transceiver(k, tx_power_dbm=-10.0, max_backoffs=k) for k in range(5)]
     medium = Medium(row, line, seed=1, interferers=[line])
     medium.follow(lambda at: np.stack([np.arange(5.0) * (4.0 + at / 1e9), np.zeros(5)], axis=1))
     for number in range(3):
-        medium.offer(number, Poisson(30 + number, 60.0, (number + 1) % 3, acknowledged=number != 1))
-    medium.offer(3, Saturated(PSDU_LIMIT))
+        medium.offer(number, PoissonTraffic(30 + number, 60.0, (number + 1) % 3, acknowledged=number != 1))
+    medium.offer(3, SaturatedTraffic(PSDU_LIMIT))
     medium.submit(Request(k * 7_000_000, 4, 20, tag=k) for k in range(100))
     events = [medium.run(200_000_000), medium.finish_frames()]
     medium.switch(3, False)

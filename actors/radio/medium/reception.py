@@ -22,7 +22,7 @@ from actors.ieee802154 import PHY_HEADER_OCTETS
 from actors.kernels import njit
 from actors.portable import arrays
 from actors.portable.compiled import exp
-from actors.radio.medium.state import NOBODY, MediumState, Outcome, Record
+from actors.radio.medium.state import NO_TRANSCEIVER, MediumState, Outcome, Record
 
 BACKOFF: Final = 1
 """Key: transceiver, frame, try."""
@@ -49,7 +49,7 @@ def _mixed(state: np.uint64, word: int) -> np.uint64:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def drawn(seed: int, purpose: int, transceiver: int, frame: int, other: int) -> float:
+def keyed_uniform(seed: int, purpose: int, transceiver: int, frame: int, other: int) -> float:
     """Return the uniform number in [0, 1) of this key; integers of up to 63 bits."""
     state = _mixed(np.uint64(purpose), seed)
     state = _mixed(_mixed(_mixed(state, transceiver), frame), other)
@@ -113,7 +113,7 @@ _WITHHELD: Final = int(Outcome.WITHHELD)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _close(medium: Record, receiver: Record, signal: float) -> None:
+def _close_segment(medium: Record, receiver: Record, signal: float) -> None:
     """Close the receiver's segment: update the probability that all bits so far are correct."""
     lasted = medium.now_ns - receiver.segment_ns
     receiver.segment_ns = medium.now_ns
@@ -135,13 +135,13 @@ def settle(st: MediumState) -> None:
         sender = st.rosters[k].in_air
         for i in st.reached[sender, : transceivers[sender].reached]:
             if transceivers[i].receiver.lock == sender:
-                _close(medium, transceivers[i].receiver, st.gains_mw[sender, i])
+                _close_segment(medium, transceivers[i].receiver, st.gains_mw[sender, i])
     for k in range(medium.assessing):
-        sense(medium, transceivers[st.rosters[k].assessing])
+        add_energy(medium, transceivers[st.rosters[k].assessing])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def sense(medium: Record, transceiver: Record) -> None:
+def add_energy(medium: Record, transceiver: Record) -> None:
     """Add up the energy at a transceiver until now."""
     mac, receiver = transceiver.mac, transceiver.receiver
     level = receiver.total_mw + receiver.external_mw
@@ -150,7 +150,7 @@ def sense(medium: Record, transceiver: Record) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def note_peaks(st: MediumState) -> None:
+def update_peaks(st: MediumState) -> None:
     """Update the peak power of channel assessments in progress."""
     for k in range(st.medium.assessing):
         transceiver = st.transceivers[st.rosters[k].assessing]
@@ -167,17 +167,19 @@ def _lock(medium: Record, receiver: Record, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def let_go(st: MediumState, number: int, outcome: int) -> None:
+def abort_reception(st: MediumState, number: int, outcome: int) -> None:
     """Abort a transceiver's reception, if any, with this outcome."""
     receiver = st.transceivers[number].receiver
     if receiver.lock >= 0:
         st.outcomes[receiver.lock, number] = outcome
-        receiver.lock = NOBODY
+        receiver.lock = NO_TRANSCEIVER
         receiver.unlock_ns = st.medium.now_ns
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _meet(medium: Record, transceiver: Record, sender: int, power: float, locked_mw: float) -> int:
+def _outcome_at_begin(
+    medium: Record, transceiver: Record, sender: int, power: float, locked_mw: float
+) -> int:
     """Return a transceiver's outcome of a beginning frame; its segment is closed, its total without the
     frame.
 
@@ -232,12 +234,12 @@ def begin(st: MediumState, sender: int) -> None:
         if transceivers[i].mac.powered:
             locked = receiver.lock
             locked_mw = gains_mw[locked, i] if locked >= 0 else 0.0
-            outcomes[sender, i] = _meet(medium, transceivers[i], sender, power, locked_mw)
+            outcomes[sender, i] = _outcome_at_begin(medium, transceivers[i], sender, power, locked_mw)
             if locked >= 0 and receiver.lock == sender:
                 outcomes[locked, i] = _COLLISION
         receiver.total_mw += power
         receiver.arriving += 1
-    note_peaks(st)
+    update_peaks(st)
     if medium.in_air == 0:
         medium.busy_since_ns = medium.now_ns
     st.rosters[medium.in_air].in_air = sender
@@ -245,7 +247,7 @@ def begin(st: MediumState, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def leave(st: MediumState, sender: int) -> None:
+def end_signal(st: MediumState, sender: int) -> None:
     """Remove the sender's frame from the air; receivers stay locked onto it."""
     medium, transceivers, gains_mw = st.medium, st.transceivers, st.gains_mw
     settle(st)
@@ -264,7 +266,7 @@ def leave(st: MediumState, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def judge(st: MediumState, sender: int) -> None:
+def decide_reception(st: MediumState, sender: int) -> None:
     """Decide the reception of a complete frame at all receivers locked onto it."""
     medium, transceivers = st.medium, st.transceivers
     flight = transceivers[sender].flight
@@ -274,12 +276,14 @@ def judge(st: MediumState, sender: int) -> None:
         receiver = transceivers[i].receiver
         if receiver.lock != sender:
             continue
-        receiver.lock = NOBODY
+        receiver.lock = NO_TRANSCEIVER
         receiver.unlock_ns = medium.now_ns
         if receiver.log_right < 0.0:
-            luck = drawn(medium.seed, purpose, key, flight.draw, transceivers[i].settings.key)
-            if luck >= exp(receiver.log_right):
-                st.outcomes[sender, i] = _cause(medium, receiver, st.gains_mw[sender, i], flight.octets, luck)
+            chance = keyed_uniform(medium.seed, purpose, key, flight.draw, transceivers[i].settings.key)
+            if chance >= exp(receiver.log_right):
+                st.outcomes[sender, i] = _loss_cause(
+                    medium, receiver, st.gains_mw[sender, i], flight.octets, chance
+                )
                 continue
         if not flight.is_ack and st.withheld[sender, i] > 0:
             st.withheld[sender, i] -= 1
@@ -296,16 +300,16 @@ def count(st: MediumState, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _cause(medium: Record, receiver: Record, power: float, octets: int, luck: float) -> int:
+def _loss_cause(medium: Record, receiver: Record, power: float, octets: int, chance: float) -> int:
     """Return the cause of a loss: the outcome with the same random number and less interference."""
     bits = 8 * (octets + PHY_HEADER_OCTETS)
-    if luck >= exp(bits * log_right(power / medium.noise_mw)):
+    if chance >= exp(bits * log_right(power / medium.noise_mw)):
         return _BELOW
-    return _DISTURBED if luck >= exp(receiver.log_alone) else _COLLISION
+    return _DISTURBED if chance >= exp(receiver.log_alone) else _COLLISION
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def change_outside(st: MediumState, now_mw: NDArray[np.float64]) -> None:
+def set_external_power(st: MediumState, now_mw: NDArray[np.float64]) -> None:
     """Set the powers of outside sources (rows) at the receivers (columns) from now on."""
     settle(st)
     for i in range(st.transceivers.size):
@@ -313,4 +317,4 @@ def change_outside(st: MediumState, now_mw: NDArray[np.float64]) -> None:
         for source in range(now_mw.shape[0]):
             total += now_mw[source, i]
         st.transceivers[i].receiver.external_mw = total
-    note_peaks(st)
+    update_peaks(st)

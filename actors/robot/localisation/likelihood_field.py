@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from actors.array_types import Floats, Int64s, Octets
 from actors.floor import raster
-from actors.floor.grid import OCCUPIED, OccupancyGrid, Shared
+from actors.floor.grid import OCCUPIED, OccupancyGrid, SharedCache
 from actors.geometry import Covariance
 from actors.runtime.errors import AcrcError
 
@@ -87,7 +87,7 @@ def _shared(x: Int64s, y: Int64s) -> float:
     return (count * of_both - of_x * of_y) / (count * count)
 
 
-_FIELDS: Final = Shared[LikelihoodField]()
+_FIELDS: Final = SharedCache[LikelihoodField]()
 
 
 def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.array_types import Floats, Indices, Octets, Singles
-from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid, Shared
+from actors.floor.grid import OCCUPIED, UNKNOWN, Cell, OccupancyGrid, SharedCache
 from actors.geometry import Point
 from actors.robot.navigation import ray_tracing
 from actors.robot.navigation.cost_map import INSCRIBED, Inflation
@@ -36,7 +36,7 @@ class GlobalCosts:
     """(rows, columns), read-only: of a step through each cell, as `potential.wave` takes it."""
 
 
-_COSTS: Final = Shared[GlobalCosts]()
+_COSTS: Final = SharedCache[GlobalCosts]()
 
 
 def global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) -> GlobalCosts:

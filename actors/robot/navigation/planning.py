@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from actors.array_types import Flags, Floats, Int32s, Octets
 from actors.floor import raster
-from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
+from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, SharedCache, nearest_cell
 from actors.floor.raster import squared_distance
 from actors.geometry import Point
 from actors.robot.navigation.cost_map import INSCRIBED, Inflation
@@ -110,7 +110,7 @@ class Ground:
     """The clearance that the body's centre needs, m."""
 
 
-_GROUNDS: Final = Shared[Ground]()
+_GROUNDS: Final = SharedCache[Ground]()
 
 
 def ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters = _GRID) -> Ground:

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from actors.array_types import Flags, Floats, Indices, Int32s
 from actors.floor import raster
 from actors.floor.doors import Regions, regions
-from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, Shared, nearest_cell
+from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, SharedCache, nearest_cell
 from actors.floor.placement import Area, PlacementError
 from actors.geometry import Door, Point
 from actors.robot.navigation.planning import Ground, blocks
@@ -104,7 +104,7 @@ class Routes:
         return labels
 
 
-_ROUTES: Final = Shared[Routes]()
+_ROUTES: Final = SharedCache[Routes]()
 
 
 def routes(ground: Ground) -> Routes:
