@@ -163,7 +163,7 @@ class Relay:
         """Number of scheduled tasks, including those of cancelled packets."""
 
     def cancel_older(self, packet: KnowledgePacket) -> None:
-        """Cancel a waiting packet that is no newer than `packet`, sent by another node."""
+        """Cancel a waiting packet up to the version of `packet`, sent by another node."""
         waiting = self._waiting.get(packet.component)
         if waiting is not None and waiting.version <= packet.version:
             del self._waiting[packet.component]

@@ -45,7 +45,7 @@ from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleRegistry
 from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment
-from tests.deeco.air import Air, everywhere
+from tests.deeco.fake_link import FakeLink, everywhere
 from tests.recorded_runs import record
 
 ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
@@ -64,7 +64,7 @@ def node(robot: CleaningRobot, ways: Ways, number: int) -> Node:
     return Node([robot], ensembles, ports=ports, address=number)
 
 
-def route_of(air: Air, robot: str) -> list[PlaceKey]:
+def route_of(air: FakeLink, robot: str) -> list[PlaceKey]:
     knowledge: Knowledge = air.nodes[robot].knowledge(robot)
     assert isinstance(knowledge, CleaningRobot)
     return [assignment.key for assignment in knowledge.route]
@@ -73,7 +73,7 @@ def route_of(air: Air, robot: str) -> list[PlaceKey]:
 def test_two_that_stand_head_to_head_turn_round_with_each_others_destinations() -> None:
     r1, r2 = adaptive("r1", 0.0, 5.0), adaptive("r2", 1.0, -5.0)
     ways = {"r1": Ways(), "r2": Ways()}
-    air = Air({one.id: node(one, ways[one.id], number) for number, one in enumerate((r1, r2), start=1)})
+    air = FakeLink({one.id: node(one, ways[one.id], number) for number, one in enumerate((r1, r2), start=1)})
     air.run(seconds(9.5))
     assert route_of(air, "r1") == [PlaceKey("r2", 0)] and route_of(air, "r2") == [PlaceKey("r1", 0)]
     assert ways["r1"].orders == [Point(5.0, 0.0), Point(-5.0, 0.0)]
@@ -87,7 +87,7 @@ def test_who_has_not_been_heard_of_for_long_takes_no_part() -> None:
             id="r2", position=Point(1.0, 0.0), state=State.BLOCKED, route=(assignment(9.0, owner="r2"),)
         )
         nodes = {"r1": node(adaptive("r1", 0.0, 5.0), Ways(), 1), "r2": node(ghost, Ways(), 2)}
-        air = Air(nodes)
+        air = FakeLink(nodes)
         air.run(seconds(0.5))
         air.reach = everywhere if audible else lambda sender, receiver: None
         air.run(seconds(6))

@@ -1,4 +1,4 @@
-"""Doors that close and open while a run goes on."""
+"""Doors that close and open during a run; invalid drives."""
 
 import math
 from typing import Any
@@ -14,18 +14,20 @@ from actors.runtime.codec import encode
 from actors.runtime.errors import AcrcError
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.sensing import PoseError
-from tests.conduct.theatre import Theatre
+from tests.conduct.scripted_swarm import ScriptedSwarm
 from tests.refusals import refused
 
 EAST = 24.0
-"""Robot r3 starts at (20, 11) and drives east, through the neck between cabinets at this x."""
+"""x of the passage between cabinets through which r3 drives from (20, 11) eastward."""
 
 
-def eastward(seconds: float, *events: tuple[float, CloseDoor | OpenDoor | Move | Wall | Obstacle]) -> Theatre:
-    return Theatre(seconds, list(events), robots=("r3",), drive=lambda senses: (0.5, 0.0)).run()
+def eastward(
+    seconds: float, *events: tuple[float, CloseDoor | OpenDoor | Move | Wall | Obstacle]
+) -> ScriptedSwarm:
+    return ScriptedSwarm(seconds, list(events), robots=("r3",), drive=lambda senses: (0.5, 0.0)).run()
 
 
-def end(play: Theatre) -> float:
+def end(play: ScriptedSwarm) -> float:
     return play.truths[-2].robots[0].x
 
 
@@ -55,7 +57,7 @@ def test_what_is_put_on_the_floor_is_recorded_with_its_extent() -> None:
     ]  # fmt: skip
 
 
-def test_a_door_closes_once_nobody_stands_in_it() -> None:
+def test_a_door_closes_when_it_is_unobstructed() -> None:
     through = eastward(9.0)
     inside = next(truth.instant for truth in through.truths if truth.robots[0].x > EAST - 0.1) / 1e6
     play = eastward(12.0, (inside, CloseDoor(EAST, 11.1)), (11.0, OpenDoor(EAST, 11.1)))
@@ -96,8 +98,8 @@ IN_STEP = "it should be from 700000 to 799999 µs"
          f"has in its route place 0 of '{'x' * 99}…, which nobody was given"),
     ],
 )  # fmt: skip
-def test_a_false_drive_ends_the_run_and_names_who_sent_it(changes: dict[str, object], sentence: str) -> None:
-    play = Theatre(2.0)
+def test_an_invalid_drive_ends_the_run(changes: dict[str, object], sentence: str) -> None:
+    play = ScriptedSwarm(2.0)
     play.acts["r1"].lies = {7: msgspec.structs.replace(TRUE, **changes)}
     with refused(f"step 7 (0.7 s): r1 {sentence}"):
         play.run()
@@ -116,8 +118,8 @@ def test_a_false_drive_ends_the_run_and_names_who_sent_it(changes: dict[str, obj
         ],
     ],
 )
-def test_a_radio_that_counts_wrongly_is_named(aired: Aired, sentence: str) -> None:
-    play = Theatre(2.0)
+def test_wrong_counts_of_the_radio_are_refused(aired: Aired, sentence: str) -> None:
+    play = ScriptedSwarm(2.0)
     play.bus.publish(AIRED.key(), encode(aired))
     with refused(f"step 1 (0.1 s): {sentence}"):
         play.run()
@@ -161,8 +163,8 @@ def finite(value: Any) -> bool:
 @example(Drive(STEP, 1e5, -1e5, 1e5, 0, pose=(1e5, -1e5, 1e5)))
 @example(Drive(STEP, 5e-324, -0.0, math.inf, 0))
 @given(drives)
-def test_whatever_a_robot_says_the_world_goes_on_with_finite_numbers_or_names_it(drive: Drive) -> None:
-    play = Theatre(0.5)
+def test_any_drive_is_refused_or_gives_finite_numbers(drive: Drive) -> None:
+    play = ScriptedSwarm(0.5)
     play.acts[LIAR].lies = {STEP: drive}
     try:
         play.run()

@@ -1,4 +1,4 @@
-"""What robots say about places: when it ends the run, and what the world makes of it."""
+"""Reports of places: outcomes and the end of the run."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -13,22 +13,22 @@ from actors.orders import Freeze, Give, Kill, Obstacle, Order, Restart, Thaw
 from actors.runtime.errors import AcrcError
 from actors.task.referee import Verdict
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskWords
-from tests.conduct.theatre import Says, Theatre
+from tests.conduct.scripted_swarm import ScriptedAnswer, ScriptedSwarm
 from tests.refusals import refused
 
 R1, R2 = PlaceKey("r1", 0), PlaceKey("r2", 0)
 
 
-def reported(key: PlaceKey, instant: int = 700_000) -> Says:
-    return Says(reports=(PlaceReport(key.owner, key.place, instant),))
+def reported(key: PlaceKey, instant: int = 700_000) -> ScriptedAnswer:
+    return ScriptedAnswer(reports=(PlaceReport(key.owner, key.place, instant),))
 
 
-def given_up(key: PlaceKey, instant: int = 700_000) -> Says:
-    return Says(given_up=(PlaceGivenUp(key.owner, key.place, instant, "the door is shut"),))
+def given_up(key: PlaceKey, instant: int = 700_000) -> ScriptedAnswer:
+    return ScriptedAnswer(given_up=(PlaceGivenUp(key.owner, key.place, instant, "the door is shut"),))
 
 
 def test_the_run_ends_when_every_place_is_reported_or_given_up() -> None:
-    play = Theatre(60.0)
+    play = ScriptedSwarm(60.0)
     play.acts["r1"].says = {3: reported(R1, 300_000), 7: given_up(R2)}  # whoever it belongs to
     play.run()
     assert play.core.step == 8 and play.progress[-1].finished
@@ -36,14 +36,14 @@ def test_the_run_ends_when_every_place_is_reported_or_given_up() -> None:
     assert (play.places[1].given_up_by, play.places[1].reason) == ("r1", "the door is shut")
 
 
-def test_robots_that_want_nowhere_any_more_do_not_end_the_run() -> None:
-    play = Theatre(2.0)
+def test_robots_without_goals_do_not_end_the_run() -> None:
+    play = ScriptedSwarm(2.0)
     for act in play.acts.values():
-        act.says = {3: Says(route=())}
+        act.says = {3: ScriptedAnswer(route=())}
     assert play.run().core.step == 20
     assert [place.verdict for place in play.places] == [Verdict.LOST] * 2
     assert [play.progress[0].places_left, play.progress[-1].places_left] == [0, 0]
-    play = Theatre(1.0, places=())
+    play = ScriptedSwarm(1.0, places=())
     assert play.run().core.step == 10
     assert play.places == ()
 
@@ -52,28 +52,28 @@ def test_robots_that_want_nowhere_any_more_do_not_end_the_run() -> None:
     ("event", "last"), [((2.0, Obstacle(25.0, 12.0, 0.2)), 20), ((0.4, Restart("r2")), 5)]
 )
 def test_a_run_waits_for_events_and_restarted_robots(event: tuple[float, Order], last: int) -> None:
-    play = Theatre(5.0, [event])
+    play = ScriptedSwarm(5.0, [event])
     play.acts["r1"].says = {
-        3: Says(given_up=(*given_up(R1, 399_999).given_up, *given_up(R2, 300_000).given_up))
+        3: ScriptedAnswer(given_up=(*given_up(R1, 399_999).given_up, *given_up(R2, 300_000).given_up))
     }
     assert play.run().core.step == last
     assert ("r2.1" in play.acts) == (last == 5)
 
 
 def test_a_frozen_robot_keeps_its_places_and_a_killed_one_loses_them() -> None:
-    play = Theatre(2.0, [(1.0, Freeze("r1")), (1.0, Kill("r2"))]).run()
+    play = ScriptedSwarm(2.0, [(1.0, Freeze("r1")), (1.0, Kill("r2"))]).run()
     r1, r2 = play.places
     assert (r1.in_route_of, r1.verdict) == (("r1",), Verdict.OPEN)
     assert (r2.in_route_of, r2.verdict) == ((), Verdict.LOST)
     assert play.progress[0].places_left == 2 and play.progress[-1].places_left == 1
 
 
-def test_who_takes_a_place_over_keeps_it_from_being_lost() -> None:
-    play = Theatre(2.0, [(1.0, Kill("r2"))])
-    play.acts["r1"].says = {5: Says(route=(R2, R1))}
+def test_an_adopted_place_is_not_lost() -> None:
+    play = ScriptedSwarm(2.0, [(1.0, Kill("r2"))])
+    play.acts["r1"].says = {5: ScriptedAnswer(route=(R2, R1))}
     assert [place.in_route_of for place in play.run().places] == [("r1",), ("r1",)]
-    play = Theatre(2.0, [(1.0, Restart("r2"))])
-    play.acts["r2"].says = {5: Says(route=())}
+    play = ScriptedSwarm(2.0, [(1.0, Restart("r2"))])
+    play.acts["r2"].says = {5: ScriptedAnswer(route=())}
     assert play.run().places[1].in_route_of == ("r2",)
 
 
@@ -82,11 +82,11 @@ def test_who_takes_a_place_over_keeps_it_from_being_lost() -> None:
     [
         (reported(PlaceKey("r2", 1)), "reports place 1 of 'r2'"),
         (given_up(PlaceKey("r9", 0)), "gives up place 0 of 'r9'"),
-        (Says(route=(R1, PlaceKey("r1", -1))), "has in its route place -1 of 'r1'"),
+        (ScriptedAnswer(route=(R1, PlaceKey("r1", -1))), "has in its route place -1 of 'r1'"),
     ],
 )
-def test_a_place_that_nobody_was_given_ends_the_run(says: Says, act: str) -> None:
-    play = Theatre(2.0)
+def test_an_unknown_place_ends_the_run(says: ScriptedAnswer, act: str) -> None:
+    play = ScriptedSwarm(2.0)
     play.acts["r1"].says = {7: says}
     with refused(f"step 7 (0.7 s): r1 {act}, which nobody was given"):
         play.run()
@@ -99,8 +99,8 @@ def told(senses: list[Senses]) -> dict[int, tuple[tuple[float, float], ...]]:
     return {one.step: one.places for one in senses if one.places}
 
 
-def test_the_owner_hears_of_a_place_once_and_nobody_else_does() -> None:
-    play = Theatre(2.0, [(0.55, Give("r1", (HERE, THERE))), (1.0, Give("r1", (HERE,)))]).run()
+def test_only_the_owner_gets_an_added_place_once() -> None:
+    play = ScriptedSwarm(2.0, [(0.55, Give("r1", (HERE, THERE))), (1.0, Give("r1", (HERE,)))]).run()
     assert told(play.acts["r1"].senses) == {6: (HERE, THERE), 10: (HERE,)}
     assert told(play.acts["r2"].senses) == {}
     mine = [place for place in play.places if place.owner == "r1"]
@@ -111,13 +111,13 @@ def test_the_owner_hears_of_a_place_once_and_nobody_else_does() -> None:
     assert [one.owner for one in play.places] == ["r1"] * 4 + ["r2"]
 
 
-def test_the_run_waits_for_places_to_come_and_for_them_to_be_done() -> None:
-    play = Theatre(9.0, [(2.0, Give("r2", (HERE,)))])
+def test_the_run_waits_for_added_places() -> None:
+    play = ScriptedSwarm(9.0, [(2.0, Give("r2", (HERE,)))])
     play.acts["r1"].says = {
-        3: Says(reports=(PlaceReport("r1", 0, 300_000), PlaceReport("r2", 0, 300_000)), route=()),
-        29: Says(reports=(PlaceReport("r2", 1, 2_900_000),)),
+        3: ScriptedAnswer(reports=(PlaceReport("r1", 0, 300_000), PlaceReport("r2", 0, 300_000)), route=()),
+        29: ScriptedAnswer(reports=(PlaceReport("r2", 1, 2_900_000),)),
     }
-    play.acts["r2"].says = {3: Says(route=())}
+    play.acts["r2"].says = {3: ScriptedAnswer(route=())}
     play.run()
     assert play.core.step == 30
     left = {progress.instant: progress.places_left for progress in play.progress}
@@ -125,53 +125,53 @@ def test_the_run_waits_for_places_to_come_and_for_them_to_be_done() -> None:
     assert play.places[-1].reported_at == 2_900_000
 
 
-def test_a_place_counts_as_reached_from_when_it_came() -> None:
-    passed = Theatre(9.0, [(8.0, Give("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)).run()
+def test_a_place_is_reached_only_after_it_was_added() -> None:
+    passed = ScriptedSwarm(9.0, [(8.0, Give("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)).run()
     (place,) = [one for one in passed.places if one.place == 1]
     assert (place.reached_at, place.given_at) == (None, 8_000_000)
-    before = Theatre(9.0, [(0.0, Give("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)).run()
+    before = ScriptedSwarm(9.0, [(0.0, Give("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)).run()
     (place,) = [one for one in before.places if one.place == 1]
     assert place.reached_by == "r1"
 
 
-def test_a_frozen_robot_hears_of_it_later_and_a_dead_one_never() -> None:
-    play = Theatre(2.0, [(0.5, Freeze("r1")), (0.8, Give("r1", (HERE,))), (1.2, Thaw("r1"))]).run()
+def test_a_frozen_robot_gets_an_added_place_later_and_a_dead_one_never() -> None:
+    play = ScriptedSwarm(2.0, [(0.5, Freeze("r1")), (0.8, Give("r1", (HERE,))), (1.2, Thaw("r1"))]).run()
     assert told(play.acts["r1"].senses) == {12: (HERE,)}
-    play = Theatre(2.0, [(0.5, Kill("r1")), (0.8, Give("r1", (HERE,)))]).run()
+    play = ScriptedSwarm(2.0, [(0.5, Kill("r1")), (0.8, Give("r1", (HERE,)))]).run()
     (place,) = [one for one in play.places if one.place == 1]
     assert (place.verdict, place.in_route_of) == (Verdict.LOST, ())
 
 
-def test_a_robot_started_again_is_told_of_all_of_them_again() -> None:
+def test_a_restarted_robot_gets_all_added_places_again() -> None:
     events: list[tuple[float, Order]] = [
         (0.5, Give("r2", (HERE,))),
         (1.0, Restart("r2")),
         (1.4, Give("r2", (THERE,))),
     ]
-    play = Theatre(2.0, events)
-    play.acts["r2"].says = {7: Says(route=())}
+    play = ScriptedSwarm(2.0, events)
+    play.acts["r2"].says = {7: ScriptedAnswer(route=())}
     play.run()
     assert told(play.acts["r2"].senses) == {5: (HERE,)}
     assert told(play.acts["r2.1"].senses) == {10: (HERE,), 14: (THERE,)}
     assert [one.in_route_of for one in play.places if one.owner == "r2"] == [("r2",)] * 3
 
 
-def test_a_robot_may_report_and_keep_what_it_was_given() -> None:
-    play = Theatre(2.0, [(0.5, Give("r1", (HERE,)))])
-    play.acts["r2"].says = {8: Says(route=(PlaceKey("r1", 1),))}
+def test_a_robot_may_report_and_keep_an_added_place() -> None:
+    play = ScriptedSwarm(2.0, [(0.5, Give("r1", (HERE,)))])
+    play.acts["r2"].says = {8: ScriptedAnswer(route=(PlaceKey("r1", 1),))}
     assert play.run().places[1].in_route_of == ("r1", "r2")
 
 
-def test_there_is_a_limit_that_fits_one_message() -> None:
+def test_the_limit_of_places_fits_one_message() -> None:
     most = OrderLimits().places
     crowd = (HERE,) * most
-    play = Theatre(1.0, [(0.2, Give("r1", crowd)), (0.5, Restart("r1"))]).run()
+    play = ScriptedSwarm(1.0, [(0.2, Give("r1", crowd)), (0.5, Restart("r1"))]).run()
     assert told(play.acts["r1.1"].senses) == {5: crowd}
     with pytest.raises(AcrcError, match="the limit is 1000"):
-        Theatre(1.0, [(0.2, Give("r1", crowd)), (0.5, Give("r1", (HERE,)))]).run()
+        ScriptedSwarm(1.0, [(0.2, Give("r1", crowd)), (0.5, Give("r1", (HERE,)))]).run()
 
 
-class Parting:
+class DistanceTask:
     def __init__(self, distance: float, refused: str | None = None) -> None:
         self._distance, self._refused = distance, refused
         self._parted: int | None = None
@@ -206,21 +206,21 @@ class Parting:
 
 
 def test_a_run_ends_once_another_task_is_settled_or_at_its_limit() -> None:
-    task = Parting(distance=0.5)
-    play = Theatre(20.0, task=task).run()
+    task = DistanceTask(distance=0.5)
+    play = ScriptedSwarm(20.0, task=task).run()
     assert play.core.finished and play.core.step == 0, "who is far enough apart has nothing to do"
     assert play.core.task_outcome == {"parted_at": 0}
     assert (play.progress[-1].places_left, play.progress[-1].reports) == (0, 1)
     assert task.words == []
-    task = Parting(distance=1000.0)
-    play = Theatre(1.0, task=task).run()
+    task = DistanceTask(distance=1000.0)
+    play = ScriptedSwarm(1.0, task=task).run()
     assert int(play.core.instant) == 1_000_000 and play.core.task_outcome == {"parted_at": None}
     assert task.words == ["r1", "r2"] * play.core.step
 
 
-def test_a_task_can_end_the_run_and_is_told_of_restarts_and_places() -> None:
+def test_a_task_receives_restarts_and_places_and_can_end_the_run() -> None:
     with refused("step 0 (0 s): r2 says that it is a fish"):
-        Theatre(1.0, task=Parting(1000.0, "says that it is a fish")).run()
-    task = Parting(distance=1000.0)
-    Theatre(1.0, [(0.5, Restart("r2")), (0.6, Give("r1", ((15.5, 12.5),)))], task=task).run()
+        ScriptedSwarm(1.0, task=DistanceTask(1000.0, "says that it is a fish")).run()
+    task = DistanceTask(distance=1000.0)
+    ScriptedSwarm(1.0, [(0.5, Restart("r2")), (0.6, Give("r1", ((15.5, 12.5),)))], task=task).run()
     assert (task.restarted, task.given) == (["r2"], [("r1", (15.5, 12.5))])

@@ -1,4 +1,4 @@
-"""Robots and an ensemble to be explained."""
+"""Components and ensembles for `deeco.explain`."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, Self

@@ -1,4 +1,4 @@
-"""A role as an experiment may have it, and how large it may get."""
+"""A typical role, for tests of packet sizes."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -61,6 +61,6 @@ def robot(claims: int) -> Robot:
 
 
 def published(claims: int, counter: int = 40_000) -> bytes:
-    """The L2 packet of a robot with so many claims."""
+    """Return the L2 packet of a robot with this many claims."""
     value = robot(claims)
     return pack(KnowledgePacket(value.id, Version(3, counter), 0, REGISTRY.pack(value)))

@@ -1,4 +1,4 @@
-"""Definitions: mistakes are refused with a sentence that says what is right; `replace` copies knowledge."""
+"""Definitions: errors name the remedy; `replace` copies knowledge."""
 
 import dataclasses
 import textwrap
@@ -71,7 +71,7 @@ def refusal(text: str) -> str:
 
 
 @pytest.mark.parametrize("annotation", FIELDS)
-def test_a_field_that_can_change_is_refused(annotation: str) -> None:
+def test_mutable_field_types_are_refused(annotation: str) -> None:
     kind, base = ("role", "Knowledge") if "tuple" in annotation else ("component", "Vehicle")
     text = f"@{kind}\nclass Lorry({base}):\n load: {annotation}"
     assert refusal(text) == f"Lorry.load: {FIELDS[annotation]}"
@@ -144,11 +144,11 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("sentence", MISTAKES)
-def test_a_mistaken_definition_is_refused(sentence: str) -> None:
+def test_invalid_definitions_are_refused(sentence: str) -> None:
     assert refusal(MISTAKES[sentence]) == sentence
 
 
-def test_no_ensemble_at_all() -> None:
+def test_an_object_that_is_not_an_ensemble_is_refused() -> None:
     with refused("3 is not an ensemble; use an instance of a class with @ensemble(...)", DefinitionError):
         ensemble_type_of(3)
 

@@ -1,4 +1,4 @@
-"""Ensembles: membership, which side changes, and when they run."""
+"""Ensembles: membership, exchange and schedule."""
 
 from dataclasses import replace
 from typing import Self
@@ -9,7 +9,7 @@ from deeco import Contact, Instant, Knowledge, component, ensemble, milliseconds
 from deeco.link import Reception
 from deeco.network import NetworkParameters
 from deeco.node import Node
-from tests.deeco.air import Air
+from tests.deeco.fake_link import FakeLink
 
 
 @role
@@ -44,7 +44,7 @@ class Lorry(Vehicle):
 
 @component
 class Tanker(Lorry):
-    """Plays Vehicle by way of Lorry."""
+    """Plays Vehicle through Lorry."""
 
 
 @ensemble(every=seconds(1), offset=milliseconds(500))
@@ -77,11 +77,11 @@ def nodes(*components: Knowledge, ensembles: tuple[object, ...]) -> dict[str, No
     }
 
 
-def test_only_the_local_side_learns_and_only_from_members() -> None:
+def test_only_the_local_side_changes_and_only_for_members() -> None:
     swarm = nodes(
         Tanker(id="a", position=9), Car(id="b", position=4), Car(id="c", position=-3), ensembles=(Convoy(),)
     )
-    Air(swarm).run(seconds(1))
+    FakeLink(swarm).run(seconds(1))
     known = {name: node.knowledge(name) for name, node in swarm.items()}
     assert known == {
         "a": Tanker(id="a", position=9),
@@ -91,7 +91,7 @@ def test_only_the_local_side_learns_and_only_from_members() -> None:
     assert swarm["b"].outcome()["exchanges"] == {"Convoy": 1}
 
 
-def test_components_of_one_node_meet_in_both_roles() -> None:
+def test_components_of_one_node_are_paired_on_both_sides() -> None:
     node = Node([Truck(id="t"), Car(id="c"), Truck(id="u")], [Both()])
     node.advance(Instant(seconds(1)))
     assert node.knowledge("t") == Truck(id="t", led=("c", "u"), followed=("u",))
@@ -99,14 +99,14 @@ def test_components_of_one_node_meet_in_both_roles() -> None:
     assert node.knowledge("c") == Car(id="c")
 
 
-def test_who_does_not_play_the_role_is_no_member() -> None:
+def test_a_component_without_the_role_is_not_a_member() -> None:
     swarm = nodes(Car(id="a"), Truck(id="b"), ensembles=(Both(),))
-    Air(swarm).run(seconds(1))
+    FakeLink(swarm).run(seconds(1))
     assert swarm["a"].outcome()["counters"]["memberships"] == 1, "as the member of b; a cannot coordinate"
     assert swarm["b"].knowledge("b") == Truck(id="b", led=("a",))
 
 
-def test_a_peer_shows_its_role_only() -> None:
+def test_only_the_role_of_a_peer_is_visible() -> None:
     seen: list[object] = []
 
     @ensemble(every=seconds(1))
@@ -133,9 +133,9 @@ class Local:
         return replace(member, followed=(*member.followed, coordinator.id))
 
 
-def test_a_membership_that_reads_local_knowledge_is_asked_where_that_is() -> None:
+def test_membership_with_local_knowledge_is_evaluated_on_its_node() -> None:
     swarm = nodes(Truck(id="a"), Truck(id="b", led=("x",)), ensembles=(Local(),))
-    Air(swarm).run(seconds(1))
+    FakeLink(swarm).run(seconds(1))
     assert swarm["a"].knowledge("a") == Truck(id="a", followed=("b",))
     assert swarm["b"].knowledge("b") == Truck(id="b", led=("x",))
     assert [node.outcome()["counters"]["memberships"] for node in swarm.values()] == [1, 1]
@@ -150,14 +150,14 @@ class Failing:
         return member
 
 
-def test_an_exception_in_membership_is_not_taken_for_no() -> None:
+def test_an_exception_in_membership_propagates() -> None:
     swarm = nodes(Car(id="a"), Car(id="b"), ensembles=(Failing(),))
     with pytest.raises(ZeroDivisionError) as caught:
-        Air(swarm).run(seconds(2))
+        FakeLink(swarm).run(seconds(2))
     assert caught.value.__notes__ == ["in ensemble Failing of 'a' and 'b' at 1 s"]
 
 
-def test_old_replicas_take_no_part_and_are_forgotten() -> None:
+def test_old_replicas_are_excluded_and_dropped() -> None:
     @ensemble(every=seconds(1), max_age=seconds(2))
     class Fresh:
         def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
@@ -170,7 +170,7 @@ def test_old_replicas_take_no_part_and_are_forgotten() -> None:
     a = Node([Car(id="a")], parameters=parameters, address=1)
     b = Node([Car(id="b")], [Fresh()], parameters=parameters, address=2)
     (frame,) = a.advance(Instant(seconds(0.1)))
-    air = Air({"b": b})
+    air = FakeLink({"b": b})
     b.advance(Instant(seconds(0.1)))
     b.advance(Instant(seconds(0.2)), [Reception(Instant(150_000), 1, frame.data, -70.0)])
     air.now = Instant(seconds(0.2))
@@ -203,12 +203,12 @@ class Stopping(Vehicle):
 def test_an_ensemble_runs_when_a_fact_of_a_peer_changes() -> None:
     a = Node([Stopping(id="a", speed=1.0)], address=1, publish_phase=milliseconds(10))
     b = Node([Car(id="b", speed=1.0)], [Jam()], address=2)
-    Air({"a": a, "b": b}).run(seconds(4))
+    FakeLink({"a": a, "b": b}).run(seconds(4))
     assert b.knowledge("b") == Car(id="b", speed=1.0, followed=("a at 2100 heard 2010 -60.0 0",))
     assert b.outcome()["counters"]["memberships"] == 2 * 2, "at the first news and at the change, both roles"
 
 
-def test_an_ensemble_runs_when_an_own_fact_changes() -> None:
+def test_an_ensemble_runs_when_a_local_fact_changes() -> None:
     node = Node([Stopping(id="a", speed=1.0), Car(id="b", speed=1.0)], [Jam()])
     node.advance(Instant(seconds(3)))
     assert node.knowledge("b") == Car(id="b", speed=1.0, followed=("a at 2000 heard 2000 None 0",))

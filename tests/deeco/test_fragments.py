@@ -1,4 +1,4 @@
-"""Packets of knowledge and the frames that carry them: bytes, limits, and robustness against any input."""
+"""Packets and frames: bytes, limits, and robustness against any input."""
 
 import zlib
 from collections.abc import Callable
@@ -136,7 +136,7 @@ def test_overlapping_fragments(contradicting: bool) -> None:
 
 
 def test_another_size_for_the_same_number_begins_a_new_packet() -> None:
-    """This happens after 65 536 packets, or when a node was restarted."""
+    """As after 65 536 packets, or after a restart of a node."""
     old, new = whole(PACKET), whole(PACKET + b"tes")
     reassembly = Reassembly()
     reassembly.take(START, 1, fragment(old, 0, 20))
@@ -223,7 +223,7 @@ TIGHT = LinkParameters(frame_data=40, max_packet=200, max_open=3)
 
 
 def take_bounded(reassembly: Reassembly, now: int, sender: int, frame: bytes) -> list[bytes]:
-    """Return the completed packets; check that what is kept stays within the limits of TIGHT."""
+    """Return the completed packets; check that open packets stay within the limits of TIGHT."""
     packets = reassembly.take(Instant(now), sender, frame)
     assert open_packets(reassembly) <= TIGHT.max_open
     assert open_bytes(reassembly) <= TIGHT.max_open * (TIGHT.max_packet + CHECKSUM.size)
@@ -260,7 +260,7 @@ class Sender:
 
 @st.composite
 def _swarms(draw: st.DrawFn) -> list[Sender]:
-    """Senders that number their packets alike and share an address or a source byte."""
+    """Return senders with equal packet numbers and a common address or source byte."""
     packets = st.lists(st.binary(min_size=1, max_size=200), min_size=1, max_size=5)
     senders = [Sender(number // 2, draw(packets), []) for number in range(draw(st.integers(1, 4)))]
     for number, sender in enumerate(senders):
@@ -283,7 +283,7 @@ def test_all_frames_in_any_order_give_every_packet_once(swarm: list[Sender], dat
 @given(_swarms(), st.data())
 @settings(derandomize=True, max_examples=200, deadline=None)
 def test_only_sent_packets_come_out_of_a_bad_channel(swarm: list[Sender], data: st.DataObject) -> None:
-    """Frames are lost, doubled, reordered and interleaved, and one in five arrives changed."""
+    """Frames are lost, duplicated, reordered and interleaved; one in five is corrupted."""
     aired = [(sender.address, frame) for sender in swarm for frame in sender.frames]
     sent = {(sender.address, packet) for sender in swarm for packet in sender.packets}
     heard = data.draw(st.lists(st.sampled_from(aired), max_size=2 * len(aired)))
@@ -298,7 +298,7 @@ def test_only_sent_packets_come_out_of_a_bad_channel(swarm: list[Sender], data: 
 
 KNOWLEDGE = KnowledgePacket("r1", Version(2, 300), 1, ((0x01020304, (True, None, "x")),))
 WIRE = bytes.fromhex("1095a2723102cd012cce0102030493c3c0a178")
-"""Relayed once, knowledge; five items: id, epoch, counter, fingerprint, three fields."""
+"""Knowledge, relayed once; five items: id, epoch, counter, fingerprint, three fields."""
 
 
 def test_the_bytes_of_a_packet() -> None:
@@ -392,7 +392,7 @@ def test_invalid_packets_are_not_unpacked() -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 255)), max_size=40))
 def test_repeated_packets_are_unpacked_as_if_they_came_first(heard: list[tuple[int, int]]) -> None:
-    """Copies of six packets, one of them invalid, with any first byte, where only three are kept."""
+    """Copies of six packets, one of them invalid, with any first byte; the cache holds three."""
     bodies = [pack(KnowledgePacket("r1", Version(0, number), 0, ()))[1:] for number in range(5)] + [b"\xa1"]
     unpacker = Unpacker(most=3)
     for number, first in heard:

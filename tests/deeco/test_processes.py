@@ -1,4 +1,4 @@
-"""Processes of one node: when they run, what they get, and what ends the run."""
+"""Processes of one node: schedule, arguments and errors."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -134,7 +134,7 @@ class Circle(Thermometer):
         return replace(self, left=not self.left)
 
 
-def test_a_circle_of_triggers_is_named() -> None:
+def test_a_cycle_of_triggers_is_reported() -> None:
     with refused(
         "at 0 s processes keep triggering each other: Circle.answer → Circle.follow → Circle.answer",
         ExecutionError,
@@ -158,7 +158,7 @@ class Chain(Thermometer):
         return replace(self, length=self.length + 1)
 
 
-def test_a_long_chain_is_no_circle() -> None:
+def test_a_long_chain_of_triggers_is_allowed() -> None:
     assert run(Chain).knowledge("a") == Chain(id="a", length=16)
 
 
@@ -179,7 +179,7 @@ def test_a_long_chain_is_no_circle() -> None:
         ),
     ],
 )
-def test_mistaken_deployments_are_refused(
+def test_invalid_deployments_are_refused(
     components: list[Knowledge], ports: dict[type, object], sentence: str
 ) -> None:
     with refused(sentence, DeploymentError):
@@ -207,18 +207,20 @@ def wrong(change: Callable[[Thermometer], object]) -> type[Knowledge]:
         (lambda one: replace(one, id="b"), "Wrong.go of 'a' at 1.5 s changed the id to 'b'; keep the id"),
     ],
 )
-def test_what_a_process_must_not_give(change: Callable[[Thermometer], object], sentence: str) -> None:
+def test_invalid_results_of_processes_are_refused(
+    change: Callable[[Thermometer], object], sentence: str
+) -> None:
     with refused(sentence, ExecutionError):
         run(wrong(change), until=2)
 
 
-def test_an_exception_of_a_process_says_where() -> None:
+def test_an_exception_of_a_process_has_a_note_of_its_origin() -> None:
     with pytest.raises(ZeroDivisionError) as caught:
         run(wrong(lambda one: 1 / 0), until=2)
     assert caught.value.__notes__ == ["in process Wrong.go of 'a' at 1.5 s"]
 
 
-def test_a_node_that_stood_still_keeps_its_rhythm_and_counts_what_it_left_out() -> None:
+def test_a_skipping_node_keeps_its_schedule_and_counts_skipped_tasks() -> None:
     log = Lines()
     node = Node([Sensor(id="s")], ports={Log: log})
     node.advance(Instant(seconds(1)))
@@ -235,7 +237,7 @@ def note(log: list[tuple[int, T]], what: T) -> Task:
     return lambda now: log.append((now, what))
 
 
-def test_lower_order_goes_first_then_who_came_first() -> None:
+def test_tasks_run_by_order_then_by_age() -> None:
     agenda = TaskQueue()
     log: list[tuple[int, str]] = []
     for name, order in (("a", 1), ("b", 0), ("c", 1), ("d", 0)):
@@ -246,7 +248,7 @@ def test_lower_order_goes_first_then_who_came_first() -> None:
     assert names == ["b", "d", "a", "c", "b", "d", "a", "c", "once"]
 
 
-def test_skipping_keeps_the_rhythm_and_drops_single_tasks() -> None:
+def test_skipping_keeps_periods_and_drops_single_tasks() -> None:
     agenda, log = TaskQueue(), list[tuple[int, str]]()
     agenda.repeat(note(log, "a"), Instant(3), Duration(10))
     agenda.once(note(log, "b"), Instant(20))
@@ -260,7 +262,7 @@ def test_skipping_keeps_the_rhythm_and_drops_single_tasks() -> None:
     st.lists(st.tuples(st.integers(0, 50), st.integers(1, 20), st.integers(-2, 2)), min_size=1, max_size=6),
     st.lists(st.integers(0, 40), max_size=10),
 )
-def test_any_cutting_into_steps_gives_the_same(tasks: list[tuple[int, int, int]], cuts: list[int]) -> None:
+def test_the_division_into_steps_does_not_matter(tasks: list[tuple[int, int, int]], cuts: list[int]) -> None:
     def log_of(boundaries: list[int]) -> list[tuple[int, int]]:
         agenda: TaskQueue = TaskQueue()
         log: list[tuple[int, int]] = []
@@ -275,7 +277,7 @@ def test_any_cutting_into_steps_gives_the_same(tasks: list[tuple[int, int, int]]
     assert [now for now, _ in whole] == sorted(now for now, _ in whole)
 
 
-def test_what_plans_without_end_is_stopped() -> None:
+def test_unbounded_scheduling_is_stopped() -> None:
     agenda = TaskQueue(most=3)
     agenda.repeat(lambda now: None, Instant(7_000_000), Duration(10))
     for _ in range(2):

@@ -23,7 +23,7 @@ def lines(name: str) -> list[str]:
     return (HERE / f"{name}.txt").read_text().splitlines()
 
 
-def test_the_example_prints_what_the_page_says_and_can_be_explained(
+def test_the_example_prints_the_documented_output_and_can_be_explained(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "page_example.py").write_text(EXAMPLE)

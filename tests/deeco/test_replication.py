@@ -1,4 +1,4 @@
-"""What a node keeps of others: the newest, not too old, not too much."""
+"""Replicas: newest version, limited age and number; relaying."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ from deeco.network import NetworkParameters, Relay, RelayParameters, Replica, Re
 from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.statistics import NodeCounters
-from tests.deeco.air import Air, Reach
+from tests.deeco.fake_link import FakeLink, Reach
 
 
 @role
@@ -41,7 +41,7 @@ class Counter(Counting):
 
 
 def publications(number: int, name: str = "a", epoch: int = 0) -> list[bytes]:
-    """The frames in which a node publishes at 0, 1, 2, … s, with the counts 1, 2, 3, …"""
+    """Return the frames of a node that publishes at 0, 1, 2, … s, with the counts 1, 2, 3, …"""
     node = Node([Counter(id=name)], address=1, epoch=epoch)
     return [frame.data for frame in node.advance(Instant(seconds(number)))]
 
@@ -59,7 +59,7 @@ def counts(node: Node) -> dict[str, int]:
     return {one.id: one.role(Counting).count for one in node.replicas}
 
 
-def test_the_newest_version_counts_in_whatever_order_they_come() -> None:
+def test_the_newest_version_wins_in_any_order() -> None:
     first, second, third = publications(3)
     node = listener()
     hear(node, second)
@@ -78,7 +78,7 @@ def test_the_newest_version_counts_in_whatever_order_they_come() -> None:
     assert counts(node) == {}, "an old version stays old after its replica was dropped"
 
 
-def test_a_restarted_node_is_heard_again() -> None:
+def test_a_restarted_node_is_accepted_again() -> None:
     node = listener()
     hear(node, *publications(5))
     hear(node, *publications(1, epoch=1))
@@ -97,7 +97,7 @@ def test_replicas_keep_when_and_how_strongly_they_were_heard() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 9), st.integers(0, 4)), max_size=60))
-def test_at_any_moment_all_that_is_too_old_is_gone_and_nothing_else(
+def test_exactly_the_old_replicas_are_dropped(
     story: list[tuple[int, int, int]],
 ) -> None:
     replicas = Replicas(256, Duration(5), NodeCounters())
@@ -114,7 +114,7 @@ def test_at_any_moment_all_that_is_too_old_is_gone_and_nothing_else(
         assert [one.id for one in replicas] == sorted(heard)
 
 
-def test_the_one_heard_longest_ago_makes_room() -> None:
+def test_the_oldest_replica_is_evicted() -> None:
     node = listener(max_replicas=2)
     for name in ("c", "a", "b"):
         hear(node, *publications(1, name=name))
@@ -132,7 +132,7 @@ def test_ages_are_sampled_at_each_own_publication() -> None:
 
 @settings(max_examples=60)
 @given(st.lists(st.binary(max_size=130), max_size=8), st.integers(0, 2**16))
-def test_nothing_from_the_air_can_hurt(frames: list[bytes], cut: int) -> None:
+def test_invalid_frames_are_harmless(frames: list[bytes], cut: int) -> None:
     (good,) = publications(1)
     spoilt = bytearray(good)
     spoilt[cut % len(spoilt)] ^= 1 + cut % 255
@@ -154,7 +154,7 @@ class Car(Vehicle):
 
 @ensemble(every=seconds(100), offset=seconds(50))
 class Near:
-    """Knowledge is of no use farther than 15 m from where it comes from."""
+    """Knowledge is relayed within 15 m of its source."""
 
     def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
         return False
@@ -179,7 +179,7 @@ def cars(
 
 
 def within(metres: float, positions: Sequence[float]) -> Reach:
-    """Strength falls by 5 dB per metre from -40 dBm; nobody hears beyond."""
+    """Return a reach with 5 dB of loss per metre from -40 dBm."""
 
     def reach(sender: str, receiver: str) -> float | None:
         gap = abs(positions[int(sender[1:])] - positions[int(receiver[1:])])
@@ -196,7 +196,7 @@ LINE = (0.0, 10.0, 20.0, 30.0, 40.0)
 
 
 def run(positions: Sequence[float], nodes: dict[str, Node]) -> None:
-    Air(nodes, within(10.0, positions)).run(seconds(4))
+    FakeLink(nodes, within(10.0, positions)).run(seconds(4))
 
 
 def total(nodes: dict[str, Node], counter: str) -> int:
@@ -214,7 +214,7 @@ def test_knowledge_travels_as_far_as_the_hop_limit() -> None:
 def test_the_farthest_receiver_relays_first_and_near_ones_cancel(below: float | None, cancelled: int) -> None:
     positions = (0.0, 1.0, 9.0, 17.0)  # c1 receives c0 with -45 dBm, c2 with -85 dBm
     nodes = cars(positions, RelayParameters(relay_below_dbm=below))
-    air = Air(nodes, within(10.0, positions))
+    air = FakeLink(nodes, within(10.0, positions))
     air.run(seconds(1.5))  # c0 has published at 10 ms, and c1 at 710 ms
     relays = [(sender, frame.instant) for sender, frame in air.sent if b"c0" in frame.data][1:]
     assert [sender for sender, _ in relays] == ["c2", "c3"]
@@ -235,7 +235,7 @@ def test_delay_grows_with_strength() -> None:
     ("below", "rssi", "wanted"),
     [(-80.0, -79.9, False), (-80.0, -80.0, True), (-80.0, None, True), (None, -30.0, True)],
 )
-def test_what_is_heard_at_the_threshold_or_at_unknown_strength_is_relayed(
+def test_frames_at_the_threshold_or_of_unknown_strength_are_relayed(
     below: float | None, rssi: float | None, wanted: bool
 ) -> None:
     relay = Relay(
@@ -263,17 +263,17 @@ def test_relaying_ends_at_the_boundary_unless_an_ensemble_has_none(unbounded: bo
     assert ("c0" in known(nodes["c3"])) is unbounded
 
 
-def test_newer_knowledge_takes_the_place_of_what_waits() -> None:
-    """c0 publishes every 0.2 s, and is heard so strongly that relaying waits for a second."""
+def test_newer_knowledge_replaces_a_waiting_packet() -> None:
+    """c0 publishes every 0.2 s, with a signal so strong that relays are delayed by a second."""
     fast = Node([Car(id="c0")], parameters=NetworkParameters(publish_every=milliseconds(200)), address=0)
     slow = cars((0.0, 1.0), RelayParameters())["c1"]
-    air = Air({"c0": fast, "c1": slow}, lambda sender, receiver: -30.0)
+    air = FakeLink({"c0": fast, "c1": slow}, lambda sender, receiver: -30.0)
     air.run(seconds(4))
     counters = slow.outcome()["counters"]
     assert counters["relayed"] == 0 and counters["relays_cancelled"] == 19, "of 20 heard, the last one waits"
 
 
-def test_what_was_cancelled_still_counts_until_its_time() -> None:
+def test_cancelled_packets_count_until_their_scheduled_time() -> None:
     planned: list[Callable[[Instant], None]] = []
     counters = NodeCounters()
     relay = Relay(
@@ -299,7 +299,7 @@ def test_what_was_cancelled_still_counts_until_its_time() -> None:
 def test_a_packet_is_relayed_at_most_once_by_each(hops: int, number: int) -> None:
     positions = [float(index) for index in range(number)]
     nodes = cars(positions, RelayParameters(hop_limit=hops))
-    air = Air(nodes, within(100.0, positions))
+    air = FakeLink(nodes, within(100.0, positions))
     air.run(seconds(3.9))  # one publication each, as the next is due at 4.01 s; 2 nodes still wait
     assert total(nodes, "published") <= number
     assert total(nodes, "relayed") <= number * (number - 1)

@@ -1,4 +1,4 @@
-"""Roles become plain tuples and come back as they were; any other input is rejected."""
+"""Roles are encoded as tuples and restored; any other input is rejected."""
 
 from collections import namedtuple
 from collections.abc import Callable
@@ -119,11 +119,11 @@ JUNK = object()
         (Annotated[tuple[float, Annotated[float, Resolution(10)]], Resolution(2)], (1.5, 1.5), (3, 15)),
     ],
 )
-def test_every_type_has_its_form(annotation: Any, value: Any, there: Any) -> None:
+def test_every_type_is_encoded(annotation: Any, value: Any, there: Any) -> None:
     assert repr(packed(annotation, value)) == repr(there)  # repr, for 1 == 1.0 == True
 
 
-def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
+def test_the_id_is_in_the_packet_and_not_in_the_role() -> None:
     (here,) = RoleRegistry([Sweeper, Sweeper]).pack(robot(0))
     assert here == (fingerprint(Sweeper), ((45123, -12500), 1, ("r13", 3, (34234, -12500), 6), ()))
     got = REGISTRY.unpack("r12", (here,))
@@ -175,7 +175,7 @@ def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
         (int | str, 1.5, "1.5 must be one of int|str"),
     ],
 )
-def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str) -> None:
+def test_unencodable_values_are_reported(annotation: Any, value: Any, sentence: str) -> None:
     with refused(f"Sample.value of 'c' cannot be published: {sentence}", ExecutionError):
         packed(annotation, value)
 
@@ -222,7 +222,7 @@ def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str)
         (Window, (2, 5, 3)),
     ],
 )
-def test_a_value_of_another_form_is_rejected(annotation: Any, there: Any) -> None:
+def test_a_value_of_another_encoding_is_rejected(annotation: Any, there: Any) -> None:
     assert unpacked(annotation, there) is JUNK
 
 
@@ -232,7 +232,7 @@ def test_limits_are_parameters() -> None:
     assert unpacked(str, "xx", max_text=1) is JUNK
 
 
-def test_fields_too_many_or_missing_are_junk_and_so_is_a_role_that_comes_twice() -> None:
+def test_wrong_field_counts_and_repeated_roles_are_rejected() -> None:
     (here,) = REGISTRY.pack(robot(1))
     key, fields = here
     assert REGISTRY.unpack("r12", ((key, fields[:-1]),)) is None
@@ -341,13 +341,13 @@ MISTAKES: dict[str, Callable[[], object]] = {
 
 
 @pytest.mark.parametrize("sentence", MISTAKES)
-def test_mistaken_role_books_and_limits_are_refused(sentence: str) -> None:
+def test_invalid_role_registries_and_limits_are_refused(sentence: str) -> None:
     with refused(sentence, DeploymentError):
         MISTAKES[sentence]()
 
 
 @pytest.mark.parametrize("per_unit", [0, -1, True, 0.001])
-def test_a_resolution_is_a_whole_number(per_unit: Any) -> None:
+def test_a_resolution_is_an_integer(per_unit: Any) -> None:
     with refused(
         f"Resolution({per_unit!r}): per_unit must be a positive integer, such as 1000 for millimetres",
         DefinitionError,
@@ -402,7 +402,7 @@ def _record(items: list[Typed]) -> Typed:
 
 @given(st.data(), st.lists(st.recursive(_leaves(), _around, max_leaves=6), max_size=4))
 @settings(derandomize=True, max_examples=120, deadline=None)
-def test_any_role_of_any_types_comes_back_as_it_was(data: st.DataObject, items: list[Typed]) -> None:
+def test_roles_of_any_types_are_restored(data: st.DataObject, items: list[Typed]) -> None:
     kind = role_of(**{f"f{i}": annotation for i, (annotation, _) in enumerate(items)})
     values = {f"f{i}": data.draw(values) for i, (_, values) in enumerate(items)}
     registry = RoleRegistry([kind])
@@ -422,6 +422,6 @@ _ANYTHING = st.recursive(
 
 @given(_ANYTHING)
 @settings(derandomize=True, max_examples=300)
-def test_whatever_fields_come_nothing_raises(fields: Any) -> None:
+def test_no_fields_raise(fields: Any) -> None:
     got = REGISTRY.unpack("r12", ((fingerprint(Sweeper), fields),))
     assert got is None or isinstance(got.roles[0], Sweeper)

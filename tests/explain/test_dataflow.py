@@ -180,7 +180,7 @@ def test_reads_and_writes(
     assert list(found.unknowns) == []
 
 
-def test_a_method_is_that_of_the_class_in_hand() -> None:
+def test_overridden_methods_are_analysed() -> None:
     assert analyse_flow(by_method, {"self": Lorry}).read("self") == ("speed", "load")
 
 
@@ -266,7 +266,7 @@ class Convoy:
         return replace(member, speed=coordinator.speed)
 
 
-def test_both_sides_of_an_ensemble_are_kept_apart() -> None:
+def test_both_sides_of_an_ensemble_are_separate() -> None:
     subjects: dict[str, type] = {"self": Convoy, "coordinator": Vehicle, "member": Truck}
     membership = analyse_flow(Convoy.membership, subjects)
     assert membership.read("coordinator") == ("position", "speed")

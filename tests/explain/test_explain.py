@@ -1,4 +1,4 @@
-"""`python -m deeco.explain`: whole texts, and a sentence for every wrong argument."""
+"""`python -m deeco.explain`: complete output, and an error for each invalid argument."""
 
 import re
 import sys
@@ -43,7 +43,7 @@ def test_text(capsys: pytest.CaptureFixture[str]) -> None:
     assert explained(capsys, *PAIR) == (EXPLAINED / "robot.txt").read_text()
 
 
-def test_drawn_for_mermaid(capsys: pytest.CaptureFixture[str]) -> None:
+def test_mermaid_chart(capsys: pytest.CaptureFixture[str]) -> None:
     assert explained(capsys, "--mermaid", *PAIR) == (EXPLAINED / "robot.mmd").read_text()
 
 
@@ -68,7 +68,7 @@ def test_unresolved_accesses_are_listed(capsys: pytest.CaptureFixture[str]) -> N
     assert "The table may lack fields used by guess: see 'unknown' above.\n" in text
 
 
-def test_a_module_is_what_it_defines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_module_stands_for_its_classes(capsys: pytest.CaptureFixture[str]) -> None:
     lines = explained(capsys, HERE).splitlines()
     told = [line.split(",")[0] for line in lines if re.match(r"\w+, an? (component|ensemble)", line)]
     assert told == ["CleaningRobot", "Idler", "Riddle", "DestinationAdoption", "Charging"]

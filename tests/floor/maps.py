@@ -69,16 +69,16 @@ _DOOR: Final = 1.2
 @dataclass(frozen=True)
 class PublicMap:
     name: str
-    """The repository, and the map in it."""
+    """Repository and name of the map."""
     image: str
     yaml: str
-    """All but `image`, as its tool writes it."""
+    """YAML without `image`, as written by its tool."""
     size: tuple[int, int]
-    """Rows and columns of the new drawing."""
+    """Rows and columns of the imitation."""
     rooms: tuple[int, int]
-    """How many from south to north and from west to east."""
+    """Number of rooms from south to north and from west to east."""
     grey: int = 205
-    """Around the building; 254 if the building fills the image."""
+    """Brightness around the building; 254 if the building fills the image."""
     mode: str = "L"
     """Pillow's mode of the image."""
     pillars: int = 0

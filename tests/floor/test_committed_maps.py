@@ -1,4 +1,4 @@
-"""Committed maps: what the scripts draw, in one piece, passable, with doors from wall to wall."""
+"""Committed maps: equal to their scripts, connected, passable, with closable doors."""
 
 import runpy
 from functools import cache
@@ -20,9 +20,9 @@ MAPS = Path(__file__).parents[2] / "maps"
 SIZES = {"corridor": None, "maze": (10.0, 10.0), "apartment": (16.0, 11.0)}
 RADIUS = 0.177
 BODY = RADIUS + 0.03
-"""A robot's radius and what planning keeps beyond it, m."""
+"""A robot's radius, and with the margin of planning, m."""
 PIXEL = 0.03125
-"""Of the corridor's map, m."""
+"""Size of the corridor's map, m."""
 each = pytest.mark.parametrize("name", SIZES)
 new = pytest.mark.parametrize("name", ["maze", "apartment"])
 
@@ -73,7 +73,7 @@ def test_the_corridor_has_the_areas_of_the_original_testbed() -> None:
 
 
 @new
-def test_a_robot_gets_everywhere_it_fits(name: str) -> None:
+def test_all_passable_floor_is_connected(name: str) -> None:
     grid = grid_of(name)
     region = largest_region(grid, BODY)
     assert np.array_equal(region, passable(grid, BODY))
@@ -81,7 +81,7 @@ def test_a_robot_gets_everywhere_it_fits(name: str) -> None:
 
 
 @new
-def test_no_turn_or_reflection_looks_alike(name: str) -> None:
+def test_no_rotation_or_reflection_is_similar(name: str) -> None:
     walls = ~grid_of(name).free[2:-2, 2:-2]  # the border is one wall all round
     half = np.flipud(np.fliplr(walls))
     images: list[NDArray[np.bool_]] = [np.flipud(walls), np.fliplr(walls), half]
@@ -106,7 +106,7 @@ def test_a_closed_office_door_spans_its_opening() -> None:
 
 
 @each
-def test_a_closed_door_parts_what_it_joined(name: str) -> None:
+def test_a_closed_door_separates_its_regions(name: str) -> None:
     grid, doors = doorways(name)
     floor = passable(grid, RADIUS)
     for door in doors.regions.doors:
@@ -117,7 +117,7 @@ def test_a_closed_door_parts_what_it_joined(name: str) -> None:
         assert len(set(map(tuple, ends))) > 1, door
 
 
-def test_a_point_beside_a_door_means_it_and_one_on_open_floor_none() -> None:
+def test_a_point_near_a_door_selects_it() -> None:
     _, doors = doorways("corridor")
     assert doors.at(Point(12.45, 9.4)) == doors.at(Point(12.6, 9.9))
     with pytest.raises(DoorError) as caught:

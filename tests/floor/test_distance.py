@@ -1,4 +1,4 @@
-"""Distances and clearances beside scipy, and free squares for ray casting."""
+"""Distances and clearances compared with scipy; free squares for ray casting."""
 
 import math
 import shutil
@@ -53,7 +53,7 @@ def test_squared_distance_is_that_of_scipy(seed: int, rows: int, columns: int, s
     assert np.array_equal(raster.squared_distance(mask), exact)
 
 
-def test_without_a_cell_to_measure_to_the_distance_is_infinite() -> None:
+def test_the_distance_without_true_cells_is_infinite() -> None:
     assert np.isposinf(raster.squared_distance(np.zeros((3, 4), dtype=np.bool_))).all()
 
 
@@ -120,7 +120,7 @@ CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 
 
 class Thing:
-    """Something that can be held."""
+    """A value that can be weakly referenced."""
 
 
 def test_a_value_is_shared_while_it_lives() -> None:

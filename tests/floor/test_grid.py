@@ -37,7 +37,7 @@ def test_centre_of_a_cell_lies_in_it(row: int, column: int, resolution: float, x
     assert Point(xs[column], ys[row]) == grid.centre(Cell(row, column))
 
 
-def test_a_grid_keeps_a_copy_that_nobody_can_change() -> None:
+def test_a_grid_keeps_a_read_only_copy() -> None:
     cells = np.zeros((2, 2), dtype=np.uint8)
     grid = OccupancyGrid(cells, 1.0)
     cells[0, 0] = 2
@@ -50,7 +50,7 @@ def test_a_grid_keeps_a_copy_that_nobody_can_change() -> None:
     assert not largest_region(plan("##", "?#")).any()
 
 
-def test_a_disc_goes_only_where_its_radius_fits() -> None:
+def test_reachable_floor_depends_on_the_radius() -> None:
     grid = plan("...#...", ".......", "...#...")
     assert reachable(grid, Point(0.5, 1.5), 0.5).sum() == 19
     wide = reachable(grid, Point(1.5, 1.5), 0.6)
@@ -75,7 +75,7 @@ def test_regions_are_those_of_scipy(seed: int, share: float) -> None:
 
 
 @given(st.integers(0, 40), st.floats(-4, 2), st.floats(6, 14), st.sampled_from([0.0, 0.3, 1.0, 9.0]))
-def test_nearest_cell_is_the_own_or_the_nearest(seed: int, x: float, y: float, within: float) -> None:
+def test_nearest_cell(seed: int, x: float, y: float, within: float) -> None:
     grid, point = random_plan(seed, 20, 16, 0.9), Point(x, y)
     found = nearest_cell(grid, grid.free, point, within)
     if grid.is_free(point):

@@ -16,10 +16,10 @@ from actors.geometry import Point
 from tests.floor.maps import GREYS, YAML, refusal, written
 
 CELLS = [[FREE, FREE, OCCUPIED], [OCCUPIED, UNKNOWN, UNKNOWN]]
-"""Of `written`. Occupancies: 0 → 1; 100 → .608; 205 → .19608, not below .196; 254 → .004; 88 → .655."""
+"""Of `written`: 0 → 1, 100 → .608, 205 → .19608 (not below .196), 254 → .004, 88 → .655."""
 
 
-def test_the_thresholds_make_three_states_and_the_top_row_is_the_north(tmp_path: Path) -> None:
+def test_thresholds_and_orientation(tmp_path: Path) -> None:
     grid = load_map(written(tmp_path))
     assert grid.cells.tolist() == CELLS
     assert (grid.resolution, grid.origin) == (0.05, Point(-1.0, 2.0))
@@ -52,7 +52,7 @@ def test_numbers_given_as_text(
 
 
 @pytest.mark.parametrize("text", ["1", '"1"', "true", '"true"', "True", "yes"])
-def test_negate_makes_white_the_wall(tmp_path: Path, text: str) -> None:
+def test_negate_inverts_the_image(tmp_path: Path, text: str) -> None:
     grid = load_map(written(tmp_path, negate=text))
     assert grid.cells.tolist() == [[OCCUPIED, OCCUPIED, UNKNOWN], [FREE, UNKNOWN, OCCUPIED]]
 
@@ -92,7 +92,7 @@ def test_quarter_turns(tmp_path: Path, yaw: str, cells: list[list[int]], origin:
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])
-def test_a_point_of_the_image_lies_where_the_turned_origin_puts_it(tmp_path: Path, turns: int) -> None:
+def test_points_of_rotated_images(tmp_path: Path, turns: int) -> None:
     plain = load_map(written(tmp_path))
     turned = load_map(written(tmp_path, origin=f"[-1.0, 2.0, {turns * math.pi / 2}]"))
     for row in range(plain.rows):
@@ -131,7 +131,7 @@ def test_image_paths(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     "name", ["/home/alice/maps/plan.png", "'C:\\maps\\plan.png'", "package://p/maps/plan.png"]
 )
-def test_an_image_path_of_another_computer_means_the_image_beside(tmp_path: Path, name: str) -> None:
+def test_a_missing_image_is_replaced_by_the_one_beside_the_yaml(tmp_path: Path, name: str) -> None:
     path = written(tmp_path, image=name)
     assert load_map(path).cells.tolist() == CELLS
     assert "does not exist; reading plan.png beside the YAML" in map_warnings(path)[0]
@@ -164,7 +164,7 @@ NEEDED = "the key '{}' is missing; required are image, resolution, origin."
          "duplicate key 'free_thresh'; delete one."),
     ],
 )  # fmt: skip
-def test_a_wrong_value_is_named(tmp_path: Path, changes: dict[str, str | None], sentence: str) -> None:
+def test_invalid_values_are_refused(tmp_path: Path, changes: dict[str, str | None], sentence: str) -> None:
     assert refusal(written(tmp_path, **changes)) == f"plan.yaml: {sentence}"
 
 
@@ -178,7 +178,7 @@ def test_a_wrong_value_is_named(tmp_path: Path, changes: dict[str, str | None], 
         (b"# " + b"x" * 65_536, "the map cannot be read: has more than 65536 bytes."),
     ],
 )  # fmt: skip
-def test_yaml_that_is_none(tmp_path: Path, content: bytes, sentence: str) -> None:
+def test_invalid_yaml_is_refused(tmp_path: Path, content: bytes, sentence: str) -> None:
     path = tmp_path / "plan.yaml"
     path.write_bytes(content)
     assert refusal(path) == f"plan.yaml: {sentence}"
@@ -272,7 +272,7 @@ def test_transparent_pixels_are_unknown(tmp_path: Path, mode: str) -> None:
     assert load_map(image_map(tmp_path, white, name, **options)).cells.tolist() == [[OCCUPIED, UNKNOWN, FREE]]
 
 
-def test_channels_are_averaged_and_colours_warned_of(tmp_path: Path) -> None:
+def test_channels_are_averaged_and_colours_cause_a_warning(tmp_path: Path) -> None:
     colours = np.repeat(GREYS[..., None], 3, axis=2)
     colours[1, 0] = 254, 254, 255
     path = image_map(tmp_path, Image.fromarray(colours), "a.png")
@@ -309,7 +309,7 @@ def building(window: bool) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("window", [True, False])
-def test_unknown_grey_that_counts_as_free_is_warned_of(tmp_path: Path, window: bool) -> None:
+def test_unknown_grey_as_free_causes_a_warning(tmp_path: Path, window: bool) -> None:
     path = saved_by_slam(tmp_path, building(window), "0.25")
     (told,) = map_warnings(path)
     assert "makes grey 205 free floor" in told and "border" in told
@@ -317,7 +317,7 @@ def test_unknown_grey_that_counts_as_free_is_warned_of(tmp_path: Path, window: b
     assert map_warnings(saved_by_slam(tmp_path, building(window), "0.196")) == ()
 
 
-def test_other_greys_and_pockets_that_count_as_free_are_warned_of(tmp_path: Path) -> None:
+def test_other_greys_and_pockets_as_free_cause_a_warning(tmp_path: Path) -> None:
     pixels = building(window=True)
     pixels[pixels == 205] = 128
     (told,) = map_warnings(saved_by_slam(tmp_path, pixels, "0.55"))
@@ -329,7 +329,7 @@ def test_other_greys_and_pockets_that_count_as_free_are_warned_of(tmp_path: Path
     assert "grey 205" in told and "border" not in told
 
 
-def test_rooms_without_grey_are_not_warned_of(tmp_path: Path) -> None:
+def test_rooms_without_grey_cause_no_warning(tmp_path: Path) -> None:
     room = building(window=False)[10:50, 10:70]
     assert map_warnings(saved_by_slam(tmp_path, room, "0.25")) == ()
     room[0, :] = 254  # an open side
@@ -379,7 +379,7 @@ IMAGES = [
         ("JPEG", "L"),
     )
 ]  # fmt: skip
-"""Not TIFF: libtiff writes about damage to standard error itself."""
+"""Without TIFF, as libtiff writes to standard error."""
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])

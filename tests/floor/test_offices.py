@@ -1,4 +1,4 @@
-"""Drawn office floors: what holds on every one of them, and which names there are none for."""
+"""Generated office floors and their names."""
 
 import hashlib
 from pathlib import Path
@@ -15,19 +15,19 @@ from actors.geometry import Door, Point
 from tests.refusals import refused
 
 RADIUS = 0.177
-"""Of a TurtleBot 2, m."""
+"""Radius of a TurtleBot 2, m."""
 BODY = RADIUS + 0.03
-"""What planning keeps from walls, m."""
+"""Distance of planned paths from walls, m."""
 SEEDS = 80
 SEED = "but must be a whole number from 0 to 9223372036854775807, as in 'offices:7'"
 DOOR = "but must be a multiple of 0.05 m from 0.9 to 1.3 m"
 KEYS = "the parameters are count, door_width, corridor_width, furniture"
 FIRST = "b370e236"
-"""So SHA-256 of the first 20 floors' images begins; a processor or a change that draws others is found."""
+"""Begin of the SHA-256 of the first 20 floors' images, equal on all processors."""
 
 
 @pytest.mark.parametrize("fixed", ["", ",count=20,door_width=1.30,corridor_width=1.80,furniture=2"])
-def test_robots_get_everywhere_and_every_door_is_found(fixed: str) -> None:
+def test_all_rooms_are_reachable_and_all_doors_are_found(fixed: str) -> None:
     for seed in range(SEEDS if not fixed else 8):
         name = f"{offices.PREFIX}{seed}{fixed}"
         floor, grid = offices.office_floor(name), load_map(name)
@@ -43,7 +43,7 @@ def test_robots_get_everywhere_and_every_door_is_found(fixed: str) -> None:
         assert {name for pair in joined if "corridor" in pair for name in pair} == {*office_names, "corridor"}
 
 
-def test_a_door_can_be_closed_and_physics_can_have_the_walls() -> None:
+def test_doors_can_be_closed_and_the_walls_simulated() -> None:
     for seed in range(4):
         name = f"{offices.PREFIX}{seed}"
         doorways, grid = Doorways(load_map(name), RADIUS), load_map(name)
@@ -54,7 +54,7 @@ def test_a_door_can_be_closed_and_physics_can_have_the_walls() -> None:
         assert not grid.free[edge].any(), "a wall all round"
 
 
-def test_what_is_fixed_is_as_it_says_and_the_rest_varies() -> None:
+def test_fixed_parameters_hold_and_others_vary() -> None:
     rooms, widths, doors = set(), set(), set()
     for seed in range(60):
         floor = offices.office_floor(f"{offices.PREFIX}{seed}")
@@ -71,7 +71,7 @@ def test_what_is_fixed_is_as_it_says_and_the_rest_varies() -> None:
     assert doors == set(range(18, 27))
 
 
-def test_fixing_one_thing_leaves_all_others_as_they_are() -> None:
+def test_fixing_a_parameter_does_not_change_others() -> None:
     for seed in range(10):
         free = offices.office_floor(f"{offices.PREFIX}{seed}")
         doors = offices.office_floor(f"{offices.PREFIX}{seed},door_width=1.0")
@@ -107,12 +107,12 @@ def test_a_name_means_the_same_bytes_everywhere(tmp_path: Path) -> None:
         ("offices:7,doors=1", f"'doors' is not a parameter; {KEYS}"),
     ],
 )  # fmt: skip
-def test_what_no_floor_is_called(name: str, sentence: str) -> None:
+def test_invalid_names_are_refused(name: str, sentence: str) -> None:
     with refused(f"{name!r}: {sentence}", offices.OfficesError):
         load_map(name)
 
 
-def test_names_of_one_floor_are_one_and_a_name_without_end_is_not_repeated() -> None:
+def test_names_are_canonical_and_limited() -> None:
     told = offices.parse("offices:07,furniture=1,door_width=1").name
     assert told == "offices:7,door_width=1.00,furniture=1" == offices.parse(told).name
     with pytest.raises(offices.OfficesError, match=r"^the floor name has 100008 characters"):

@@ -78,7 +78,7 @@ def test_areas_are_picked_by_surface_and_cut_to_their_exact_edges() -> None:
     assert sum(point.x < 1.2 for point in points) <= 1
 
 
-def test_only_what_can_be_reached_is_drawn_from() -> None:
+def test_only_reachable_floor_is_used() -> None:
     grid = plan("....#...", "....#...", "....#...", "#####...", "........")
     largest = draw_points(grid, 200, rng=rng(), clearance=0.0, apart=0.0)
     east = reachable(grid, Point(6.0, 4.0))
@@ -112,7 +112,7 @@ NARROW = {"areas": [Area("Hall", 1, 1, 2, 2), Area("Office1", 0, 0, 0.5, 4)]}
          " no point of this map is that far from walls."),
     ],
 )  # fmt: skip
-def test_what_has_no_room_is_refused(count: int, options: dict[str, Any], sentence: str) -> None:
+def test_points_without_room_are_refused(count: int, options: dict[str, Any], sentence: str) -> None:
     with refused(sentence, PlacementError):
         draw_points(ROOM, count, rng=rng(), **options)
 
@@ -139,7 +139,7 @@ def test_areas_are_checked_and_found_by_name() -> None:
         (Point(-7.0, 2.02), "at (-7.00, 2.02) is outside the map"),
     ],
 )
-def test_a_robot_in_a_wall_is_named_with_a_point_that_would_be_right(point: Point, where: str) -> None:
+def test_an_invalid_pose_is_reported_with_a_valid_one(point: Point, where: str) -> None:
     with refused(
         f"robot 'r3' {where}, but must be at least 0.18 m from walls;"
         " the nearest point with room is (0.25, 2.05).",
@@ -156,7 +156,7 @@ each = pytest.mark.parametrize("public", PUBLIC_MAPS, ids=lambda one: one.name.r
 
 
 @each
-def test_a_map_like_a_public_one_is_read(public: PublicMap, tmp_path: Path) -> None:
+def test_public_maps_are_read(public: PublicMap, tmp_path: Path) -> None:
     path = public.write(tmp_path)
     grid, pixels = load_map(path), np.flipud(public._pixels())
     assert grid.resolution == public.resolution and grid.cells.shape == public.size
@@ -169,7 +169,7 @@ def test_a_map_like_a_public_one_is_read(public: PublicMap, tmp_path: Path) -> N
 
 @pytest.mark.nightly
 @each
-def test_two_robots_reach_places_on_a_map_like_a_public_one(public: PublicMap, tmp_path: Path) -> None:
+def test_robots_reach_places_on_public_maps(public: PublicMap, tmp_path: Path) -> None:
     public.write(tmp_path)
     text = (
         'map = "map.yaml"\nlocalisation.preset = "robust"\nnavigation.preset = "robust"\n'

@@ -1,7 +1,7 @@
-"""The medium once more, in plain Python and slowly: a history of all transmissions, searched each time.
+"""Independent model of the medium in plain Python: slow searches in a history of all transmissions.
 
-It shares the parameters and the random numbers with `actors.radio.medium.medium`, and no code: interference,
-energy and carriers are found by going through the history, the frame error rate by the formula itself.
+It shares only parameters and random numbers with `actors.radio.medium.medium`: interference, energy and
+carriers are found in the history, frame error rates by the formula.
 """
 
 import heapq
@@ -22,7 +22,7 @@ from actors.radio.medium.state import BROADCAST, Cca, EventKind, Outcome, PhyPar
 
 SYMBOL = 16_000
 ENDS, ACK_ENDS, CCA_ENDS, BEGINS, ACK_BEGINS, TIMES_OUT, SPACED, CCA_BEGINS, ARRIVES = range(9)
-Said = tuple[int, int, int, int, int]
+EventRow = tuple[int, int, int, int, int]
 """Instant, kind, transceiver, other, tag."""
 
 
@@ -61,7 +61,7 @@ class PlainTransceiver:
     lock: Flight | None = None
     locked: int = 0
     locks: list[tuple[int, int]] = field(default_factory=list)
-    """Begin and end of what the receiver was locked onto."""
+    """Begin and end of each lock of the receiver."""
     cca_deaf: bool = False
 
 
@@ -74,20 +74,20 @@ class PlainMedium:
         seed: int,
         bursts: list[tuple[int, int, float]],
     ) -> None:
-        """`bursts`: begin and end, ns, and power, mW, at every transceiver of an outside source."""
+        """Create a medium; `bursts`: begin and end, ns, and power, mW, at all transceivers."""
         self.t = transceivers
         tx = np.array([t.tx_power_dbm for t in transceivers])
         self.power = 10.0 ** ((tx[:, None] - losses_db) / 10.0)
         self.phy, self.seed, self.bursts = phy, seed, bursts
         self.state = [PlainTransceiver() for _ in transceivers]
         self.history: list[Flight] = []
-        self.said: list[Said] = []
+        self.said: list[EventRow] = []
         self.outcomes = [dict.fromkeys(Outcome, 0) for _ in transceivers]
         self.agenda: list[tuple[int, int, int, int, Any]] = []
         self.serial = 0
         self.now = 0
 
-    def play(self, requests: list[Request]) -> list[Said]:
+    def play(self, requests: list[Request]) -> list[EventRow]:
         for request in requests:
             self.at(request.instant_ns, ARRIVES, request.transceiver, request)
         while self.agenda:

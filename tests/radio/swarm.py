@@ -1,4 +1,4 @@
-"""A radio core driven by hand: robots that stand where they are put and frames at given instants."""
+"""A radio core with robots at given places and frames at given instants."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,18 +28,17 @@ from actors.topic import Message
 
 STEP = 100_000
 TURNAROUND = 192
-"""From sending to receiving and back, µs."""
+"""Turnaround between sending and receiving, µs."""
 SPACING = 640
-"""After a frame of more than 18 octets, µs."""
+"""Spacing after a frame of more than 18 octets, µs."""
 PLAIN = RadioParameters(
     Transceiver(0, tx_power_dbm=-32.6, cca=Cca.NEVER, min_be=0), PhyParameters(noise_dbm=-120.0)
 )
-"""Nobody listens before he sends, and what is stronger than the sensitivity arrives unless it is disturbed:
-so a frame begins exactly one turnaround after it is handed over, and stories can say what happens when."""
+"""Without channel assessment and noise, so that a frame begins exactly one turnaround after its request."""
 REACH = line_of_sight(
     PLAIN.transceiver.tx_power_dbm - PLAIN.transceiver.sensitivity_dbm, PLAIN.propagation.path_loss
 )
-"""10.5 m."""
+"""Range, 10.5 m."""
 
 
 def around(parameters: RadioParameters = PLAIN) -> RadioModel:
@@ -48,7 +47,7 @@ def around(parameters: RadioParameters = PLAIN) -> RadioModel:
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot in Truth but for the frames it sends."""
+    """A robot in Truth, without its frames."""
 
     x: float
     y: float = 0.0
@@ -68,18 +67,18 @@ class Frame:
 
     @property
     def airtime(self) -> int:
-        """By default of 20 octets: 52 symbols of 16 µs, 832 µs."""
+        """Air time; default 20 octets: 52 symbols of 16 µs, 832 µs."""
         return (12 + 2 * (len(self.data) + 9)) * 16
 
     @property
     def end(self) -> int:
-        """When it has left the antenna on an idle medium, if nothing of its sender's waits before it."""
+        """Its end on an idle medium with an empty queue."""
         return self.instant + TURNAROUND + self.airtime
 
 
 @dataclass
 class Swarm:
-    """The core, the robots by id, and what they were given."""
+    """The core, the robots by id, and their events."""
 
     robots: dict[str, Robot]
     step_us: int = STEP
@@ -109,7 +108,7 @@ class Swarm:
     def run(
         self, frames: Sequence[Frame] = (), jams: Sequence[Jam] = (), losses: Sequence[Loss] = ()
     ) -> dict[str, list[RadioEvent]]:
-        """Take one step with all the frames given, and check the barrier's bookkeeping."""
+        """Run one step with these frames, and check the barrier's counts."""
         step = self.core.step
         have: dict[str, Message] = {}
         assert [address.key for address in self.core.missing(have)] == [TRUTH.key()]

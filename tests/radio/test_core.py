@@ -1,4 +1,4 @@
-"""Short stories of a few robots: who hears what, and what each is told."""
+"""Events of a few robots in short scenes."""
 
 import math
 from collections import Counter
@@ -33,15 +33,15 @@ from tests.radio.swarm import PLAIN, SPACING, STEP, TURNAROUND, Frame, Robot, Sw
 from tests.refusals import refused
 
 NEXT = TURNAROUND + 832 + SPACING
-"""From the begin of a frame of 20 octets to that of the next one of the same queue, µs."""
+"""Interval between frames of 20 octets of one queue, µs."""
 
 
 def three() -> Swarm:
-    """A, b and c in one room; addresses 100, 101 and 102."""
+    """Return a, b and c in one room; addresses 100, 101 and 102."""
     return Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(8.0)})
 
 
-def test_a_frame_is_heard_when_its_last_symbol_ends() -> None:
+def test_a_frame_is_received_when_its_last_symbol_ends() -> None:
     swarm = three()
     assert swarm.run() == {}
     assert {name for name, count in swarm.core.counters().items() if count} == {"pairs", "pairs_in_reach"}
@@ -52,7 +52,7 @@ def test_a_frame_is_heard_when_its_last_symbol_ends() -> None:
     assert swarm.core.counters()["copies_heard"] == 2
 
 
-def test_a_loss_that_was_ordered_takes_the_next_frame_of_that_sender_that_would_have_been_heard() -> None:
+def test_an_ordered_loss_drops_the_next_receivable_frame() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(8.0), "far": Robot(30.0)})
     silence = swarm.run(losses=[Loss("c", "a"), Loss("far", "a"), Loss("c", "nobody")])
     assert silence == {}
@@ -67,7 +67,7 @@ def test_a_loss_that_was_ordered_takes_the_next_frame_of_that_sender_that_would_
     assert swarm.core.counters()["copies_lost_withheld"] == 1, "far never hears a, and so loses nothing"
 
 
-def test_what_became_of_each_copy_is_recorded_and_adds_up_to_the_counters() -> None:
+def test_outcomes_of_copies_sum_up_to_the_counters() -> None:
     robots = {"a": Robot(0.0), "b": Robot(1.0), "off": Robot(2.0), "c": Robot(8.0), "far": Robot(4000.0)}
     swarm = Swarm(robots, records_outcomes=True)
     swarm.change("off", powered=False)
@@ -128,7 +128,7 @@ def test_a_frame_crosses_the_step_border() -> None:
     assert swarm.run()["a"] == [Sent(3 * STEP, 0)], "one that ends at the border belongs to the next step"
 
 
-def test_a_jammer_silences_its_surroundings_until_it_ends() -> None:
+def test_a_jammer_blocks_its_surroundings_until_it_ends() -> None:
     swarm = three()
     jam = Jam(x=1.0, y=0.0, radius=2.0, until=STEP + 2000)
     assert set(swarm.run([Frame(0, "a")], [jam])) == {"a", "c"}
@@ -137,7 +137,7 @@ def test_a_jammer_silences_its_surroundings_until_it_ends() -> None:
     assert swarm.core.counters()["copies_lost_disturbed"] == 2
 
 
-def test_robots_move_on_between_truths() -> None:
+def test_robots_move_between_truths() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(10.45, vx=1.0)})
     events = swarm.run([Frame(40_000, "a", 1), Frame(60_000, "a", 2)])
     assert [event.instant for event in events["b"]] == [41_024]
@@ -152,7 +152,7 @@ def test_a_robot_that_turns_moves_along_its_arc() -> None:
         assert place == pytest.approx([2.0 * math.cos(elapsed / 2), 2.0 * math.sin(elapsed / 2)], abs=1e-8)
 
 
-def test_a_robot_without_power_neither_sends_nor_hears() -> None:
+def test_a_robot_without_power_neither_sends_nor_receives() -> None:
     swarm = three()
     swarm.change("b", powered=False)
     events = swarm.run([Frame(0, "a"), Frame(5000, "b")])
@@ -162,7 +162,7 @@ def test_a_robot_without_power_neither_sends_nor_hears() -> None:
     assert counters["frames_discarded"] == 1
 
 
-def test_a_killed_robot_cuts_its_frame_and_forgets_its_queue() -> None:
+def test_a_kill_cuts_the_frame_and_clears_the_queue() -> None:
     swarm = three()
     swarm.run([Frame(STEP - 300, "a", 1), Frame(STEP - 50, "a", 2)])
     swarm.change("a", powered=False, stepping=False)
@@ -175,7 +175,7 @@ def test_a_killed_robot_cuts_its_frame_and_forgets_its_queue() -> None:
     assert (counters["copies_lost_powered_off"], counters["copies_heard"]) == (2, 2)
 
 
-def test_a_robot_killed_and_restarted_within_a_frame_does_not_hear_it() -> None:
+def test_a_robot_restarted_within_a_frame_does_not_receive_it() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, step_us=300)
     swarm.run([Frame(0, "a")])
     swarm.change("b", powered=False, stepping=False)
@@ -198,7 +198,7 @@ def test_a_robot_in_a_new_epoch_has_an_empty_transceiver() -> None:
 
 
 @pytest.mark.parametrize("killed", [False, True])
-def test_events_held_for_a_frozen_robot_are_not_for_its_successor(killed: bool) -> None:
+def test_events_held_for_a_frozen_robot_are_discarded_at_a_restart(killed: bool) -> None:
     swarm = three()
     swarm.change("b", stepping=False)
     swarm.run([Frame(0, "a")])
@@ -210,7 +210,7 @@ def test_events_held_for_a_frozen_robot_are_not_for_its_successor(killed: bool) 
     assert swarm.core.counters()["events_discarded"] == 1
 
 
-def test_a_frozen_robot_finds_the_first_seven_events_when_it_thaws() -> None:
+def test_a_thawed_robot_gets_the_first_seven_events() -> None:
     swarm = three()
     swarm.change("b", stepping=False)
     swarm.run([Frame(2000 * i, "a", i) for i in range(5)])
@@ -233,7 +233,7 @@ def test_a_frozen_robots_queue_empties_by_itself() -> None:
     assert swarm.run() == {"a": [Sent(STEP + 1014, 1), Sent(STEP + 1014 + NEXT, 2)]}
 
 
-def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
+def test_invalid_frames_are_refused() -> None:
     swarm = three()
     frames = [Frame(10, "a", 1, bytes(120)), Frame(20, "a", 2, bytes(119))]
     frames += [Frame(instant, "a", tag) for tag, instant in ((3, STEP), (4, -1), (5, 15))]
@@ -284,12 +284,12 @@ def test_halt_finishes_without_an_answer() -> None:
         ((("a", 65534),), "Robot a has the short address 65534; must be 0 to 65533."),
     ],
 )
-def test_a_setup_that_makes_no_sense_is_named(robots: tuple[tuple[str, int], ...], sentence: str) -> None:
+def test_invalid_setups_are_refused(robots: tuple[tuple[str, int], ...], sentence: str) -> None:
     with refused(sentence):
         build(RadioSetup(seed=1, step_us=STEP if robots else 0, robots=robots))
 
 
-def test_frames_that_only_touch_are_both_heard() -> None:
+def test_consecutive_frames_are_both_received() -> None:
     swarm = three()
     first = Frame(0, "a")
     events = swarm.run([first, Frame(first.instant + first.airtime, "b")])
@@ -309,13 +309,13 @@ def test_a_much_stronger_frame_captures_the_receiver_within_the_preamble() -> No
     assert heard(-1 + 128) == [100]
 
 
-def test_a_frame_makes_room_at_the_very_instant_it_ends() -> None:
+def test_a_frame_frees_its_queue_slot_when_it_ends() -> None:
     swarm = three()
     events = swarm.run([*(Frame(0, "a", tag) for tag in range(8)), Frame(1023, "a", 8), Frame(1024, "a", 9)])
     assert [event for event in events["a"] if isinstance(event, Overflow)] == [Overflow(1023, 8)]
 
 
-def test_a_frame_that_ended_at_the_very_border_was_whole_before_the_kill() -> None:
+def test_a_frame_that_ends_at_a_kill_is_complete() -> None:
     swarm = three()
     swarm.run([Frame(STEP - 1024, "a", 1), Frame(STEP - 1024, "a", 2)])
     swarm.change("a", powered=False, stepping=False)

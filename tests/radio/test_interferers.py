@@ -1,4 +1,4 @@
-"""Wi-Fi stations and jammers: when they are on, and what of them arrives."""
+"""Wi-Fi stations and jammers: bursts and received power."""
 
 import itertools
 import math
@@ -51,7 +51,7 @@ def test_windows_do_not_change_the_bursts(cuts: list[int]) -> None:
         assert np.array_equal(station.bursts(low, high), whole[within])
 
 
-def test_a_long_run_forgets_and_is_right_when_asked_again() -> None:
+def test_dropped_bursts_are_drawn_again() -> None:
     station = wifi()
     first = station.bursts(0, 1_000_000_000)
     for second in range(0, 120, 5):
@@ -60,7 +60,7 @@ def test_a_long_run_forgets_and_is_right_when_asked_again() -> None:
     assert np.array_equal(station.bursts(0, 1_000_000_000), first)
 
 
-def test_what_arrives_is_the_part_in_band_less_the_loss() -> None:
+def test_received_power_is_the_share_in_band_minus_the_loss() -> None:
     receivers = np.array([[2.0, 2.0], [2.0, 9.0], [12.0, 1.0]])
     expected = 17.0 - 10.4139 - np.array([40.2, 58.2618, 61.6981])
     assert wifi().power_dbm(receivers) == pytest.approx(expected, abs=1e-3)
@@ -76,7 +76,7 @@ def test_the_channels_between_and_above_wifi_are_the_free_ones() -> None:
     assert in_band_db(1, 26) == pytest.approx(-60.41, abs=0.01)
 
 
-def test_a_jammer_drowns_its_surroundings_for_its_time() -> None:
+def test_a_jammer_blocks_reception_within_its_radius() -> None:
     jammer = Jammer(1.0, 0.0, 2.0, 5_000, 9_000)
     assert jammer.power_dbm(np.array([[0.0, 0.0], [3.0, 0.0], [3.01, 0.0]])).tolist() == [0.0, 0.0, -np.inf]
     assert jammer.bursts(0, 10_000).tolist() == [[5_000, 9_000]]
@@ -92,7 +92,7 @@ def test_a_jammer_drowns_its_surroundings_for_its_time() -> None:
         ({"duty": 1.0}, "duty is 1.0, but must be a number above 0 and below 1"),
     ],
 )
-def test_a_station_that_makes_no_sense_is_named(wrong: dict[str, int], sentence: str) -> None:
+def test_invalid_stations_are_refused(wrong: dict[str, int], sentence: str) -> None:
     values: dict[str, Any] = {"at": (0.0, 0.0), "channel": 1, "duty": 0.5, **wrong}
     with refused(f"WifiParameters.{sentence}"):
         WifiParameters(**values)

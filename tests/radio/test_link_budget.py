@@ -1,4 +1,4 @@
-"""How far frames get by each preset, and how many pairs of robots hear each other."""
+"""Ranges of the presets, and pairs of robots in direct reach."""
 
 import math
 import re
@@ -42,13 +42,13 @@ def arriving(name: str, distance: float, octets: int = 127) -> float:
     return 1.0 - float(frame_error_rate(np.array([snr_db]), octets)[0])
 
 
-def test_the_originals_cliff_is_about_twelve_metres() -> None:
+def test_the_range_of_the_original_is_about_twelve_metres() -> None:
     # By the formula: 0.02 % lost at 10 m, 7.6 % at 11.5 m, 62 % at 12.5 m, all at 14 m.
     lost = [1.0 - arriving("rosomnet", d) for d in (10.0, 11.5, 12.5, 14.0)]
     assert lost == pytest.approx([0.0002, 0.076, 0.62, 1.0], abs=0.02)
 
 
-def test_presets_reach_as_far_as_their_sources_say() -> None:
+def test_presets_have_the_ranges_of_their_sources() -> None:
     assert reach(preset("chapter")) == pytest.approx(10.0, abs=0.05)
     assert reach(preset("beeclick")) == pytest.approx(55.2, abs=0.1)
     assert needed_dbm(preset("beeclick"), 0.99, 20) == pytest.approx(-95.0, abs=0.01), "the chip's data sheet"
@@ -89,7 +89,7 @@ def test_pairs_in_reach_are_counted_once_a_second() -> None:
     assert share(alone.counters()) is None
 
 
-def test_a_set_up_amends_its_preset() -> None:
+def test_a_setup_changes_its_preset() -> None:
     setup = RadioSetup(
         seed=1, step_us=100_000, robots=(), preset="rosomnet", walls="concrete", shadowing_db=3.0, channel=26
     )
@@ -122,7 +122,7 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
         ),
     ],
 )
-def test_a_set_up_that_makes_no_sense_is_named(wrong: dict[str, str], sentence: str) -> None:
+def test_invalid_setups_are_refused(wrong: dict[str, str], sentence: str) -> None:
     with refused(sentence):
         radio_model(RadioSetup(seed=1, step_us=100_000, robots=(), **wrong))  # type: ignore[arg-type]
 
@@ -150,7 +150,7 @@ def test_line_of_sight_ends_where_the_loss_passes_the_budget(
         assert (loss_db <= budget_db) == (distance < edge)
 
 
-def test_antennas_that_touch_are_taken_to_be_ten_centimetres_apart() -> None:
+def test_the_minimum_distance_is_ten_centimetres() -> None:
     touching, apart = (path_loss(distance, ANNEX_E.coefficients()) for distance in (0.0, 0.1))
     assert touching == apart == pytest.approx(20.2)
     assert line_of_sight(5.0, ANNEX_E) == 0.0

@@ -1,4 +1,4 @@
-"""The medium against a slow and independent one, and what must not make a difference to it."""
+"""The medium compared with a slow independent one, and its invariances."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ from actors.radio.medium.medium import Medium, PoissonTraffic, Request, fingerpr
 from actors.radio.medium.state import BROADCAST, Cca, EventKind, Outcome, PhyParameters, Transceiver
 from actors.radio.propagation import IndoorPropagation, PathLossParameters, PropagationParameters
 from actors.radio.radio_model import preset
-from tests.radio.plain_medium import PlainMedium, Said, mw
+from tests.radio.plain_medium import EventRow, PlainMedium, mw
 from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 
 COUNT = 5
@@ -65,7 +65,7 @@ requests = st.lists(
 
 
 class Burst:
-    """One outside source, equally strong everywhere."""
+    """One outside source with equal power everywhere."""
 
     def __init__(self, begin: int, end: int, dbm: float) -> None:
         self.span, self.dbm = (begin, end), dbm
@@ -81,7 +81,7 @@ class Burst:
         return np.full(receivers.shape[:-1], self.dbm)
 
 
-def said(events: NDArray[np.void]) -> list[Said]:
+def said(events: NDArray[np.void]) -> list[EventRow]:
     return [
         (int(e["instant_ns"]), int(e["kind"]), int(e["transceiver"]), int(e["other"]), int(e["tag"]))
         for e in events
@@ -93,7 +93,7 @@ def said(events: NDArray[np.void]) -> list[Said]:
     spots=places, phy=phys, transceivers=transceivers, frames=requests,
     burst=st.none() | st.tuples(st.integers(0, 40_000), st.integers(1, 20_000), st.floats(-100, -50)),
 )  # fmt: skip
-def test_the_medium_is_that_of_a_plain_model(
+def test_the_medium_equals_a_plain_model(
     spots: list[tuple[float, float]],
     phy: PhyParameters,
     transceivers: list[Transceiver],
@@ -123,7 +123,7 @@ def test_the_medium_is_that_of_a_plain_model(
 
 
 def circling(instant_ns: int) -> NDArray[np.float64]:
-    """Six transceivers on circles of their own around places 12 m apart."""
+    """Return positions of six transceivers on circles around places 12 m apart."""
     angle = instant_ns / 1e9 * np.arange(1, 7) / 3
     centres = np.array([[12.0 * (k % 3), 12.0 * (k // 3)] for k in range(6)])
     places: NDArray[np.float64] = centres + 5 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -131,7 +131,7 @@ def circling(instant_ns: int) -> NDArray[np.float64]:
 
 
 def busy_medium(extra: int = 0, moving: bool = True) -> Medium:
-    """Six transceivers, two of which talk to one another, a source that is on and off, and silent ones."""
+    """Return six transceivers, two with mutual traffic, an interferer, and silent ones."""
     transceivers = [Transceiver(10 * (k + 1), tx_power_dbm=-10.0) for k in range(6 + extra)]
     medium = Medium(transceivers, LINE_OF_SIGHT, PhyParameters(noise_dbm=-95.5), seed=3)
     silent = np.full((extra, 2), 6.0)
@@ -147,7 +147,7 @@ def busy_medium(extra: int = 0, moving: bool = True) -> Medium:
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_the_step_changes_nothing(moving: bool) -> None:
+def test_the_step_size_does_not_matter(moving: bool) -> None:
     def trace(step_ms: int) -> tuple[bytes, bytes]:
         medium = busy_medium(moving=moving)
         steps = range(step_ms, 1001, step_ms)
@@ -160,7 +160,7 @@ def test_the_step_changes_nothing(moving: bool) -> None:
         assert trace(step_ms) == whole
 
 
-def test_a_silent_transceiver_changes_nothing_for_the_others() -> None:
+def test_silent_transceivers_do_not_matter() -> None:
     alone, beside = busy_medium(), busy_medium(extra=1)
     events, more = alone.run(SECOND), beside.run(SECOND)
     others = more[more["transceiver"] < 6]
@@ -168,7 +168,7 @@ def test_a_silent_transceiver_changes_nothing_for_the_others() -> None:
     assert np.array_equal(beside.outcomes()[:6], alone.outcomes())
 
 
-def test_the_number_of_a_transceiver_means_nothing_only_its_address() -> None:
+def test_the_order_of_transceivers_does_not_matter() -> None:
     def heard(order: list[int]) -> list[tuple[int, int, int]]:
         medium = Medium([Transceiver(k) for k in order], LINE_OF_SIGHT, PhyParameters(), seed=5)
         medium.place(np.array([[3.0 * k, 0.0] for k in order]))
@@ -188,7 +188,7 @@ FAR = np.array([[400.0 * k, 0.0] for k in range(12)])
 
 
 def far_apart(noise_dbm: float = -95.5, moving: bool = False) -> Medium:
-    """Transceivers far apart that send whatever they hear: all of them at once for some ms."""
+    """Return distant transceivers that send without assessment, all at once for some ms."""
     transceivers = [
         Transceiver(1 + k, cca=Cca.NEVER, min_be=0, cca_threshold_dbm=-80.0 - k) for k in range(len(FAR))
     ]
@@ -203,9 +203,7 @@ def far_apart(noise_dbm: float = -95.5, moving: bool = False) -> Medium:
 
 
 @pytest.mark.parametrize(("noise_dbm", "moving"), [(-110.0, True), (-95.5, False), (-70.0, False)])
-def test_what_is_not_followed_of_all_frames_in_the_air_is_a_hundredth_of_a_decibel(
-    noise_dbm: float, moving: bool
-) -> None:
+def test_omitted_signals_are_below_a_hundredth_of_a_decibel(noise_dbm: float, moving: bool) -> None:
     medium, powers_mw = far_apart(noise_dbm, moving), 10.0 ** (-LINE_OF_SIGHT.loss_db(FAR, FAR) / 10.0)
     left_out_mw = np.zeros(12)
     for sender in range(12):
@@ -221,7 +219,7 @@ def test_what_is_not_followed_of_all_frames_in_the_air_is_a_hundredth_of_a_decib
     assert 0.0 < worst_db <= 0.01
 
 
-def test_whoever_is_out_of_reach_of_a_frame_is_still_counted_with_it() -> None:
+def test_transceivers_out_of_range_are_counted() -> None:
     medium = Medium([Transceiver(1 + k, min_be=0) for k in range(4)], LINE_OF_SIGHT, PhyParameters())
     medium.place(np.array([[4000.0 * k, 0.0] for k in range(4)]))
     medium.switch(2, False)
@@ -238,7 +236,7 @@ def test_whoever_is_out_of_reach_of_a_frame_is_still_counted_with_it() -> None:
 
 
 def test_the_fingerprint_compiles_all_that_a_run_calls() -> None:
-    """A variant that only a run would need is compiled while the swarm waits."""
+    """A variant missing here would be compiled while a swarm waits."""
     assert fingerprint() == fingerprint()
     kernels = [engine.run, engine.offer, engine.switch_on, engine.switch_off]
     compiled = [len(kernel.signatures) for kernel in kernels]

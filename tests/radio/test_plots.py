@@ -1,4 +1,4 @@
-"""The figures of the documentation: drawn, and with everything in them."""
+"""Figures of the documentation."""
 
 from pathlib import Path
 from xml.etree import ElementTree

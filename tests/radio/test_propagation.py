@@ -1,4 +1,4 @@
-"""Walls on the floor plan, against a plain walk in tiny steps and by hand."""
+"""Walls and shadowing, compared with plain computations."""
 
 import math
 from dataclasses import replace
@@ -43,7 +43,7 @@ def loss(
 
 
 def room(middle: int = OCCUPIED) -> OccupancyGrid:
-    """4 m by 3 m in cells of 0.1 m, west corner at (-1, 2), with a wall of 0.2 m from x = 0.5 to 0.7."""
+    """Return 4 m by 3 m in cells of 0.1 m, corner at (-1, 2), with a wall from x = 0.5 to 0.7."""
     cells = np.full((30, 40), FREE, np.uint8)
     cells[:, 15:17] = middle
     return OccupancyGrid(cells, 0.1, Point(-1.0, 2.0))
@@ -57,7 +57,7 @@ def test_a_wall_costs_its_crossing_and_its_thickness() -> None:
     assert loss(walls, (-0.5, 3.0), (0.4, 4.0)) == 0.0
 
 
-def test_what_is_unknown_and_what_is_outside_costs_nothing() -> None:
+def test_unknown_cells_and_the_outside_cause_no_loss() -> None:
     assert loss(build(room(UNKNOWN), "brick"), (0.0, 3.0), (2.0, 3.0)) == 0.0
     walls = build(room(), "brick")
     assert loss(walls, (0.6, 9.0), (0.6, 12.0)) == 0.0
@@ -109,7 +109,7 @@ def walls(kinds: NDArray[np.uint8]) -> Walls:
 
 
 def crossed(kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float]) -> list[float]:
-    """Length, m, in each material: the plain way, cell border by cell border."""
+    """Return the length in each material, m, cell by cell."""
     (x0, y0), (x1, y1) = one, other
     rows, columns = kinds.shape
     cuts = {0.0, 1.0}
@@ -129,7 +129,7 @@ def crossed(kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[flo
 
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(kinds=kinds, one=spots, other=spots)
-def test_the_way_through_every_material_is_exact(
+def test_path_lengths_in_materials_are_exact(
     kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float]
 ) -> None:
     floor = walls(kinds)
@@ -142,14 +142,14 @@ def test_the_way_through_every_material_is_exact(
 
 
 def rooms() -> NDArray[np.uint8]:
-    """20 m by 15 m in cells of 0.1 m: long walls, two doors, a pillar; most tiles are nothing but air."""
+    """Return 20 m by 15 m in cells of 0.1 m: long walls, two doors, a pillar; most tiles are air."""
     kinds = np.zeros((150, 200), np.uint8)
     kinds[40:42, :], kinds[:, 90:93], kinds[101:109, 30:37] = 1, 2, 1
     kinds[40:42, 60:70] = kinds[120:130, 90:93] = 0
     return kinds
 
 
-def test_over_large_rooms_the_way_through_walls_is_exact_and_each_is_entered_once() -> None:
+def test_path_lengths_in_walls_are_exact_over_large_rooms() -> None:
     kinds, rng = rooms(), np.random.default_rng(5)
     rates, entered = np.array([0.0, 1.0, 1.0]), np.array([0.0, 1.0, 1.0])
     lengths = walls_of(kinds, 0.1, 0.0, 0.0, np.zeros(3), rates)
@@ -165,7 +165,7 @@ def test_over_large_rooms_the_way_through_walls_is_exact_and_each_is_entered_onc
 
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(kinds=kinds, one=spots, other=spots, most_db=st.floats(0.0, 20.0))
-def test_a_loss_is_symmetric_and_exact_or_known_to_be_too_much(
+def test_losses_are_symmetric_and_exact_or_above_the_limit(
     kinds: NDArray[np.uint8], one: tuple[float, float], other: tuple[float, float], most_db: float
 ) -> None:
     floor = walls(kinds)
@@ -178,7 +178,7 @@ def test_a_loss_is_symmetric_and_exact_or_known_to_be_too_much(
 Floats = NDArray[np.float64]
 PARAMETERS = ShadowingParameters(sigma_db=4.0, correlation_distance=2.0)
 FLAT = PathLossParameters(near_loss_db=100.0, near_exponent=0.0, breakpoint=math.inf)
-"""100 dB everywhere: what differs is shadowing."""
+"""100 dB everywhere, plus shadowing."""
 
 
 def propagation(seed: int, parameters: ShadowingParameters = PARAMETERS) -> IndoorPropagation:
@@ -188,7 +188,7 @@ def propagation(seed: int, parameters: ShadowingParameters = PARAMETERS) -> Indo
 
 
 def over_seeds(senders: Floats, receivers: Floats, seeds: int = 3000) -> Floats:
-    """(seeds, s · r) of shadowing, dB."""
+    """Return (seeds, s · r) of shadowing, dB."""
     return np.array([propagation(seed).loss_db(senders, receivers).ravel() - 100.0 for seed in range(seeds)])
 
 
@@ -212,7 +212,7 @@ def test_the_kernel_computes_the_definition() -> None:
             assert found[i, j] == pytest.approx(plain(field, one, other, PARAMETERS), abs=1e-9)
 
 
-def test_sigma_is_the_same_at_any_distance_and_the_mean_is_nothing() -> None:
+def test_shadowing_has_constant_sigma_and_zero_mean() -> None:
     # With 3000 seeds the standard error of a deviation is 1.3 %, that of a mean 0.073 dB.
     ends = np.array([[0.025, 0.025], [0.5, 0.0], [1.0, 1.0], [5.0, 3.0], [40.0, 0.0]])
     found = over_seeds(np.zeros((1, 2)), ends)
@@ -222,7 +222,7 @@ def test_sigma_is_the_same_at_any_distance_and_the_mean_is_nothing() -> None:
     assert kurtosis == pytest.approx(3.0, abs=0.3)
 
 
-def test_the_correlation_falls_with_the_way_of_either_end() -> None:
+def test_the_correlation_falls_with_the_displacement_of_either_end() -> None:
     # The standard error of a correlation from 3000 seeds is at most 0.018.
     one = np.array([[0.025, 0.025], [2.025, 0.025], [0.025, 1.025]])
     other = np.array([[20.025, 0.025], [22.025, 0.025], [20.025, 4.025]])
@@ -246,7 +246,7 @@ def test_directions_are_equal_to_the_last_bit_and_seeds_independent() -> None:
     assert abs(np.corrcoef(one[upper], other[upper])[0, 1]) < 0.2
 
 
-def test_others_change_nothing_and_neither_does_who_was_where_before() -> None:
+def test_shadowing_depends_only_on_the_two_places() -> None:
     rng = np.random.default_rng(4)
     places = rng.uniform(0, 30, (20, 2))
     walking, fresh = propagation(9), propagation(9)
@@ -258,7 +258,7 @@ def test_others_change_nothing_and_neither_does_who_was_where_before() -> None:
     assert pair[0, 0] == row[0, 7]
 
 
-def test_no_loss_is_below_nothing() -> None:
+def test_no_loss_is_negative() -> None:
     near = PropagationParameters(PathLossParameters(), shadowing=replace(PARAMETERS, sigma_db=30.0))
     places = np.random.default_rng(2).uniform(0, 0.5, (40, 2))
     several = (IndoorPropagation(near, None, np.random.default_rng(seed)) for seed in range(10))
@@ -267,7 +267,7 @@ def test_no_loss_is_below_nothing() -> None:
 
 
 @pytest.mark.parametrize("most_db", [60.0, 90.0, 120.0])
-def test_behind_walls_shadowing_may_still_bring_a_loss_within_what_is_asked_for(most_db: float) -> None:
+def test_negative_shadowing_is_included_in_the_limit(most_db: float) -> None:
     cells = np.full((40, 120), FREE, np.uint8)
     cells[:, 10::20] = OCCUPIED
     floor = build(OccupancyGrid(cells, 0.25, Point(0.0, 0.0)), "concrete")

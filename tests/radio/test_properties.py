@@ -1,4 +1,4 @@
-"""What holds for every pattern of frames among robots; test_medium holds the medium itself to a model."""
+"""Properties of any pattern of frames of robots."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -57,7 +57,7 @@ def test_every_frame_and_every_copy_has_one_outcome(
 
 @quick
 @given(robots=places, frames=traffic, step_us=st.sampled_from([4_160, 10_000, 50_000, 100_000]))
-def test_the_step_size_changes_nothing(robots: dict[str, Robot], frames: list[Frame], step_us: int) -> None:
+def test_the_step_size_does_not_matter(robots: dict[str, Robot], frames: list[Frame], step_us: int) -> None:
     coarse, fine = played(robots, frames, plain=False), played(robots, frames, step_us, plain=False)
     assert fine.given == coarse.given
     assert fine.core.counters() == coarse.core.counters()
@@ -70,7 +70,7 @@ switches = st.lists(
 
 @quick
 @given(robots=places, frames=traffic, changes=switches)
-def test_nothing_is_lost_uncounted_when_robots_come_and_go(
+def test_all_frames_are_counted_with_restarts(
     robots: dict[str, Robot], frames: list[Frame], changes: list[tuple[int, str, bool, bool]]
 ) -> None:
     swarm = Swarm(dict(robots), 1_000)

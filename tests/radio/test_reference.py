@@ -102,7 +102,7 @@ def test_arrivals_are_a_poisson_process() -> None:
     assert gaps.std() / gaps.mean() == pytest.approx(1.0, abs=0.04)
 
 
-def test_a_backlogged_sender_never_rests() -> None:
+def test_a_backlogged_sender_sends_continuously() -> None:
     medium = pair(4)
     medium.offer(0, SaturatedTraffic(20))
     ends = medium.run(SECOND)["instant_ns"]
@@ -141,7 +141,7 @@ def test_contention_is_that_of_ns3(
         (60, 60, -12.0, 16.0, 0.0),
     ],
 )
-def test_overlapping_frames_fare_as_in_ns3(
+def test_overlapping_frames_have_the_outcomes_of_ns3(
     octets: int, other: int, delta_db: float, offset_us: float, first: float
 ) -> None:
     names = ("psdu0", "psdu1", "delta_db", "offset_us")
@@ -160,7 +160,7 @@ RUNS = [
     "1,127,2,1,sat,4733,0,4733,0,4733,1.00000,1.00000,1.00000,0.00000,0.67145,146.4075,6.3385,7.4560,0.00000",
     "1,127,3,0,sat,9999,0,9999,0,9999,0.50000,0.50000,0.50000,0.50000,0.50000,100.0000,9.0000,9.0000,0.50000",
 ]
-"""Two of ns-3.44's runs of one backlogged sender, and one of an uncorrected PHY, which does not count."""
+"""Two runs of ns-3.44 with one backlogged sender, and one of an uncorrected PHY, to be ignored."""
 
 
 @pytest.fixture
@@ -189,7 +189,7 @@ def test_a_small_reference_is_met(folder: Path, capsys: pytest.CaptureFixture[st
     assert "c_contention: no file c_contention.csv with rows" in capsys.readouterr().err
 
 
-def test_mistaken_references_are_refused(folder: Path) -> None:
+def test_invalid_references_are_refused(folder: Path) -> None:
     with pytest.raises(AcrcError, match="there is none of the files a_per, b_single_saturated,"):
         check(folder / "none")
     (folder / "e_capture.csv").write_text("psdu0,frames\n60,many\n")
@@ -197,7 +197,7 @@ def test_mistaken_references_are_refused(folder: Path) -> None:
         points(folder, "e_capture")
 
 
-def test_both_sides_runs_make_one_error() -> None:
+def test_errors_of_both_sides_are_combined() -> None:
     one, other = over_runs([1.0, 3.0]), over_runs([2.0, 2.0, 2.0, 2.0])
     error, freedom = combined(one, other)
     assert freedom == 4 and error == pytest.approx(math.sqrt(2 / 4 * (1 / 2 + 1 / 4)))

@@ -41,7 +41,7 @@ def arena(*poses: Pose, model: RobotModel = TURTLEBOT, walls: NDArray[np.float64
 
 
 def overlap(world: Arena) -> float:
-    """Return the deepest overlap of robots, walls and obstacles, m, from poses and outlines alone."""
+    """Return the deepest overlap of robots, walls and obstacles, m, from poses and outlines."""
     shapes = list(world._shapes())
     obstacles = [disc(*obstacle) for obstacle in world.obstacles.tolist()]
     gaps = [min(wall_gap(shape, world._walls), smallest_gap(shape, obstacles)) for shape in shapes]

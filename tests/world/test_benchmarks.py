@@ -1,4 +1,4 @@
-"""That the benchmarks of the world run and measure what they say; never how fast anything is."""
+"""Benchmarks of the world: they run and measure the right thing; speed is not tested."""
 
 from pathlib import Path
 from unittest.mock import patch
@@ -16,7 +16,7 @@ def test_scans_agree_with_pymunk_on_the_corridor() -> None:
     assert str(found.shown[-1]).startswith("goal, mm from pymunk with 640 rays, at most 5: ")
 
 
-def test_the_world_is_measured_beside_what_is_known_of_stage() -> None:
+def test_the_benchmark_compares_the_world_with_stage() -> None:
     task = world.WorldTask(robots=(4, 20), rays=(60,), seconds_long=2, repeats=1)
     small = world.ScanTask(rays=(64,), robots=2, repeats=1, peer_repeats=1)
     with patch.object(world, "ScanTask", lambda: small):

@@ -1,4 +1,4 @@
-"""The kernels of drives and bumpers beside plain Python."""
+"""Odometry, drives and bumpers, compared with plain Python."""
 
 import math
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def test_exact_odometry_is_the_true_pose_from_the_first_one_and_the_true_velocit
 
 
 @pytest.mark.parametrize(("kind", "notices"), [("exact", True), ("stage", False), ("kobuki", False)])
-def test_only_exact_odometry_notices_that_the_robot_was_carried(kind: str, notices: bool) -> None:
+def test_only_exact_odometry_follows_a_relocation(kind: str, notices: bool) -> None:
     world = arena(*STARTS)
     odometry = odometers(world, kind)
     before = tour(world, odometry)[0]
@@ -127,7 +127,7 @@ def test_each_error_of_a_kobuki_spreads_as_its_formula_says(
     st.lists(st.tuples(*[st.floats(-0.01, 0.01)] * 2, st.floats(-0.1, 0.1)), min_size=1, max_size=30),
     st.tuples(*[st.floats(0.9, 1.1)] * 3),
 )
-def test_adding_up_scaled_motion_beside_plain_python(
+def test_scaled_motion_equals_plain_python(
     motions: list[tuple[float, float, float]], factors: tuple[float, float, float]
 ) -> None:
     pose, expected = Pose(1, 2, 3), Pose(0, 0, 0)
@@ -173,7 +173,7 @@ class PlainKobuki:
         self.velocity = Twist(forward / 0.02, 0.0, turn / 0.02)
 
 
-def test_measuring_motion_beside_plain_python() -> None:
+def test_measured_motion_equals_plain_python() -> None:
     errors, rng = KobukiErrors(), np.random.default_rng(3)
     pose, plain = Pose(1, 2, 3), PlainKobuki(1.003, 0.998, 1e-3)
     track, normals = [], rng.standard_normal((301, 4))
@@ -195,7 +195,7 @@ def test_measuring_motion_beside_plain_python() -> None:
     assert bases["left_ticks"][0] == plain.ticks[0] and bases["right_ticks"][0] == plain.ticks[1]
 
 
-def test_what_no_robot_can_have_is_refused() -> None:
+def test_invalid_odometry_is_refused() -> None:
     drive = "needs a differential drive; use exact or stage"
     for kind, model, sentence in (
         ("kobuki", OMNIBOX, f"odometry 'kobuki' of model 'Omnibox' {drive}"),
@@ -269,7 +269,7 @@ class PlainDrive:
     st.sampled_from([TURTLEBOT, OMNIBOX]),
     st.tuples(speed, speed, st.floats(-5, 5), hold, hold, st.floats(-0.2, 0.2)),
 )
-def test_forces_lead_to_the_velocity_that_plain_python_computes(
+def test_velocities_equal_plain_python(
     before: tuple[float, ...],
     wanted: tuple[float, ...],
     age: float,
@@ -305,7 +305,7 @@ def sector(bearing: float, model: RobotModel) -> int:
         st.tuples(st.integers(0, 5), st.integers(0, 5), st.booleans(), st.floats(-3.1, 3.1)), max_size=12
     )
 )
-def test_contacts_press_the_sectors_of_plain_python(contacts: list[tuple[int, int, bool, float]]) -> None:
+def test_bumper_sectors_equal_plain_python(contacts: list[tuple[int, int, bool, float]]) -> None:
     numbers = [700, 30, 900, 41]  # of the robots' bodies; 1 and 2 stand for walls
     bodies = [*numbers, 1, 2]
     states = np.zeros((4, 6))

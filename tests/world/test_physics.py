@@ -1,4 +1,4 @@
-"""What carrying out the orders of one step boundary comes to, also where a pause parts them."""
+"""Physics of robots, walls and obstacles; effects of orders at a step boundary."""
 
 import gc
 import math
@@ -61,7 +61,7 @@ def test_an_omnidirectional_drive_goes_sideways_while_it_turns() -> None:
     assert world.velocities[0, 2] == pytest.approx(1.0)
 
 
-def test_a_command_is_forgotten_after_the_watchdogs_time_and_not_before() -> None:
+def test_a_command_expires_after_the_watchdog_timeout() -> None:
     world = arena(Pose(-2, 0, 0))
     world.command(0, AHEAD, Instant(0))
     world.advance(51)
@@ -136,7 +136,7 @@ def test_ten_robots_pushing_into_a_door_and_many_more_contacts() -> None:
     [(0, 2), (29, 2), (-29, 2), (31, 4), (89, 4), (-31, 1), (-89, 1), (91, 0), (180, 0), (-91, 0)],
 )
 @pytest.mark.parametrize("first", [True, False])
-def test_the_bumper_tells_where_it_was_touched(bearing_deg: float, bits: int, first: bool) -> None:
+def test_bumper_bits_by_bearing(bearing_deg: float, bits: int, first: bool) -> None:
     bearing = 0.5 + math.radians(bearing_deg)
     still, rammed = Pose(0, 0, 0.5), Pose(0.4 * math.cos(bearing), 0.4 * math.sin(bearing), bearing)
     backwards = Twist(-0.2, 0, 0)
@@ -146,7 +146,7 @@ def test_the_bumper_tells_where_it_was_touched(bearing_deg: float, bits: int, fi
     assert world.bumpers[index] == bits and world.bumpers[1 - index] == 0 and world.contacts == 1
 
 
-def test_the_bumper_remembers_a_touch_until_the_next_advance() -> None:
+def test_bumper_bits_last_until_the_next_advance() -> None:
     world = arena(Pose(4.8, 0, 0))
     world.command(0, AHEAD, world.now)
     world.advance(30)
@@ -223,7 +223,9 @@ def test_the_same_calls_give_bit_equal_states() -> None:
          "r0 does not fit at (0, -4.9): it would overlap a wall"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_refused(attempt: Callable[[Arena], object], sentence: str) -> None:
+def test_invalid_positions_and_commands_are_refused(
+    attempt: Callable[[Arena], object], sentence: str
+) -> None:
     world = arena(Pose(-1, 0, 0), Pose(2, 2, 0))
     world.add_obstacle(Point(-3.1, 0), 0.1)
     before = world.poses.tobytes()
@@ -232,7 +234,7 @@ def test_what_does_not_fit_is_refused(attempt: Callable[[Arena], object], senten
     assert str(caught.value) == sentence and world.poses.tobytes() == before
 
 
-def test_of_an_arena_that_is_gone_nothing_is_left_in_its_space() -> None:
+def test_the_space_of_a_deleted_arena_is_emptied() -> None:
     world = arena(Pose(1.0, 1.0, 0.0))
     space, cycle = world._space, [world]
     cycle.append(cycle)  # type: ignore[arg-type]
@@ -310,9 +312,9 @@ def test_only_walls_that_can_overlap_count() -> None:
 
 
 NOWHERE = cast(Bodies, None)
-"""No order here is one for the bodies."""
+"""Unused: the orders of these tests do not concern bodies."""
 NOTHING = cast(Task, None)
-"""Nor for the task."""
+"""Unused, too."""
 KIND: OdometryKind = "stage"
 
 
@@ -327,7 +329,7 @@ def orders(*events: TimedOrder) -> Orders:
     return Orders(events, roster, NOWHERE, NOTHING)
 
 
-def test_events_that_are_due_come_to_what_the_world_has_to_send() -> None:
+def test_due_events_have_their_effects() -> None:
     early = TimedOrder(100, StartJam(1.0, 2.0, 3.0, 50))
     asked = orders(early, TimedOrder(200, Restart("r1")), TimedOrder(900, Stop()))
     asked.begin(Instant(200))
@@ -339,7 +341,7 @@ def test_events_that_are_due_come_to_what_the_world_has_to_send() -> None:
     assert asked.effects == OrderEffects(stop=True) and not asked.pending
 
 
-def test_a_process_that_is_killed_before_it_was_begun_is_not_begun() -> None:
+def test_a_process_killed_before_its_start_is_not_started() -> None:
     asked = orders()
     assert asked.take([Restart("r1"), Pause()]) == ()
     assert asked.effects.paused and asked.effects.starts == [ProcessOrder("r1", 1)]

@@ -87,7 +87,7 @@ def test_a_place_reported_and_given_up_counts_as_reported(referee: Referee) -> N
     assert [outcome.given_up_at for outcome in referee.outcomes({})] == [10, 40, None]
 
 
-def test_a_place_is_lost_when_nobody_has_a_word_for_it(referee: Referee) -> None:
+def test_a_place_without_owner_is_lost(referee: Referee) -> None:
     referee.give_up("r1", PlaceGivenUp("r1", 0, 10, "blocked"))
     outcomes = referee.outcomes({"r1": (PlaceKey("r1", 1),), "r2": ()})
     assert [outcome.verdict for outcome in outcomes] == [Verdict.GIVEN_UP, Verdict.OPEN, Verdict.LOST]
@@ -105,7 +105,7 @@ def test_all_is_settled_when_every_place_is_reported_or_given_up(referee: Refere
 
 
 @pytest.mark.parametrize(("owner", "place"), [("r1", 2), ("r1", -1), ("r2", 1), ("r9", 0)])
-def test_places_that_nobody_was_given_are_not_known(referee: Referee, owner: str, place: int) -> None:
+def test_unassigned_places_are_unknown(referee: Referee, owner: str, place: int) -> None:
     assert referee.knows(PlaceReport("r1", 1, 10)) and referee.knows(PlaceKey("r2", 0))
     assert not referee.knows(PlaceKey(owner, place))
 
@@ -233,7 +233,7 @@ def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None
         load_model(str(tmp_path / "none.toml"))
 
 
-def test_polygons_that_are_not_once_round_the_origin_are_told_apart() -> None:
+def test_polygons_not_around_the_origin_are_refused() -> None:
     star = [(math.cos(k * 0.8 * math.pi), math.sin(k * 0.8 * math.pi)) for k in range(5)]
     assert geometry.polygon_fault(star) == "its border goes around more than once"
     beside = [(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)]

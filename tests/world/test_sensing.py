@@ -1,4 +1,4 @@
-"""How the floor differs from the map: by dose, from the seed, and so that robots still get everywhere."""
+"""Range sensors, and real-world errors of floor and map."""
 
 import math
 
@@ -33,7 +33,7 @@ def sensors(grid: OccupancyGrid, *models: RobotModel, seed: int = 0) -> RangeSen
     return RangeSensors(grid, models, [np.random.default_rng([seed, k]) for k in range(len(models))])
 
 
-def test_a_share_of_the_rays_gives_no_echo_and_the_others_are_as_they_were() -> None:
+def test_dropout_affects_only_its_share_of_the_rays() -> None:
     grid, poses = hall(4.0), np.zeros((1, 3))
     model = TURTLEBOT
     (whole,) = sensors(grid, model).scan([0], poses, NOBODY)
@@ -73,7 +73,7 @@ def to_lines(origin: Pose, direction: NDArray[np.float64], lines: NDArray[np.flo
 
 
 def border_of(shape: Shape) -> NDArray[np.float64]:
-    """The outline as line segments; a disc as a polygon of 2000 edges."""
+    """Return the outline as line segments; a disc as a polygon of 2000 edges."""
     if shape.radius:
         angles = np.linspace(0, math.tau, 2000, endpoint=False)
         ring = shape.vertices[0] + shape.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -172,14 +172,14 @@ def test_a_lone_robot_does_not_see_itself() -> None:
 
 
 @pytest.mark.parametrize("bearing", np.linspace(-math.pi, math.pi, 13).tolist())
-def test_a_robot_is_seen_whole_also_behind_where_the_scan_begins_and_ends(bearing: float) -> None:
+def test_a_robot_is_scanned_across_the_ends_of_a_scan(bearing: float) -> None:
     poses = np.array([[0.1, 0, 0], [1.5 * math.cos(bearing), 1.5 * math.sin(bearing), 0]])
     scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NOBODY)[0]
     expected = 2 * math.asin(0.177 / 1.5) / (math.tau / 640)
     assert abs((scan != NO_ECHO_MM).sum() - expected) <= 1 and scan.min() in (1323, 1324)
 
 
-def test_what_is_too_near_gives_no_echo_and_still_hides_what_is_behind() -> None:
+def test_near_obstacles_give_no_echo_but_occlude() -> None:
     kinect = with_sensor(TURTLEBOT, x=0.0, field_of_view_deg=10.0, rays=11, range_min=0.45)
     near, far = np.array([[0.4, 0, 0.1]]), np.array([[0.6, 0, 0.1]])
     grid = hall(4.0)
@@ -208,7 +208,7 @@ def test_noise_has_the_deviation_of_the_model_and_grows_with_the_range() -> None
     assert np.abs(np.corrcoef(scans.T) - np.eye(4)).max() < 0.1
 
 
-def test_the_noise_of_a_robot_is_its_own() -> None:
+def test_the_noise_of_robots_is_independent() -> None:
     noisy = with_sensor(TURTLEBOT, noise=0.02, range_max=6.5)  # it sees all of the hall
     poses = np.array([[0.0, 0, 0], [1.0, 1, 1], [-3.0, 0, 0]])
     few = sensors(hall(8.0), noisy, noisy).scan([0, 1], poses[:2], NOBODY)
@@ -247,7 +247,7 @@ def test_a_floor_follows_from_dose_and_seed() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("error", [0.05, 0.1, 0.2])
-def test_walls_are_about_so_far_off_and_have_no_gaps(error: float, seed: int) -> None:
+def test_displaced_walls_have_no_gaps(error: float, seed: int) -> None:
     solid, visible = made(Uncertainty(map_error=error), seed)
     assert solid.cells.tobytes() == visible.cells.tobytes()
     apart = np.sqrt(raster.squared_distance(walls(CORRIDOR))) * CORRIDOR.resolution
@@ -259,7 +259,7 @@ def test_walls_are_about_so_far_off_and_have_no_gaps(error: float, seed: int) ->
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_furniture_leaves_a_way_and_keeps_off(seed: int) -> None:
+def test_furniture_leaves_passages_and_keeps_its_distance(seed: int) -> None:
     here = (Point(12.0, 5.0), Point(17.5, 12.0))
     solid, visible = made(Uncertainty(furniture=12), seed, here)
     assert solid.cells.tobytes() == visible.cells.tobytes()
@@ -273,14 +273,14 @@ def test_furniture_leaves_a_way_and_keeps_off(seed: int) -> None:
         assert solid.clearance_at(point, 1.0) > 0.6
 
 
-def test_furniture_that_finds_no_room_is_said() -> None:
+def test_furniture_without_room_is_refused() -> None:
     sentence = r"uncertainty\.furniture is 1000, but there is room for .* of 1000 points"
     with pytest.raises(PlacementError, match=sentence):
         made(Uncertainty(furniture=1000))
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6, 1.0])
-def test_sensors_look_through_so_many_walls_and_bodies_do_not_pass(share: float) -> None:
+def test_glass_is_invisible_and_solid(share: float) -> None:
     solid, visible = made(Uncertainty(glass=share, furniture=3))
     bare = walls(CORRIDOR)
     assert walls(solid)[bare].all() and set(np.unique(visible.cells)) == {FREE, OCCUPIED}

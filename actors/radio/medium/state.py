@@ -198,7 +198,7 @@ MEDIUM: Final = _dtype(
     share="i8", sender="i8", most_db="f8", pauses="b1", sent_by="i8",
 )  # fmt: skip
 """Common data: parameters of the PHY (up to `dead_octets`), maximum total power of omitted signals
-(`faintest_dbm`), and current state. `ended`: frames, without acknowledgements. Of the next frame: `share` of
+(`faintest_dbm`), and current state. `ended`: frames, without acknowledgements. For the next frame: `share` of
 the omission, see `reception.free_share`, `sender`, and `most_db`, the loss above which it is omitted.
 `pauses`: kernels return after each frame sent; `sent_by`: sender of the last one since the call, or NOBODY.
 """

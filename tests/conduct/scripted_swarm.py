@@ -1,4 +1,4 @@
-"""A whole swarm in memory with the real world and radio, and robots that follow a script."""
+"""In-memory swarm with the real world and radio, and scripted robots."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,22 +45,22 @@ STARTS = {"r1": (12.0, 13.0, 0.0), "r2": (17.0, 13.0, 0.0), "r3": (20.0, 11.0, 0
 
 
 @dataclass(frozen=True)
-class Says:
+class ScriptedAnswer:
     reports: tuple[PlaceReport, ...] = ()
     given_up: tuple[PlaceGivenUp, ...] = ()
     route: tuple[PlaceKey, ...] | None = None
 
 
-class Scripted:
+class ScriptedRobot:
     def __init__(self, robot: str, first_step: int, drive: Callable[[Senses], tuple[float, float]]) -> None:
         self.step = first_step
         self.finished = False
         self.senses: list[Senses] = []
         self.received: list[Received] = []
         self.talks = False
-        self.says: dict[int, Says] = {}
+        self.says: dict[int, ScriptedAnswer] = {}
         self.lies: dict[int, Drive] = {}
-        """What it answers in these steps, whatever it is asked."""
+        """Fixed answers by step."""
         self._robot = robot
         self._drive = drive
 
@@ -85,15 +85,15 @@ class Scripted:
         v, omega = self._drive(senses)
         frames = (Outgoing(senses.step, senses.instant, b"x" * 20),) if self.talks else ()
         outputs = [to(TRANSMIT, Transmit(senses.step, frames), self._robot)] if frames else []
-        says = self.says.get(senses.step, Says())
+        says = self.says.get(senses.step, ScriptedAnswer())
         drive = Drive(senses.step, v, 0.0, omega, len(frames), says.reports, says.given_up, says.route)
         drive = self.lies.get(senses.step, drive)
         self.step += 1
         return [*outputs, to(DRIVE, drive, self._robot)]
 
 
-class FloorJournal(Unrecorded):
-    """Keeps what the world records of its floor."""
+class FloorRecorder(Unrecorded):
+    """Recorder of the changes of the floor."""
 
     def __init__(self) -> None:
         self.changes: list[FloorChanged] = []
@@ -105,7 +105,7 @@ class FloorJournal(Unrecorded):
             self.changes.append(message)
 
 
-class Theatre:
+class ScriptedSwarm:
     def __init__(
         self,
         seconds: float,
@@ -119,7 +119,7 @@ class Theatre:
     ) -> None:
         setup = self.setup_of(robots, seconds, events, places)
         self.bus = MemoryBus()
-        self.floor = FloorJournal()
+        self.floor = FloorRecorder()
         self.bodies = Bodies(setup)
         self.core = WorldCore(setup, self.bodies, task or Referee(setup.robots, setup.reach))
         self.world = self._shell(self.core, self.core.listens(), "world", self.core.open_to)
@@ -130,7 +130,7 @@ class Theatre:
         self.truths: list[Truth] = []
         self.progress: list[Progress] = []
         self.rosters = 0
-        self.acts: dict[str, Scripted] = {}
+        self.acts: dict[str, ScriptedRobot] = {}
         self._drive, self._talks = drive, talks
         self.bus.listen(at(ROSTER), self._start_ordered)
         self.bus.listen(at(TRUTH), lambda d: self.truths.append(told(d, Truth)))
@@ -154,7 +154,7 @@ class Theatre:
 
     def start(self, robot: str, epoch: int, step: int, kernels: str = "k") -> None:
         name = f"{robot}.{epoch}" if epoch else robot
-        core = Scripted(robot, step, self._drive)
+        core = ScriptedRobot(robot, step, self._drive)
         core.talks = robot in self._talks
         self.acts[name] = core
         shell = self._shell(core, (at(SENSES, robot), at(RECEIVED, robot)), name)
@@ -167,7 +167,7 @@ class Theatre:
         assert isinstance(places, tuple)
         return places
 
-    def run(self) -> "Theatre":
+    def run(self) -> "ScriptedSwarm":
         run_shells(self.shells)
         return self
 

@@ -1,4 +1,4 @@
-"""A link for tests: who hears whom is a table; what is sent in a step is heard in the next one."""
+"""Link for tests: reception by a table, one step after transmission."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from deeco.link import Reception, Transmission
 from deeco.node import Node
 
 Reach = Callable[[str, str], float | None]
-"""Strength, dBm, at which the second hears the first; None: not at all."""
+"""Signal strength of the first at the second, dBm; None: no reception."""
 
 STEP = milliseconds(100)
 
@@ -18,7 +18,7 @@ def everywhere(sender: str, receiver: str) -> float | None:
 
 
 @dataclass
-class Air:
+class FakeLink:
     nodes: Mapping[str, Node]
     reach: Reach = everywhere
     step: Duration = STEP
