@@ -68,15 +68,21 @@ _DOOR: Final = 1.2
 
 @dataclass(frozen=True)
 class PublicMap:
+    """Imitation of a public map: the YAML as its tool writes it, a new drawing of equal format."""
+
     name: str
     """Repository and name of the map."""
     image: str
-    yaml: str
-    """YAML without `image`, as written by its tool."""
+    tool: str
+    """"ros1" or "nav2", whose map_saver wrote the YAML."""
+    resolution_text: str
+    origin: str
     size: tuple[int, int]
     """Rows and columns of the imitation."""
     rooms: tuple[int, int]
     """Number of rooms from south to north and from west to east."""
+    free: str = "0.196"
+    occupied: str = "0.65"
     grey: int = 205
     """Brightness around the building; 254 if the building fills the image."""
     mode: str = "L"
@@ -87,14 +93,19 @@ class PublicMap:
 
     @property
     def resolution(self) -> float:
-        return float(self.yaml.partition("resolution: ")[2].split()[0])
+        return float(self.resolution_text)
 
     def write(self, folder: Path) -> Path:
         pixels = self._pixels()
         picture = Image.fromarray(255 - pixels if self.negate else pixels)
         picture.convert(self.mode).save(folder / self.image)
         path = folder / "map.yaml"
-        path.write_text(f"image: {self.image}\n{self.yaml}", encoding="utf-8")
+        mode, end = ("mode: trinary\n", "") if self.tool == "nav2" else ("", "\n\n")
+        text = (
+            f"image: {self.image}\n{mode}resolution: {self.resolution_text}\norigin: [{self.origin}]\n"
+            f"negate: {self.negate:d}\noccupied_thresh: {self.occupied}\nfree_thresh: {self.free}{end}"
+        )
+        path.write_text(text, encoding="utf-8")
         return path
 
     def _pixels(self) -> NDArray[np.uint8]:
@@ -123,36 +134,24 @@ class PublicMap:
         return pixels
 
 
-def _saved(resolution: str, origin: str, *, free: str = "0.196", occupied: str = "0.65") -> str:
-    return (
-        f"resolution: {resolution}\norigin: [{origin}]\nnegate: 0\noccupied_thresh: {occupied}\n"
-        f"free_thresh: {free}\n\n"
-    )
-
-
-def _saved_by_nav2(resolution: str, origin: str, free: str) -> str:
-    return (
-        f"mode: trinary\nresolution: {resolution}\norigin: [{origin}]\nnegate: 0\noccupied_thresh: 0.65\n"
-        f"free_thresh: {free}"
-    )
-
-
 PUBLIC_MAPS: Final = (
-    PublicMap("ros-navigation/navigation2 depot", "depot.pgm", _saved_by_nav2("0.05", "0.0, 0.0, 0", "0.25"),
-              (150, 300), (1, 3), warnings=1),
-    PublicMap("turtlebot/turtlebot4 warehouse", "warehouse.pgm",
-              _saved_by_nav2("0.03", "-15.1, -25, 0", "0.1"),
-              (400, 250), (3, 1), pillars=12),
-    PublicMap("aws-robotics/aws-robomaker-small-warehouse-world", "map_rotated.png",
-              _saved("0.050000", "-7.000, -10.500000, 0.000000"), (210, 140), (2, 1), mode="RGBA", pillars=8),
-    PublicMap("f1tenth/f1tenth_gym_ros Spielberg", "Spielberg_map.png",
-              _saved("0.05796", "-84.85359914210505,-36.30299725862132, 0.000000", occupied="0.45"),
-              (200, 200), (2, 1), grey=254),
-    PublicMap("DFKI-NI/mir_robot maze", "maze.png", _saved("0.05", "0.0, 0.0, 0.0"), (160, 160), (2, 2),
-              grey=254, mode="RGB"),
-    PublicMap("ipa320/cob_environments izs-campus", "map.pgm",
-              _saved("0.250000", "-119.199997, -228.000000, 0.000000"), (100, 120), (2, 2)),
-    PublicMap("ros-navigation/navigation2 100by100", "100by100_10.pgm",
-              _saved("0.050000", "0.000000, 0.000000, 0.000000").replace("negate: 0", "negate: 1"),
-              (200, 200), (1, 1), grey=254, negate=True, pillars=40),
+    PublicMap("ros-navigation/navigation2 depot", "depot.pgm", "nav2", "0.05", "0.0, 0.0, 0",
+              (150, 300), (1, 3), free="0.25", warnings=1),
+    PublicMap("linorobot/linorobot2 playground", "playground.pgm", "nav2", "0.05", "-10.3, -10.5, 0",
+              (150, 150), (2, 2), free="0.25", warnings=1),
+    PublicMap("turtlebot/turtlebot4 warehouse", "warehouse.pgm", "nav2", "0.03", "-15.1, -25, 0",
+              (400, 250), (3, 1), free="0.1", pillars=12),
+    PublicMap("turtlebot/turtlebot_apps willow", "willow-2010-02-18-0.10.pgm", "ros1", "0.100000",
+              "0.000000, 0.000000, 0.000000", (150, 140), (2, 3)),
+    PublicMap("aws-robotics/aws-robomaker-small-warehouse-world", "map_rotated.png", "ros1", "0.050000",
+              "-7.000, -10.500000, 0.000000", (210, 140), (2, 1), mode="RGBA", pillars=8),
+    PublicMap("f1tenth/f1tenth_gym_ros Spielberg", "Spielberg_map.png", "ros1", "0.05796",
+              "-84.85359914210505,-36.30299725862132, 0.000000", (200, 200), (2, 1),
+              occupied="0.45", grey=254),
+    PublicMap("DFKI-NI/mir_robot maze", "maze.png", "ros1", "0.05", "0.0, 0.0, 0.0",
+              (160, 160), (2, 2), grey=254, mode="RGB"),
+    PublicMap("ipa320/cob_environments izs-campus", "map.pgm", "ros1", "0.250000",
+              "-119.199997, -228.000000, 0.000000", (100, 120), (2, 2)),
+    PublicMap("ros-navigation/navigation2 100by100", "100by100_10.pgm", "ros1", "0.050000",
+              "0.000000, 0.000000, 0.000000", (200, 200), (1, 1), grey=254, negate=True, pillars=40),
 )  # fmt: skip
