@@ -15,7 +15,7 @@ from deeco.fragments import CHECKSUM, HEADER, Fragmenter, Reassembly
 from deeco.instant import START, Instant, milliseconds, seconds
 from deeco.link import LinkParameters
 from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed
-from tests.deeco.sweepers import BOOK, Sweeper, published, robot
+from tests.deeco.sweepers import REGISTRY, Sweeper, published, robot
 from tests.refusals import refused
 
 
@@ -316,7 +316,7 @@ def test_the_knowledge_of_a_robot_fits_few_frames(claims: int, size: int, frames
     packet = unpack(data)
     assert packet is not None
     assert (packet.component, packet.version, packet.hops) == ("r12", Version(3, 40_000), 0)
-    got = BOOK.unpack(packet.component, packet.roles)
+    got = REGISTRY.unpack(packet.component, packet.roles)
     assert got is not None
     role = Sweeper(id="r12", position=here.position, mode=here.mode, goal=here.goal, claims=here.claims)
     assert got.roles == (role,)
@@ -329,7 +329,7 @@ def test_relaying_changes_the_hops_only() -> None:
         packet = unpack(data)
         assert packet is not None
         seen.append(packet.hops)
-        assert packet.roles == BOOK.pack(robot(1))
+        assert packet.roles == REGISTRY.pack(robot(1))
         data = relayed(data)
     assert seen == [*range(16), 15]
 
@@ -427,4 +427,4 @@ def test_no_bytes_raise(data: bytes) -> None:
     packet = unpack(data)
     if packet is not None:
         assert packet == unpack(data)
-        BOOK.unpack(packet.component, packet.roles)
+        REGISTRY.unpack(packet.component, packet.roles)

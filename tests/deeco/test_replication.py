@@ -245,8 +245,8 @@ def test_frames_at_the_threshold_or_of_unknown_strength_are_relayed(
         lambda now, data: None,
         NodeCounters(),
     )
-    assert relay.wants(KnowledgePacket("c0", Version(0, 1), 0, ()), rssi) is wanted
-    assert not relay.wants(KnowledgePacket("c0", Version(0, 1), 3, ()), rssi), "it has come far enough"
+    assert relay.should_relay(KnowledgePacket("c0", Version(0, 1), 0, ()), rssi) is wanted
+    assert not relay.should_relay(KnowledgePacket("c0", Version(0, 1), 3, ()), rssi), "it has come far enough"
 
 
 @ensemble(every=seconds(100), offset=seconds(50))
@@ -285,7 +285,7 @@ def test_cancelled_packets_count_until_their_scheduled_time() -> None:
     )
     for number in range(100):
         packet = KnowledgePacket("c0", Version(0, number), 0, ())
-        relay.heard(packet)
+        relay.cancel_older(packet)
         relay.take(packet, pack(packet), Instant(0), -60.0)
     assert len(planned) == 4 and counters.relays_refused == 96
     for task in planned:

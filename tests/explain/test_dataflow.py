@@ -239,7 +239,7 @@ UNRESOLVED: list[tuple[Callable[..., Any], tuple[str, ...]]] = [
 ]
 
 
-@pytest.mark.parametrize(("function", "doubts"), UNRESOLVED, ids=lambda one: getattr(one, "__name__", ""))
+@pytest.mark.parametrize(("function", "unknowns"), UNRESOLVED, ids=lambda one: getattr(one, "__name__", ""))
 def test_unresolved_accesses_are_listed(function: Callable[..., Any], unknowns: tuple[str, ...]) -> None:
     assert tuple(analysed(function).unknowns) == unknowns
 

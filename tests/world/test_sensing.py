@@ -274,7 +274,7 @@ def test_furniture_leaves_passages_and_keeps_its_distance(seed: int) -> None:
 
 
 def test_furniture_without_room_is_refused() -> None:
-    sentence = r"uncertainty\.furniture is 1000, but there is room for .* of 1000 points"
+    sentence = r"uncertainty\.furniture = 1000: only .* of 1000 points fit"
     with pytest.raises(PlacementError, match=sentence):
         made(Uncertainty(furniture=1000))
 
