@@ -21,7 +21,7 @@ ROBOTS: Final[tuple[Colour, ...]] = (
     (120, 105, 105),
     (135, 105, 75),
 )
-"""Robot colours in scenario order; the ninth is the first again. Any two differ by 10 or more in CIEDE2000 for
+"""Robot colours in scenario order, then repeated. Any two differ by 10 or more in CIEDE2000 for
 normal, protanopic and deuteranopic vision; the last two are chosen here."""
 RADIUS: Final = 0.177
 """Radius of a drawn robot, m: a TurtleBot 2 as in the original's Stage model (0.354 m wide)."""
