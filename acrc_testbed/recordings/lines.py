@@ -103,21 +103,23 @@ _HASH_ONLY = "only the hash was recorded: no process received it"
 def shown(recorded: Iterable[Recorded], form: LineForm) -> Iterator[str]:
     """Format one line per message. Raises TopicError for a table of several message types."""
     return (
-        table(recorded) if form is LineForm.CSV else map(_object if form is LineForm.JSON else line, recorded)
+        csv_lines(recorded)
+        if form is LineForm.CSV
+        else map(_json_line if form is LineForm.JSON else format_message, recorded)
     )
 
 
-def _object(one: Recorded) -> str:
+def _json_line(one: Recorded) -> str:
     message = one.message()
-    told = {"seconds": in_seconds(one.instant), "key": short(one.key), "type": one.topic.kind.__name__}
-    return json.dumps({**told, "message": None if message is None else plain(message)})
+    head = {"seconds": in_seconds(one.instant), "key": short(one.key), "type": one.topic.kind.__name__}
+    return json.dumps({**head, "message": None if message is None else plain(message)})
 
 
-def line(one: Recorded) -> str:
+def format_message(one: Recorded) -> str:
     """Format simulated time, key and fields of a message as one line."""
     message = one.message()
-    said = _HASH_ONLY if message is None else _fields(message)
-    return printable(f"{in_seconds(one.instant):10.3f} s  {short(one.key)}  {said}")
+    text = _HASH_ONLY if message is None else _fields(message)
+    return printable(f"{in_seconds(one.instant):10.3f} s  {short(one.key)}  {text}")
 
 
 def _fields(message: Message) -> str:
@@ -128,7 +130,7 @@ def _shown(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
-def table(recorded: Iterable[Recorded]) -> Iterator[str]:
+def csv_lines(recorded: Iterable[Recorded]) -> Iterator[str]:
     """Format messages as CSV: a header, then one row per message with its time in simulated s.
 
     Raises TopicError for messages of several types.
@@ -138,7 +140,7 @@ def table(recorded: Iterable[Recorded]) -> Iterator[str]:
     for one in recorded:
         if topic is None:
             topic, names = one.topic, columns(one.topic.kind)
-            yield row(["seconds", "key", *names])
+            yield csv_row(["seconds", "key", *names])
         if one.topic.kind is not topic.kind:
             raise TopicError(
                 f"--csv: messages on {short(one.key)} have type {one.topic.kind.__name__}, earlier ones "
@@ -146,14 +148,14 @@ def table(recorded: Iterable[Recorded]) -> Iterator[str]:
             )
         message = one.message()
         cells = [None if message is None else at_column(message, name) for name in names]
-        yield row([in_seconds(one.instant), short(one.key), *map(_cell, cells)])
+        yield csv_row([in_seconds(one.instant), short(one.key), *map(_cell, cells)])
 
 
 def _cell(value: Any) -> Any:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else value
 
 
-def row(cells: list[Any]) -> str:
+def csv_row(cells: list[Any]) -> str:
     """Format cells as a line of CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(cells)
@@ -184,13 +186,13 @@ def _number(message: Message, column: str, key: str) -> float | None:
     try:
         value = at_column(message, column)
     except (LookupError, ValueError):
-        there = ", ".join(columns(type(message)))
-        raise TopicError(f"{column!r}: not a field of {short(key)}; choose from {there}") from None
+        known = ", ".join(columns(type(message)))
+        raise TopicError(f"{column!r}: not a field of {short(key)}; choose from {known}") from None
     if value is None:
         return None
     if not isinstance(value, int | float):
-        shown = msgspec.json.encode(value).decode()[:80]
-        raise TopicError(f"{column!r}: {shown} in {short(key)}; must be a number")
+        text = msgspec.json.encode(value).decode()[:80]
+        raise TopicError(f"{column!r}: {text} in {short(key)}; must be a number")
     return float(value)
 
 
@@ -242,13 +244,13 @@ def _within(
 def shown_logs(found: Iterable[Printed], form: LineForm, *, named: bool) -> Iterator[str]:
     """Format log lines; `named`: prefix them with the robot."""
     if form is LineForm.CSV:
-        yield row(["seconds", "key", "text"])
+        yield csv_row(["seconds", "key", "text"])
     for one in found:
         text = _STAMP.sub("", one.line, count=1)
         if form is LineForm.JSON:
             yield json.dumps({"seconds": one.seconds, "key": one.robot + _LOG, "text": text})
         elif form is LineForm.CSV:
-            yield row([one.seconds, one.robot + _LOG, text])
+            yield csv_row([one.seconds, one.robot + _LOG, text])
         else:
             yield f"{one.robot}  {one.line}" if named else one.line
 

@@ -60,11 +60,11 @@ class Stretch:
     """None: to the end."""
 
 
-def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] | None) -> None:
+def limit(core: Core, step_us: int, window: Stretch, stop: Callable[[], None] | None) -> None:
     """Call `stop` before the first step of the window, and raise EnoughError after the last one."""
     advance = core.advance
-    begin, stopped = seconds(stretch.begin_s), stop is None
-    end = None if stretch.end_s is None else seconds(stretch.end_s)
+    begin, stopped = seconds(window.begin_s), stop is None
+    end = None if window.end_s is None else seconds(window.end_s)
 
     def watched(inputs: Inputs) -> Sequence[Output]:
         nonlocal stopped
@@ -212,22 +212,22 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
     ) as process:
         assert process.stdout is not None
         try:
-            told = [msgspec.json.decode(line, type=RecheckedActor) for line in process.stdout]
+            results = [msgspec.json.decode(line, type=RecheckedActor) for line in process.stdout]
         except BaseException:
             process.kill()
             raise
-    if len(told) != len(actors):
+    if len(results) != len(actors):
         raise RecheckError(
             f"{out}: replay failed: its process exited with code {process.returncode}; see its output above"
         )
-    told.sort(key=lambda one: actors.index(one.actor))
-    faults = {one.actor: one.fault for one in told if one.fault is not None}
+    results.sort(key=lambda one: actors.index(one.actor))
+    faults = {one.actor: one.fault for one in results if one.fault is not None}
     if faults:
         raise RecheckError(
             f"{' and '.join(faults)}: the replay differs, so the code depends on more than its inputs, such "
             "as a clock, its own random numbers, the order of a set or id(). " + "; ".join(faults.values())
         )
-    return Recheck(len(told), sum(one.outputs for one in told))
+    return Recheck(len(results), sum(one.outputs for one in results))
 
 
 def replay_all(argv: Sequence[str]) -> int:
@@ -240,13 +240,13 @@ def replay_all(argv: Sequence[str]) -> int:
     look_in([Path(folder) for folder in words[: int(count)]])
     out, *actors = words[int(count) :]
     importlib.import_module("actors.processes.preload")
-    for again in _all(Path(out), actors):
-        sys.stdout.write(msgspec.json.encode(again).decode() + "\n")
+    for result in _replay_parallel(Path(out), actors):
+        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
         sys.stdout.flush()
     return 0
 
 
-def _all(out: Path, actors: Sequence[str]) -> Iterator[RecheckedActor]:
+def _replay_parallel(out: Path, actors: Sequence[str]) -> Iterator[RecheckedActor]:
     waiting, running = deque(actors), dict[int, tuple[str, int]]()
     while waiting or running:
         while waiting and len(running) < (os.cpu_count() or 1):
@@ -257,8 +257,8 @@ def _all(out: Path, actors: Sequence[str]) -> Iterator[RecheckedActor]:
         if pid not in running:
             continue  # a child of a process that a strategy started
         actor, pipe = running.pop(pid)
-        with os.fdopen(pipe, "rb") as said:
-            text = said.read(1 << 16) if status == 0 else b""
+        with os.fdopen(pipe, "rb") as answer:
+            text = answer.read(1 << 16) if status == 0 else b""
         code = os.waitstatus_to_exitcode(status)
         ended = RecheckedActor(actor, fault=f"{actor}: the process exited with code {code}")
         yield msgspec.json.decode(text, type=RecheckedActor) if text else ended
@@ -277,13 +277,13 @@ def _start(out: Path, actor: str) -> tuple[int, int]:
         die_with_parent(parent)
         failure.hold(Path(tempfile.gettempdir()))
         os.dup2(2, 1)  # prints of a strategy must not mix with the answer
-        os.write(theirs, msgspec.json.encode(_again(out, actor)))
+        os.write(theirs, msgspec.json.encode(_replayed(out, actor)))
         code = 0
     finally:
         os._exit(code)
 
 
-def _again(out: Path, actor: str) -> RecheckedActor:
+def _replayed(out: Path, actor: str) -> RecheckedActor:
     try:
         return RecheckedActor(actor, replay_actor(out, actor).outputs)
     except AcrcError as error:

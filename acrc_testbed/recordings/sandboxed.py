@@ -242,12 +242,12 @@ def main(argv: Sequence[str]) -> int:
     with answering(options, _FILE_MB) as answer:
         try:
             onlook = Onlook(prints=partial(prints.on, sys.stdout))
-            told = ReplayAnswer(report=replay_actor(options.out, options.actor, onlook))
+            result = ReplayAnswer(report=replay_actor(options.out, options.actor, onlook))
         except AcrcError as error:
-            told = ReplayAnswer(fault=str(error))
+            result = ReplayAnswer(fault=str(error))
         except Exception as error:
-            told = ReplayAnswer(fault=bug(options.actor, error))
-        answer.write(msgspec.json.encode(told))
+            result = ReplayAnswer(fault=bug(options.actor, error))
+        answer.write(msgspec.json.encode(result))
     return 0
 
 
