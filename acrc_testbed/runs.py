@@ -61,9 +61,9 @@ class Run:
     @arguments_named()
     def time_spent(self) -> "TimeSpent":
         """Return where the robots' time went, by cause, as `acrc causes` does."""
-        from acrc_testbed.explanation.account import account
+        from acrc_testbed.explanation.account import account_time
 
-        return account(self.folder)
+        return account_time(self.folder)
 
 
 @arguments_named()
@@ -90,7 +90,7 @@ def run(
     that has ended in `out` is removed, with all that is in its folder, once the new one has begun. A strategy
     of your own is a module in the working directory or in a folder of `modules`.
     """
-    from acrc_testbed.recordings.topics import Standing, standing
+    from acrc_testbed.recordings.topics import RunState, run_state
     from actors.robot.behaviour.foreign import permit_of
     from deploy.run.options import RunOptions, folder_name
     from deploy.run.start import claimed, prepare_run, start_run
@@ -109,7 +109,7 @@ def run(
     if out is None:
         prepared = claimed(prepared)
     options = prepared.options
-    if overwrite and (options.out / _MARK).is_file() and standing(options.out) is Standing.GOING_ON:
+    if overwrite and (options.out / _MARK).is_file() and run_state(options.out) is RunState.GOING_ON:
         raise AcrcError(f"--out: {options.out} is the folder of a run that is going on; must be another one")
     start_run(prepared, replaces=_MARK if overwrite else "")
     return Run(options.out)

@@ -114,9 +114,9 @@ def causes(
     Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
     decisions changed.
     """
-    from acrc_testbed.explanation.account import account
+    from acrc_testbed.explanation.account import account_time
 
-    spent = account(folder)
+    spent = account_time(folder)
     tables = (table for table in (_times(spent), _blockings(spent), _decisions(spent)) if table.row_count)
     answer((*tables, *_sentences(spent)), spent, json=json)
 

@@ -397,12 +397,12 @@ def fetch(
     json: Json = False,
 ) -> None:
     """Bring what a run has left on other computers, and remove it there."""
-    from acrc_testbed.recordings.topics import goes_on
+    from acrc_testbed.recordings.topics import is_running
     from deploy.hosts.address import plain
     from deploy.hosts.files import fetch
 
     address = plain(on) if on else ""
-    if not (out / "run.json").is_file() and goes_on(out):
+    if not (out / "run.json").is_file() and is_running(out):
         raise AcrcError(f"{out}: the run is going on; must have ended")
     fetched = fetch(out, address, _say)
     what = "1 file has come" if fetched.files == 1 else f"{fetched.files} files have come"

@@ -155,9 +155,9 @@ def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Pat
 
 def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
     """Name the files that were written, and with `json` how the run stands."""
-    from acrc_testbed.recordings.topics import standing
+    from acrc_testbed.recordings.topics import run_state
 
-    told = {"out": out, "stands": standing(out).value, "files": files} if json else None
+    told = {"out": out, "stands": run_state(out).value, "files": files} if json else None
     answer(map(str, files), told, json=json)
 
 
@@ -225,7 +225,7 @@ def _warn_of_lack(out: Path, run: "RunData") -> None:
 def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
     """Draw the run on one page, once into each file, and as a movie if one is wished; return the files."""
     from acrc_testbed.picture import moving, run_html, run_page
-    from acrc_testbed.recordings.topics import drawn_until
+    from acrc_testbed.recordings.topics import partial_run_notice
     from acrc_testbed.run_model.simulated import read_run
     from deploy.run import out_folder
 
@@ -233,7 +233,7 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
         moving.check(movie)
     run = read_run(out)
     if run.result is None:
-        screen(stderr=True).print(drawn_until(out, run.end))
+        screen(stderr=True).print(partial_run_notice(out, run.end))
     _warn_of_lack(out, run)
     for page in pages:
         with out_folder.writing(page.parent):

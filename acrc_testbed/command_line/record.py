@@ -13,8 +13,8 @@ from acrc_testbed.command_line.options import Json, answer, argument, flag, opti
 from actors.installation.usage import OptionError, output_file
 
 if TYPE_CHECKING:
-    from acrc_testbed.recordings.lines import Rate
-    from acrc_testbed.recordings.topics import Recorded
+    from acrc_testbed.recordings.lines import KeyStatistics
+    from acrc_testbed.recordings.topics import LoggedMessage
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 _Recorded = Annotated[Path, argument("OUT", "A run's folder, or one recording.")]
@@ -49,7 +49,7 @@ def info(
 
     found = figures.info(out)
     said = list(chain(*(figures.sentences(one, topics=out.is_file()) for one in found)))
-    answer([*said, *([figures.total(found)] if len(found) > 1 else [])], found, json=json)
+    answer([*said, *([figures.total_sentence(found)] if len(found) > 1 else [])], found, json=json)
 
 
 @app.command()
@@ -67,12 +67,12 @@ def echo(
 
     if csv and json:
         raise OptionError("--csv, --json: must be one of them")
-    form = lines.LineForm.CSV if csv else lines.LineForm.JSON if json else lines.LineForm.TEXT
+    form = lines.OutputFormat.CSV if csv else lines.OutputFormat.JSON if json else lines.OutputFormat.TEXT
     if all(lines.is_log(key) for key in keys):
         told = lines.read_logs(out, keys, begin, end, follow=follow)
-        texts = lines.shown_logs(told, form, named=len(keys) > 1 or "*" in keys[0])
+        texts = lines.format_logs(told, form, named=len(keys) > 1 or "*" in keys[0])
     else:
-        texts = lines.shown(_messages(out, keys, begin, end, follow), form)
+        texts = lines.format_messages(_messages(out, keys, begin, end, follow), form)
     for text in texts:
         print(text, flush=follow)
 
@@ -90,14 +90,14 @@ def plot(
     """Draw a field over simulated time."""
     output_file("--out", file, ".png", ".svg")
     from acrc_testbed.recordings import lines
-    from acrc_testbed.recordings.topics import short
+    from acrc_testbed.recordings.topics import short_key
 
     found = lines.series(_messages(out, [key], begin, end, False), field)
     from acrc_testbed.picture import style
     from deploy.run import out_folder
 
     with out_folder.writing(file.parent):
-        style.write({short(name): values for name, values in found.items()}, field, file)
+        style.write({short_key(name): values for name, values in found.items()}, field, file)
     answer([str(file)], {"file": file}, json=json)
 
 
@@ -125,35 +125,35 @@ def check(out: _Recorded, json: Json = False) -> None:
 
 def _messages(
     out: Path, keys: list[str], begin: float, end: float | None, follow: bool
-) -> Iterator["Recorded"]:
+) -> Iterator["LoggedMessage"]:
     from acrc_testbed.recordings import topics
 
     recorded = topics.follow(out, keys, lambda: not follow or topics.has_ended(out))
     return topics.within(recorded, begin, end)
 
 
-def _tell_keys(recorded: Iterator["Recorded"], *, follow: bool, json: bool) -> None:
+def _tell_keys(recorded: Iterator["LoggedMessage"], *, follow: bool, json: bool) -> None:
     """Say at the end what is on each key; with `follow` also from time to time what there is by then."""
-    from acrc_testbed.recordings.lines import Rate
+    from acrc_testbed.recordings.lines import KeyStatistics
 
-    found: dict[str, Rate] = {}
+    found: dict[str, KeyStatistics] = {}
     due = time.monotonic() + _EVERY_S
     for one in recorded:
-        found.setdefault(one.key, Rate()).take(one)
+        found.setdefault(one.key, KeyStatistics()).take(one)
         if follow and time.monotonic() >= due:
             _print_keys(found, json=json)
             due = time.monotonic() + _EVERY_S
     _print_keys(found, json=json)
 
 
-def _print_keys(found: dict[str, "Rate"], *, json: bool) -> None:
+def _print_keys(found: dict[str, "KeyStatistics"], *, json: bool) -> None:
     from acrc_testbed.recordings import lines
-    from acrc_testbed.recordings.topics import short
+    from acrc_testbed.recordings.topics import short_key
 
-    by_key = sorted(found.items(), key=lambda item: short(item[0]))
+    by_key = sorted(found.items(), key=lambda item: short_key(item[0]))
     told = [rate.figures(key) for key, rate in by_key]
     if json:
         print(json_.dumps(told), flush=True)
         return
     for one in told:
-        print("\n".join(lines.rate_sentences(one)), flush=True)
+        print("\n".join(lines.statistics_sentences(one)), flush=True)

@@ -103,7 +103,7 @@ def _watched(
 ) -> "ReplayReport":
     """Replay one actor here: to an instant, with another strategy, or in a debugger (--pdb, --debugpy)."""
     from acrc_testbed.recordings import record_replay
-    from acrc_testbed.recordings.record_replay import Onlook, replay_actor
+    from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
     from acrc_testbed.recordings.sandboxed import check_trust
     from actors.robot.behaviour.foreign import admitted
     from actors.robot.behaviour.loading import look_in
@@ -118,10 +118,10 @@ def _watched(
         folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
     look_in(folders, any_content=permit.trust)
     pdb, port = debugger
-    stop = None if port is None else record_replay.debugpy_at(port)
+    stop = None if port is None else record_replay.debugpy_breakpoint(port)
     if pdb:
-        stop = record_replay.terminal(own=bool(folders))
-    stretch, reached = record_replay.Stretch(begin, end), list[bool]()
+        stop = record_replay.pdb_breakpoint(own=bool(folders))
+    window, reached = record_replay.TimeWindow(begin, end), list[bool]()
 
     def stopping() -> None:
         assert stop is not None
@@ -130,11 +130,11 @@ def _watched(
 
     wanted = None if stop is None else stopping
     shown = None if stop is not None else partial(on, prints)  # a debugger talks for itself
-    onlook = Onlook(lambda core, step_us: record_replay.watch(core, step_us, stretch, wanted), prints=shown)
+    replay_options = ReplayOptions(lambda core, step_us: record_replay.limit(core, step_us, window, wanted), prints=shown)
     if strategy is None:
-        report = replay_actor(out, robot, onlook)
+        report = replay_actor(out, robot, replay_options)
     else:
-        report = swarm_replay.replay_otherwise(out, robot, entry(strategy), onlook)
+        report = swarm_replay.replay_otherwise(out, robot, entry(strategy), replay_options)
     if wanted is not None and not reached:
         raise AcrcError(f"--from: is {begin:g}, but {robot}'s recording ends before")
     return report
@@ -161,7 +161,7 @@ def explain(
     from actors.runtime.isolation.sandbox import choose, warn
 
     permit = permit_of(modules, trust=trust)
-    asked, choice = explanation.wish(who), choose(None)
+    asked, choice = explanation.parse_request(who), choose(None)
     warn(choice.warning)
     explainer = explanation.Explainer(out, asked.robot, permit=permit, isolate=choice.isolate)
     if asked.at_s is None:

@@ -19,7 +19,7 @@ import msgspec
 
 from acrc_testbed.experiments.draws import drawn
 from acrc_testbed.experiments.trial_record import ORDER, RECORD, TrialOrder, TrialRecord, keep, trace
-from acrc_testbed.explanation.account import account
+from acrc_testbed.explanation.account import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.results.result import RunResult
 from actors.processes.robot_logs import EVERYBODY
@@ -90,7 +90,7 @@ def _run(order: TrialOrder, settings: dict[str, Any], out: Path) -> tuple[RunRes
         log=(EVERYBODY,), modules=tuple(map(Path, order.modules)), record="lean",
     )  # fmt: skip
     result = start_run(PreparedRun(load_scenario(path, overrides), options), quiet=True)
-    return msgspec.structs.replace(result, out=""), account(out), trace(out)
+    return msgspec.structs.replace(result, out=""), account_time(out), trace(out)
 
 
 if __name__ == "__main__":

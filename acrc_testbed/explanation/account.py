@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from acrc_testbed.explanation.classify import (
     CAUSES,
-    Classified,
+    CauseTable,
     blocking_events,
     classify,
     deadlocks,
@@ -19,13 +19,13 @@ from acrc_testbed.explanation.classify import (
 )
 from acrc_testbed.explanation.episodes import (
     STANDARD,
-    EpisodeParameters,
-    during,
-    runs,
+    CauseCriteria,
+    interval_mask,
+    true_intervals,
 )
-from acrc_testbed.explanation.robot_states import NOBODY
+from acrc_testbed.explanation.robot_states import NO_ROBOT
 from acrc_testbed.explanation.time_spent import (
-    Blame,
+    ChainRoot,
     Cause,
     DecisionEvent,
     DiagnosisScore,
@@ -47,7 +47,7 @@ OVERTAKEN = "overtaken"
 END = "end"
 
 
-def decision_events(run: RunData, classified: Classified, p: EpisodeParameters) -> tuple[DecisionEvent, ...]:
+def decision_events(run: RunData, classified: CauseTable, p: CauseCriteria) -> tuple[DecisionEvent, ...]:
     """Return all listed decisions by instant and robot."""
     found = [
         event
@@ -58,7 +58,7 @@ def decision_events(run: RunData, classified: Classified, p: EpisodeParameters) 
 
 
 def _of_robot(
-    run: RunData, index: int, made: Sequence[AdaptationDecision], classified: Classified, p: EpisodeParameters
+    run: RunData, index: int, made: Sequence[AdaptationDecision], classified: CauseTable, p: CauseCriteria
 ) -> Iterator[DecisionEvent]:
     stood = classified.stood[:, index]
     for number, decision in enumerate(made):
@@ -68,7 +68,7 @@ def _of_robot(
         outcome, free = _outcome(run.true[first:last, index, :2], stood[first:last], decision, p)
         if outcome == OVERTAKEN and last == len(stood):
             outcome = END
-        before = _stretch(stood[: first + 1])
+        before = _standing_steps(stood[: first + 1])
         yield DecisionEvent(
             robot=run.robots[index],
             instant_s=in_seconds(decision.instant),
@@ -84,7 +84,7 @@ def _of_robot(
 
 
 def _outcome(
-    way: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: EpisodeParameters
+    way: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: CauseCriteria
 ) -> tuple[str, int | None]:
     """Return the outcome until the next decision, and after how many steps the robot moved again."""
     moves = np.flatnonzero(~stood)
@@ -98,13 +98,13 @@ def _outcome(
     return (AGAIN if stood[free:].any() else FREE), free
 
 
-def _stretch(stood: NDArray[np.bool_]) -> int:
+def _standing_steps(stood: NDArray[np.bool_]) -> int:
     """Return for how many steps the robot has stood at the end."""
     moves = np.flatnonzero(~stood)
     return len(stood) - (int(moves[-1]) + 1 if moves.size else 0)
 
 
-def diagnosis_score(run: RunData, classified: Classified) -> DiagnosisScore | None:
+def diagnosis_score(run: RunData, classified: CauseTable) -> DiagnosisScore | None:
     """Return the score of all robots that detect blocking; None if none does.
 
     A robot is truly blocked while it stands with a goal, whatever the cause, unless it waits on purpose.
@@ -117,10 +117,10 @@ def diagnosis_score(run: RunData, classified: Classified) -> DiagnosisScore | No
         if blocked is None:
             continue
         asked = True
-        says, is_so = during(blocked, run), classified.stood[:, index]
+        says, is_so = interval_mask(blocked, run), classified.stood[:, index]
         both, told, true = both + int((says & is_so).sum()), told + int(says.sum()), true + int(is_so.sum())
-        false_alarms += sum(not is_so[begin:end].any() for begin, end in runs(says))
-        for begin, end in runs(is_so):
+        false_alarms += sum(not is_so[begin:end].any() for begin, end in true_intervals(says))
+        for begin, end in true_intervals(is_so):
             count += 1
             if says[begin:end].any():
                 noticed += 1
@@ -137,14 +137,14 @@ def diagnosis_score(run: RunData, classified: Classified) -> DiagnosisScore | No
     )
 
 
-class Judged(NamedTuple):
+class RunCauses(NamedTuple):
     """Floor of a run, and the cause of each step of each robot."""
 
     floor: TrueFloor
-    causes: Classified
+    causes: CauseTable
 
 
-def judge(run: RunData, parameters: EpisodeParameters = STANDARD) -> Judged:
+def determine_causes(run: RunData, parameters: CauseCriteria = STANDARD) -> RunCauses:
     """Determine the cause of each step of each robot; without its reports, from ground truth alone.
 
     Raises RunDataError if changes of the floor were not recorded.
@@ -153,17 +153,17 @@ def judge(run: RunData, parameters: EpisodeParameters = STANDARD) -> Judged:
         raise RunDataError(f"{run.out}: causes are unknown: {NO_CHANGES}")
     changes = [(round(second * 1e6) // run.step_us, state) for second, state in run.floor]
     floor = TrueFloor(run.grid, run.description.radius, changes, parameters)
-    return Judged(floor, classify(run, floor, parameters))
+    return RunCauses(floor, classify(run, floor, parameters))
 
 
-def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
+def account_time(out: Path, parameters: CauseCriteria = STANDARD) -> TimeSpent:
     """Return the time accounting of the run in a folder.
 
     Raises RunDataError if it is not a simulated run, RecordingError or OutcomeError if it is damaged.
     """
     all_recordings(out)
     run = read_run(out)
-    floor, classified = judge(run, parameters)
+    floor, classified = determine_causes(run, parameters)
     return TimeSpent(
         robots=_robots(run, classified),
         blockings=blocking_events(run, classified, parameters),
@@ -176,7 +176,7 @@ def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
     )
 
 
-def _robots(run: RunData, classified: Classified) -> dict[str, dict[str, float]]:
+def _robots(run: RunData, classified: CauseTable) -> dict[str, dict[str, float]]:
     """Return seconds by robot and cause, from whole µs; those of a robot sum to the run's duration."""
     spent = {}
     for index, robot in enumerate(run.robots):
@@ -187,18 +187,18 @@ def _robots(run: RunData, classified: Classified) -> dict[str, dict[str, float]]
     return spent
 
 
-def _blames(run: RunData, classified: Classified) -> tuple[Blame, ...]:
+def _blames(run: RunData, classified: CauseTable) -> tuple[ChainRoot, ...]:
     """Return the waiting time per root and cause, s, from whole µs."""
-    waits = (classified.before != NOBODY) & (classified.root != NOBODY)
+    waits = (classified.before != NO_ROBOT) & (classified.root != NO_ROBOT)
     pairs = np.column_stack([classified.root[waits], classified.causes[waits]])
     kinds, counts = np.unique(pairs, axis=0, return_counts=True)
     return tuple(
-        Blame(run.robots[root], CAUSES[cause].value, in_seconds(count * run.step_us))
+        ChainRoot(run.robots[root], CAUSES[cause].value, in_seconds(count * run.step_us))
         for (root, cause), count in zip(kinds.tolist(), counts.tolist(), strict=True)
     )
 
 
-class Spell(NamedTuple):
+class CauseInterval(NamedTuple):
     """Interval of one robot with one cause."""
 
     robot: str
@@ -211,15 +211,15 @@ class Spell(NamedTuple):
     y: float
 
 
-def spells(run: RunData) -> list[Spell]:
+def cause_intervals(run: RunData) -> list[CauseInterval]:
     """Return the intervals of all causes without gaps, by robot and time. Raises as `judge`."""
-    causes = judge(run).causes.causes
-    found: list[Spell] = []
+    causes = determine_causes(run).causes.causes
+    found: list[CauseInterval] = []
     for index, robot in enumerate(run.robots):
         own = causes[:, index]
         edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
         for begin, end in pairwise(edges):
             x, y = run.true[(begin + end) // 2, index, :2].tolist()
             until = run.end if end == len(own) else float(run.seconds[end])
-            found.append(Spell(robot, CAUSES[own[begin]], float(run.seconds[begin]), until, x, y))
+            found.append(CauseInterval(robot, CAUSES[own[begin]], float(run.seconds[begin]), until, x, y))
     return found

@@ -95,14 +95,14 @@ class KnowledgeChange(msgspec.Struct, frozen=True):
     decision: DecisionRecord | None = None
 
 
-class ReplicaNews(msgspec.Struct, frozen=True):
+class ReplicaReception(msgspec.Struct, frozen=True):
     """Reception of a newer replica of a peer's component."""
 
     peer: str
     heard: Moment
 
 
-class Order(msgspec.Struct, frozen=True):
+class BehaviourOrder(msgspec.Struct, frozen=True):
     """Order of a behaviour to its robot."""
 
     step: Number
@@ -123,8 +123,8 @@ class CausalTrace(msgspec.Struct, frozen=True):
     """Changes of knowledge, received replicas and orders of one robot process."""
 
     changes: tuple[KnowledgeChange, ...]
-    news: tuple[ReplicaNews, ...]
-    orders: tuple[Order, ...]
+    news: tuple[ReplicaReception, ...]
+    orders: tuple[BehaviourOrder, ...]
     has_nodes: bool
     """False: the behaviour does not use the component model, or has started no node."""
     fault: str | None = None

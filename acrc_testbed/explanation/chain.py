@@ -13,12 +13,12 @@ from acrc_testbed.explanation.causal_trace import (
     Arrival,
     CausalTrace,
     KnowledgeChange,
-    Order,
+    BehaviourOrder,
     ReplicaRead,
     seconds,
 )
 from acrc_testbed.explanation.tracer import AGAIN, GIVES_UP
-from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
+from acrc_testbed.recordings.run_recordings import all_recordings, read_setup
 from acrc_testbed.run_model.frames import FrameRow, frame_rows
 from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
 from actors.instant import Instant, in_seconds
@@ -33,7 +33,7 @@ _TOGETHER_US: Final = 2_000_000
 """Maximum time between fragments of one packet (`deeco.link.LinkParameters`)."""
 
 
-class Frame(NamedTuple):
+class ReceivedFrame(NamedTuple):
     """One received frame."""
 
     instant: Instant
@@ -59,7 +59,7 @@ class FrameLoss(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Air:
+class RadioTraffic:
     """Radio traffic of one run as received by one robot process; read on first use."""
 
     out: Path
@@ -74,7 +74,7 @@ class Air:
         """Return the robot with a short address, or a description of the address."""
         return self._robots.get(address, f"address {address}")
 
-    def frames(self, arrival: Arrival) -> tuple[Frame, ...]:
+    def frames(self, arrival: Arrival) -> tuple[ReceivedFrame, ...]:
         """Return the frames of a packet in order; the last one is the arrival."""
         last = next((one for one in self._heard if one.instant == arrival.instant), None)
         if last is None:
@@ -112,7 +112,7 @@ class Air:
     def _robots(self) -> dict[int, str]:
         if not self.simulated:
             return {}
-        setup = setup_of(self._files["radio"], RadioSetup, "a radio")
+        setup = read_setup(self._files["radio"], RadioSetup, "a radio")
         return {address: robot for robot, address in setup.robots}
 
     @cached_property
@@ -128,11 +128,11 @@ class Air:
     def _handed(self) -> dict[tuple[str, int], Instant]:
         return {(frame.robot, frame.ended): Instant(frame.handed) for frame in self._sent}
 
-    def _frame(self, heard: Heard) -> Frame:
+    def _frame(self, heard: Heard) -> ReceivedFrame:
         sender, size = self.robot(heard.sender), len(heard.data)
         handed = self._handed.get((sender, heard.instant))
         instant = Instant(heard.instant)
-        return Frame(instant, sender, size, airtime_us(size), heard.rssi_dbm, heard.lqi, handed)
+        return ReceivedFrame(instant, sender, size, airtime_us(size), heard.rssi_dbm, heard.lqi, handed)
 
 
 def _packets(data: bytes) -> set[tuple[int, int]]:
@@ -170,7 +170,7 @@ class ChangeRun(NamedTuple):
         return self.numbers[-1]
 
 
-def runs(changes: Changes, number: int) -> list[ChangeRun]:
+def preceding_changes(changes: Changes, number: int) -> list[ChangeRun]:
     """Return the preceding changes of each field on which a change depended, newest first."""
     own = changes[number].own
     found = [
@@ -219,7 +219,7 @@ def _is_frequent(changes: Changes, numbers: list[int]) -> bool:
     return len(numbers) > max(_FEW, _OFTEN * lasted)
 
 
-class Made(NamedTuple):
+class TracedDecision(NamedTuple):
     """One decision in a trace."""
 
     step: int
@@ -233,19 +233,19 @@ class Made(NamedTuple):
     """Number of the order; None for a change of knowledge."""
 
 
-def decisions(trace: CausalTrace) -> list[Made]:
+def decisions(trace: CausalTrace) -> list[TracedDecision]:
     """Return all decisions in order: changes of knowledge with a decision, and orders.
 
     An order that follows from a change of knowledge in the same step is left out.
     """
     made = [
-        Made(one.step, one.instant, one.decision.words, one.by, number, None)
+        TracedDecision(one.step, one.instant, one.decision.words, one.by, number, None)
         for number, one in enumerate(trace.changes)
         if one.decision is not None
     ]
     adapted = {one.step for one in trace.changes if one.adaptation}
     made += [
-        Made(one.step, one.instant, one.words, "behaviour", None, number)
+        TracedDecision(one.step, one.instant, one.words, "behaviour", None, number)
         for number, one in enumerate(trace.orders)
         if one.verb != GIVES_UP or one.step not in adapted
     ]
@@ -265,7 +265,7 @@ Second = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 """Simulated s."""
 
 
-class Link(msgspec.Struct, frozen=True):
+class CauseLink(msgspec.Struct, frozen=True):
     """One cause in a chain."""
 
     at_s: Second
@@ -279,15 +279,15 @@ class Link(msgspec.Struct, frozen=True):
     """The data of the sentence: names, numbers, old and new values of fields."""
 
 
-class Chain:
+class ChainBuilder:
     """Builder of the chains of decisions of one process."""
 
-    def __init__(self, trace: CausalTrace, air: Air) -> None:
+    def __init__(self, trace: CausalTrace, air: RadioTraffic) -> None:
         self._trace = trace
         self._air = air
         self._told: set[int] = set()
 
-    def of(self, made: Made) -> list[Link]:
+    def of(self, made: TracedDecision) -> list[CauseLink]:
         """Return the links of a decision, starting with itself."""
         self._told = set()
         if made.change is not None:
@@ -295,7 +295,7 @@ class Chain:
         assert made.order is not None
         return list(self._order(self._trace.orders[made.order]))
 
-    def _order(self, order: Order) -> Iterator[Link]:
+    def _order(self, order: BehaviourOrder) -> Iterator[CauseLink]:
         """Yield the links of an order."""
         about = {"words": order.words, "point": None if order.point is None else list(order.point)}
         yield _link(order.instant, "order", f"{self._air.robot_here} {order.words}", 0, about)
@@ -311,14 +311,14 @@ class Chain:
         if not causes:
             yield self._unknown(order)
 
-    def _unknown(self, order: Order) -> Link:
+    def _unknown(self, order: BehaviourOrder) -> CauseLink:
         if not self._trace.has_nodes:
             says = "unknown: the strategy does not use the component model"
         else:
             says = "no change of knowledge led to it; it follows from the initial knowledge"
         return _link(order.instant, "unknown", says, 1, {})
 
-    def _behind(self, order: Order) -> Sequence[int]:
+    def _behind(self, order: BehaviourOrder) -> Sequence[int]:
         """Return the changes that set or removed the point of an order; else those of the same step."""
         if order.point is not None:
             return order.moved
@@ -327,7 +327,7 @@ class Chain:
         adapting = [number for number in now if changes[number].adaptation]
         return adapting or [number for number in now if not is_routine(changes, number)]
 
-    def _change(self, number: int, depth: int, words: str = "") -> Iterator[Link]:
+    def _change(self, number: int, depth: int, words: str = "") -> Iterator[CauseLink]:
         """Yield a change of knowledge and its causes."""
         self._told.add(number)
         change = self._trace.changes[number]
@@ -347,9 +347,9 @@ class Chain:
             yield from self._replica(change.read, depth + 1)
         yield from self._own(number, depth + 1)
 
-    def _own(self, number: int, depth: int) -> Iterator[Link]:
+    def _own(self, number: int, depth: int) -> Iterator[CauseLink]:
         """Yield the causes of a change in the component's own knowledge."""
-        found = [run for run in runs(self._trace.changes, number) if run.last not in self._told]
+        found = [run for run in preceding_changes(self._trace.changes, number) if run.last not in self._told]
         told: dict[int, list[ChangeRun]] = {}
         for run in found[:_WIDEST]:
             told.setdefault(run.last, []).append(run)
@@ -357,7 +357,7 @@ class Chain:
             if last not in self._told:
                 yield from self._state(last, together, depth)
 
-    def _state(self, number: int, together: Sequence[ChangeRun], depth: int) -> Iterator[Link]:
+    def _state(self, number: int, together: Sequence[ChangeRun], depth: int) -> Iterator[CauseLink]:
         for run in together:
             self._told.update(run.numbers)
         change = self._trace.changes[number]
@@ -384,7 +384,7 @@ class Chain:
         first, last = (self._trace.changes[number].fields[run.field] for number in (run.numbers[0], run.last))
         return first.before, last.after
 
-    def _replica(self, read: ReplicaRead, depth: int) -> Iterator[Link]:
+    def _replica(self, read: ReplicaRead, depth: int) -> Iterator[CauseLink]:
         """Yield the replica of a peer and the frames that delivered it."""
         text = ", ".join(f"{_named(one)} {_short(value)}" for one, value in read.known.items())
         age = in_seconds(read.age)
@@ -402,7 +402,7 @@ class Chain:
                 yield _frame_link(frame, read.hops, depth + 1)
         yield from self._lost(read, depth + 1)
 
-    def _lost(self, read: ReplicaRead, depth: int) -> Iterator[Link]:
+    def _lost(self, read: ReplicaRead, depth: int) -> Iterator[CauseLink]:
         """Yield the losses from this peer or its relay since the previous replica."""
         if not self._air.simulated:
             says = "earlier losses are unknown: only a simulated radio records them"
@@ -417,7 +417,7 @@ class Chain:
         yield _loss_link(lost, sorted(senders), since, read.heard, depth)
 
 
-def _frame_link(frame: Frame, hops: int, depth: int) -> Link:
+def _frame_link(frame: ReceivedFrame, hops: int, depth: int) -> CauseLink:
     relayed = "direct" if not hops else "relayed once" if hops == 1 else f"relayed {hops} times"
     handed = "" if frame.handed is None else f", handed to the transceiver at {seconds(frame.handed)} s"
     says = (
@@ -434,7 +434,7 @@ def _frame_link(frame: Frame, hops: int, depth: int) -> Link:
 
 def _loss_link(
     lost: Sequence[FrameLoss], senders: Sequence[str], since: Instant, until: Instant, depth: int
-) -> Link:
+) -> CauseLink:
     who = " and ".join(senders)
     between = f"between {seconds(since)} and {seconds(until)} s"
     if not lost:
@@ -448,8 +448,8 @@ def _loss_link(
     return _link(lost[-1].instant, "lost", says, depth, {"senders": list(senders), "lost": rows})
 
 
-def _link(at: Instant, kind: str, says: str, depth: int, about: dict[str, Any]) -> Link:
-    return Link(in_seconds(at), kind, says, depth, about)
+def _link(at: Instant, kind: str, says: str, depth: int, about: dict[str, Any]) -> CauseLink:
+    return CauseLink(in_seconds(at), kind, says, depth, about)
 
 
 def _stands(goal: GoalState) -> str:

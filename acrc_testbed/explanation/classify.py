@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from acrc_testbed.explanation import robot_states
 from acrc_testbed.explanation.episodes import (
     STANDARD,
-    EpisodeParameters,
-    runs,
+    CauseCriteria,
+    true_intervals,
 )
-from acrc_testbed.explanation.robot_states import NOBODY, Flags, RobotStates, in_wall
+from acrc_testbed.explanation.robot_states import NO_ROBOT, Flags, RobotStates, in_wall
 from acrc_testbed.explanation.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
 from acrc_testbed.explanation.true_floor import Passages, TrueFloor
 from acrc_testbed.run_model.data import RunData
@@ -30,7 +30,7 @@ class Roots(NamedTuple):
     """Roots of the chains of all robots; (steps, robots) each."""
 
     root: NDArray[np.int32]
-    """Root of the robot's chain, itself if it does not wait; NOBODY: the chain ends in a ring."""
+    """Root of the robot's chain, itself if it does not wait; NO_ROBOT: the chain ends in a ring."""
     ring: NDArray[np.bool_]
     """The robot is part of a ring."""
     at_door: NDArray[np.bool_]
@@ -40,27 +40,27 @@ class Roots(NamedTuple):
 def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
     """Find the roots of all chains.
 
-    `before`: the robot that each waits for, or NOBODY; `at_door`: where it waits at a door; (steps, robots).
+    `before`: the robot that each waits for, or NO_ROBOT; `at_door`: where it waits at a door; (steps, robots).
     """
-    root = np.where(before == NOBODY, np.arange(before.shape[1], dtype=np.int32), np.int32(NOBODY))
-    doors = at_door & (before != NOBODY)
+    root = np.where(before == NO_ROBOT, np.arange(before.shape[1], dtype=np.int32), np.int32(NO_ROBOT))
+    doors = at_door & (before != NO_ROBOT)
     while True:
-        rows, robots = np.nonzero(root == NOBODY)
+        rows, robots = np.nonzero(root == NO_ROBOT)
         fronts = before[rows, robots]
-        joined = root[rows, fronts] != NOBODY
+        joined = root[rows, fronts] != NO_ROBOT
         if not joined.any():
             break
         rows, robots, fronts = rows[joined], robots[joined], fronts[joined]
         root[rows, robots] = root[rows, fronts]
         doors[rows, robots] |= doors[rows, fronts]
-    return Roots(root, _rings(root == NOBODY, before), doors)
+    return Roots(root, _rings(root == NO_ROBOT, before), doors)
 
 
-def behind(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
+def waiting_for(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Return the marked robots and all robots that wait for them, (steps, robots)."""
     whole = marked.copy()
     while True:
-        rows, robots = np.nonzero(~whole & (before != NOBODY))
+        rows, robots = np.nonzero(~whole & (before != NO_ROBOT))
         joins = whole[rows, before[rows, robots]]
         if not joins.any():
             return whole
@@ -85,15 +85,15 @@ Causes = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
-class Classified:
+class CauseTable:
     """Causes of all steps of all robots; (steps, robots) each."""
 
     causes: Causes
     """Index in CAUSES."""
     before: NDArray[np.int32]
-    """The robot that it waits for, or NOBODY."""
+    """The robot that it waits for, or NO_ROBOT."""
     root: NDArray[np.int32]
-    """Root of its chain, itself if it does not wait; NOBODY: the chain ends in a ring."""
+    """Root of its chain, itself if it does not wait; NO_ROBOT: the chain ends in a ring."""
     ring: Flags
     """It is part of a ring of robots that wait for each other."""
     stood: Flags
@@ -109,20 +109,20 @@ class Classified:
 def classify(
     run: RunData,
     floor: TrueFloor,
-    parameters: EpisodeParameters = STANDARD,
-) -> Classified:
+    parameters: CauseCriteria = STANDARD,
+) -> CauseTable:
     """Determine the cause of each step of each robot."""
     states = RobotStates(run, floor.stages(), parameters)
     own = _own(states, in_wall(run, floor.grid))
     stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
     before = robot_states.ahead(states, stuck, floor.passages, parameters)
     barred = _barred(states, stuck, before, parameters)
-    alone = stuck & states.waits & (before == NOBODY) & (barred == _NONE)
+    alone = stuck & states.waits & (before == NO_ROBOT) & (barred == _NONE)
     near = robot_states.beside(states, alone, floor.passages, parameters)
     before = np.where(alone, near, before)
     causes, found = _followed(states, own, before, barred, _doors(run, before, floor.passages, parameters))
-    stood = ((states.waits & (before != NOBODY)) | states.long_waits) & ~states.paused
-    return Classified(causes, before, found.root, found.ring, stood, found.at_door)
+    stood = ((states.waits & (before != NO_ROBOT)) | states.long_waits) & ~states.paused
+    return CauseTable(causes, before, found.root, found.ring, stood, found.at_door)
 
 
 def _own(states: RobotStates, walled: Flags) -> Causes:
@@ -141,7 +141,7 @@ def _own(states: RobotStates, walled: Flags) -> Causes:
     return own
 
 
-def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: EpisodeParameters) -> Causes:
+def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: CauseCriteria) -> Causes:
     """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _NONE."""
     found = np.full(stuck.shape, _NONE, np.uint8)
     closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
@@ -154,14 +154,14 @@ def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: Epi
             found[rows[no_way], robot] = closed
             found[rows[no_way & ~np.isfinite(stage.opened.far(here, goal))], robot] = unreachable
             if len(stage.leaves):
-                first = rows[~no_way & (before[rows, robot] == NOBODY)]
+                first = rows[~no_way & (before[rows, robot] == NO_ROBOT)]
                 for step in first[_leads_through(states, robot, first, goal, p)].tolist():
                     found[step, robot] = closed
     return found
 
 
 def _leads_through(
-    states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float], p: EpisodeParameters
+    states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float], p: CauseCriteria
 ) -> Flags:
     """Return where a closed door is near on the path that would exist with open doors, (rows,)."""
     found = np.zeros(len(rows), np.bool_)
@@ -180,10 +180,10 @@ def _leads_through(
     return found
 
 
-def _doors(run: RunData, before: NDArray[np.int32], passages: Passages, p: EpisodeParameters) -> Flags:
+def _doors(run: RunData, before: NDArray[np.int32], passages: Passages, p: CauseCriteria) -> Flags:
     """Return where a robot waits and one of the pair, or their midpoint, is at a door, (steps, robots)."""
     doors = np.zeros(before.shape, np.bool_)
-    rows, robots = np.nonzero(before != NOBODY)
+    rows, robots = np.nonzero(before != NO_ROBOT)
     if rows.size:
         one, other = run.true[rows, robots, :2], run.true[rows, before[rows, robots], :2]
         at = passages.at(np.concatenate([one, other, (one + other) / 2]), p.beside)
@@ -197,22 +197,22 @@ def _followed(
     """Return the causes of all robots from the roots of their chains."""
     is_barred = barred != _NONE
     found = roots(before, doors)
-    before = np.where(found.ring & is_barred, NOBODY, before)  # without a path, a robot is not part of a ring
+    before = np.where(found.ring & is_barred, NO_ROBOT, before)  # without a path, a robot is not part of a ring
     found = roots(before, doors)
     alone = _alone(states, own, barred)
     causes = alone.copy()
-    rows, robots = np.nonzero((before != NOBODY) & (found.root != NOBODY))
+    rows, robots = np.nonzero((before != NO_ROBOT) & (found.root != NO_ROBOT))
     root = found.root[rows, robots]
     at_root = np.where(_stays(states, own)[rows, root], alone[rows, root], CAUSES.index(Cause.DRIVING))
     causes[rows, robots] = _BEHIND[at_root]
     gets_on = causes == CAUSES.index(Cause.OPEN_FLOOR)
     causes[gets_on & found.at_door] = CAUSES.index(Cause.DOOR)
     causes[gets_on & states.loops] = CAUSES.index(Cause.LIVELOCK)
-    waits = before != NOBODY
+    waits = before != NO_ROBOT
     vague = waits & is_barred & np.isin(causes, [CAUSES.index(cause) for cause in _VAGUE])
     causes[vague] = barred[vague]
-    in_ring = waits & (found.root == NOBODY)
-    moving = behind(found.ring & states.roams, np.where(in_ring, before, NOBODY))
+    in_ring = waits & (found.root == NO_ROBOT)
+    moving = waiting_for(found.ring & states.roams, np.where(in_ring, before, NO_ROBOT))
     causes[in_ring] = CAUSES.index(Cause.DEADLOCK)
     causes[in_ring & moving] = CAUSES.index(Cause.LIVELOCK)
     return causes, found
@@ -258,13 +258,13 @@ AT_DOOR: Final = "door"
 ON_FLOOR: Final = "open floor"
 
 
-def blocked_by_robots(classified: Classified) -> NDArray[np.bool_]:
+def blocked_by_robots(classified: CauseTable) -> NDArray[np.bool_]:
     """Return where a robot stands because of another one, (steps, robots)."""
-    blocked: NDArray[np.bool_] = classified.stood & (classified.before != NOBODY)
+    blocked: NDArray[np.bool_] = classified.stood & (classified.before != NO_ROBOT)
     return blocked
 
 
-def blocking_events(run: RunData, classified: Classified, p: EpisodeParameters) -> tuple[BlockingEvent, ...]:
+def blocking_events(run: RunData, classified: CauseTable, p: CauseCriteria) -> tuple[BlockingEvent, ...]:
     """Return all blockings by start and robots: pairs of which one or both wait for the other.
 
     Interruptions of up to `pause_s` are ignored, and so are shorter blockings. A queue of three is two
@@ -274,23 +274,23 @@ def blocking_events(run: RunData, classified: Classified, p: EpisodeParameters) 
     found = [
         (begin, pair, end)
         for pair, mask in _pairs(classified, blocked_by_robots(classified)).items()
-        for begin, end in runs(_bridged(mask, patience), patience)
+        for begin, end in true_intervals(_bridged(mask, patience), patience)
     ]
     return tuple(_event(run, classified, pair, begin, end) for begin, pair, end in sorted(found))
 
 
-def deadlocks(run: RunData, classified: Classified, p: EpisodeParameters) -> DeadlockCount:
+def deadlocks(run: RunData, classified: CauseTable, p: CauseCriteria) -> DeadlockCount:
     """Count pairs in a deadlock of at least `deadlock_s`, and those resolved before the end."""
     patience, least = (seconds(each) // run.step_us for each in (p.pause_s, p.deadlock_s))
     steps, pairs, free = len(run.true), 0, 0
     for mask in _pairs(classified, classified.ring & classified.is_(Cause.DEADLOCK)).values():
-        for episode in runs(_bridged(mask, patience), least):
+        for episode in true_intervals(_bridged(mask, patience), least):
             pairs += 1
             free += episode.end < steps
     return DeadlockCount(pairs, free)
 
 
-def _pairs(classified: Classified, where: NDArray[np.bool_]) -> dict[tuple[int, int], NDArray[np.bool_]]:
+def _pairs(classified: CauseTable, where: NDArray[np.bool_]) -> dict[tuple[int, int], NDArray[np.bool_]]:
     """Return, for each pair with a blocking, the steps in which one waits for the other."""
     found: dict[tuple[int, int], NDArray[np.bool_]] = {}
     for robot in range(where.shape[1]):
@@ -304,7 +304,7 @@ def _pairs(classified: Classified, where: NDArray[np.bool_]) -> dict[tuple[int, 
 def _bridged(mask: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
     """Return the mask with gaps of at most `patience` samples closed."""
     whole = mask.copy()
-    stretches = runs(mask)
+    stretches = true_intervals(mask)
     for one, after in pairwise(stretches):
         if after.begin - one.end <= patience:
             whole[one.end : after.begin] = True
@@ -312,7 +312,7 @@ def _bridged(mask: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
 
 
 def _event(
-    run: RunData, classified: Classified, pair: tuple[int, int], begin: int, end: int
+    run: RunData, classified: CauseTable, pair: tuple[int, int], begin: int, end: int
 ) -> BlockingEvent:
     during = np.s_[begin:end, list(pair)]
     others = np.array(pair[::-1])
@@ -338,12 +338,12 @@ _FRAMES: Final = 3
 """Minimum number of frames handed to the radio by a robot that should be received."""
 
 
-def findings(run: RunData, passages: Passages, p: EpisodeParameters) -> tuple[Finding, ...]:
+def findings(run: RunData, passages: Passages, p: CauseCriteria) -> tuple[Finding, ...]:
     """Return all findings of a run."""
     return (*_silent(run, passages, p), *_carried(run, p))
 
 
-def _silent(run: RunData, passages: Passages, p: EpisodeParameters) -> Iterator[Finding]:
+def _silent(run: RunData, passages: Passages, p: CauseCriteria) -> Iterator[Finding]:
     """Yield the intervals in which a robot received nothing although others in range had frames to send.
 
     Their frames need not have been sent: the channel may have been busy.
@@ -351,7 +351,7 @@ def _silent(run: RunData, passages: Passages, p: EpisodeParameters) -> Iterator[
     least = seconds(p.silent_s) // run.step_us
     for index, robot in enumerate(run.robots):
         deaf = run.stepping[:, index] & (run.frames_heard[:, index] == 0)
-        for begin, end in runs(deaf, least):
+        for begin, end in true_intervals(deaf, least):
             near = _within_reach(run, index, begin, end, passages, p)
             if near:
                 since, until = run.duration(begin), run.duration(end)
@@ -369,7 +369,7 @@ def _within_reach(
     begin: int,
     end: int,
     passages: Passages,
-    p: EpisodeParameters,
+    p: CauseCriteria,
 ) -> list[str]:
     """Return the robots that were in range during the whole interval and had frames to send."""
     here = run.true[begin:end, index, :2]
@@ -393,7 +393,7 @@ def _jam(run: RunData, index: int, begin: int, end: int) -> str:
     return f"; for {run.duration(int(within.sum())):g} s in range of a jammer" if within.any() else ""
 
 
-def _carried(run: RunData, p: EpisodeParameters) -> Iterator[Finding]:
+def _carried(run: RunData, p: CauseCriteria) -> Iterator[Finding]:
     """Yield robots that changed position between two steps."""
     hops = np.hypot(*np.moveaxis(np.diff(run.true[..., :2], axis=0), -1, 0))
     for index, robot in enumerate(run.robots):

@@ -18,7 +18,7 @@ ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
 """Results of aborted goals."""
 
 
-def pursued(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:
+def pursued_goals(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:
     """Return the number of the robot's current goal, (steps,); NO_GOAL: none.
 
     An aborted goal counts until the next one or the end of the run, as the strategy has not cancelled it.
@@ -33,16 +33,16 @@ def pursued(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:
     return pursuing
 
 
-def during(found: Sequence[tuple[int, int | None]], run: RunData) -> NDArray[np.bool_]:
+def interval_mask(found: Sequence[tuple[int, int | None]], run: RunData) -> NDArray[np.bool_]:
     """Return the mask of intervals, (steps,); each from begin to end, µs; None: to the end of the run."""
-    during = np.zeros(len(run.true), np.bool_)
+    mask = np.zeros(len(run.true), np.bool_)
     for begin, end in found:
-        during[begin // run.step_us : None if end is None else -(-end // run.step_us)] = True
-    return during
+        mask[begin // run.step_us : None if end is None else -(-end // run.step_us)] = True
+    return mask
 
 
 @dataclass(frozen=True)
-class EpisodeParameters:
+class CauseCriteria:
     """Criteria of causes and blockings; chosen here, as the chapter gives no numbers."""
 
     lost: float = 1.0
@@ -98,7 +98,7 @@ class EpisodeParameters:
     """A robot that moves farther in one step, m, was carried: six times what it can drive in 0.1 s."""
 
 
-STANDARD: Final = EpisodeParameters()
+STANDARD: Final = CauseCriteria()
 
 
 class Episode(NamedTuple):
@@ -108,14 +108,14 @@ class Episode(NamedTuple):
     end: int
 
 
-def runs(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
+def true_intervals(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
     """Return the intervals of True in `mask`, (samples,), with at least `least` samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
     return [Episode(begin, end) for begin, end in pairs if end - begin >= least]
 
 
-def lost(errors: NDArray[np.float64], parameters: EpisodeParameters = STANDARD) -> list[Episode]:
+def lost_intervals(errors: NDArray[np.float64], parameters: CauseCriteria = STANDARD) -> list[Episode]:
     """Return when a robot was lost: from an error above `lost` until one below `found`.
 
     `errors`: (samples,), localisation error, m; NaN (unknown) keeps the state.
@@ -128,10 +128,10 @@ def lost(errors: NDArray[np.float64], parameters: EpisodeParameters = STANDARD) 
         elif error < parameters.found:
             now = False
         is_lost[sample] = now
-    return runs(is_lost)
+    return true_intervals(is_lost)
 
 
-def standing(
+def standing_mask(
     true: NDArray[np.float64], pursuing: NDArray[np.bool_], window: int, still: float
 ) -> NDArray[np.bool_]:
     """Return when a robot with a goal stood, (samples,).

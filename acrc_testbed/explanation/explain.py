@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 import msgspec
 
 from acrc_testbed.explanation.causal_trace import TraceError
-from acrc_testbed.explanation.chain import Air, Chain, Link, Made, Second, decisions
+from acrc_testbed.explanation.chain import RadioTraffic, ChainBuilder, CauseLink, TracedDecision, Second, decisions
 from acrc_testbed.explanation.tracing import BOUNDS, trace
 from acrc_testbed.recordings.run_recordings import all_recordings
-from acrc_testbed.recordings.sandboxed import Bounds
+from acrc_testbed.recordings.sandboxed import ProgramLimits
 from actors.instant import in_seconds
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
@@ -24,7 +24,7 @@ class ExplanationError(AcrcError):
     """A request that cannot be answered."""
 
 
-class Wish(NamedTuple):
+class ExplainRequest(NamedTuple):
     """Request to explain a robot's decision."""
 
     robot: str
@@ -51,27 +51,27 @@ class Explanation(msgspec.Struct, frozen=True):
     exact: bool
     decision: str
     by: str
-    chain: tuple[Link, ...]
+    chain: tuple[CauseLink, ...]
     """The decision first; causes follow, one level deeper than their effects."""
 
 
-def wish(text: str) -> Wish:
+def parse_request(text: str) -> ExplainRequest:
     """Parse `r2@157`, the decision of r2 at 157 s, or `r2`, all of its decisions. Raises ExplanationError."""
     robot, at, instant = text.partition("@")
     if not at:
-        return Wish(robot, None)
+        return ExplainRequest(robot, None)
     if not robot or not re.fullmatch(r"[0-9]+(\.[0-9]*)?", instant):
         raise ExplanationError(
             f"{text}: must be a robot, such as r2, or a robot and simulated seconds, such as r2@157"
         )
-    return Wish(robot, float(instant))
+    return ExplainRequest(robot, float(instant))
 
 
 class Explainer:
     """Explanations of decisions of one robot, which is replayed."""
 
     def __init__(
-        self, out: Path, robot: str, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
+        self, out: Path, robot: str, *, permit: Permit, isolate: bool, bounds: ProgramLimits = BOUNDS
     ) -> None:
         """`isolate`: see `actors.runtime.isolation.sandbox`. Raises ExplanationError."""
         self._out, self._robot = out, robot
@@ -97,14 +97,14 @@ class Explainer:
         for actor, found_trace in reversed(self._traces):
             made = decisions(found_trace)
             if found := _chosen(made, at_s):
-                chain = Chain(found_trace, Air(self._out, actor))
+                chain = ChainBuilder(found_trace, RadioTraffic(self._out, actor))
                 return tuple(_explanation(self._robot, at_s, one, chain) for one in found)
             earliest = in_seconds(made[0].instant) if made else earliest
         then = "it makes none" if earliest is None else f"its first decision is at {earliest:g} s"
         raise ExplanationError(f"{self._robot} made no decision before {at_s:g} s; {then}")
 
 
-def _chosen(made: Sequence[Made], at_s: float) -> list[Made]:
+def _chosen(made: Sequence[TracedDecision], at_s: float) -> list[TracedDecision]:
     """Return the decisions at the instant, or those of the last instant before it."""
     by_then = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
     if not by_then:
@@ -113,7 +113,7 @@ def _chosen(made: Sequence[Made], at_s: float) -> list[Made]:
     return near or [one for one in by_then if one.instant == by_then[-1].instant]
 
 
-def _explanation(robot: str, asked_s: float, made: Made, chain: Chain) -> Explanation:
+def _explanation(robot: str, asked_s: float, made: TracedDecision, chain: ChainBuilder) -> Explanation:
     at_s = in_seconds(made.instant)
     exact = abs(at_s - asked_s) <= _SAME_S
     return Explanation(robot, asked_s, at_s, exact, made.words, made.by, tuple(chain.of(made)))

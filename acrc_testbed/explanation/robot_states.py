@@ -11,14 +11,14 @@ from acrc_testbed.explanation.episodes import (
     NO_GOAL,
     REACHED,
     Episode,
-    EpisodeParameters,
-    during,
-    lost,
-    pursued,
-    runs,
-    standing,
+    CauseCriteria,
+    interval_mask,
+    lost_intervals,
+    pursued_goals,
+    true_intervals,
+    standing_mask,
 )
-from acrc_testbed.explanation.true_floor import Passages, Stage
+from acrc_testbed.explanation.true_floor import Passages, FloorStage
 from acrc_testbed.run_model.data import RobotReport, RunData
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds, seconds
@@ -31,7 +31,7 @@ _OUTLINE: Final = 0.177
 class RobotStates:
     """States of all robots of a run; flags are (steps, robots)."""
 
-    def __init__(self, run: RunData, stages: Sequence[Stage], p: EpisodeParameters) -> None:
+    def __init__(self, run: RunData, stages: Sequence[FloorStage], p: CauseCriteria) -> None:
         steps = len(run.true)
         self.run, self.stages, self._p = run, stages, p
         self._reports = [run.reports.get(robot, RobotReport()) for robot in run.robots]
@@ -39,7 +39,7 @@ class RobotStates:
         """(steps,): index of the floor's stage."""
         self.goal = np.column_stack(
             [
-                np.full(steps, NO_GOAL) if one.goals is None else pursued(one.goals, run)
+                np.full(steps, NO_GOAL) if one.goals is None else pursued_goals(one.goals, run)
                 for one in self._reports
             ]
         )
@@ -59,8 +59,8 @@ class RobotStates:
             for index in range(len(self._reports))
         )
         """It stands with places left, but without a goal."""
-        self.planless = _columns(during(one.planless, run) for one in self._reports) & self.wants
-        self.paused = _columns(during(one.paused, run) for one in self._reports) & self.wants
+        self.planless = _columns(interval_mask(one.planless, run) for one in self._reports) & self.wants
+        self.paused = _columns(interval_mask(one.paused, run) for one in self._reports) & self.wants
         """Its strategy has paused navigation and keeps the goal."""
         self.lost = _columns(_lost(error, p) for error in errors(run).T)
         self._turns = _turns(run)
@@ -91,7 +91,7 @@ class RobotStates:
 
     def pursuits(
         self, robot: int, where: Flags
-    ) -> Iterator[tuple[NDArray[np.int64], tuple[float, float] | None, Stage]]:
+    ) -> Iterator[tuple[NDArray[np.int64], tuple[float, float] | None, FloorStage]]:
         """Yield the steps where a mask is true, grouped by goal and stage of the floor."""
         points: dict[tuple[tuple[float, float] | None, int], list[NDArray[np.int64]]] = {}
         rows = np.flatnonzero(where)
@@ -103,35 +103,35 @@ class RobotStates:
         for (point, stage), parts in points.items():
             yield np.sort(np.concatenate(parts)), point, self.stages[stage]
 
-    def _standing(self, during: Flags, lasting_s: float) -> Flags:
+    def _standing(self, where: Flags, lasting_s: float) -> Flags:
         """Return where a robot stands for `lasting_s` while a mask is true."""
         true, window = self.run.true, min(self._steps(lasting_s), len(self.run.true))
         robots = range(true.shape[1])
         return _columns(
-            standing(true[:, index, :2], during[:, index], window, self._p.still) for index in robots
+            standing_mask(true[:, index, :2], where[:, index], window, self._p.still) for index in robots
         )
 
     def _no_way(self, robot: int) -> list[Episode]:
         """Return the intervals without progress towards any goal."""
         if self._reports[robot].goals is None:
             return []
-        return runs(~self._gets_on(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
+        return true_intervals(~self._gets_on(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
 
     def _moving(self, stretches: Sequence[Sequence[Episode]], moves: Flags) -> Flags:
         """Return the intervals in which a robot moves to and fro most of the time, (steps, robots)."""
         found = np.zeros_like(moves)
         for robot, own in enumerate(stretches):
             for one in own:
-                during = slice(*one)
-                most = 2 * int(moves[during, robot].sum()) >= one.end - one.begin
-                found[during, robot] = most and self._to_and_fro(robot, one)
+                steps = slice(*one)
+                most = 2 * int(moves[steps, robot].sum()) >= one.end - one.begin
+                found[steps, robot] = most and self._to_and_fro(robot, one)
         return found
 
     def _to_and_fro(self, robot: int, stretch: Episode) -> bool:
         """Return True if a point of the outline travelled much farther than the extent of its path."""
-        during = slice(*stretch)
-        way = self.run.true[during, robot, :2]
-        driven = np.hypot(*np.diff(way, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[during, robot]).sum()
+        steps = slice(*stretch)
+        way = self.run.true[steps, robot, :2]
+        driven = np.hypot(*np.diff(way, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[steps, robot]).sum()
         return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(way, axis=0)))
 
     def _gets_on(self, robot: int) -> Flags:
@@ -193,18 +193,18 @@ def in_wall(run: RunData, grid: OccupancyGrid) -> Flags:
     return taken
 
 
-def _lost(error: NDArray[np.float64], p: EpisodeParameters) -> Flags:
-    during = np.zeros(error.size, np.bool_)
+def _lost(error: NDArray[np.float64], p: CauseCriteria) -> Flags:
+    is_lost = np.zeros(error.size, np.bool_)
     if np.nanmax(error, initial=0.0) > p.lost:
-        for begin, end in lost(error, p):
-            during[begin:end] = True
-    return during
+        for begin, end in lost_intervals(error, p):
+            is_lost[begin:end] = True
+    return is_lost
 
 
 def _longer(mask: Flags, least: int) -> Flags:
     """Return the mask reduced to intervals of at least `least` samples."""
     whole = np.zeros_like(mask)
-    for begin, end in runs(mask, min(least, len(mask))):
+    for begin, end in true_intervals(mask, min(least, len(mask))):
         whole[begin:end] = True
     return whole
 
@@ -213,16 +213,16 @@ def _columns(parts: Iterable[Flags]) -> Flags:
     return np.column_stack(list(parts))
 
 
-NOBODY: Final = -1
+NO_ROBOT: Final = -1
 _APART: Final = 0.1
 """Distance of the examined points of a path, m."""
 Points = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
-def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
-    """Return the first robot on the path of each stuck robot, (steps, robots); NOBODY: none."""
-    found = np.full(stuck.shape, NOBODY, np.int32)
+def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
+    """Return the first robot on the path of each stuck robot, (steps, robots); NO_ROBOT: none."""
+    found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
             squares = stage.ways.squares(states.run.true[rows, robot, :2])
@@ -234,9 +234,9 @@ def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParam
     return found
 
 
-def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodeParameters) -> Indices:
-    """Return the nearest standing robot that a robot cannot pass, (steps, robots); NOBODY: none."""
-    found = np.full(stuck.shape, NOBODY, np.int32)
+def beside(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
+    """Return the nearest standing robot that a robot cannot pass, (steps, robots); NO_ROBOT: none."""
+    found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
         rows = np.flatnonzero(stuck[:, robot])
         there, here = states.run.true[rows, :, :2], states.run.true[rows, robot, :2]
@@ -251,7 +251,7 @@ def beside(states: RobotStates, stuck: Flags, passages: Passages, p: EpisodePara
 
 
 def _way(
-    states: RobotStates, robot: int, step: int, goal: tuple[float, float] | None, stage: Stage, length: float
+    states: RobotStates, robot: int, step: int, goal: tuple[float, float] | None, stage: FloorStage, length: float
 ) -> Points:
     """Return the start of a robot's path, (n, 2); straight ahead without a known goal."""
     x, y, heading = states.run.true[step, robot].tolist()
@@ -273,9 +273,9 @@ def _first(
     rows: NDArray[np.int64],
     way: Points,
     passages: Passages,
-    p: EpisodeParameters,
+    p: CauseCriteria,
 ) -> Indices:
-    """Return the first robot that blocks the path, (rows,); NOBODY: none."""
+    """Return the first robot that blocks the path, (rows,); NO_ROBOT: none."""
     there = states.run.true[rows, :, :2]
     gaps = np.hypot(*(there[:, :, None] - way).transpose(3, 0, 1, 2))
     along = gaps.argmin(axis=2)
@@ -289,5 +289,5 @@ def _first(
     inside[one, other] = passages.sees(way[along[one, other]], there[one, other])
     order = np.where(inside, along, len(way))
     first: Indices = order.argmin(axis=1).astype(np.int32)
-    first[~inside.any(axis=1)] = NOBODY
+    first[~inside.any(axis=1)] = NO_ROBOT
     return first

@@ -141,7 +141,7 @@ class DeadlockCount(msgspec.Struct, frozen=True):
     """Pairs whose deadlock was resolved before the end of the run."""
 
 
-class Blame(msgspec.Struct, frozen=True):
+class ChainRoot(msgspec.Struct, frozen=True):
     """Waiting time due to one robot as the root of chains."""
 
     robot: str
@@ -165,5 +165,5 @@ class TimeSpent(msgspec.Struct, frozen=True):
     findings: tuple[Finding, ...] = ()
     deadlocks: DeadlockCount | None = None
     """None in records of older versions."""
-    blames: tuple[Blame, ...] = ()
+    blames: tuple[ChainRoot, ...] = ()
     """By robot in scenario order; a deadlock has no root."""

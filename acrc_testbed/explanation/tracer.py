@@ -11,8 +11,8 @@ from acrc_testbed.explanation.causal_trace import (
     Arrival,
     FieldChange,
     KnowledgeChange,
-    Order,
-    ReplicaNews,
+    BehaviourOrder,
+    ReplicaReception,
     ReplicaRead,
     seconds,
 )
@@ -93,12 +93,12 @@ STOPS: Final = "stops"
 GIVES_UP: Final = "gives up"
 
 
-class OrderWatch:
+class OrderRecorder:
     """Recorder of a behaviour's orders; it records none if the behaviour cannot be wrapped."""
 
     def __init__(self, points: KnownPoints) -> None:
         """`points`: points in the same robot's knowledge."""
-        self.found: list[Order] = []
+        self.found: list[BehaviourOrder] = []
         self._points = points
         self._heading: Point | None = None
         self._behaviour: Behaviour | None = None
@@ -121,14 +121,14 @@ class OrderWatch:
         with suppress(AttributeError):  # an object with slots cannot be patched
             object.__setattr__(behaviour, "advance", watched)
 
-    def _told(self, step: int, view: View, decision: Decision) -> Iterator[Order]:
+    def _told(self, step: int, view: View, decision: Decision) -> Iterator[BehaviourOrder]:
         goal = goal_state(view.goal) if view.goal is not None else None
 
-        def order(verb: str, more: str = "", point: Point | None = None, at: Instant | None = None) -> Order:
+        def order(verb: str, more: str = "", point: Point | None = None, at: Instant | None = None) -> BehaviourOrder:
             moved = self._points.behind(point, step, gone=verb == STOPS, again=verb == AGAIN)
             place = None if point is None else (point.x, point.y)
             words = f"{verb} {more}" if more else verb
-            return Order(step, Instant(view.instant) if at is None else at, words, verb, place, goal, moved)
+            return BehaviourOrder(step, Instant(view.instant) if at is None else at, words, verb, place, goal, moved)
 
         for place in decision.given_up:
             named = f"{place.owner}/{place.place}: {place.reason}"
@@ -141,7 +141,7 @@ class OrderWatch:
         if decision.relocalise:
             yield order("relocalises")
 
-    def _driving(self, view: View, decision: Decision, order: Any) -> Iterator[Order]:
+    def _driving(self, view: View, decision: Decision, order: Any) -> Iterator[BehaviourOrder]:
         if isinstance(decision.goal, Point):
             verb = AGAIN if decision.goal == self._heading else SETS_OFF
             self._heading = decision.goal
@@ -151,7 +151,7 @@ class OrderWatch:
             yield order(STOPS, "", left)
 
 
-class Dependence(NamedTuple):
+class ReadFields(NamedTuple):
     """Fields that a process or exchange reads."""
 
     own: tuple[str, ...]
@@ -160,25 +160,25 @@ class Dependence(NamedTuple):
     """Fields of the peer of an exchange."""
 
 
-def dependence(
+def read_fields(
     kind: type[Knowledge], by: str, ensembles: tuple[object, ...], *, exchange: bool
-) -> Dependence:
+) -> ReadFields:
     """Return the fields that the process or exchange `by` reads; empty if its source is unknown."""
     owner, _, name = by.rpartition(".")
     if not exchange:
         function = getattr(kind, name, None)
         if function is None:
-            return Dependence((), ())
+            return ReadFields((), ())
         own = next(iter(inspect.signature(function).parameters))
-        return Dependence(analyse_flow(function, {own: kind}).read(own), ())
+        return ReadFields(analyse_flow(function, {own: kind}).read(own), ())
     for one in ensembles:
         described = ensemble_type(type(one))
         if described is not None and described.name == owner:
             return _of_exchange(type(one), name, kind)
-    return Dependence((), ())
+    return ReadFields((), ())
 
 
-def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence:
+def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> ReadFields:
     """Return the fields that the membership and the exchange read."""
     described = ensemble_type(ensemble)
     assert described is not None
@@ -192,7 +192,7 @@ def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence
         other = next(side for side, _ in method.sides if side != local)
         own |= dict.fromkeys(found.read(local))
         peer |= dict.fromkeys(found.read(other))
-    return Dependence(tuple(own), tuple(peer))
+    return ReadFields(tuple(own), tuple(peer))
 
 
 class Tracer:
@@ -201,14 +201,14 @@ class Tracer:
     def __init__(self) -> None:
         self.changes: list[KnowledgeChange] = []
         """Changes so far."""
-        self.news: list[ReplicaNews] = []
+        self.news: list[ReplicaReception] = []
         self.has_nodes = False
-        self.orders = OrderWatch(points := KnownPoints())
+        self.orders = OrderRecorder(points := KnownPoints())
         self._points = points
         self._number = 0
         self._step = 0
         self._arrivals: dict[Instant, Arrival] = {}
-        self._reads: dict[tuple[type, str], Dependence] = {}
+        self._reads: dict[tuple[type, str], ReadFields] = {}
 
     def prepare(self, core: Core, step_us: int) -> None:
         """Record the inputs of the core from now on."""
@@ -254,13 +254,13 @@ class Tracer:
 
     def heard(self, component: str, replica: Replica, now: Instant) -> None:
         """Record a newer replica."""
-        self.news.append(ReplicaNews(replica.id, replica.contact(now).heard))
+        self.news.append(ReplicaReception(replica.id, replica.contact(now).heard))
 
-    def _dependence(self, commit: Commit) -> Dependence:
+    def _dependence(self, commit: Commit) -> ReadFields:
         key = type(commit.after), commit.by
         if key not in self._reads:
             exchange = bool(commit.peer) or commit.heard is not None
-            self._reads[key] = dependence(*key, self.orders.ensembles, exchange=exchange)
+            self._reads[key] = read_fields(*key, self.orders.ensembles, exchange=exchange)
         return self._reads[key]
 
     def _take(self, step: int, inputs: Inputs) -> None:

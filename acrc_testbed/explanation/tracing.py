@@ -19,9 +19,9 @@ import msgspec
 from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError, decode
 from acrc_testbed.explanation.tracer import Tracer
 from acrc_testbed.recordings import sandboxed
-from acrc_testbed.recordings.record_replay import Onlook, replay_actor
+from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
 from acrc_testbed.recordings.run_recordings import all_recordings
-from acrc_testbed.recordings.sandboxed import Bounds, ask
+from acrc_testbed.recordings.sandboxed import ProgramLimits, run_program
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core
@@ -31,18 +31,18 @@ from actors.runtime.recording.reading import report_damage
 from deeco.node import observing_nodes
 
 _PROGRAM: Final = "acrc_testbed.explanation.tracing"
-BOUNDS: Final = Bounds(1 << 30)
+BOUNDS: Final = ProgramLimits(1 << 30)
 """Limits of a trace; ten minutes of a robot take about 20 MB."""
 
 
-def trace(out: Path, actor: str, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> CausalTrace:
+def trace(out: Path, actor: str, *, permit: Permit, isolate: bool, bounds: ProgramLimits = BOUNDS) -> CausalTrace:
     """Replay a robot's process and return its trace; `isolate`: see `actors.runtime.isolation.sandbox`.
 
     Raises TraceError for a fault, AcrcError for code that is not permitted.
     """
     report_damage(all_recordings(out)[actor])
     words = ("--file-mb", str(max(1, bounds.most_bytes // 1_000_000)))
-    answer = ask(out, _PROGRAM, actor, words, bounds, permit=permit, isolate=isolate)
+    answer = run_program(out, _PROGRAM, actor, words, bounds, permit=permit, isolate=isolate)
     if answer.data is None:
         raise TraceError(answer.fault)
     found = decode(answer.data, actor)
@@ -64,11 +64,11 @@ def traced(out: Path, actor: str) -> CausalTrace:
 
     try:
         with observing_nodes(tracer):
-            replay_actor(out, actor, Onlook(attach, prints=lambda step_us: nowhere()))
+            replay_actor(out, actor, ReplayOptions(attach, prints=lambda step_us: nowhere()))
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy may diverge on another processor
-        fault = sandboxed.bug(actor, error)
+        fault = sandboxed.describe_failure(actor, error)
     return CausalTrace(
         tuple(tracer.changes), tuple(tracer.news), tuple(tracer.orders.found), tracer.has_nodes, fault
     )
@@ -76,14 +76,14 @@ def traced(out: Path, actor: str) -> CausalTrace:
 
 def main(argv: Sequence[str]) -> int:
     """Write the trace of one robot; return the exit code."""
-    parser = sandboxed.parser(_PROGRAM)
+    parser = sandboxed.argument_parser(_PROGRAM)
     parser.add_argument(
         "--file-mb", type=int, default=BOUNDS.most_bytes // 1_000_000, help="limit of the answer"
     )
     options = parser.parse_args(argv)
-    with sandboxed.answering(options, options.file_mb) as answer:
+    with sandboxed.open_answer(options, options.file_mb) as answer:
         try:
-            sandboxed.write_whole(answer, msgspec.msgpack.encode(traced(options.out, options.actor)))
+            sandboxed.write_all(answer, msgspec.msgpack.encode(traced(options.out, options.actor)))
         except AcrcError as error:
             sys.stderr.write(f"{error}\n")
             return 2

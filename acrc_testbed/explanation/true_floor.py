@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.explanation.episodes import STANDARD, EpisodeParameters
+from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria
 from acrc_testbed.run_model.floor import FloorObject, FloorState
 from actors.floor import raster
 from actors.floor.doors import DoorError, Doorways
@@ -30,7 +30,7 @@ _ASIDE: Final = 0.3
 _CELL_COST: Final = 2 * STRAIGHT * _OPEN
 
 
-class FloorWays:
+class FloorPaths:
     """Shortest paths of discs of one radius on one floor; cached per goal."""
 
     def __init__(self, grid: OccupancyGrid, radius: float, reach: float) -> None:
@@ -209,13 +209,13 @@ def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArr
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class FloorStage:
     """The floor from one step until the next stage."""
 
     begin: int
-    ways: FloorWays
+    ways: FloorPaths
     """Paths on the floor as it is."""
-    opened: FloorWays
+    opened: FloorPaths
     """Paths if all doors were open."""
     leaves: NDArray[np.float64]
     """(n, 2): centres of the cells of closed doors, m."""
@@ -229,7 +229,7 @@ class TrueFloor:
         grid: OccupancyGrid,
         radius: float,
         changes: Sequence[tuple[int, FloorState]] = (),
-        parameters: EpisodeParameters = STANDARD,
+        parameters: CauseCriteria = STANDARD,
     ) -> None:
         """`grid`: the robots' map; `radius`: radius of the largest robot, m.
 
@@ -240,9 +240,9 @@ class TrueFloor:
         self._radius, self._reach = radius, parameters.reported
         self._changes = changes
 
-    def stages(self) -> list[Stage]:
+    def stages(self) -> list[FloorStage]:
         """Return all stages in order."""
-        found: list[Stage] = [self._stage(0, ())]
+        found: list[FloorStage] = [self._stage(0, ())]
         before: FloorState = ()
         for begin, state in self._changes:
             solid = tuple(one for one in state if one.kind != "jammer")
@@ -251,7 +251,7 @@ class TrueFloor:
                 found.append(self._stage(begin, solid))
         return found
 
-    def _stage(self, begin: int, things: FloorState) -> Stage:
+    def _stage(self, begin: int, things: FloorState) -> FloorStage:
         taken, leaves = np.zeros((2, *self.grid.cells.shape), np.bool_)
         for thing in things:
             if thing.kind == "closed door":
@@ -262,7 +262,7 @@ class TrueFloor:
         ways = self._ways(taken | leaves) if leaves.any() else opened
         rows, columns = np.nonzero(leaves)
         x, y = self.grid.centres()
-        return Stage(begin, ways, opened, np.column_stack([x[columns], y[rows]]))
+        return FloorStage(begin, ways, opened, np.column_stack([x[columns], y[rows]]))
 
     def _leaf(self, door: FloorObject) -> NDArray[np.bool_]:
         """Return the cells of a closed door, (rows, columns); none if the map has no door there."""
@@ -276,16 +276,16 @@ class TrueFloor:
     def _doorways(self) -> Doorways:
         return Doorways(self.grid, self._radius)
 
-    def _ways(self, taken: NDArray[np.bool_]) -> FloorWays:
+    def _ways(self, taken: NDArray[np.bool_]) -> FloorPaths:
         key = taken.tobytes()
         if key not in self._known:
             cells = np.where(taken, np.uint8(OCCUPIED), self.grid.cells)
             floor = replace(self.grid, cells=cells) if taken.any() else self.grid
-            self._known[key] = FloorWays(floor, self._radius, self._reach)
+            self._known[key] = FloorPaths(floor, self._radius, self._reach)
         return self._known[key]
 
     @cached_property
-    def _known(self) -> dict[bytes, FloorWays]:
+    def _known(self) -> dict[bytes, FloorPaths]:
         return {}
 
     def _from(self, thing: FloorObject) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from acrc_testbed.export.robot_entries import (
     true_entries,
 )
 from acrc_testbed.export.ros2_log import LogEntry, Spool, write
-from acrc_testbed.recordings.run_recordings import all_recordings, setup_of
+from acrc_testbed.recordings.run_recordings import all_recordings, read_setup
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.introspection import NOT_RECORDED, RecordedProcess
@@ -105,6 +105,6 @@ def _models(run: RunData, files: Mapping[str, Path]) -> dict[str, RobotModel]:
         return {body.id: load_model(body.model, body.sensor) for body in bodies}
     found = {}
     for source in run.processes:
-        setup = setup_of(files[source.actor], RobotSetup, "a robot")
+        setup = read_setup(files[source.actor], RobotSetup, "a robot")
         found[source.robot] = load_model(located_model(setup.model, files[source.actor].parent), setup.sensor)
     return found

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from acrc_testbed.explanation.account import Spell
+from acrc_testbed.explanation.account import CauseInterval
 from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.picture import marks, style
 from acrc_testbed.picture.marks import PointLabel
@@ -29,7 +29,7 @@ JUMP: Final = 1.0
 """Distance in one step from which a robot counts as carried, m; no line is drawn."""
 _STOOD: Final = "#7a1116"
 _STOPPED: Final = (Cause.OFF, Cause.FROZEN)
-_TOGETHER: Final = 1.6
+_SAME_POSITION: Final = 1.6
 """Blocked positions closer than this share one mark, m."""
 _MEETING_S: Final = 5.0
 """Minimum total duration of a marked position, s."""
@@ -77,7 +77,7 @@ class DrawnRun(NamedTuple):
     """Points that labels should not cover, m."""
 
 
-def draw_run(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
+def draw_run(axes: Axes, run: RunData, doing: Sequence[CauseInterval]) -> DrawnRun:
     """Draw trails, final positions, places, obstacles and positions of blocked robots."""
     few = glyphs.has_few(run.robots)
     put = floor_intervals(run.floor, run.end)
@@ -93,8 +93,8 @@ def draw_run(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
         if spell.cause in _STOPPED:
             kinds.add(spell.cause.value)
             _stopped(axes, spell, run)
-    stood = meetings(doing)
-    labels += [_meeting(axes, *one) for one in stood]
+    stood = blocked_positions(doing)
+    labels += [_draw_blocked(axes, *one) for one in stood]
     kinds |= {"stood"} if stood else set()
     ends = [(x, y) for x, y in run.true[-1, :, :2].tolist()]
     taken = (*ends, *((x, y) for x, y, _ in stood), *((one.x, one.y) for one in run.outcomes))
@@ -125,7 +125,7 @@ def _name(run: RunData, index: int, robot: str, *, few: bool) -> PointLabel:
     return PointLabel(robot, x, y, style.colour(index), 5.0 if few else 2.5, 8.5 if few else 5.5, bold=True)
 
 
-def _stopped(axes: Axes, spell: Spell, run: RunData) -> None:
+def _stopped(axes: Axes, spell: CauseInterval, run: RunData) -> None:
     """Mark the position of a robot that was off or frozen."""
     colour = style.colour(run.robots.index(spell.robot))
     marks.plot(axes, spell.cause.value, spell.x, spell.y, colour, size=9.0, zorder=7)
@@ -147,18 +147,18 @@ def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
     return shape if by is None or shape == "given" else "done"
 
 
-def _meeting(axes: Axes, x: float, y: float, lasted: float) -> PointLabel:
+def _draw_blocked(axes: Axes, x: float, y: float, lasted: float) -> PointLabel:
     """Draw a disc where robots were blocked, larger for a longer time; return its label."""
     size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
     marks.plot(axes, "stood", x, y, "", size=size, zorder=7)
     return PointLabel(f"{lasted:.0f} s", x, y, _STOOD, size / 2, 7.0)
 
 
-def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:
+def blocked_positions(doing: Sequence[CauseInterval]) -> list[tuple[float, float, float]]:
     """Return positions where robots blocked others, x, y, m, with total durations, s, without short ones."""
-    clusters: list[list[Spell]] = []
+    clusters: list[list[CauseInterval]] = []
     for one in sorted((one for one in doing if one.cause in BY_ROBOTS), key=lambda one: one.begin - one.end):
-        near = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _TOGETHER)
+        near = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _SAME_POSITION)
         cluster = next(near, None)
         if cluster is None:
             clusters.append([one])
@@ -168,7 +168,7 @@ def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:
     return [(x, y, lasted) for x, y, lasted in found if lasted >= _MEETING_S]
 
 
-def _middle(cluster: Sequence[Spell]) -> tuple[float, float]:
+def _middle(cluster: Sequence[CauseInterval]) -> tuple[float, float]:
     """Return the mean position, weighted by duration."""
     lasted = [one.end - one.begin for one in cluster]
     x = sum(one.x * weight for one, weight in zip(cluster, lasted, strict=True))
@@ -176,7 +176,7 @@ def _middle(cluster: Sequence[Spell]) -> tuple[float, float]:
     return x / sum(lasted), y / sum(lasted)
 
 
-def _union(cluster: Sequence[Spell]) -> float:
+def _union(cluster: Sequence[CauseInterval]) -> float:
     """Return the total duration of the union of intervals, s."""
     lasted, until = 0.0, -math.inf
     for one in sorted(cluster, key=lambda one: one.begin):

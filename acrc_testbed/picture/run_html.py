@@ -5,12 +5,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from acrc_testbed.explanation.account import Spell, spells
+from acrc_testbed.explanation.account import CauseInterval, cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, run_page, style
 from acrc_testbed.picture import html_page as rendering
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
-from acrc_testbed.recordings.topics import goes_on
+from acrc_testbed.recordings.topics import is_running
 from acrc_testbed.results import summary
 from acrc_testbed.run_model.data import RunData, ordered_changes
 from actors.instant import in_seconds
@@ -40,7 +40,7 @@ def html(run: RunData, drawn: bytes) -> str:
 
 def sections(run: RunData, drawn: bytes) -> list[PageSection]:
     """Return the sections about a run that have any content."""
-    doing = spells(run)
+    doing = cause_intervals(run)
     every = [
         PageSection("Result", list(_words(run))),
         PageSection("Overview", picture=PagePicture(drawn, _ALT, _CAPTION)),
@@ -57,13 +57,13 @@ def sections(run: RunData, drawn: bytes) -> list[PageSection]:
 
 def _words(run: RunData) -> Iterator[str]:
     if run.result is None:
-        how = "is still running" if goes_on(run.out) else "was cut off"
+        how = "is still running" if is_running(run.out) else "was cut off"
         yield f"The run {how}; this page shows its first {run.end:g} simulated s."
     else:
         yield from summary.sentences(run.result)
 
 
-def _deeds(run: RunData, doing: Sequence[Spell]) -> PageTable:
+def _deeds(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:
     """Return seconds by cause, and numbers of places, per robot."""
     lasted: defaultdict[tuple[str, Cause], float] = defaultdict(float)
     for one in doing:
@@ -84,16 +84,16 @@ def _deeds(run: RunData, doing: Sequence[Spell]) -> PageTable:
     return _table("Seconds by cause, and numbers of places, per robot.", columns, rows, 1)
 
 
-def _meetings(doing: Sequence[Spell]) -> PageTable:
+def _meetings(doing: Sequence[CauseInterval]) -> PageTable:
     rows = [
         [f"{x:.2f}", f"{y:.2f}", f"{lasted:.1f}"]
-        for x, y, lasted in sorted(floor_picture.meetings(doing), key=lambda one: -one[2])
+        for x, y, lasted in sorted(floor_picture.blocked_positions(doing), key=lambda one: -one[2])
     ]
     return _table("Positions where robots waited for others, with total duration.",
                   ["x, m", "y, m", "duration, s"], rows, 0)  # fmt: skip
 
 
-def _put(run: RunData, doing: Sequence[Spell]) -> PageTable:
+def _put(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:
     """Return the orders, and the intervals of frozen and stopped robots."""
     stopped = [one for one in doing if one.cause in (Cause.FROZEN, Cause.OFF)]
     told = [(one.second, one.robot, one.words) for one in ordered_changes(run)]

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from acrc_testbed.explanation.account import Spell, spells
+from acrc_testbed.explanation.account import CauseInterval, cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun
@@ -27,7 +27,7 @@ _WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE})
 _ORDERED: Final = "event or order"
 
 
-def draw_lanes(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool) -> None:
+def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, legend: bool) -> None:
     """Draw one lane per robot.
 
     Ticks: cleaned places, in the owner's colour; triangles: adoptions; dashed lines: orders.
@@ -56,7 +56,7 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[Spell], *, legend: bool
         )  # fmt: skip
 
 
-def lane_order(run: RunData, doing: Sequence[Spell]) -> list[str]:
+def lane_order(run: RunData, doing: Sequence[CauseInterval]) -> list[str]:
     """Return the robots from top to bottom: few in scenario order, many by lost time, longest first."""
     if glyphs.has_few(run.robots):
         return list(run.robots)
@@ -66,7 +66,7 @@ def lane_order(run: RunData, doing: Sequence[Spell]) -> list[str]:
     return sorted(run.robots, key=lambda robot: -kept[robot])
 
 
-def lane_legend(runs: Sequence[RunData], doing: Sequence[Spell]) -> list[Artist]:
+def lane_legend(runs: Sequence[RunData], doing: Sequence[CauseInterval]) -> list[Artist]:
     """Return legend entries for the colours and marks used."""
     seen = {one.cause.value for one in doing}
     states = [(word, glyph) for word, glyph in SEEN_STATES.items() if word in seen]
@@ -104,7 +104,7 @@ def _mark(
 
 def draw(run: RunData) -> Figure:
     """Draw the page of a run."""
-    doing = spells(run)
+    doing = cause_intervals(run)
     tall = 0.24 * min(max(len(run.robots), 4), 50)
     figure = style.new_figure(11.0, 7.0 + tall)
     grid = figure.add_gridspec(3, 2, height_ratios=[5.0, tall + 0.5, 1.5], width_ratios=[3, 1])
@@ -196,7 +196,7 @@ def draw_several(runs: Sequence[RunData]) -> Figure:
     figure = style.new_figure(4.6 * len(runs), 6.6)
     grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
     end = max(run.end for run in runs)
-    done = [spells(run) for run in runs]
+    done = [cause_intervals(run) for run in runs]
     floors: list[tuple[Axes, DrawnRun]] = []
     for column, (run, doing) in enumerate(zip(runs, done, strict=True)):
         axes = figure.add_subplot(grid[0, column])
@@ -226,7 +226,7 @@ def write_several(runs: Sequence[RunData], path: Path) -> None:
         style.save(draw_several(runs), path)
 
 
-def _draw_part(axes: Axes, run: RunData, doing: Sequence[Spell]) -> DrawnRun:
+def _draw_part(axes: Axes, run: RunData, doing: Sequence[CauseInterval]) -> DrawnRun:
     """Draw the part of the floor with trails and places."""
     floor_picture.draw_floor(axes, run.grid)
     drawn = floor_picture.draw_run(axes, run, doing)

@@ -13,7 +13,7 @@ from matplotlib import axes, patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from acrc_testbed.recordings.topics import so_far
+from acrc_testbed.recordings.topics import recorded_span
 from acrc_testbed.run_model.data import RunData
 from actors.observer import glyphs
 from actors.observer.glyphs import Colour
@@ -87,14 +87,14 @@ def title(run: RunData) -> str:
     count, result = len(run.robots), run.result
     robots = "1 robot" if count == 1 else f"{count} robots"
     if result is None:
-        return f"{robots}, seed {run.description.seed}: {so_far(run.out, run.end)}"
+        return f"{robots}, seed {run.description.seed}: {recorded_span(run.out, run.end)}"
     return f"{short_title(run)}   ({robots}, seed {result.seed}, digest {result.digest[:8]})"
 
 
 def short_title(run: RunData) -> str:
     """Return a title with strategy and result."""
     if run.result is None:
-        return so_far(run.out, run.end)
+        return recorded_span(run.out, run.end)
     strategy = run.result.origin.strategy or "a strategy"
     done = f"{run.result.places_done} of {run.result.places_total} places"
     return f"{strategy}: {done} in {run.result.simulated_s:g} s"

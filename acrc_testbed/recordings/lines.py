@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from msgspec import inspect
 
-from acrc_testbed.recordings.topics import Growing, Recorded, TopicError, files, has_ended, short
+from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage, TopicError, files, has_ended, short_key
 from actors.instant import in_seconds
 from actors.messages import Scan
 from actors.processes.robot_logs import LogTail, check_names, robots
@@ -29,14 +29,14 @@ TAG: Final = "kind"
 """Field that names the variant of a union, such as `heard` in the events of Received."""
 
 
-def plain(value: object) -> Any:
+def to_json_types(value: object) -> Any:
     """Convert a value to JSON types: structs to dicts, bytes to base64, scans to ranges in mm."""
     if isinstance(value, msgspec.Struct):
         tag = value.__struct_config__.tag
         named: dict[str, Any] = {} if tag is None else {TAG: tag}
-        return named | {name: plain(_field(value, name)) for name in value.__struct_fields__}
+        return named | {name: to_json_types(_field(value, name)) for name in value.__struct_fields__}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_json_types(item) for item in value]
     if isinstance(value, bytes):
         return base64.b64encode(value).decode()
     return value
@@ -68,7 +68,7 @@ def _columns(kind: inspect.Type, name: str) -> list[str]:
     return [name]
 
 
-def at_column(message: Message, column: str) -> Any:
+def column_value(message: Message, column: str) -> Any:
     """Return the value of a column such as `robots[2].x` in JSON types, or None if it is absent.
 
     Raises LookupError for a column that this type of message does not have.
@@ -86,10 +86,10 @@ def at_column(message: Message, column: str) -> Any:
             value = _field(value, part)
         else:
             raise LookupError(column)
-    return plain(value)
+    return to_json_types(value)
 
 
-class LineForm(Enum):
+class OutputFormat(Enum):
     """Output format of messages and log lines."""
 
     TEXT = auto()
@@ -100,37 +100,37 @@ class LineForm(Enum):
 _HASH_ONLY = "only the hash was recorded: no process received it"
 
 
-def shown(recorded: Iterable[Recorded], form: LineForm) -> Iterator[str]:
+def format_messages(recorded: Iterable[LoggedMessage], form: OutputFormat) -> Iterator[str]:
     """Format one line per message. Raises TopicError for a table of several message types."""
     return (
         csv_lines(recorded)
-        if form is LineForm.CSV
-        else map(_json_line if form is LineForm.JSON else format_message, recorded)
+        if form is OutputFormat.CSV
+        else map(_json_line if form is OutputFormat.JSON else format_message, recorded)
     )
 
 
-def _json_line(one: Recorded) -> str:
+def _json_line(one: LoggedMessage) -> str:
     message = one.message()
-    head = {"seconds": in_seconds(one.instant), "key": short(one.key), "type": one.topic.kind.__name__}
-    return json.dumps({**head, "message": None if message is None else plain(message)})
+    head = {"seconds": in_seconds(one.instant), "key": short_key(one.key), "type": one.topic.kind.__name__}
+    return json.dumps({**head, "message": None if message is None else to_json_types(message)})
 
 
-def format_message(one: Recorded) -> str:
+def format_message(one: LoggedMessage) -> str:
     """Format simulated time, key and fields of a message as one line."""
     message = one.message()
     text = _HASH_ONLY if message is None else _fields(message)
-    return printable(f"{in_seconds(one.instant):10.3f} s  {short(one.key)}  {text}")
+    return printable(f"{in_seconds(one.instant):10.3f} s  {short_key(one.key)}  {text}")
 
 
 def _fields(message: Message) -> str:
-    return " ".join(f"{name}={_shown(value)}" for name, value in plain(message).items())
+    return " ".join(f"{name}={_shown(value)}" for name, value in to_json_types(message).items())
 
 
 def _shown(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
-def csv_lines(recorded: Iterable[Recorded]) -> Iterator[str]:
+def csv_lines(recorded: Iterable[LoggedMessage]) -> Iterator[str]:
     """Format messages as CSV: a header, then one row per message with its time in simulated s.
 
     Raises TopicError for messages of several types.
@@ -143,12 +143,12 @@ def csv_lines(recorded: Iterable[Recorded]) -> Iterator[str]:
             yield csv_row(["seconds", "key", *names])
         if one.topic.kind is not topic.kind:
             raise TopicError(
-                f"--csv: messages on {short(one.key)} have type {one.topic.kind.__name__}, earlier ones "
+                f"--csv: messages on {short_key(one.key)} have type {one.topic.kind.__name__}, earlier ones "
                 f"{topic.kind.__name__}; give keys of one type, such as */drive"
             )
         message = one.message()
-        cells = [None if message is None else at_column(message, name) for name in names]
-        yield csv_row([in_seconds(one.instant), short(one.key), *map(_cell, cells)])
+        cells = [None if message is None else column_value(message, name) for name in names]
+        yield csv_row([in_seconds(one.instant), short_key(one.key), *map(_cell, cells)])
 
 
 def _cell(value: Any) -> Any:
@@ -162,7 +162,7 @@ def csv_row(cells: list[Any]) -> str:
     return text.getvalue()
 
 
-def series(recorded: Iterable[Recorded], column: str) -> dict[str, tuple[list[float], list[float]]]:
+def series(recorded: Iterable[LoggedMessage], column: str) -> dict[str, tuple[list[float], list[float]]]:
     """Return times, s, and values of a numeric column, such as `odometry.x` or `robots[0].x`, by key.
 
     Messages without the column are left out. Raises TopicError if it is not a number.
@@ -184,15 +184,15 @@ def series(recorded: Iterable[Recorded], column: str) -> dict[str, tuple[list[fl
 
 def _number(message: Message, column: str, key: str) -> float | None:
     try:
-        value = at_column(message, column)
+        value = column_value(message, column)
     except (LookupError, ValueError):
         known = ", ".join(columns(type(message)))
-        raise TopicError(f"{column!r}: not a field of {short(key)}; choose from {known}") from None
+        raise TopicError(f"{column!r}: not a field of {short_key(key)}; choose from {known}") from None
     if value is None:
         return None
     if not isinstance(value, int | float):
         text = msgspec.json.encode(value).decode()[:80]
-        raise TopicError(f"{column!r}: {text} in {short(key)}; must be a number")
+        raise TopicError(f"{column!r}: {text} in {short_key(key)}; must be a number")
     return float(value)
 
 
@@ -201,7 +201,7 @@ _POLL_S: Final = 0.1
 _STAMP: Final = re.compile(r" *(\d+\.\d{3}) s  step \d+  ")
 
 
-class Printed(NamedTuple):
+class LogLine(NamedTuple):
     """One line of a robot's log."""
 
     robot: str
@@ -217,7 +217,7 @@ def is_log(key: str) -> bool:
 
 def read_logs(
     out: Path, keys: Sequence[str], begin: float, end: float | None, *, follow: bool
-) -> Iterator[Printed]:
+) -> Iterator[LogLine]:
     """Yield the lines of these logs; `follow`: also new ones until the run ends. Raises AcrcError."""
     if out.is_file():
         raise TopicError(f"{out}: a recording has no log; give a run's folder")
@@ -232,37 +232,37 @@ def read_logs(
 
 def _within(
     found: Iterable[tuple[str, str]], now: dict[str, float], begin: float, end: float | None
-) -> Iterator[Printed]:
+) -> Iterator[LogLine]:
     for robot, line in found:
         if stamp := _STAMP.match(line):
             now[robot] = float(stamp[1])
         seconds = now.setdefault(robot, 0.0)
         if begin <= seconds and (end is None or seconds <= end):
-            yield Printed(robot, seconds, line)
+            yield LogLine(robot, seconds, line)
 
 
-def shown_logs(found: Iterable[Printed], form: LineForm, *, named: bool) -> Iterator[str]:
+def format_logs(found: Iterable[LogLine], form: OutputFormat, *, named: bool) -> Iterator[str]:
     """Format log lines; `named`: prefix them with the robot."""
-    if form is LineForm.CSV:
+    if form is OutputFormat.CSV:
         yield csv_row(["seconds", "key", "text"])
     for one in found:
         text = _STAMP.sub("", one.line, count=1)
-        if form is LineForm.JSON:
+        if form is OutputFormat.JSON:
             yield json.dumps({"seconds": one.seconds, "key": one.robot + _LOG, "text": text})
-        elif form is LineForm.CSV:
+        elif form is OutputFormat.CSV:
             yield csv_row([one.seconds, one.robot + _LOG, text])
         else:
             yield f"{one.robot}  {one.line}" if named else one.line
 
 
-class Rate:
+class KeyStatistics:
     """Statistics of the messages on one key over simulated time."""
 
     def __init__(self) -> None:
         self._instants: list[float] = []
         self._sizes: list[int] = []
 
-    def take(self, one: Recorded) -> None:
+    def take(self, one: LoggedMessage) -> None:
         """Add a message."""
         self._instants.append(in_seconds(one.instant))
         self._sizes.append(one.size)
@@ -276,7 +276,7 @@ class Rate:
         first, last, gaps = self._instants[0], self._instants[-1], np.diff(self._instants)
         hertz = (count - 1) / (last - first) if last > first else 0.0
         return {
-            "key": short(key), "type": kind.__name__, "fields": columns(kind), "messages": count,
+            "key": short_key(key), "type": kind.__name__, "fields": columns(kind), "messages": count,
             "bytes": size, "first_s": first, "last_s": last, "hertz": hertz,
             "shortest_s": float(gaps.min()) if hertz else None, "longest_s": float(gaps.max(initial=0.0)),
             "spread_s": float(gaps.std()) if gaps.size else 0.0, "smallest": min(self._sizes),
@@ -284,7 +284,7 @@ class Rate:
         }  # fmt: skip
 
 
-def rate_sentences(told: dict[str, Any]) -> list[str]:
+def statistics_sentences(told: dict[str, Any]) -> list[str]:
     """Describe the statistics of a key in words: fields, rate, sizes."""
     often = ", all in one step"
     if told["hertz"]:
@@ -310,13 +310,13 @@ def info(target: Path) -> list[dict[str, Any]]:
 
 
 def _info(actor: str, path: Path) -> dict[str, Any]:
-    rates: dict[tuple[Direction, str], Rate] = {}
+    rates: dict[tuple[Direction, str], KeyStatistics] = {}
     first = last = 0.0
-    with Growing(path) as growing:
+    with GrowingRecording(path) as growing:
         for one in growing.poll():
             last = in_seconds(one.instant)
             first = first if rates else last
-            rates.setdefault((one.direction, one.key), Rate()).take(one)
+            rates.setdefault((one.direction, one.key), KeyStatistics()).take(one)
     keys = [{"direction": way, **rate.figures(key)} for (way, key), rate in rates.items()]
     run, reading = growing.run, growing.reading
     return {
@@ -351,7 +351,7 @@ def _per_minute(size: int, first_s: float, last_s: float) -> float:
     return size / (last_s - first_s) * 60e-6 if last_s > first_s else 0.0
 
 
-def total(found: Sequence[dict[str, Any]]) -> str:
+def total_sentence(found: Sequence[dict[str, Any]]) -> str:
     """Summarise all recordings of a run in one line."""
     size = sum(one["bytes"] for one in found)
     first, last = min(one["first_s"] for one in found), max(one["last_s"] for one in found)

@@ -21,7 +21,7 @@ from actors.runtime.shell import ActorDigest, MessageHash, carries_digest, run_d
 
 STAMP: Final = struct.Struct("<Q32s")
 """A message in a trail: its step and the sha256 of its bytes."""
-_TOGETHER: Final = 256
+_HASH_BATCH: Final = 256
 """Messages that are hashed in one batch."""
 
 
@@ -30,7 +30,7 @@ class CheckError(AcrcError):
 
 
 @dataclass
-class Pass:
+class RecordingContents:
     """Contents of one recording up to its first damage."""
 
     actor: str
@@ -54,9 +54,9 @@ class Pass:
         return self.path.parent.name
 
 
-def read_pass(actor: str, path: Path, *, strict: bool = False) -> Pass:
+def read_contents(actor: str, path: Path, *, strict: bool = False) -> RecordingContents:
     """Read a recording. Raises CheckError if it is inconsistent, RecordingError as `Reading` does."""
-    told, running, reading = Pass(actor, path), MessageHash(), Reading(path, strict=strict)
+    told, running, reading = RecordingContents(actor, path), MessageHash(), Reading(path, strict=strict)
     first = True
     for item in reading:
         if first:
@@ -66,7 +66,7 @@ def read_pass(actor: str, path: Path, *, strict: bool = False) -> Pass:
             if item.name == "final":
                 told.final = decoded(path, "final", item.json, FinalNote)
         else:
-            _follow(told, running, item)
+            _add_message(told, running, item)
     told.blank = first
     told.step, told.whole = reading.step, reading.whole
     told.digest = running.digest(actor)
@@ -82,7 +82,7 @@ def _check_first(actor: str, path: Path, item: Entry | Note) -> None:
         raise CheckError(f"{path}: recording of {run.actor[:40]!r} instead of {actor!r}")
 
 
-def _follow(told: Pass, running: MessageHash, entry: Entry) -> None:
+def _add_message(told: RecordingContents, running: MessageHash, entry: Entry) -> None:
     trail = told.trails[entry.direction, entry.key]
     number = len(trail) // STAMP.size
     topic = topic_of(entry.key)
@@ -95,11 +95,11 @@ def _follow(told: Pass, running: MessageHash, entry: Entry) -> None:
     trail += STAMP.pack(entry.step, entry.sha256)
     if topic.is_digested:
         running.waiting += ((entry.key, entry.step, entry.sequence, entry.sha256),)
-        if len(running.waiting) > _TOGETHER:
+        if len(running.waiting) > _HASH_BATCH:
             running.settle()
 
 
-def _check_final(told: Pass) -> None:
+def _check_final(told: RecordingContents) -> None:
     """Compare the process's final counts with the contents of its file."""
     final = told.final
     if final is None:
@@ -120,7 +120,7 @@ def _check_final(told: Pass) -> None:
         raise CheckError(f"{told.path}: number of received messages differs from the process's count")
 
 
-def _counted(told: Pass, way: Direction) -> dict[str, int]:
+def _counted(told: RecordingContents, way: Direction) -> dict[str, int]:
     return {
         key: len(trail) // STAMP.size
         for (direction, key), trail in told.trails.items()
@@ -172,7 +172,7 @@ def check_recording(file: Path) -> tuple[dict[str, object], str]:
 
     Raises RecordingError if it is damaged.
     """
-    found = read_pass(file.stem, file, strict=True)
+    found = read_contents(file.stem, file, strict=True)
     count, state = found.digest.count, "complete" if found.whole else "truncated"
     until = "" if found.step is None else f", valid up to step {found.step}"
     said = f"recording of {found.actor}: {count} digested messages, {state}{until}"
@@ -187,7 +187,7 @@ def check(out: Path, *, strict: bool = True) -> CheckReport:
     result; otherwise compare their valid parts with the other recordings only. Raises CheckError,
     RecordingError or SealError if files disagree.
     """
-    passes = [read_pass(actor, path, strict=strict) for actor, path in all_recordings(out).items()]
+    passes = [read_contents(actor, path, strict=strict) for actor, path in all_recordings(out).items()]
     blank = [told for told in passes if told.blank]
     if blank and all(told.final is not None for told in passes if not told.blank):
         raise CheckError(f"{blank[0].path}: ends before its first record")
@@ -213,26 +213,26 @@ def check(out: Path, *, strict: bool = True) -> CheckReport:
     )
 
 
-def _meshes(passes: Sequence[Pass]) -> list[list[Pass]]:
+def _meshes(passes: Sequence[RecordingContents]) -> list[list[RecordingContents]]:
     """Group the recordings of processes that exchanged messages: all, or on hardware those of one robot."""
     on_board = any(told.robot.endswith(".base") for told in passes)
-    meshes = defaultdict[str, list[Pass]](list)
+    meshes = defaultdict[str, list[RecordingContents]](list)
     for told in passes:
         meshes[told.robot.partition(".")[0] if on_board else ""].append(told)
     return [*meshes.values()]
 
 
-def _keys(passes: Sequence[Pass]) -> list[str]:
+def _keys(passes: Sequence[RecordingContents]) -> list[str]:
     """Return the keys on which recorded actors exchange messages."""
     keys = {key for told in passes for _, key in told.trails} - {ROSTER.pattern}
     topics = {key: topic_of(key) for key in keys}
     return sorted(k for k, one in topics.items() if not (one.is_from_outside or one.is_recorded_only))
 
 
-def _compare(key: str, passes: Sequence[Pass]) -> int:
+def _compare(key: str, passes: Sequence[RecordingContents]) -> int:
     """Compare sent and received messages on a key; return the number that was not received."""
     senders = [told for told in passes if ("out", key) in told.trails]
-    receivers = defaultdict[str, list[Pass]](list)
+    receivers = defaultdict[str, list[RecordingContents]](list)
     for told in passes:
         if ("in", key) in told.trails:
             receivers[told.robot].append(told)
@@ -249,8 +249,8 @@ def _compare(key: str, passes: Sequence[Pass]) -> int:
 
 def _compare_stamps(
     key: str,
-    senders: Sequence[Pass],
-    receivers: Sequence[Pass],
+    senders: Sequence[RecordingContents],
+    receivers: Sequence[RecordingContents],
     left: Counter[tuple[int, bytes]],
     took: bytes,
 ) -> int:
@@ -279,19 +279,19 @@ def _compare_stamps(
     return missing
 
 
-def _ended_by_clock(senders: Sequence[Pass], receivers: Sequence[Pass]) -> bool:
+def _ended_by_clock(senders: Sequence[RecordingContents], receivers: Sequence[RecordingContents]) -> bool:
     """Return True on hardware, where no process waits for the last message."""
     return any("." in told.robot for told in (*senders, *receivers))
 
 
-def _known(told: Pass) -> int:
+def _known(told: RecordingContents) -> int:
     """Return the last step whose sent messages are all recorded."""
     if told.final is not None:
         return 1 << 64
     return -1 if told.step is None else told.step
 
 
-def _trail(passes: Sequence[Pass], way: Direction, key: str) -> bytes:
+def _trail(passes: Sequence[RecordingContents], way: Direction, key: str) -> bytes:
     return b"".join(told.trails[way, key] for told in passes)
 
 
@@ -299,7 +299,7 @@ def _stamps(trail: bytes) -> Iterator[tuple[int, bytes]]:
     yield from STAMP.iter_unpack(trail)
 
 
-def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
+def _compare_result(out: Path, digest: str, passes: Sequence[RecordingContents]) -> None:
     """Raise CheckError unless a result has complete recordings with its digest."""
     result = out / "run.json"
     if not result.is_file():
@@ -307,7 +307,7 @@ def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
     with regular_file.opened(result) as file:
         text = file.read(_LARGEST_RESULT + 1)
     try:
-        claimed = typed_json.decode(text, _Claim).digest
+        claimed = typed_json.decode(text, _ResultDigest).digest
     except ValueError as error:
         raise RecordingError(f"{result}: not a valid run result: {error}") from None
     cut = next((told for told in passes if told.final is None or not told.whole), None)
@@ -320,7 +320,7 @@ def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
         raise CheckError(f"{result}: digest differs from that of the recordings, {digest}")
 
 
-class _Claim(msgspec.Struct):
+class _ResultDigest(msgspec.Struct):
     """The part of a result that follows from the recordings."""
 
     digest: str

@@ -16,7 +16,7 @@ from typing import Any, Final, cast
 import msgspec
 
 from acrc_testbed.recordings.record_check import check
-from acrc_testbed.recordings.run_recordings import all_recordings, run_of, told
+from acrc_testbed.recordings.run_recordings import all_recordings, read_run_note, decode_setup
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import command
 from actors.instant import Instant, seconds
@@ -47,12 +47,12 @@ from actors.world import program as world_program
 from actors.world.world_setup import WorldSetup
 
 
-class EnoughError(Exception):
+class ReplayStoppedError(Exception):
     """End of a replay: its time window is over, or the user quit the debugger."""
 
 
 @dataclass(frozen=True)
-class Stretch:
+class TimeWindow:
     """An interval of simulated time."""
 
     begin_s: float = 0.0
@@ -60,8 +60,8 @@ class Stretch:
     """None: to the end."""
 
 
-def limit(core: Core, step_us: int, window: Stretch, stop: Callable[[], None] | None) -> None:
-    """Call `stop` before the first step of the window, and raise EnoughError after the last one."""
+def limit(core: Core, step_us: int, window: TimeWindow, stop: Callable[[], None] | None) -> None:
+    """Call `stop` before the first step of the window, and raise ReplayStoppedError after the last one."""
     advance = core.advance
     begin, stopped = seconds(window.begin_s), stop is None
     end = None if window.end_s is None else seconds(window.end_s)
@@ -70,7 +70,7 @@ def limit(core: Core, step_us: int, window: Stretch, stop: Callable[[], None] | 
         nonlocal stopped
         instant = Instant(core.step * step_us)
         if end is not None and instant > end:
-            raise EnoughError
+            raise ReplayStoppedError
         if not stopped and instant >= begin:
             stopped = True
             assert stop is not None
@@ -78,17 +78,17 @@ def limit(core: Core, step_us: int, window: Stretch, stop: Callable[[], None] | 
         try:
             return advance(inputs)
         except bdb.BdbQuit:
-            raise EnoughError from None
+            raise ReplayStoppedError from None
 
     cast(Any, core).advance = watched
 
 
-def terminal(*, own: bool) -> Callable[[], None]:
+def pdb_breakpoint(*, own: bool) -> Callable[[], None]:
     """Return a call that stops pdb at the next line of the user's code; `own`: as in `UserPdb`."""
     return UserPdb(own=own).set_trace
 
 
-def debugpy_at(port: int) -> Callable[[], None]:
+def debugpy_breakpoint(port: int) -> Callable[[], None]:
     """Wait for a debugger at a local port, and return a call that stops it in the user's code.
 
     Raises AcrcError if the package debugpy is missing.
@@ -115,11 +115,11 @@ class ReplayReport:
 
 
 @dataclass(frozen=True)
-class Onlook:
+class ReplayOptions:
     """Options of an actor's replay."""
 
     prepare: Callable[[Core, int], None] | None = None
-    """Called before the first step with the actor's core and the length of a step, µs. EnoughError, raised by
+    """Called before the first step with the actor's core and the length of a step, µs. ReplayStoppedError, raised by
     the core, ends the replay."""
     behaviour: str | None = None
     """Entry string of a behaviour that replaces the recorded one, with its default settings."""
@@ -127,7 +127,7 @@ class Onlook:
     """Returns a capture of printed output for a length of a step; None: no capture."""
 
 
-def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
+def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOptions()) -> ReplayReport:
     """Run one actor on its recorded inputs. Raises ReplayError at the first output that differs.
 
     Code is loaded from this process's search path (`look_in`), not from the recorded one. Raises
@@ -137,13 +137,13 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; choose from {', '.join(files)}")
     path = files[actor]
-    run = run_of(path)
-    prints = None if onlook.prints is None else onlook.prints(run.step_us)
+    run = read_run_note(path)
+    prints = None if replay_options.prints is None else replay_options.prints(run.step_us)
     with nullcontext() if prints is None else prints.during(0):
-        expect(None if run.code is None or onlook.behaviour is not None else _recorded(path, run.code))
-        part = _part(path, actor, run, onlook)
-    if onlook.prepare is not None:
-        onlook.prepare(part.core, run.step_us)
+        expect(None if run.code is None or replay_options.behaviour is not None else _recorded(path, run.code))
+        part = _part(path, actor, run, replay_options)
+    if replay_options.prepare is not None:
+        replay_options.prepare(part.core, run.step_us)
     bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
     shell = Shell(part.core, bus, bus, actor=run.actor, open_to=part.open_to)
     if part.ready is not None:
@@ -151,7 +151,7 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
     shell.prints = prints
     try:
         replay(shell, bus)
-    except EnoughError:
+    except ReplayStoppedError:
         return ReplayReport(actor, bus.compared, whole=False)
     except ReplayError as error:
         here = part.run
@@ -183,7 +183,7 @@ class RecheckedActor(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class Recheck:
+class RecheckReport:
     """Result of a successful `recheck`."""
 
     actors: int
@@ -191,7 +191,7 @@ class Recheck:
     """Messages of all actors."""
 
 
-def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
+def recheck(out: Path, modules: Sequence[Path] = ()) -> RecheckReport:
     """Check a run's recordings, and replay every actor in a new process with another hash seed.
 
     Raises RecheckError with all differences. A replay differs if an actor depends on more than its inputs: a
@@ -227,7 +227,7 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
             f"{' and '.join(faults)}: the replay differs, so the code depends on more than its inputs, such "
             "as a clock, its own random numbers, the order of a set or id(). " + "; ".join(faults.values())
         )
-    return Recheck(len(results), sum(one.outputs for one in results))
+    return RecheckReport(len(results), sum(one.outputs for one in results))
 
 
 def replay_all(argv: Sequence[str]) -> int:
@@ -304,7 +304,7 @@ def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
 def recorded_code(out: Path) -> RecordedModules | None:
     """Return the modules of a run's robots; None if none were recorded."""
     files = all_recordings(out)
-    runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
+    runs = [(path, read_run_note(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
     known = [_recorded(path, run.code) for path, run in runs if run.code is not None]
     if not known:
         return None
@@ -312,17 +312,17 @@ def recorded_code(out: Path) -> RecordedModules | None:
     return RecordedModules(hashes, all(one.whole for one in known))
 
 
-def _part(path: Path, actor: str, run: RunNote, onlook: Onlook) -> ActorProcess:
+def _part(path: Path, actor: str, run: RunNote, replay_options: ReplayOptions) -> ActorProcess:
     """Build the recorded actor, with the behaviour replaced if `onlook` has one."""
     folder = path.parent
     if actor == "world":
-        return world_program.part_of(told(path, run, WorldSetup, "a world"), folder, run.commit)
+        return world_program.part_of(decode_setup(path, run, WorldSetup, "a world"), folder, run.commit)
     if actor == "radio":
-        return radio_part(told(path, run, RadioSetup, "a radio"), folder, run.commit)
-    setup = told(path, run, RobotSetup, "a robot")
-    if onlook.behaviour is not None:  # the settings belong to the strategy that was recorded
+        return radio_part(decode_setup(path, run, RadioSetup, "a radio"), folder, run.commit)
+    setup = decode_setup(path, run, RobotSetup, "a robot")
+    if replay_options.behaviour is not None:  # the settings belong to the strategy that was recorded
         adaptation = msgspec.structs.replace(setup.adaptation, settings={})
-        setup = msgspec.structs.replace(setup, behaviour=onlook.behaviour, adaptation=adaptation)
+        setup = msgspec.structs.replace(setup, behaviour=replay_options.behaviour, adaptation=adaptation)
     return part_of(setup, folder, run.actor, run.commit)
 
 

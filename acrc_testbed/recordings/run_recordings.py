@@ -67,7 +67,7 @@ _MOST_NAMES: Final = 100_000
 """Limit of the file with code folders, bytes."""
 
 
-def run_of(path: Path) -> RunNote:
+def read_run_note(path: Path) -> RunNote:
     """Return the first record of a recording. Raises RecordingError if there is none."""
     notes = read_notes(path)
     if "run" not in notes:
@@ -75,16 +75,16 @@ def run_of(path: Path) -> RunNote:
     return decoded(path, "run", notes["run"], RunNote)
 
 
-def setup_of(path: Path, kind: type[S], actor: str) -> S:
+def read_setup(path: Path, kind: type[S], actor: str) -> S:
     """Return the set-up of a recorded process; `actor`: the expected kind for errors, such as "a robot".
 
     Paths are relative to the recording's folder. Raises RecordingError.
     """
-    return told(path, run_of(path), kind, actor)
+    return decode_setup(path, read_run_note(path), kind, actor)
 
 
-def told(path: Path, run: RunNote, kind: type[S], actor: str) -> S:
-    """Decode the set-up in a first record; see `setup_of`."""
+def decode_setup(path: Path, run: RunNote, kind: type[S], actor: str) -> S:
+    """Decode the set-up in a first record; see `read_setup`."""
     try:
         return typed_json.decode(run.setup, kind)
     except (ValueError, AcrcError) as error:

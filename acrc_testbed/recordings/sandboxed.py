@@ -25,8 +25,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.recordings.record_replay import Onlook, ReplayReport, replay_actor
-from acrc_testbed.recordings.run_recordings import all_recordings, code_folders, run_of, told
+from acrc_testbed.recordings.record_replay import ReplayOptions, ReplayReport, replay_actor
+from acrc_testbed.recordings.run_recordings import all_recordings, code_folders, read_run_note, decode_setup
 from actors.processes.launch import Program, launcher, scratch_folder
 from actors.processes.robot_logs import said, show
 from actors.robot import assembly
@@ -63,22 +63,22 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
         raise ReplayError(f"{actor}: serves devices and cannot be replayed; give a robot, world or radio")
     if actor not in files or actor in {"world", "radio"}:
         return None
-    run = run_of(files[actor])
-    entry = told(files[actor], run, RobotSetup, "a robot").behaviour
+    run = read_run_note(files[actor])
+    entry = decode_setup(files[actor], run, RobotSetup, "a robot").behaviour
     folders = admitted(files[actor], entry, code_folders(out), permit)
     if folders and run.code is None and not permit.trust:
-        say_unhashed(files[actor])
+        warn_unhashed(files[actor])
     return folders
 
 
 @cache
-def say_unhashed(place: Path) -> None:
+def warn_unhashed(place: Path) -> None:
     """Warn once that the strategy's code cannot be compared with the recorded one."""
     warn(f"{place}: recorded without hashes of the strategy's modules; they may differ here")
 
 
 @dataclass(frozen=True)
-class Bounds:
+class ProgramLimits:
     """Limits of one program."""
 
     most_bytes: int
@@ -100,8 +100,8 @@ class ProgramOutput(NamedTuple):
     """Last output of its code."""
 
 
-def ask(
-    out: Path, module: str, actor: str, words: Sequence[str], bounds: Bounds, *, permit: Permit, isolate: bool
+def run_program(
+    out: Path, module: str, actor: str, words: Sequence[str], bounds: ProgramLimits, *, permit: Permit, isolate: bool
 ) -> ProgramOutput:
     """Run a program with a robot's recorded code; `words`: further arguments.
 
@@ -146,7 +146,7 @@ def ask(
         )
 
 
-BOUNDS: Final = Bounds(1 << 16)
+BOUNDS: Final = ProgramLimits(1 << 16)
 """Limits of a replay; a difference is one sentence that quotes two messages."""
 
 
@@ -158,7 +158,7 @@ class ReplayAnswer(msgspec.Struct, frozen=True):
 
 
 def replay(
-    out: Path, actor: str, *, permit: Permit, isolate: bool | None, bounds: Bounds = BOUNDS
+    out: Path, actor: str, *, permit: Permit, isolate: bool | None, bounds: ProgramLimits = BOUNDS
 ) -> ReplayReport:
     """Replay one actor; a robot in a sandbox if the machine supports it and `isolate` permits it.
 
@@ -173,7 +173,7 @@ def replay(
         look_in(folders, any_content=permit.trust)
         return replay_actor(out, actor)  # in this process, for debuggers
     report_damage(all_recordings(out)[actor])
-    outcome = ask(out, _PROGRAM, actor, (), bounds, permit=permit, isolate=choice.isolate)
+    outcome = run_program(out, _PROGRAM, actor, (), bounds, permit=permit, isolate=choice.isolate)
     show(outcome.said)
     fault = outcome.fault
     if outcome.data is not None:
@@ -187,7 +187,7 @@ def replay(
     raise ReplayError(fault or f"{actor}: no answer of the replay")
 
 
-def parser(program: str) -> ArgumentParser:
+def argument_parser(program: str) -> ArgumentParser:
     """Return the parser of the common arguments; `program`: the module."""
     options = ArgumentParser(prog=f"python -m {program}")
     for name in ("--out", "--answer", "--own"):
@@ -200,7 +200,7 @@ def parser(program: str) -> ArgumentParser:
 
 
 @contextmanager
-def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
+def open_answer(options: Namespace, file_mb: int) -> Iterator[FileIO]:
     """Create the answer's file, then enter the sandbox if `--isolate` is given.
 
     The process exits with its parent; files that it writes are limited to `file_mb`. Raises OSError if the
@@ -222,14 +222,14 @@ def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
         yield answer
 
 
-def bug(actor: str, error: Exception) -> str:
+def describe_failure(actor: str, error: Exception) -> str:
     """Return the fault of failed code; its traceback goes to the log, if that has room."""
     failure.release()
     print_traceback(error)
     return f"{actor}: {type(error).__name__}: {error}"
 
 
-def write_whole(answer: FileIO, data: bytes) -> None:
+def write_all(answer: FileIO, data: bytes) -> None:
     """Write all data. Raises OSError beyond the limit of a file."""
     left = memoryview(data)
     while left:
@@ -238,15 +238,15 @@ def write_whole(answer: FileIO, data: bytes) -> None:
 
 def main(argv: Sequence[str]) -> int:
     """Replay one actor and write the answer; return the exit code."""
-    options = parser(_PROGRAM).parse_args(argv)
-    with answering(options, _FILE_MB) as answer:
+    options = argument_parser(_PROGRAM).parse_args(argv)
+    with open_answer(options, _FILE_MB) as answer:
         try:
-            onlook = Onlook(prints=partial(prints.on, sys.stdout))
-            result = ReplayAnswer(report=replay_actor(options.out, options.actor, onlook))
+            replay_options = ReplayOptions(prints=partial(prints.on, sys.stdout))
+            result = ReplayAnswer(report=replay_actor(options.out, options.actor, replay_options))
         except AcrcError as error:
             result = ReplayAnswer(fault=str(error))
         except Exception as error:
-            result = ReplayAnswer(fault=bug(options.actor, error))
+            result = ReplayAnswer(fault=describe_failure(options.actor, error))
         answer.write(msgspec.json.encode(result))
     return 0
 

@@ -41,7 +41,7 @@ class TopicError(AcrcError):
     """A key without recorded messages, or an unknown field."""
 
 
-class Recorded(NamedTuple):
+class LoggedMessage(NamedTuple):
     """One recorded message."""
 
     step: int
@@ -69,14 +69,14 @@ class Recorded(NamedTuple):
         return None if self.payload is None else decode(self.topic, self.key, self.payload)
 
 
-def short(key: str) -> str:
+def short_key(key: str) -> str:
     """Return a key without the common prefix, such as `r1/drive` or `truth`."""
     return key.removeprefix("swarm/up/").removeprefix("swarm/down/").removeprefix("swarm/infra/")
 
 
-def fits(key: str, wanted: str) -> bool:
+def matches(key: str, wanted: str) -> bool:
     """Return True if a key, in full or short, matches a pattern such as `*/drive`."""
-    return fnmatchcase(key, wanted) or fnmatchcase(short(key), wanted)
+    return fnmatchcase(key, wanted) or fnmatchcase(short_key(key), wanted)
 
 
 def files(target: Path) -> dict[str, Path]:
@@ -86,7 +86,7 @@ def files(target: Path) -> dict[str, Path]:
     return {target.stem: target}
 
 
-def messages(target: Path, wanted: str) -> Iterator[Recorded]:
+def messages(target: Path, wanted: str) -> Iterator[LoggedMessage]:
     """Yield every message on the matching keys once, in order of time.
 
     Messages come from the receiver's recording, as senders record only the hash of a large one. Raises
@@ -95,16 +95,16 @@ def messages(target: Path, wanted: str) -> Iterator[Recorded]:
     return follow(target, [wanted], lambda: True)
 
 
-def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> Iterator[Recorded]:
+def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> Iterator[LoggedMessage]:
     """Yield messages as `messages` does, then new ones until `ended` returns True."""
     alone, found = target.is_file(), False
-    readers: dict[Path, Growing] = {}
+    readers: dict[Path, GrowingRecording] = {}
     with ExitStack() as stack:
         while True:
             last = ended()
             for path in files(target).values():
                 if path not in readers:
-                    readers[path] = stack.enter_context(Growing(path))
+                    readers[path] = stack.enter_context(GrowingRecording(path))
             for one in heapq.merge(*(_of(each, wanted, alone) for each in readers.values()), key=_order):
                 found = True
                 yield one
@@ -118,7 +118,7 @@ def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> It
         )
 
 
-def within(recorded: Iterable[Recorded], begin: float, end: float | None) -> Iterator[Recorded]:
+def within(recorded: Iterable[LoggedMessage], begin: float, end: float | None) -> Iterator[LoggedMessage]:
     """Yield the messages from `begin` to `end`, simulated s, both included; None: to the end."""
     for one in recorded:
         if begin <= in_seconds(one.instant) and (end is None or in_seconds(one.instant) <= end):
@@ -132,7 +132,7 @@ def has_ended(target: Path) -> bool:
     return all(is_closed(path) for path in files(target).values())
 
 
-class Growing:
+class GrowingRecording:
     """A recording that may still be written; a context manager that closes the file."""
 
     def __init__(self, path: Path) -> None:
@@ -148,7 +148,7 @@ class Growing:
     def __exit__(self, *_: object) -> None:
         self._stream.close()
 
-    def poll(self) -> Iterator[Recorded]:
+    def poll(self) -> Iterator[LoggedMessage]:
         """Yield the messages completed since the last call; read it to the end. Raises RecordingError."""
         for item in self.reading.more(self._stream):
             if isinstance(item, Note):
@@ -157,7 +157,7 @@ class Growing:
             else:
                 yield self._recorded(item)
 
-    def _recorded(self, entry: Entry) -> Recorded:
+    def _recorded(self, entry: Entry) -> LoggedMessage:
         step = entry.step
         if entry.key in _WITHOUT_STEP:
             step = self._step + 1  # processed at the start of the next step
@@ -165,7 +165,7 @@ class Growing:
             self._step = max(step, self._step)
         size = _HASH if entry.payload is None else len(entry.payload)
         instant = Instant(step * (0 if self.run is None else self.run.step_us))
-        return Recorded(
+        return LoggedMessage(
             step=step,
             instant=instant,
             key=entry.key,
@@ -177,16 +177,16 @@ class Growing:
         )
 
 
-def _of(growing: Growing, wanted: Sequence[str], alone: bool) -> Iterator[Recorded]:
+def _of(growing: GrowingRecording, wanted: Sequence[str], alone: bool) -> Iterator[LoggedMessage]:
     """Yield the matching messages of one file; unless it is `alone`, those that it records for the run."""
     for one in growing.poll():
-        if any(fits(one.key, name) for name in wanted) and (
+        if any(matches(one.key, name) for name in wanted) and (
             alone or (one.direction == "out") == _is_from_sender(one.key)
         ):
             yield one
 
 
-def _order(one: Recorded) -> int:
+def _order(one: LoggedMessage) -> int:
     return one.step
 
 
@@ -198,7 +198,7 @@ def is_closed(path: Path) -> bool:
         return size > len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC
 
 
-class Standing(Enum):
+class RunState(Enum):
     """State of a run."""
 
     ENDED = "ended"
@@ -208,7 +208,7 @@ class Standing(Enum):
     """They did not, and no process writes to them."""
 
 
-def standing(out: Path) -> Standing:
+def run_state(out: Path) -> RunState:
     """Return the state of the run in a folder. Raises RecordingError without a recording.
 
     Writing processes are detected on Linux only, and only those of this user; otherwise a run that has not
@@ -217,23 +217,23 @@ def standing(out: Path) -> Standing:
     files = recordings(out)
     conducting = [path for actor, path in files.items() if actor in ("world", "radio")]
     if (out / "run.json").is_file() or not conducting or all(is_closed(path) for path in conducting):
-        return Standing.ENDED
-    return Standing.GOING_ON if _written(conducting) else Standing.DIED
+        return RunState.ENDED
+    return RunState.GOING_ON if _written(conducting) else RunState.DIED
 
 
-def so_far(out: Path, end: float) -> str:
+def recorded_span(out: Path, end: float) -> str:
     """Describe the recorded part of a run without a result, as the end of a title."""
-    return f"up to {end:g} s, still running" if goes_on(out) else f"cut off after {end:g} s"
+    return f"up to {end:g} s, still running" if is_running(out) else f"cut off after {end:g} s"
 
 
-def goes_on(out: Path) -> bool:
+def is_running(out: Path) -> bool:
     """Return True if a run is running, or has got its result since its data were read."""
-    return standing(out) is Standing.GOING_ON or (out / "run.json").is_file()
+    return run_state(out) is RunState.GOING_ON or (out / "run.json").is_file()
 
 
-def drawn_until(out: Path, end: float) -> str:
+def partial_run_notice(out: Path, end: float) -> str:
     """Return a notice that a run without a result is drawn up to `end`, s."""
-    how = "is still running" if goes_on(out) else "was cut off"
+    how = "is still running" if is_running(out) else "was cut off"
     return f"the run {how}; drawn up to {end:g} s"
 
 

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.recordings.run_recordings import recordings, run_of
-from acrc_testbed.recordings.topics import so_far
+from acrc_testbed.recordings.run_recordings import recordings, read_run_note
+from acrc_testbed.recordings.topics import recorded_span
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
 from acrc_testbed.results.trial_result import reported_places
@@ -43,7 +43,7 @@ def whole_run(out: Path, *, internals: bool = False) -> RunData:
     run = recorded_run(out, internals=internals)
     if (out / "run.json").is_file():
         return run
-    title = f"{run.description.title}, {so_far(out, run.end)}"
+    title = f"{run.description.title}, {recorded_span(out, run.end)}"
     return replace(run, description=replace(run.description, title=title))
 
 
@@ -82,7 +82,7 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
 
 def _computed(log: RobotLog, process: RecordedProcess) -> RobotInternals:
     """Return a robot's introspection up to the first damage of its recording."""
-    model = process_model(process, log.path, run_of(log.path))
+    model = process_model(process, log.path, read_run_note(log.path))
     topics = (SENSES, RECEIVED, INTROSPECTION)
     with suppress(AcrcError):  # the trial's notes report the damage
         for item in read_recording(log.path):

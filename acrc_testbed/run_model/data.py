@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
-from acrc_testbed.run_model.frames import NO_COPIES, Copies
+from acrc_testbed.run_model.frames import NO_COPIES, FrameCopies
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
@@ -187,7 +187,7 @@ class RunData:
     """Changes of the floor: time, s, and all objects not on the map from then on."""
     records_floor: bool = True
     """False: orders changed the floor, but the changes were not recorded."""
-    copies: Copies = NO_COPIES
+    copies: FrameCopies = NO_COPIES
     """Copies of completed frames, if the radio recorded them."""
     processes: tuple[RecordedProcess, ...] = ()
     """Robot processes whose recordings have begun."""

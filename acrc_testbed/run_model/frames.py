@@ -45,7 +45,7 @@ def listed_copies(frame: FrameOutcome, robots: int) -> NDArray[np.void]:
 
 
 @dataclass(frozen=True, eq=False)
-class Copies:
+class FrameCopies:
     """Copies of frames, by end of the frame; (n,) each."""
 
     seconds: NDArray[np.float64]
@@ -55,15 +55,15 @@ class Copies:
     outcomes: NDArray[np.int64]
     """Values of `Outcome`."""
 
-    def part(self, which: NDArray[np.bool_]) -> "Copies":
+    def part(self, which: NDArray[np.bool_]) -> "FrameCopies":
         """Return the copies selected by a mask, (n,)."""
-        return Copies(self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which])
+        return FrameCopies(self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which])
 
 
-NO_COPIES: Final = Copies(np.zeros(0), *(np.zeros(0, np.int64) for _ in range(3)))
+NO_COPIES: Final = FrameCopies(np.zeros(0), *(np.zeros(0, np.int64) for _ in range(3)))
 
 
-def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) -> Copies:
+def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) -> FrameCopies:
     """Return the copies of all sent frames at active transceivers. Raises FrameOutcomesError.
 
     `transceivers`: index of the robot for each number that the radio uses.
@@ -77,16 +77,16 @@ def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) ->
     rows, receivers = np.nonzero((outcomes != Outcome.NOT_COUNTED) & (outcomes != Outcome.FILTERED))
     seconds = np.array([frame.ended for frame in sent], np.float64) / 1e6
     senders, robots = np.array([frame.sender for frame in sent], np.int64), np.array(transceivers, np.int64)
-    return Copies(seconds[rows], robots[senders[rows]], robots[receivers], outcomes[rows, receivers])
+    return FrameCopies(seconds[rows], robots[senders[rows]], robots[receivers], outcomes[rows, receivers])
 
 
-def together(parts: Sequence[Copies]) -> Copies:
+def concatenated(parts: Sequence[FrameCopies]) -> FrameCopies:
     """Concatenate the copies of several parts."""
     names = ("seconds", "senders", "receivers", "outcomes")
-    return Copies(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+    return FrameCopies(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
 
-def by_outcome(copies: Copies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
+def by_outcome(copies: FrameCopies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
     """Return copies per second by outcome, (bins, outcomes), from `begin`, s; the last bin counts all later
     copies, too."""
     table = np.zeros((bins, len(Outcome)))

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.recordings.run_recordings import told as first_record
+from acrc_testbed.recordings.run_recordings import decode_setup as first_record
 from actors import geometry
 from actors.instant import LATEST, Instant
 from actors.introspection import (
@@ -62,7 +62,7 @@ class IntrospectionError(AcrcError):
     """Invalid or inconsistent introspection."""
 
 
-class _Stack(msgspec.Struct, frozen=True):
+class _NavigationSetup(msgspec.Struct, frozen=True):
     local_map: CostMapParameters
 
 
@@ -71,7 +71,7 @@ class _PerceptionSetup(msgspec.Struct, frozen=True):
 
     model: str
     sensor: str | None
-    stack: _Stack
+    stack: _NavigationSetup
     detail: RecordDetail = "lean"
 
 
@@ -256,7 +256,7 @@ class ProcessModel:
         """
         steps = [one for one in self._steps if one.number <= min(until, self.covered)]
         self._steps = self._steps[len(steps) :] if self.is_recorded else []
-        part = _Part(self, steps)
+        part = _PartBuilder(self, steps)
         for step in steps:
             try:
                 record = self._records.pop(step.number, None) or StepRecord(step.number)
@@ -326,7 +326,7 @@ class ProcessModel:
         return self._local.parameters.cell
 
 
-class _Part:
+class _PartBuilder:
     """Rows of one part of a process's introspection."""
 
     def __init__(self, model: ProcessModel, steps: Sequence[_SensedStep]) -> None:

@@ -17,7 +17,7 @@ from acrc_testbed.run_model.data import (
     step_columns,
 )
 from acrc_testbed.run_model.floor import FLOOR_ORDERS, NO_CHANGES, FloorHistory
-from acrc_testbed.run_model.frames import Copies, copies_of
+from acrc_testbed.run_model.frames import FrameCopies, copies_of
 from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.places import PlaceReports
 from actors.instant import in_seconds
@@ -185,7 +185,7 @@ class RunModel:
             processes=tuple(processes),
         )
 
-    def _copies(self, *, last: bool) -> Copies:
+    def _copies(self, *, last: bool) -> FrameCopies:
         """Remove and return the copies of frames up to the current step."""
         now = [one for one in self._frames if last or one.step <= self.step]
         self._frames = self._frames[len(now) :]

@@ -6,7 +6,7 @@ from typing import Final, TypeVar, cast
 
 import msgspec
 
-from acrc_testbed.recordings.run_recordings import recordings, setup_of
+from acrc_testbed.recordings.run_recordings import recordings, read_setup
 from acrc_testbed.results.outcome import told
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
@@ -52,7 +52,7 @@ def frame_outcomes(out: Path) -> tuple[list[str], list[FrameOutcomes]]:
     Raises RecordingError for damaged recordings, RunDataError if the radio did not record outcomes.
     """
     path = recordings(out)["radio"]
-    setup = setup_of(path, RadioSetup, "a radio")
+    setup = read_setup(path, RadioSetup, "a radio")
     if setup.detail != "full":
         raise RunDataError(f"{out}: {NO_FRAMES}")
     return [robot for robot, _ in setup.robots], [one for _, one in messages_on(path, FRAME_OUTCOMES, "out")]
@@ -105,7 +105,7 @@ def robot_report(records: Iterable[Path]) -> RobotReport:
 
 def world_setup(path: Path) -> WorldSetup:
     """Return the set-up of a world with current paths of its files. Raises RecordingError."""
-    return setup_of(path, WorldSetup, "a world").located(path.parent)
+    return read_setup(path, WorldSetup, "a world").located(path.parent)
 
 
 def largest_radius(setup: WorldSetup) -> float:

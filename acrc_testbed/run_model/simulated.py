@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
-from acrc_testbed.recordings.run_recordings import GivenOrder, recordings, setup_of
-from acrc_testbed.recordings.topics import Growing, Recorded
+from acrc_testbed.recordings.run_recordings import GivenOrder, recordings, read_setup
+from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
 from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, process_model, seconds_of
 from acrc_testbed.run_model.model import RunModel, robot_of
@@ -78,10 +78,10 @@ class RunReader:
                 raise RunDataError(
                     f"{out}: contains no recording of the {actor}; give the folder of a simulated run"
                 )
-        setup, radio = world_setup(files["world"]), setup_of(files["radio"], RadioSetup, "a radio")
+        setup, radio = world_setup(files["world"]), read_setup(files["radio"], RadioSetup, "a radio")
         self.model = run_model(out, setup, radio)
         self.description = self.model.description
-        self._stack, self._files = ExitStack(), dict[str, Growing]()
+        self._stack, self._files = ExitStack(), dict[str, GrowingRecording]()
         self._internals: dict[str, ProcessModel] | None = {} if internals else None
         """By actor; None: not requested."""
         self._answers: dict[str, dict[int, Drive]] = {}
@@ -154,12 +154,12 @@ class RunReader:
             if growing.run is not None and (robot := growing.reading.path.parent.name) in self.robots
         ]
 
-    def _opened(self, actor: str, path: Path) -> Growing:
+    def _opened(self, actor: str, path: Path) -> GrowingRecording:
         if actor not in self._files:
-            self._files[actor] = self._stack.enter_context(Growing(path))
+            self._files[actor] = self._stack.enter_context(GrowingRecording(path))
         return self._files[actor]
 
-    def _take(self, actor: str, robot: str, growing: Growing) -> None:
+    def _take(self, actor: str, robot: str, growing: GrowingRecording) -> None:
         """Add the messages of a recording; each topic is read from the process that records it in full."""
         path, is_robot = growing.reading.path, robot in self.robots
         received = _TOPICS.get(actor, _OF_ROBOTS if is_robot else frozenset())
@@ -170,7 +170,7 @@ class RunReader:
             elif one.topic.pattern in (received if one.direction == "in" else sent):
                 self._fold(path, actor, robot, one)
 
-    def _fold(self, path: Path, actor: str, robot: str, one: Recorded) -> None:
+    def _fold(self, path: Path, actor: str, robot: str, one: LoggedMessage) -> None:
         internals = self._internals
         if (one.topic is INTROSPECTION and internals is None) or (message := one.message()) is None:
             return

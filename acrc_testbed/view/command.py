@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Final
 
 from acrc_testbed.recordings.run_recordings import recordings
-from acrc_testbed.recordings.topics import Standing, drawn_until, standing
+from acrc_testbed.recordings.topics import RunState, partial_run_notice, run_state
 from acrc_testbed.results.seal import elsewhere, where
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated import RunReader
-from acrc_testbed.view.run_drawing import RunDrawing, arrangement, looked_into
+from acrc_testbed.view.run_drawing import RunDrawing, arrangement, detailed_robots
 from actors.observer import viewer
 from actors.observer.canvas import Canvas
-from actors.observer.layout import Arrangement, Sheet
+from actors.observer.layout import ViewerContents, ViewFile
 from actors.observer.viewer import OpenViewer
 from actors.processes.launch import scratch_folder
 from actors.processes.signals import Interrupted
@@ -60,7 +60,7 @@ def picture(
     with scratch_folder() as folder:
         view = folder / FILE_NAME
         complete = draw(runs, view, robots, None, say, began)
-        shot = viewer.take(view, max(run.end for run in runs) / 2 if second is None else second)
+        shot = viewer.take_screenshot(view, max(run.end for run in runs) / 2 if second is None else second)
     regular_file.write(path, shot.png)
     say(str(path))
     return complete
@@ -72,12 +72,12 @@ def show(folders: Sequence[Path], robots: Sequence[str], say: Say) -> bool:
     Opens a window if there is a display, else serves a page to a local browser until Interrupted.
     """
     began = time.monotonic()
-    goes_on = len(folders) == 1 and standing(folders[0]) is Standing.GOING_ON
+    is_running = len(folders) == 1 and run_state(folders[0]) is RunState.GOING_ON
     path = place(folders[0], SEVERAL if folders[1:] else FILE_NAME)
-    runs = [] if goes_on else _read(folders, say)
+    runs = [] if is_running else _read(folders, say)
     shown = _opened(say)
     try:
-        if goes_on:
+        if is_running:
             complete = True
             with regular_file.replaced(path) as part:
                 follow(folders[0], part, robots, shown, say)
@@ -102,7 +102,7 @@ def draw(
     `began`: start of the command by the monotonic clock, s.
     """
     began = time.monotonic() if began is None else began
-    detailed = [looked_into(run.robots, robots) for run in runs]
+    detailed = [detailed_robots(run.robots, robots) for run in runs]
     arranged = [arrangement(run, each) for run, each in zip(runs, detailed, strict=True)]
     if runs[1:]:  # the longest run sets the time axis of all
         end = max(run.end for run in runs)
@@ -111,8 +111,8 @@ def draw(
             for number, (one, run) in enumerate(zip(arranged, runs, strict=True), 1)
         ]
     name = " beside ".join(one.name for one in arranged) if runs[1:] else runs[0].description.title
-    what: Arrangement | Sequence[Arrangement] = arranged if runs[1:] else arranged[0]
-    with regular_file.replaced(path) as part, Sheet(part, what, name=name, send_to=send_to) as sheet:
+    what: ViewerContents | Sequence[ViewerContents] = arranged if runs[1:] else arranged[0]
+    with regular_file.replaced(path) as part, ViewFile(part, what, name=name, send_to=send_to) as sheet:
         drawings = [
             RunDrawing(Canvas(sheet.recording, run.robots, one.root), run, each)
             for run, one, each in zip(runs, arranged, detailed, strict=True)
@@ -149,13 +149,13 @@ def follow(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer | No
     `robots`: robots drawn in detail. Raises AcrcError for a missing or damaged run, or if `path` cannot be
     written.
     """
-    while standing(out) is Standing.GOING_ON and not _begun(out):
+    while run_state(out) is RunState.GOING_ON and not _begun(out):
         time.sleep(_POLL_S)
     with RunReader(out, internals=True) as reader:
-        what = Arrangement(reader.description.grid, reader.robots, looked_into(reader.robots, robots))
+        what = ViewerContents(reader.description.grid, reader.robots, detailed_robots(reader.robots, robots))
         address = None if opened is None else opened.address
-        with Sheet(path, what, name="live run", send_to=address) as sheet:
-            view = LiveView(reader, sheet, what.looked_into)
+        with ViewFile(path, what, name="live run", send_to=address) as sheet:
+            view = LiveView(reader, sheet, what.detailed_robots)
             try:
                 _follow(out, view, sheet, opened, say)
             finally:
@@ -167,7 +167,7 @@ def follow(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer | No
 class LiveView:
     """Drawing of a run in progress."""
 
-    def __init__(self, reader: RunReader, sheet: Sheet, detailed: Sequence[str]) -> None:
+    def __init__(self, reader: RunReader, sheet: ViewFile, detailed: Sequence[str]) -> None:
         self._reader = reader
         self._drawing = RunDrawing(Canvas(sheet.recording, reader.robots), reader.beginning(), detailed)
         self.end = 0.0
@@ -190,9 +190,9 @@ def _begun(out: Path) -> bool:
     return all(actor in files and "run" in read_notes(files[actor]) for actor in ("world", "radio"))
 
 
-def _follow(out: Path, view: LiveView, sheet: Sheet, opened: OpenViewer | None, say: Say) -> None:
-    look, how = time.monotonic(), Standing.GOING_ON
-    while how is Standing.GOING_ON:
+def _follow(out: Path, view: LiveView, sheet: ViewFile, opened: OpenViewer | None, say: Say) -> None:
+    look, how = time.monotonic(), RunState.GOING_ON
+    while how is RunState.GOING_ON:
         if not view.draw():
             time.sleep(_POLL_S)
         if time.monotonic() > look + _LOOK_S:
@@ -200,8 +200,8 @@ def _follow(out: Path, view: LiveView, sheet: Sheet, opened: OpenViewer | None, 
                 say("the viewer was closed before the run's end")
                 return
             sheet.flush()
-            look, how = time.monotonic(), standing(out)
-    if how is Standing.DIED:
+            look, how = time.monotonic(), run_state(out)
+    if how is RunState.DIED:
         say("the run was cut off: its processes exited without a result")
     settled = time.monotonic() + _SETTLING_S
     while time.monotonic() < settled and view.draw():
@@ -213,8 +213,8 @@ def _read(folders: Sequence[Path], say: Say) -> list[RunData]:
     """Read runs; report up to when those without an end are drawn."""
     runs = [whole_run(folder, internals=True) for folder in folders]
     for run in runs:
-        if standing(run.out) is not Standing.ENDED:
-            say(drawn_until(run.out, run.end))
+        if run_state(run.out) is not RunState.ENDED:
+            say(partial_run_notice(run.out, run.end))
     return runs
 
 

@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 
 from acrc_testbed.run_model.data import RunData, Trajectory, ordered_changes
-from acrc_testbed.run_model.frames import LOSSES, Copies, by_outcome, outcome_name, together
+from acrc_testbed.run_model.frames import LOSSES, FrameCopies, by_outcome, outcome_name, concatenated
 from acrc_testbed.run_model.introspection import Floats
 from acrc_testbed.run_model.places import first_reports
 from actors.observer import words
 from actors.observer.canvas import Canvas
-from actors.observer.glyphs import FATES, GREY, WHITE
-from actors.observer.words import DrawnEvent, Occupation
+from actors.observer.glyphs import OUTCOME_COLOURS, GREY, WHITE
+from actors.observer.words import DrawnEvent, LaneActivity
 from actors.radio.medium.state import Outcome
 from actors.task.task import PlaceKey
 
@@ -72,7 +72,7 @@ class Plots:
         self._last: dict[str, tuple[float, float, float]] = {}
         """Last point of each robot's plots: time, s, and position, m."""
         self._pairs: set[int] = set()
-        self._copies: list[Copies] = []
+        self._copies: list[FrameCopies] = []
         self._bins = 0
         """Number of drawn bins of copies."""
         self._counted: set[Outcome] = set()
@@ -138,14 +138,14 @@ class Plots:
                 )
             words.draw_line(canvas, path, mine[:, 0], mine[:, 3])
 
-    def copies(self, copies: Copies, until: float, *, last: bool) -> None:
+    def copies(self, copies: FrameCopies, until: float, *, last: bool) -> None:
         """Count copies up to an instant, s; `last`: the run ends there, within a bin."""
         self._copies.append(copies)
         begin = self._bins * _BIN_S
         bins = max(0, int(np.ceil((until - begin) / _BIN_S) if last else (until - begin) // _BIN_S))
         if not bins:
             return
-        waiting = together(self._copies)
+        waiting = concatenated(self._copies)
         now = waiting.seconds < (np.inf if last else begin + bins * _BIN_S)
         self._copies = [waiting.part(~now)]
         table = by_outcome(waiting.part(now), begin, bins, _BIN_S)
@@ -160,7 +160,7 @@ class Plots:
         path = f"plots/copies/{name.replace(' ', '_')}"
         if outcome not in self._counted:
             self._counted.add(outcome)
-            words.introduce_line(self._canvas, path, name, FATES[name])
+            words.introduce_line(self._canvas, path, name, OUTCOME_COLOURS[name])
             earlier = [(bin_ + 0.5) * _BIN_S for bin_ in range(self._bins)]
             words.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
         words.draw_line(self._canvas, path, middles, counts)
@@ -198,7 +198,7 @@ class RobotLane:
         self._lane = words.Lane(canvas, robot)
         self._back: list[float] = []
         """Times when it became active again, s, not drawn yet."""
-        self._last: Occupation | None = None
+        self._last: LaneActivity | None = None
         self._deadlocks: Sequence[tuple[float, float]] = ()
 
     def deadlocks(self, spells: Sequence[tuple[float, float]]) -> None:
@@ -211,10 +211,10 @@ class RobotLane:
 
     def act(self, acts: Sequence[tuple[float, str]]) -> None:
         """Draw changes of state: time, s, and "" (active), frozen or off."""
-        self._lane.draw([Occupation(second, state) for second, state in acts if state])
+        self._lane.draw([LaneActivity(second, state) for second, state in acts if state])
         self._back += [second for second, state in acts if not state]
 
-    def do(self, spells: Sequence[Occupation], until: float) -> None:
+    def do(self, spells: Sequence[LaneActivity], until: float) -> None:
         """Draw the robot's own activities until an instant, s."""
         known = [*([] if self._last is None else [self._last]), *spells]
         back = []
@@ -224,10 +224,10 @@ class RobotLane:
             back += [before[-1]._replace(second=second)] if before else []
         self._last = known[-1] if known else None
         if spells or back:
-            self._lane.draw(words.settled(over(sorted((*spells, *back)), self._deadlocks)))
+            self._lane.draw(words.without_short(over(sorted((*spells, *back)), self._deadlocks)))
 
 
-def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) -> list[Occupation]:
+def over(own: Sequence[LaneActivity], deadlocks: Sequence[tuple[float, float]]) -> list[LaneActivity]:
     """Return the robot's activities in order, overridden by deadlocks."""
     for begin, end in deadlocks:
         before = [one for one in own if one.second <= begin]
@@ -235,5 +235,5 @@ def over(own: Sequence[Occupation], deadlocks: Sequence[tuple[float, float]]) ->
         after = [one for one in own if one.second > end]
         last = (inside or before)[-1:]
         going = [one for one in before if one.second < begin]
-        own = [*going, Occupation(begin, "deadlock"), *(one._replace(second=end) for one in last), *after]
+        own = [*going, LaneActivity(begin, "deadlock"), *(one._replace(second=end) for one in last), *after]
     return list(own)

@@ -5,12 +5,12 @@ from typing import Final
 
 import numpy as np
 
-from acrc_testbed.explanation.account import spells
+from acrc_testbed.explanation.account import cause_intervals
 from acrc_testbed.explanation.episodes import ObservedActivity
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import door_cells
-from acrc_testbed.run_model.frames import LOSSES, Copies, outcome_name
+from acrc_testbed.run_model.frames import LOSSES, FrameCopies, outcome_name
 from acrc_testbed.run_model.introspection import (
     NOT_RECORDED,
     ActivityChange,
@@ -25,9 +25,9 @@ from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord
 from actors.observer import layout, places, robots, words
 from actors.observer.canvas import Canvas
-from actors.observer.glyphs import FATES
+from actors.observer.glyphs import OUTCOME_COLOURS
 from actors.observer.places import draw_places
-from actors.observer.words import DrawnEvent, LearntExchange, Occupation
+from actors.observer.words import DrawnEvent, KnowledgeExchange, LaneActivity
 from actors.radio.medium.state import Outcome
 
 _LINE_S: Final = 0.5
@@ -88,7 +88,7 @@ class ProcessDrawing:
         if is_detailed:
             words.introduce_inside(canvas, robot)
 
-    def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[LearntExchange]:
+    def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[KnowledgeExchange]:
         """Draw the next part, and yield exchanges with others. `end`: end of the run, if nothing follows."""
         canvas, robot = self._canvas, self._robot
         until = inside.end if end is None else end
@@ -96,7 +96,7 @@ class ProcessDrawing:
             _draw_perception(canvas, robot, inside)
             words.draw_decisions(canvas, robot, [_causes(*one) for one in inside.decisions()])
             self._ages(inside, until)
-        doings = [Occupation(one.second, one.activity, one.destination) for one in inside.activities]
+        doings = [LaneActivity(one.second, one.activity, one.destination) for one in inside.activities]
         self._lane.do(doings, until)
         words.draw_knowledge(canvas, robot, list(inside.knowledge))
         if self._has_goals:
@@ -104,7 +104,7 @@ class ProcessDrawing:
         words.draw_events(canvas, "inside", list(self._events.of(inside)))
         for one, _ in inside.decisions():
             if one.commit.peer:
-                yield LearntExchange(one.second, one.commit.by.partition(".")[0], one.commit.peer, robot)
+                yield KnowledgeExchange(one.second, one.commit.by.partition(".")[0], one.commit.peer, robot)
 
     def _intents(self, activities: Sequence[ActivityChange], until: float) -> None:
         """Draw the robot's goal twice a second."""
@@ -198,10 +198,10 @@ class RunDrawing:
         self._lost: list[tuple[float, int, str]] = []
         """Recently lost copies."""
         self._copies_since = 0.0
-        self._exchanges: list[LearntExchange] = []
+        self._exchanges: list[KnowledgeExchange] = []
         places.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
         places.draw_marks(canvas)
-        places.draw_lines(canvas, "copies", FATES)
+        places.draw_lines(canvas, "copies", OUTCOME_COLOURS)
         robots.introduce_radio(canvas)
         for robot in run.robots:
             robots.introduce(canvas, robot)
@@ -227,7 +227,7 @@ class RunDrawing:
         words.draw_events(canvas, "recorded", list(self._event_texts.of(run)))
         self._adoptions(run)
 
-    def copies(self, copies: Copies, until: float, *, last: bool = True) -> None:
+    def copies(self, copies: FrameCopies, until: float, *, last: bool = True) -> None:
         """Draw outcomes of frames up to an instant, s: rings at losses, and counts by outcome.
 
         `last`: nothing will follow.
@@ -258,7 +258,7 @@ class RunDrawing:
                 self._inside(inside, end)
         begin = min([run.since, *(one.second for one in self._exchanges[known:])])
         for robot, activity in self._outside.items():
-            changes = [Occupation(*one) for one in activity.extend(run.trajectories[robot], run.routes)]
+            changes = [LaneActivity(*one) for one in activity.extend(run.trajectories[robot], run.routes)]
             if robot not in self._recorded:
                 self._lanes[robot].do(changes, run.end)
         self._ensembles(begin)
@@ -289,7 +289,7 @@ class RunDrawing:
     def _deadlocks(self, run: RunData) -> None:
         """Draw deadlocks by ground truth."""
         found: dict[str, list[tuple[float, float]]] = {}
-        for one in spells(run):
+        for one in cause_intervals(run):
             if one.cause is Cause.DEADLOCK:
                 found.setdefault(one.robot, []).append((one.begin, one.end))
         for robot, mine in found.items():
@@ -337,7 +337,7 @@ class RunDrawing:
                 places.draw_adoption(self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place))
 
 
-def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
+def detailed_robots(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
     """Return the robots to draw in detail: the requested ones, else the first DETAILED.
 
     Raises OptionError for an unknown robot.
@@ -348,9 +348,9 @@ def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
     return [robot for robot in robots if robot in wished] or list(robots[:DETAILED])
 
 
-def arrangement(run: RunData, detailed: Sequence[str]) -> layout.Arrangement:
+def arrangement(run: RunData, detailed: Sequence[str]) -> layout.ViewerContents:
     """Return the arrangement of the window for a run."""
-    return layout.Arrangement(run.grid, run.robots, detailed, run.end, run.description.has_truth)
+    return layout.ViewerContents(run.grid, run.robots, detailed, run.end, run.description.has_truth)
 
 
 def _every(period: float, since: float, end: float) -> Floats:

@@ -31,7 +31,7 @@ class Canvas:
     """Drawing surface over time."""
 
     def __init__(self, recording: rr.RecordingStream, robots: Sequence[str], root: str = "") -> None:
-        """`robots`: in scenario order, which determines colours. `root`: as in `Arrangement`."""
+        """`robots`: in scenario order, which determines colours. `root`: as in `ViewerContents`."""
         self.recording = recording
         self._root = root
         self.robots = tuple(robots)

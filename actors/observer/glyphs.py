@@ -33,7 +33,7 @@ WALL: Final = 150
 WHITE: Final[Colour] = (255, 255, 255)
 BLACK: Final[Colour] = (0, 0, 0)
 GREY: Final[Colour] = (130, 130, 130)
-FATES: Final[Mapping[str, Colour]] = MappingProxyType(
+OUTCOME_COLOURS: Final[Mapping[str, Colour]] = MappingProxyType(
     {
         "heard": (0, 114, 178),
         "collision": (213, 60, 40),

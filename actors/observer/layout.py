@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 
 from actors.floor.grid import OccupancyGrid
 from actors.observer.canvas import TIMELINE
-from actors.observer.glyphs import FATES, GROUND
+from actors.observer.glyphs import OUTCOME_COLOURS, GROUND
 from actors.observer.robots import RECENT_S
 from actors.observer.words import lane_path
 from actors.runtime.errors import AcrcError
@@ -31,13 +31,13 @@ _GROUND: Final = (GROUND,) * 3
 
 
 @dataclass(frozen=True)
-class Arrangement:
+class ViewerContents:
     """Contents of the viewer for one run."""
 
     grid: OccupancyGrid
     robots: Sequence[str]
     """All robots in scenario order."""
-    looked_into: Sequence[str] = ()
+    detailed_robots: Sequence[str] = ()
     """Robots with a tab of their own."""
     end: float | None = None
     """End of the run, s; None: it is running, and the viewer follows it."""
@@ -49,7 +49,7 @@ class Arrangement:
     """Name of the run for several runs side by side."""
 
 
-def layout(what: Arrangement) -> rrb.Blueprint:
+def layout(what: ViewerContents) -> rrb.Blueprint:
     """Return the layout for one run, with side panels closed."""
     left = rrb.Vertical(_swarm(what), rrb.Horizontal(_lanes(what), _plots(what)), row_shares=[2.1, 1])
     parts: list[Any] = [left, _reading(what)]
@@ -67,7 +67,7 @@ def layout(what: Arrangement) -> rrb.Blueprint:
     )
 
 
-def beside(runs: Sequence[Arrangement]) -> rrb.Blueprint:
+def side_by_side(runs: Sequence[ViewerContents]) -> rrb.Blueprint:
     """Return the layout for several runs side by side with one time axis, side panels closed."""
     columns: list[Any] = []
     for run in runs:
@@ -85,7 +85,7 @@ def beside(runs: Sequence[Arrangement]) -> rrb.Blueprint:
     )
 
 
-def _swarm(what: Arrangement, aspect: float = _ASPECT) -> rrb.Spatial3DView:
+def _swarm(what: ViewerContents, aspect: float = _ASPECT) -> rrb.Spatial3DView:
     """Return the view of the whole floor from above, north up."""
     grid = what.grid
     width, height = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
@@ -124,7 +124,7 @@ def _eye(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
     )
 
 
-def _own(robot: str, what: Arrangement) -> rrb.Vertical:
+def _own(robot: str, what: ViewerContents) -> rrb.Vertical:
     """Return one robot's view, centred on it, with its knowledge and decisions."""
     own = f"{what.root}/world/robots/{robot}"
     bodies = [f"{what.root}/world/robots/{other}/turn/**" for other in what.robots]
@@ -145,20 +145,20 @@ def _own(robot: str, what: Arrangement) -> rrb.Vertical:
     return rrb.Vertical(view, below, row_shares=[3, 2], name=robot)
 
 
-def _reading(what: Arrangement) -> Any:
+def _reading(what: ViewerContents) -> Any:
     """Return the right part: robots' views, events, ensembles and legend."""
     columns = rrb.TextLogColumns(text_log_columns=["body"])
     events: Any = rrb.TextLogView(origin=f"{what.root}/events", name="Events", columns=columns)
     marks = rrb.TextDocumentView(origin=f"{what.root}/legend/marks", name="Legend")
-    if not what.looked_into:
+    if not what.detailed_robots:
         return rrb.Tabs(events, marks, active_tab=0)
     ensembles = rrb.GraphView(origin=f"{what.root}/ensembles", name="Ensembles")
     below = rrb.Tabs(events, ensembles, marks, active_tab=0)
-    tabs = rrb.Tabs(*(_own(robot, what) for robot in what.looked_into), active_tab=0, name="Robots")
+    tabs = rrb.Tabs(*(_own(robot, what) for robot in what.detailed_robots), active_tab=0, name="Robots")
     return rrb.Vertical(tabs, below, row_shares=[3, 1], name="Robots and events")
 
 
-def _lanes(what: Arrangement) -> rrb.StateTimelineView:
+def _lanes(what: ViewerContents) -> rrb.StateTimelineView:
     return rrb.StateTimelineView(
         origin=what.root or "/",
         contents=[f"{what.root}/{lane_path(robot)}" for robot in what.robots],
@@ -167,7 +167,7 @@ def _lanes(what: Arrangement) -> rrb.StateTimelineView:
     )
 
 
-def _plots(what: Arrangement) -> rrb.Tabs:
+def _plots(what: ViewerContents) -> rrb.Tabs:
     axis = _whole(what)
 
     def plot(path: str, name: str, **more: Any) -> rrb.TimeSeriesView:
@@ -181,7 +181,7 @@ def _plots(what: Arrangement) -> rrb.Tabs:
     copies = plot("copies", "Copies of frames per second, by outcome", plot_legend=hidden)
     fates = rrb.Spatial2DView(
         origin=f"{what.root}/legend/copies", name="Outcomes", background=_GROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(FATES) + 0.4)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(OUTCOME_COLOURS) + 0.4)),
     )  # fmt: skip
     curves = rrb.Vertical(done, copies)
     first = rrb.Horizontal(curves, fates, column_shares=[4, 1], name="Progress and radio")
@@ -190,7 +190,7 @@ def _plots(what: Arrangement) -> rrb.Tabs:
     return rrb.Tabs(first, rssi, *tabs, ages, active_tab=0, name="Plots")
 
 
-def _whole(what: Arrangement) -> rrb.TimeAxis | None:
+def _whole(what: ViewerContents) -> rrb.TimeAxis | None:
     """Return the time axis of the whole run; None while it is running."""
     if what.end is None:
         return None
@@ -206,11 +206,11 @@ FLUSH: Final = 10.0
 """Timeout for sending data to a viewer, s."""
 
 
-class Sheet:
+class ViewFile:
     """A rerun recording with the layout; a context manager that finishes the file."""
 
     def __init__(
-        self, path: Path, what: Arrangement | Sequence[Arrangement], *, name: str, send_to: str | None = None
+        self, path: Path, what: ViewerContents | Sequence[ViewerContents], *, name: str, send_to: str | None = None
     ) -> None:
         """Create the file; `what`: one run or several side by side, `send_to`: a viewer's address.
 
@@ -225,7 +225,7 @@ class Sheet:
         """True once the viewer was closed; the file is complete nevertheless."""
         self.recording = rr.RecordingStream(APPLICATION)
         self.recording.set_log_time_enabled(False)
-        arranged = layout(what) if isinstance(what, Arrangement) else beside(what)
+        arranged = layout(what) if isinstance(what, ViewerContents) else side_by_side(what)
         viewers = [] if send_to is None else [rr.GrpcSink(send_to)]
         self.recording.set_sinks(rr.FileSink(path), *viewers, default_blueprint=arranged)
         self.recording.send_recording_name(name)

@@ -167,7 +167,7 @@ def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
     canvas.still(f"legend/{name}", dots)
 
 
-PutThing = tuple[str, tuple[tuple[float, float], ...], float]
+DrawnObject = tuple[str, tuple[tuple[float, float], ...], float]
 """Kind, one of MARKS; centre or both ends, m; radius, or half the thickness of a line, m."""
 _DASHES: Final = 12
 """Number of dashes of a dashed ring."""
@@ -175,7 +175,7 @@ _RINGS: Final = 100.0
 """Maximum number of rings of a disc, as a recording may contain any radius."""
 
 
-def draw_things(canvas: Canvas, second: float, things: Sequence[PutThing]) -> None:
+def draw_things(canvas: Canvas, second: float, things: Sequence[DrawnObject]) -> None:
     """Draw all floor objects from an instant on."""
     strips: list[NDArray[np.float32]] = []
     colours: list[Colour] = []

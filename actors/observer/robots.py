@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, lifted, ring
 from actors.observer.canvas import LINK as HEIGHT
-from actors.observer.glyphs import FATES, LINK, RADIUS, WHITE, Colour, faded
+from actors.observer.glyphs import OUTCOME_COLOURS, LINK, RADIUS, WHITE, Colour, faded
 
 Floats = NDArray[np.float64]
 RECENT_S: Final = 20.0
@@ -202,5 +202,5 @@ def draw_losses(
         [ring(positions[k, who, 0], positions[k, who, 1], 0.34, NOSE) for who in mark]
         for k, mark in enumerate(marks)
     ][new:]
-    colours = [[FATES[cause] for cause in mark.values()] for mark in marks[new:]]
+    colours = [[OUTCOME_COLOURS[cause] for cause in mark.values()] for mark in marks[new:]]
     canvas.strips("world/radio/losses", seconds[new:], rows, colours)

@@ -146,7 +146,7 @@ class ScreenshotError(AcrcError):
     """A failed screenshot."""
 
 
-class Reported(NamedTuple):
+class ViewReport(NamedTuple):
     """One view in the window."""
 
     name: str
@@ -155,14 +155,14 @@ class Reported(NamedTuple):
     """Errors and warnings of the viewer."""
 
 
-class Shot(NamedTuple):
+class Screenshot(NamedTuple):
     """A screenshot and its views."""
 
     png: bytes
-    views: tuple[Reported, ...]
+    views: tuple[ViewReport, ...]
 
 
-def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Shot:
+def take_screenshot(view: Path, second: float, width: int = 1600, height: int = 900) -> Screenshot:
     """Take a screenshot of a view file at an instant, s; width and height in points.
 
     Raises ScreenshotError if the viewer does not start, for example without a Vulkan driver; on Debian,
@@ -186,10 +186,10 @@ def take(view: Path, second: float, width: int = 1600, height: int = 900) -> Sho
         client.set_time(TIMELINE, duration=second, play_state="paused")
         png = _settled(client, began + _TOASTS_S)
         views = tuple(
-            Reported(one.name or "", one.view_class, tuple(str(said) for said in one.reports))
+            ViewReport(one.name or "", one.view_class, tuple(str(said) for said in one.reports))
             for one in client.get_state().views
         )
-        return Shot(png, views)
+        return Screenshot(png, views)
     except (RuntimeError, TimeoutError, ConnectionError) as error:
         raise ScreenshotError(f"{view}: no screenshot: {error}") from None
     finally:

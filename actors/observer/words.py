@@ -41,7 +41,7 @@ _ROUND: Final = 60.0
 """Radius of the circle of robots in the graph of ensembles."""
 
 
-class Occupation(NamedTuple):
+class LaneActivity(NamedTuple):
     """Activity of a robot from an instant on."""
 
     second: float
@@ -73,7 +73,7 @@ class Lane:
         self._canvas, self._path = canvas, lane_path(robot)
         self._kinds: dict[str, Colour] = {}
 
-    def draw(self, spells: Sequence[Occupation]) -> None:
+    def draw(self, spells: Sequence[LaneActivity]) -> None:
         """Draw activities, each of which lasts until the next one."""
         canvas, known = self._canvas, len(self._kinds)
         self._kinds |= {_label(spell): OWN_STATES[spell.activity].colour for spell in spells}
@@ -88,9 +88,9 @@ class Lane:
         self._canvas.columns(self._path, [second], rr.StateChange.columns(state=[""]))
 
 
-def settled(spells: Sequence[Occupation]) -> list[Occupation]:
+def without_short(spells: Sequence[LaneActivity]) -> list[LaneActivity]:
     """Return activities without those that are too short, except for those in `_ALWAYS`."""
-    kept: list[Occupation] = []
+    kept: list[LaneActivity] = []
     for spell, after in zip(spells, [*(one.second for one in spells[1:]), np.inf], strict=True):
         short = after - spell.second < _SHORTEST and spell.activity not in _ALWAYS
         if (kept and short) or (kept and kept[-1][1:] == spell[1:]):
@@ -99,7 +99,7 @@ def settled(spells: Sequence[Occupation]) -> list[Occupation]:
     return kept
 
 
-def _label(spell: Occupation) -> str:
+def _label(spell: LaneActivity) -> str:
     phrase = _PHRASES.get(spell.activity)
     return phrase.format(spell.destination) if phrase and spell.destination else spell.activity
 
@@ -174,7 +174,7 @@ def draw_line(
     canvas.columns(path, seconds, rr.Scalars.columns(scalars=values))
 
 
-class LearntExchange(NamedTuple):
+class KnowledgeExchange(NamedTuple):
     """An exchange that changed a robot's knowledge."""
 
     second: float
@@ -184,7 +184,7 @@ class LearntExchange(NamedTuple):
 
 
 def draw_ensembles(
-    canvas: Canvas, exchanges: Sequence[LearntExchange], lasting: float, since: float = 0.0
+    canvas: Canvas, exchanges: Sequence[KnowledgeExchange], lasting: float, since: float = 0.0
 ) -> None:
     """Draw the graph of robots with the exchanges of the last `lasting` s between them.
 
@@ -211,7 +211,7 @@ def draw_ensembles(
         canvas.at(second, "ensembles/exchanges/edges", rr.GraphEdges(edges, graph_type="directed"))
 
 
-def _between(names: Mapping[str, LearntExchange], where: Mapping[str, tuple[float, float]]) -> rr.GraphNodes:
+def _between(names: Mapping[str, KnowledgeExchange], where: Mapping[str, tuple[float, float]]) -> rr.GraphNodes:
     """Return a node for each exchange, halfway between the robots."""
     ends = [(where[one.source], where[one.learner]) for one in names.values()]
     return rr.GraphNodes(

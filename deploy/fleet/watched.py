@@ -22,8 +22,8 @@ from actors.floor.map_file import load_map
 from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, Received
 from actors.observer import viewer, words
 from actors.observer.canvas import Canvas
-from actors.observer.glyphs import FATES, GREY
-from actors.observer.layout import Arrangement, Sheet
+from actors.observer.glyphs import OUTCOME_COLOURS, GREY
+from actors.observer.layout import ViewerContents, ViewFile
 from actors.observer.words import DrawnEvent
 from actors.processes.launch import scratch_folder
 from actors.runtime.core import at
@@ -53,7 +53,7 @@ class HeardMessage(NamedTuple):
 class WatchedFleet:
     """Incremental drawing of a fleet from its messages."""
 
-    def __init__(self, fleet: Fleet, sheet: Sheet) -> None:
+    def __init__(self, fleet: Fleet, sheet: ViewFile) -> None:
         self.robots = tuple(robot.id for robot in fleet.robots)
         description = RunDescription(
             out=Path(),
@@ -126,7 +126,7 @@ class WatchedFleet:
             path = f"plots/copies/{name}"
             if self._counts[name] and name not in self._drawn:
                 self._drawn.add(name)
-                colour = FATES["heard"] if name == "copies_heard" else GREY
+                colour = OUTCOME_COLOURS["heard"] if name == "copies_heard" else GREY
                 words.introduce_line(self._canvas, path, name.replace("_", " "), colour)
             if name in self._drawn:
                 rate = self._counts[name] / (now - self._counted)
@@ -156,9 +156,9 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
         if opened is not None and opened.page:
             say_at_once(f"open {opened.page} in a browser on this machine to see the robots; Ctrl-C to quit")
         with scratch_folder() as folder:
-            arranged = Arrangement(grid, [robot.id for robot in fleet.robots], true=False)
+            arranged = ViewerContents(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address
-            with Sheet(folder / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
+            with ViewFile(folder / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
                 watched = WatchedFleet(fleet, sheet)
                 while True:
                     heard = [waiting.get_nowait() for _ in range(waiting.qsize())]

@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.recordings.record_check import STAMP, check, read_pass
-from acrc_testbed.recordings.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
-from acrc_testbed.recordings.run_recordings import all_recordings, recordings, setup_of
-from acrc_testbed.recordings.sandboxed import say_unhashed
+from acrc_testbed.recordings.record_check import STAMP, check, read_contents
+from acrc_testbed.recordings.record_replay import ReplayOptions, ReplayReport, recorded_code, replay_actor
+from acrc_testbed.recordings.run_recordings import all_recordings, recordings, read_setup
+from acrc_testbed.recordings.sandboxed import warn_unhashed
 from actors.instant import in_seconds
 from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Truth
 from actors.processes.launch import scratch_folder
@@ -69,7 +69,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     with scratch_folder() as folder:
         again = folder / "again"
         recorded = _recorded(out, modules, permit)
-        level = setup_of(
+        level = read_setup(
             files["radio"], RadioSetup, "a radio"
         ).detail  # what is only recorded is compared, too
         options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded, record=level)
@@ -92,7 +92,7 @@ def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedM
         return None
     recorded = recorded_code(out)
     if recorded is None:
-        say_unhashed(out)
+        warn_unhashed(out)
     return recorded
 
 
@@ -127,7 +127,7 @@ class _Trails:
         self.by_key: dict[str, dict[tuple[int, int], bytes]] = {}
         """By step, and number among the key's messages of that step."""
         for actor in INFRA:
-            for (_, key), trail in read_pass(actor, self._files[actor]).trails.items():
+            for (_, key), trail in read_contents(actor, self._files[actor]).trails.items():
                 numbers: Counter[int] = Counter()
                 hashes = self.by_key.setdefault(key, {})
                 for step, sha256 in STAMP.iter_unpack(bytes(trail)):
@@ -203,7 +203,7 @@ def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: t
     return f"{found.field} is {brief(found.one)}; in the {names[0]} it was {brief(found.other)}"
 
 
-def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> ReplayReport:
+def replay_otherwise(out: Path, actor: str, behaviour: str, replay_options: ReplayOptions) -> ReplayReport:
     """Execute a robot again with another behaviour, an entry string, on its own settings.
 
     Raises ReplayError at the first message that it would have sent otherwise: from there on it would have
@@ -211,4 +211,4 @@ def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> R
     """
     if actor in {"world", "radio"}:
         raise ReplayError(f"{actor}: has no strategy; must be a robot")
-    return replay_actor(out, actor, replace(onlook, behaviour=behaviour))
+    return replay_actor(out, actor, replace(replay_options, behaviour=behaviour))

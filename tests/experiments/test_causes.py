@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from acrc_testbed.command_line.app import app
-from acrc_testbed.explanation.account import account, decision_events, diagnosis_score
-from acrc_testbed.explanation.classify import CAUSES, Classified, blocking_events, classify, deadlocks
+from acrc_testbed.explanation.account import account_time, decision_events, diagnosis_score
+from acrc_testbed.explanation.classify import CAUSES, CauseTable, blocking_events, classify, deadlocks
 from acrc_testbed.explanation.episodes import STANDARD
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, TimeSpent
 from acrc_testbed.explanation.true_floor import TrueFloor
@@ -45,7 +45,7 @@ FIRST_SEED = 1001
 
 def time_spent(situation: Situation) -> TimeSpent:
     with in_memory(situation.scenario()) as (plan, _):
-        return account(plan.out)
+        return account_time(plan.out)
 
 
 def is_named(situation: Situation, spent: TimeSpent) -> bool:
@@ -176,7 +176,7 @@ def reporting(of: RunData, *reports: RobotReport) -> RunData:
     return replace(of, reports=dict(zip(of.robots, reports, strict=True)))
 
 
-def classified(of: RunData, *said: RobotReport, changes: Sequence[tuple[int, FloorState]] = ()) -> Classified:
+def classified(of: RunData, *said: RobotReport, changes: Sequence[tuple[int, FloorState]] = ()) -> CauseTable:
     """Who wants nothing, and has not been told to be asleep, has nothing left to do."""
     for robot, one in enumerate(said):
         of.places_left[:, robot] *= one is not IDLE
@@ -313,10 +313,10 @@ def test_a_decision_is_overtaken_by_the_next_one() -> None:
 def test_the_time_of_a_run_adds_up_to_the_microsecond(tmp_path: Path) -> None:
     scenario = replace(situations.head_on_floor(1), duration=4.1).scenario()
     swarm.run(scenario, RunOptions(tmp_path / "out", bus="memory", json=True))
-    for each in account(tmp_path / "out").robots.values():
+    for each in account_time(tmp_path / "out").robots.values():
         assert sum(round(lasted * 1e6) for lasted in each.values()) == 4_100_000
     told = CliRunner().invoke(app, ["causes", str(tmp_path / "out"), "--json"])
     assert json.loads(told.output)["robots"]["r1"]["deadlock"] == 4.1
     assert "deadlock" in CliRunner().invoke(app, ["causes", str(tmp_path / "out")]).output
     with pytest.raises(RecordingError, match="not a run's folder"):
-        account(tmp_path)
+        account_time(tmp_path)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from acrc_testbed.experiments.paired_tests import mean_interval
-from acrc_testbed.explanation.account import account
-from acrc_testbed.explanation.episodes import Episode, lost, runs, standing
+from acrc_testbed.explanation.account import account_time
+from acrc_testbed.explanation.episodes import Episode, lost_intervals, true_intervals, standing_mask
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.explanation.true_floor import Passages
 from actors.floor.map_file import load_map
@@ -42,7 +42,7 @@ def failures(task: tuple[int, int, float]) -> Failures:
     robots, seed, duration = task
     overrides = Overrides(robots=robots, seed=seed, duration=duration, strategy="none")
     with in_memory(load_scenario(SHIPPED / "scenarios" / "chapter.toml", overrides)) as (plan, result):
-        spent = account(plan.out)
+        spent = account_time(plan.out)
     assert spent.deadlocks is not None
     return Failures(
         lost_s=sum(each[Cause.LOST.value] for each in spent.robots.values()),
@@ -80,30 +80,30 @@ def track(*stretches: tuple[int, float, float]) -> NDArray[np.float64]:
 
 def test_runs_of_true() -> None:
     mask = np.array([True, True, False, True, False, True, True, True])
-    assert runs(mask) == [(0, 2), (3, 4), (5, 8)]
-    assert runs(mask, 2) == [(0, 2), (5, 8)]
-    assert runs(np.zeros(4, np.bool_)) == [] == runs(np.zeros(0, np.bool_))
+    assert true_intervals(mask) == [(0, 2), (3, 4), (5, 8)]
+    assert true_intervals(mask, 2) == [(0, 2), (5, 8)]
+    assert true_intervals(np.zeros(4, np.bool_)) == [] == true_intervals(np.zeros(0, np.bool_))
 
 
 def test_lost_begins_above_one_metre_and_ends_below_half_a_metre() -> None:
     unknown = np.nan
-    assert lost(np.array([0.2, 0.9, 1.0, 1.1, 0.7, 1.2, 0.5, 0.49, 0.9])) == [Episode(3, 7)]
-    assert lost(np.array([1.5, 0.1, 0.1, 3.0, 4.0])) == [Episode(0, 1), Episode(3, 5)]
-    assert lost(np.array([unknown, 1.5, unknown, 0.6, unknown, 0.2, unknown])) == [Episode(1, 5)]
+    assert lost_intervals(np.array([0.2, 0.9, 1.0, 1.1, 0.7, 1.2, 0.5, 0.49, 0.9])) == [Episode(3, 7)]
+    assert lost_intervals(np.array([1.5, 0.1, 0.1, 3.0, 4.0])) == [Episode(0, 1), Episode(3, 5)]
+    assert lost_intervals(np.array([unknown, 1.5, unknown, 0.6, unknown, 0.2, unknown])) == [Episode(1, 5)]
 
 
 def test_standing_needs_a_whole_window_within_the_distance() -> None:
-    stood = standing(track((9, 0, 0), (1, 5, 0), (10, 9, 0), (5, 9.11, 0)), ALWAYS[:25], WINDOW, 0.1)
-    assert runs(stood) == [Episode(10, 20)]
-    stood = standing(track((9, 0, 0), (1, 5, 0), (10, 9, 0), (5, 9.09, 0)), ALWAYS[:25], WINDOW, 0.1)
-    assert runs(stood) == [Episode(10, 25)]
+    stood = standing_mask(track((9, 0, 0), (1, 5, 0), (10, 9, 0), (5, 9.11, 0)), ALWAYS[:25], WINDOW, 0.1)
+    assert true_intervals(stood) == [Episode(10, 20)]
+    stood = standing_mask(track((9, 0, 0), (1, 5, 0), (10, 9, 0), (5, 9.09, 0)), ALWAYS[:25], WINDOW, 0.1)
+    assert true_intervals(stood) == [Episode(10, 25)]
     creeping = np.column_stack([np.arange(60) * 0.012, np.zeros(60)])
-    assert not standing(creeping, ALWAYS, WINDOW, 0.1).any()
-    assert not standing(track((5, 0, 0)), ALWAYS[:5], WINDOW, 0.1).any()
+    assert not standing_mask(creeping, ALWAYS, WINDOW, 0.1).any()
+    assert not standing_mask(track((5, 0, 0)), ALWAYS[:5], WINDOW, 0.1).any()
 
     pursuing = ALWAYS.copy()
     pursuing[25] = False
-    assert runs(standing(track((60, 0, 0)), pursuing, WINDOW, 0.1)) == [Episode(0, 25), Episode(26, 60)]
+    assert true_intervals(standing_mask(track((60, 0, 0)), pursuing, WINDOW, 0.1)) == [Episode(0, 25), Episode(26, 60)]
 
 
 def test_passages_are_where_one_robot_closes_the_way() -> None:

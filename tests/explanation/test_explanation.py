@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import pytest
 
-from acrc_testbed.explanation.chain import Link
-from acrc_testbed.explanation.explain import Explainer, Explanation, ExplanationError, sentences, wish
+from acrc_testbed.explanation.chain import CauseLink
+from acrc_testbed.explanation.explain import Explainer, Explanation, ExplanationError, sentences, parse_request
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from tests.in_process import acrc
@@ -138,13 +138,13 @@ def explainer(out: Path, robot: str) -> Explainer:
 
 
 def answered(out: Path, one: Known) -> Explanation:
-    asked = wish(one.who)
+    asked = parse_request(one.who)
     assert asked.at_s is not None
     found = explainer(out, asked.robot).explain(asked.at_s)
     return next(answer for answer in found if answer.decision == one.words)
 
 
-def stands(chain: tuple[Link, ...], cause: tuple[str, float, str]) -> bool:
+def stands(chain: tuple[CauseLink, ...], cause: tuple[str, float, str]) -> bool:
     kind, at_s, words = cause
     return any(
         link.kind == kind and link.at_s == pytest.approx(at_s, abs=0.002) and words in link.says
@@ -195,7 +195,7 @@ def test_who_has_not_decided_yet_is_told_when_it_does(planted: Path) -> None:
 @pytest.mark.parametrize("text", ["r2@", "@3", "r2@soon", "r2@-1"])
 def test_a_wish_that_makes_no_sense(text: str) -> None:
     with pytest.raises(ExplanationError) as caught:
-        wish(text)
+        parse_request(text)
     assert (
         str(caught.value)
         == f"{text}: must be a robot, such as r2, or a robot and simulated seconds, such as r2@157"

@@ -8,7 +8,7 @@ import pytest
 from acrc_testbed.explanation.causal_trace import TraceError, decode
 from acrc_testbed.explanation.explain import Explainer, ExplanationError
 from acrc_testbed.explanation.tracing import traced
-from acrc_testbed.recordings.sandboxed import Bounds, replay
+from acrc_testbed.recordings.sandboxed import ProgramLimits, replay
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation import sandbox
@@ -50,7 +50,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 def test_a_strategy_stays_in_its_process_within_its_limits(hostile: Path, mood: str, sentence: str) -> None:
     (hostile / "mood").write_text(mood)
-    bounds = Bounds(64_000_000, 2.0 if mood == "hang" else 120.0, bytes_per_s=1e9)
+    bounds = ProgramLimits(64_000_000, 2.0 if mood == "hang" else 120.0, bytes_per_s=1e9)
     with pytest.raises(ExplanationError) as caught:
         Explainer(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=bounds)
     assert str(caught.value) == sentence
@@ -76,7 +76,7 @@ def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
 def test_more_than_an_answer_may_have_is_not_read(hostile: Path) -> None:
     (hostile / "mood").write_text("much")
     with pytest.raises(ExplanationError) as caught:
-        Explainer(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=Bounds(1000))
+        Explainer(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=ProgramLimits(1000))
     assert str(caught.value) == "r1: answer is larger than 1000 bytes"
 
 

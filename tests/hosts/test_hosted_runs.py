@@ -13,7 +13,7 @@ import pytest
 
 from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
 from acrc_testbed.benchmarks.measured import ACRC
-from acrc_testbed.explanation.account import account
+from acrc_testbed.explanation.account import account_time
 from acrc_testbed.recordings import record_check
 from acrc_testbed.recordings.record_replay import recheck
 from acrc_testbed.results import seal
@@ -133,7 +133,7 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     told = seal.read(out)
     assert told is not None
     assert [part.robots for part in told.hosts.values()] == [("r1", "r2"), ("r3", "r4")]
-    for wants_robots in (account, record_check.check, check_seal, recheck):
+    for wants_robots in (account_time, record_check.check, check_seal, recheck):
         with pytest.raises(AcrcError, match=r"still on hosts h1, h2; `\S+ cluster fetch"):
             wants_robots(out)
     fetched = acrc(hosts, cluster, "cluster", "fetch", out, "--json")

@@ -20,12 +20,12 @@ from matplotlib.patches import Patch
 from matplotlib.text import Annotation
 from PIL import Image
 
-from acrc_testbed.explanation.account import account, spells
+from acrc_testbed.explanation.account import account_time, cause_intervals
 from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.picture import marks, moving, run_html, run_page, style
-from acrc_testbed.picture.floor_picture import meetings
+from acrc_testbed.picture.floor_picture import blocked_positions
 from acrc_testbed.recordings.run_recordings import GivenOrder
-from acrc_testbed.recordings.topics import Recorded
+from acrc_testbed.recordings.topics import LoggedMessage
 from acrc_testbed.run_model import recorded as recorded_contents
 from acrc_testbed.run_model import simulated
 from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError, ordered_changes
@@ -65,16 +65,16 @@ def test_places_change_hands_in_the_doorway(evidence: RunData) -> None:
 
 def test_spells_are_without_gaps_and_overlap(evidence: RunData) -> None:
     for robot in evidence.robots:
-        own = [one for one in spells(evidence) if one.robot == robot]
+        own = [one for one in cause_intervals(evidence) if one.robot == robot]
         assert own[0].begin == 0.0 and own[-1].end == pytest.approx(evidence.end)
         assert all(a.end == b.begin and a.cause != b.cause for a, b in pairwise(own))
 
 
 def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunData) -> None:
     lasted: defaultdict[tuple[str, str], float] = defaultdict(float)
-    for one in spells(evidence):
+    for one in cause_intervals(evidence):
         lasted[one.robot, one.cause.value] += one.end - one.begin
-    for robot, causes in account(evidence.out).robots.items():
+    for robot, causes in account_time(evidence.out).robots.items():
         assert {cause: lasted[robot, cause] for cause in causes} == pytest.approx(causes)
 
 
@@ -83,7 +83,7 @@ def test_who_takes_no_part_is_off_or_frozen(evidence: RunData, cause: Cause) -> 
     stepping, powered = evidence.stepping.copy(), evidence.powered.copy()
     stepping[500:, 0] = False
     powered[500:, 0] = cause is Cause.FROZEN
-    found = spells(replace(evidence, stepping=stepping, powered=powered))
+    found = cause_intervals(replace(evidence, stepping=stepping, powered=powered))
     last = [one for one in found if one.robot == evidence.robots[0]][-1]
     assert last.cause is cause and last.begin == pytest.approx(50.0)
 
@@ -94,11 +94,11 @@ def test_who_stands_alone_stands_before_nobody(evidence: RunData) -> None:
         description=replace(evidence.description, robots=("r1",)),
         **{column.name: getattr(evidence, column.name)[:, :1] for column in STEP_COLUMNS},
     )
-    assert not {one.cause for one in spells(alone)} & {*BY_ROBOTS}
+    assert not {one.cause for one in cause_intervals(alone)} & {*BY_ROBOTS}
 
 
 def test_where_robots_stood_is_as_long_as_somebody_did(evidence: RunData) -> None:
-    found = meetings(spells(evidence))
+    found = blocked_positions(cause_intervals(evidence))
     assert found, "they block each other"
     for x, y, lasted in found:
         assert 5.0 <= lasted <= evidence.end
@@ -122,15 +122,15 @@ def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> N
 
 
 def test_a_robot_that_comes_and_goes_is_no_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    say = Recorded.message
+    say = LoggedMessage.message
 
-    def fickle(one: Recorded) -> Message | None:
+    def fickle(one: LoggedMessage) -> Message | None:
         told = say(one)
         if isinstance(told, Truth) and one.step == 5:
             return msgspec.structs.replace(told, robots=told.robots[:1])
         return told
 
-    monkeypatch.setattr(Recorded, "message", fickle)
+    monkeypatch.setattr(LoggedMessage, "message", fickle)
     with pytest.raises(RunDataError, match=r"radio\.mcap: the set of robots changes between steps"):
         read_run(folder)
 
@@ -200,7 +200,7 @@ def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: R
 
 
 def test_a_frozen_robot_is_frozen_and_a_killed_one_off(ordered_run: RunData) -> None:
-    found = [(one.robot, one.cause, one.begin) for one in spells(ordered_run)]
+    found = [(one.robot, one.cause, one.begin) for one in cause_intervals(ordered_run)]
     assert ("r1", Cause.FROZEN, 6.0) in found and ("r2", Cause.OFF, 13.0) in found
     assert not any(cause in (Cause.NO_PROGRESS, Cause.OPEN_FLOOR) for _, cause, _ in found)
 
@@ -261,7 +261,7 @@ def test_no_words_lie_on_others_however_near_their_points_are() -> None:
 
 
 def test_lanes_of_delayed_robots_come_first(ordered_run: RunData, monkeypatch: pytest.MonkeyPatch) -> None:
-    doing = spells(ordered_run)
+    doing = cause_intervals(ordered_run)
     assert run_page.lane_order(ordered_run, doing) == list(ordered_run.robots)
     monkeypatch.setattr(glyphs, "_FEW", 1)
     kept = dict.fromkeys(ordered_run.robots, 0.0)

@@ -18,7 +18,7 @@ import pytest
 from acrc_testbed.experiments.comparison import named
 from acrc_testbed.experiments.report.sections import COSTS
 from acrc_testbed.experiments.trial_record import TrialRecord
-from acrc_testbed.explanation.account import account
+from acrc_testbed.explanation.account import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.export import rows
 from acrc_testbed.export.parquet_files import TABLES
@@ -90,7 +90,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
             for name, path in robots.items()
         },
         result=result,
-        time=account(out),
+        time=account_time(out),
         truths=[truth for _, truth in messages_on(out / "radio" / "radio.mcap", TRUTH) if not truth.halt],
         drives=list(messages_on(out / "world" / "world.mcap", DRIVE)),
         received=[

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.recordings.record_replay import Onlook, replay_actor
+from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
 from actors.installation.repository import REPOSITORY
 from actors.processes.robot_logs import EVERYBODY, LogTail, logs
 from actors.runtime import prints
@@ -76,7 +76,7 @@ def test_a_replay_says_them_again(talked: Path) -> None:
     done = acrc("replay", talked, "--robot", "r1", "--modules", REPOSITORY)
     assert done.returncode == 0 and "     1.000 s  step 10  half of a line and the rest" in done.stderr
     said: list[str] = []
-    replay_actor(talked, "r1", Onlook(prints=lambda step_us: prints.Prints(step_us, said.append)))
+    replay_actor(talked, "r1", ReplayOptions(prints=lambda step_us: prints.Prints(step_us, said.append)))
     assert "".join(said) == R1
 
 

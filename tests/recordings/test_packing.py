@@ -15,7 +15,7 @@ from hypothesis import given as drawn
 from hypothesis import strategies as some
 from mcap.writer import CompressionType, IndexType, Writer
 
-from acrc_testbed.recordings.topics import Growing
+from acrc_testbed.recordings.topics import GrowingRecording
 from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
 from actors.runtime.codec import encode
 from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, read_recording
@@ -110,7 +110,7 @@ def test_readers_after_a_power_cut(tmp_path: Path, kind: str, at: float, seed: i
     bad.write_bytes(data)
     found = read(bad)
     assert found == steps[: len(found)]
-    with Growing(bad) as growing:
+    with GrowingRecording(bad) as growing:
         assert [one.payload for one in growing.poll()] == found
     strict = Reading(bad, strict=True)
     taken = []

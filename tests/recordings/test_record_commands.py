@@ -9,9 +9,9 @@ import pytest
 from mcap.reader import make_reader
 
 from acrc_testbed.recordings import lines
-from acrc_testbed.recordings.lines import at_column, info, plain
+from acrc_testbed.recordings.lines import column_value, info, to_json_types
 from acrc_testbed.recordings.record_check import check_recording
-from acrc_testbed.recordings.topics import TopicError, fits, follow, has_ended, messages
+from acrc_testbed.recordings.topics import TopicError, matches, follow, has_ended, messages
 from actors.messages import CONTROL, Control
 from actors.orders import Kill
 from actors.runtime.codec import encode
@@ -80,9 +80,9 @@ def test_info_of_keys_names_fields_and_rates_in_simulated_time(recorded_run: Pat
 
 
 def test_keys_fit_in_short_in_full_and_with_a_star() -> None:
-    assert fits("swarm/up/r1/drive", "r1/drive") and fits("swarm/up/r1/drive", "swarm/up/r1/drive")
-    assert fits("swarm/up/r1/drive", "*/drive") and fits("swarm/infra/truth", "truth")
-    assert not fits("swarm/up/r1/drive", "drive") and not fits("swarm/up/r11/drive", "r1/drive")
+    assert matches("swarm/up/r1/drive", "r1/drive") and matches("swarm/up/r1/drive", "swarm/up/r1/drive")
+    assert matches("swarm/up/r1/drive", "*/drive") and matches("swarm/infra/truth", "truth")
+    assert not matches("swarm/up/r1/drive", "drive") and not matches("swarm/up/r11/drive", "r1/drive")
 
 
 def test_echo_shows_every_message_with_its_time(recorded_run: Path) -> None:
@@ -97,7 +97,7 @@ def test_echo_shows_every_message_with_its_time(recorded_run: Path) -> None:
     assert (first["seconds"], first["key"], first["type"]) == (15.0, "r1/drive", "Drive")
     assert second["message"]["step"] == 151 and len(second["message"]["pose"]) == 3
     one = next(iter(messages(recorded_run / "r1" / "r1.mcap", "r1/senses"))).message()
-    assert one is not None and at_column(one, "scan.ranges_mm[3]") == plain(one)["scan"]["ranges_mm"][3]
+    assert one is not None and column_value(one, "scan.ranges_mm[3]") == to_json_types(one)["scan"]["ranges_mm"][3]
     with pytest.raises(TopicError, match="give keys of one type"):
         list(lines.table(messages(recorded_run, "r1/*")))
 

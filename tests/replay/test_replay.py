@@ -10,8 +10,8 @@ import pytest
 
 from acrc_testbed.command_line import replaying
 from acrc_testbed.recordings import record_replay
-from acrc_testbed.recordings.record_replay import Onlook, RecheckError, recheck, replay_actor
-from acrc_testbed.recordings.run_recordings import code_folders, recordings, setup_of
+from acrc_testbed.recordings.record_replay import ReplayOptions, RecheckError, recheck, replay_actor
+from acrc_testbed.recordings.run_recordings import code_folders, recordings, read_setup
 from acrc_testbed.run_model.recorded import world_setup
 from acrc_testbed.run_model.simulated import read_run
 from actors.installation.repository import REPOSITORY
@@ -75,8 +75,8 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("print(self.id)\n" + "step\n" * 6 + "continue\n"))
-    stretch, terminal = record_replay.Stretch(begin_s=1.0, end_s=None), record_replay.terminal(own=False)
-    watch = Onlook(lambda core, step_us: record_replay.watch(core, step_us, stretch, terminal))
+    window, terminal = record_replay.TimeWindow(begin_s=1.0, end_s=None), record_replay.pdb_breakpoint(own=False)
+    watch = ReplayOptions(lambda core, step_us: record_replay.limit(core, step_us, window, terminal))
     report = replay_actor(recorded, "r2", watch)
     assert report.whole and report.outputs > 30, "a look changes nothing"
     said = capsys.readouterr().out
@@ -90,10 +90,10 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
 
 
 def test_another_strategy_decides_as_recorded_until_it_does_not(recorded: Path) -> None:
-    same = replay_otherwise(recorded, "r1", "cleaning.strategies.chapter:behaviour", Onlook())
+    same = replay_otherwise(recorded, "r1", "cleaning.strategies.chapter:behaviour", ReplayOptions())
     assert same.whole, "the same strategy, and the scenario sets none of its numbers"
     with pytest.raises(ReplayError, match=r"r1\.mcap: step \d+: swarm/up/r1/"):
-        replay_otherwise(recorded, "r1", "examples.courteous:behaviour", Onlook())
+        replay_otherwise(recorded, "r1", "examples.courteous:behaviour", ReplayOptions())
 
 
 def test_what_follows_a_clock_chance_a_set_or_an_address_is_found(tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_what_a_copy_lacks_is_named(moved: Path, tmp_path: Path) -> None:
 
 def test_a_copy_beside_its_original_has_files_of_its_own(moved: Path, tmp_path: Path) -> None:
     for out in (moved, shutil.copytree(moved, tmp_path / "out")):
-        setup = setup_of(recordings(out)["r1"], RobotSetup, "a robot")
+        setup = read_setup(recordings(out)["r1"], RobotSetup, "a robot")
         assert (setup.map, setup.model) == ("map.yaml", "model.toml")
         world = world_setup(recordings(out)["world"])
         assert Path(world.map).resolve() == (out / "map" / "map.yaml").resolve()

@@ -102,7 +102,7 @@ def replay(folder: Path, deed: PlaceEvent) -> None:
     try:
         deed()
     except Exception as error:
-        fault = sandboxed.bug("r2", error)
+        fault = sandboxed.describe_failure("r2", error)
     (folder / "said").write_text(fault)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from acrc_testbed.recordings.run_recordings import run_of
+from acrc_testbed.recordings.run_recordings import read_run_note
 from acrc_testbed.run_model.introspection import (
     IntrospectionError,
     ProcessModel,
@@ -31,7 +31,7 @@ POSE = (0.0, 0.0, 0.0)
 @pytest.fixture
 def model(short_run: Path) -> ProcessModel:
     path = short_run / "r1" / "r1.mcap"
-    return process_model(RecordedProcess("r1", "r1", seconds_of), path, run_of(path))
+    return process_model(RecordedProcess("r1", "r1", seconds_of), path, read_run_note(path))
 
 
 def senses(step: int, scan: Scan | None = None) -> Senses:

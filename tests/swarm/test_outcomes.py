@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from acrc_testbed.recordings.run_recordings import setup_of
+from acrc_testbed.recordings.run_recordings import read_setup
 from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.radio.radio_model import RadioSetup
@@ -126,7 +126,7 @@ def test_walls_of_the_map_stand_between_robots(tmp_path: Path, walls: str, share
     scenario.write_text(f'{TWO}walls = "{walls}"\n')
     result = run(tmp_path / walls, scenario)
     assert result["direct_reach"] == share
-    setup = setup_of(tmp_path / walls / "radio" / "radio.mcap", RadioSetup, "a radio")
+    setup = read_setup(tmp_path / walls / "radio" / "radio.mcap", RadioSetup, "a radio")
     assert (setup.walls, setup.preset) == (walls, "chapter")
 
 

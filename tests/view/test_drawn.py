@@ -12,7 +12,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from acrc_testbed.command_line import look
-from acrc_testbed.explanation.account import spells
+from acrc_testbed.explanation.account import cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
@@ -74,7 +74,7 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     assert [len(cloud) for _, cloud in clouds] == evidence.internals[0].scans.counts.tolist()
     states = [state[0] for _, state in of(found, "/r1", "StateChange:state")]
     assert any(state.startswith("to r1/") for state in states) and any("blocked" in state for state in states)
-    truth = [one for one in spells(evidence) if one.robot == "r1" and one.cause is Cause.DEADLOCK]
+    truth = [one for one in cause_intervals(evidence) if one.robot == "r1" and one.cause is Cause.DEADLOCK]
     lane = [(second, state[0]) for second, state in of(found, "/r1", "StateChange:state")]
     assert [second for second, state in lane if state == "deadlock"] == [one.begin for one in truth] != []
     assert lane[-1] == (evidence.end, ""), "the lane ends with the run"
@@ -173,7 +173,7 @@ def test_the_viewer_shows_everything(folder: Path, tmp_path: Path) -> None:
     view = tmp_path / "view.rrd"
     save([folder], (), view, lambda sentence: None)
     try:
-        shot = viewer.take(view, 20.0, 1200, 800)
+        shot = viewer.take_screenshot(view, 20.0, 1200, 800)
     except viewer.ScreenshotError as error:
         pytest.skip(f"what a person sees is not looked at: {error}")
     assert {one.name: one.kind for one in shot.views}.items() >= SHOWN.items()

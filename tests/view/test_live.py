@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from acrc_testbed.recordings.topics import Standing, standing
+from acrc_testbed.recordings.topics import RunState, run_state
 from acrc_testbed.run_model.data import RunDataError
 from acrc_testbed.run_model.simulated import RunReader, recorded_run
 from acrc_testbed.view.command import LiveView, save
@@ -21,7 +21,7 @@ from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
-from actors.observer.layout import Arrangement, Sheet
+from actors.observer.layout import ViewerContents, ViewFile
 from actors.task.task import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.watched import HeardMessage, WatchedFleet
@@ -31,7 +31,7 @@ MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") fo
 """Where a piece ends or begins something may be said once more, or what was short cannot be left out."""
 
 
-class Growing:
+class GrowingRun:
     """A copy of a run's folder that has its recordings up to a share of their bytes."""
 
     def __init__(self, whole: Path, out: Path) -> None:
@@ -45,19 +45,19 @@ class Growing:
 
 
 @pytest.fixture
-def growing(folder: Path, tmp_path: Path) -> Growing:
-    return Growing(folder, tmp_path / "growing")
+def growing(folder: Path, tmp_path: Path) -> GrowingRun:
+    return GrowingRun(folder, tmp_path / "growing")
 
 
 def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
-    growing: Growing, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    growing: GrowingRun, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(RunDrawing, "_deadlocks", lambda *_: None)  # known once a run has ended
     save([folder], (), tmp_path / "whole.rrd", lambda sentence: None)
     growing.grow(0.31)
     with RunReader(growing.out, internals=True) as reader:
-        what = Arrangement(reader.description.grid, reader.robots, reader.robots)
-        with Sheet(tmp_path / "grown.rrd", what, name="it goes on") as sheet:
+        what = ViewerContents(reader.description.grid, reader.robots, reader.robots)
+        with ViewFile(tmp_path / "grown.rrd", what, name="it goes on") as sheet:
             view = LiveView(reader, sheet, reader.robots)
             view.draw()
             assert 5.0 < view.end < 15.0
@@ -103,18 +103,18 @@ def test_a_recording_cut_at_any_byte_opens(short_run: Path, cuts: dict[str, floa
         assert all(one.end <= run.end for one in run.internals)
 
 
-def test_whether_a_run_goes_on_is_told_from_who_writes(growing: Growing, folder: Path) -> None:
-    assert standing(folder) is Standing.ENDED
+def test_whether_a_run_goes_on_is_told_from_who_writes(growing: GrowingRun, folder: Path) -> None:
+    assert run_state(folder) is RunState.ENDED
     growing.grow(0.5)
-    assert standing(growing.out) is Standing.DIED
+    assert run_state(growing.out) is RunState.DIED
     with (growing.out / "world" / "world.mcap").open("ab") as file:
         writer = subprocess.Popen(["sleep", "60"], stdout=file)
-    assert standing(growing.out) is Standing.GOING_ON
+    assert run_state(growing.out) is RunState.GOING_ON
     writer.kill()
     writer.wait()
-    assert standing(growing.out) is Standing.DIED
+    assert run_state(growing.out) is RunState.DIED
     growing.grow(1.0)
-    assert standing(growing.out) is Standing.ENDED
+    assert run_state(growing.out) is RunState.ENDED
 
 
 FLEET = """
@@ -145,8 +145,8 @@ def said(robot: str, second: float, topic: Any, message: Any) -> HeardMessage:
 def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(tmp_path: Path) -> None:
     (tmp_path / "fleet.toml").write_text(FLEET.format(root=REPOSITORY))
     fleet = load_fleet(tmp_path / "fleet.toml")
-    arranged = Arrangement(load_map(fleet.map), ("r1", "r2"), true=False)
-    with Sheet(tmp_path / "view.rrd", arranged, name="a fleet") as sheet:
+    arranged = ViewerContents(load_map(fleet.map), ("r1", "r2"), true=False)
+    with ViewFile(tmp_path / "view.rrd", arranged, name="a fleet") as sheet:
         view = WatchedFleet(fleet, sheet)
         view.draw((), 0.1, 0)
         words = [

@@ -24,7 +24,7 @@ from actors.geometry import Point
 from actors.observer import glyphs, viewer
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import Colour
-from actors.observer.layout import Arrangement, Sheet
+from actors.observer.layout import ViewerContents, ViewFile
 from actors.orders import Wall
 from actors.robot.introspection import ACTIVITIES
 from actors.task.task import PlaceKey
@@ -77,7 +77,7 @@ def run(steps: range, states: dict[str, tuple[tuple[float, str], ...]] | None = 
 
 def painted(path: Path, *pieces: RunData) -> Rows:
     """What the pieces come to, drawn one after the other."""
-    with Sheet(path, Arrangement(GRID, ("r1", "r2")), name="a run") as sheet:
+    with ViewFile(path, ViewerContents(GRID, ("r1", "r2")), name="a run") as sheet:
         drawing = RunDrawing(Canvas(sheet.recording, ("r1", "r2")), pieces[0], ())
         for piece in pieces:
             drawing.recorded(piece)
