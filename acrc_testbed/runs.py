@@ -33,7 +33,7 @@ class Run:
     @cached_property
     def evidence(self) -> "RunData":
         """What the recordings show, as numpy arrays by step and robot; read once, and kept."""
-        from acrc_testbed.run_model.simulated import read_run
+        from acrc_testbed.run_model.simulated_runs import read_run
 
         return read_run(self.folder)
 
@@ -44,9 +44,9 @@ class Run:
 
     def tables(self) -> "dict[str, pyarrow.Table]":
         """Return the tables of `acrc export`, by name (docs/tables.md says what is in them)."""
-        from acrc_testbed.export import parquet_files, rows
+        from acrc_testbed.export import parquet_files, table_rows
 
-        return parquet_files.arrow(rows.tables(self.folder))
+        return parquet_files.arrow(table_rows.tables(self.folder))
 
     @arguments_named()
     def picture(self, file: str | PathLike[str] | None = None) -> "Figure":
@@ -61,7 +61,7 @@ class Run:
     @arguments_named()
     def time_spent(self) -> "TimeSpent":
         """Return where the robots' time went, by cause, as `acrc causes` does."""
-        from acrc_testbed.explanation.account import account_time
+        from acrc_testbed.explanation.time_accounting import account_time
 
         return account_time(self.folder)
 

@@ -114,7 +114,7 @@ def causes(
     Causes are deadlock, blocked by dead robot, lost, and others; it also names who blocked whom, and what
     decisions changed.
     """
-    from acrc_testbed.explanation.account import account_time
+    from acrc_testbed.explanation.time_accounting import account_time
 
     spent = account_time(folder)
     tables = (table for table in (_times(spent), _blockings(spent), _decisions(spent)) if table.row_count)

@@ -44,7 +44,7 @@ def demo(
 ) -> None:
     """Show two robots in a doorway, without and with adaptation."""
     from acrc_testbed.picture import run_page
-    from acrc_testbed.run_model.simulated import read_run
+    from acrc_testbed.run_model.simulated_runs import read_run
     from deploy.run import out_folder, start
     from deploy.run.options import RunOptions, checked, folder_name
 
@@ -181,17 +181,17 @@ def _show(
     at: float | None,
 ) -> None:
     """Show one run, or several beside one another."""
-    from acrc_testbed.view import command
+    from acrc_testbed.view import run_view
     from deploy.run import out_folder
 
     say, complete = screen(stderr=True).print, True
     with out_folder.writing((save or screenshot or folders[0]).absolute().parent):
         if save is not None:
-            complete = command.save(folders, robots, save, say)
+            complete = run_view.save(folders, robots, save, say)
         if screenshot is not None:
-            complete &= command.picture(folders, robots, screenshot, at, say)
+            complete &= run_view.picture(folders, robots, screenshot, at, say)
         if save is None and screenshot is None:
-            complete = command.show(folders, robots, say)
+            complete = run_view.show(folders, robots, say)
     if not complete:
         raise AcrcError(f"{folders[0]}: the view lacks what is named above")
 
@@ -199,7 +199,7 @@ def _show(
 def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
     """Draw several runs beside one another into each file; return the files."""
     from acrc_testbed.picture import run_page
-    from acrc_testbed.run_model.simulated import read_run
+    from acrc_testbed.run_model.simulated_runs import read_run
     from deploy.run import out_folder
 
     runs = [read_run(folder) for folder in folders]
@@ -224,13 +224,13 @@ def _warn_of_lack(out: Path, run: "RunData") -> None:
 
 def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
     """Draw the run on one page, once into each file, and as a movie if one is wished; return the files."""
-    from acrc_testbed.picture import moving, run_html, run_page
+    from acrc_testbed.picture import run_html, run_movie, run_page
     from acrc_testbed.recordings.topics import partial_run_notice
-    from acrc_testbed.run_model.simulated import read_run
+    from acrc_testbed.run_model.simulated_runs import read_run
     from deploy.run import out_folder
 
     if movie is not None:
-        moving.check(movie)
+        run_movie.check(movie)
     run = read_run(out)
     if run.result is None:
         screen(stderr=True).print(partial_run_notice(out, run.end))
@@ -241,7 +241,7 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
     if movie is None:
         return pages
     with out_folder.writing(movie.parent):
-        moving.write(run, movie, speed)
+        run_movie.write(run, movie, speed)
     return [*pages, movie]
 
 

@@ -13,7 +13,7 @@ from acrc_testbed.command_line.options import Json, answer, argument, flag, opti
 from actors.installation.usage import OptionError, output_file
 
 if TYPE_CHECKING:
-    from acrc_testbed.recordings.lines import KeyStatistics
+    from acrc_testbed.recordings.message_formats import KeyStatistics
     from acrc_testbed.recordings.topics import LoggedMessage
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -45,7 +45,7 @@ def info(
         return
     if follow or begin or end is not None:
         raise OptionError("--follow, --from, --to: must stand beside a KEY, such as '*'")
-    from acrc_testbed.recordings import lines as figures
+    from acrc_testbed.recordings import message_formats as figures
 
     found = figures.info(out)
     said = list(chain(*(figures.sentences(one, topics=out.is_file()) for one in found)))
@@ -63,16 +63,22 @@ def echo(
     json: Annotated[bool, flag("Print a JSON object for each line.", "--json")] = False,
 ) -> None:
     """Print messages, or lines of a log, with their time."""
-    from acrc_testbed.recordings import lines
+    from acrc_testbed.recordings import message_formats
 
     if csv and json:
         raise OptionError("--csv, --json: must be one of them")
-    form = lines.OutputFormat.CSV if csv else lines.OutputFormat.JSON if json else lines.OutputFormat.TEXT
-    if all(lines.is_log(key) for key in keys):
-        told = lines.read_logs(out, keys, begin, end, follow=follow)
-        texts = lines.format_logs(told, form, named=len(keys) > 1 or "*" in keys[0])
+    form = (
+        message_formats.OutputFormat.CSV
+        if csv
+        else message_formats.OutputFormat.JSON
+        if json
+        else message_formats.OutputFormat.TEXT
+    )
+    if all(message_formats.is_log(key) for key in keys):
+        told = message_formats.read_logs(out, keys, begin, end, follow=follow)
+        texts = message_formats.format_logs(told, form, named=len(keys) > 1 or "*" in keys[0])
     else:
-        texts = lines.format_messages(_messages(out, keys, begin, end, follow), form)
+        texts = message_formats.format_messages(_messages(out, keys, begin, end, follow), form)
     for text in texts:
         print(text, flush=follow)
 
@@ -89,10 +95,10 @@ def plot(
 ) -> None:
     """Draw a field over simulated time."""
     output_file("--out", file, ".png", ".svg")
-    from acrc_testbed.recordings import lines
+    from acrc_testbed.recordings import message_formats
     from acrc_testbed.recordings.topics import short_key
 
-    found = lines.series(_messages(out, [key], begin, end, False), field)
+    found = message_formats.series(_messages(out, [key], begin, end, False), field)
     from acrc_testbed.picture import style
     from deploy.run import out_folder
 
@@ -134,7 +140,7 @@ def _messages(
 
 def _tell_keys(recorded: Iterator["LoggedMessage"], *, follow: bool, json: bool) -> None:
     """Say at the end what is on each key; with `follow` also from time to time what there is by then."""
-    from acrc_testbed.recordings.lines import KeyStatistics
+    from acrc_testbed.recordings.message_formats import KeyStatistics
 
     found: dict[str, KeyStatistics] = {}
     due = time.monotonic() + _EVERY_S
@@ -147,7 +153,7 @@ def _tell_keys(recorded: Iterator["LoggedMessage"], *, follow: bool, json: bool)
 
 
 def _print_keys(found: dict[str, "KeyStatistics"], *, json: bool) -> None:
-    from acrc_testbed.recordings import lines
+    from acrc_testbed.recordings import message_formats
     from acrc_testbed.recordings.topics import short_key
 
     by_key = sorted(found.items(), key=lambda item: short_key(item[0]))
@@ -156,4 +162,4 @@ def _print_keys(found: dict[str, "KeyStatistics"], *, json: bool) -> None:
         print(json_.dumps(told), flush=True)
         return
     for one in told:
-        print("\n".join(lines.statistics_sentences(one)), flush=True)
+        print("\n".join(message_formats.statistics_sentences(one)), flush=True)

@@ -75,9 +75,9 @@ def replay(
         prints = sys.stderr if json else sys.stdout
         report = _watched(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, permit, prints)
     else:
-        from acrc_testbed.recordings import sandboxed
+        from acrc_testbed.recordings import sandboxed_replay
 
-        report = sandboxed.replay(out, robot, permit=permit, isolate=isolate)
+        report = sandboxed_replay.replay(out, robot, permit=permit, isolate=isolate)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     answer([f"{report.actor}: identical: {report.outputs} outputs{until}"], report, json=json)
 
@@ -104,7 +104,7 @@ def _watched(
     """Replay one actor here: to an instant, with another strategy, or in a debugger (--pdb, --debugpy)."""
     from acrc_testbed.recordings import record_replay
     from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
-    from acrc_testbed.recordings.sandboxed import check_trust
+    from acrc_testbed.recordings.sandboxed_replay import check_trust
     from actors.robot.behaviour.foreign import admitted
     from actors.robot.behaviour.loading import look_in
     from actors.runtime.errors import AcrcError
@@ -130,7 +130,9 @@ def _watched(
 
     wanted = None if stop is None else stopping
     shown = None if stop is not None else partial(on, prints)  # a debugger talks for itself
-    replay_options = ReplayOptions(lambda core, step_us: record_replay.limit(core, step_us, window, wanted), prints=shown)
+    replay_options = ReplayOptions(
+        lambda core, step_us: record_replay.limit(core, step_us, window, wanted), prints=shown
+    )
     if strategy is None:
         report = replay_actor(out, robot, replay_options)
     else:
@@ -155,7 +157,7 @@ def explain(
 
     It replays the robot, in a sandbox where the machine has one.
     """
-    from acrc_testbed.explanation import explain as explanation
+    from acrc_testbed.explanation import explainer as explanation
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.errors import printable
     from actors.runtime.isolation.sandbox import choose, warn
@@ -204,14 +206,14 @@ def export(
 
 
 def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
-    from acrc_testbed.export import parquet_files, rows
+    from acrc_testbed.export import parquet_files, table_rows
     from actors.runtime import regular_file
     from actors.runtime.errors import AcrcError
     from deploy.run import out_folder
 
     console = screen(stderr=True, soft_wrap=False)
     with console.status("reading"):
-        found = rows.tables(out)
+        found = table_rows.tables(out)
     with out_folder.writing(folder or out):
         where = folder or regular_file.no_link(out / "tables")
         written = dict(parquet_files.write(found, where))
@@ -224,7 +226,7 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
 def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], *, json: bool) -> None:
     if name != "ros2":
         raise wrong_value("--mcap", name, "ros2, which RViz and Foxglove read")
-    from acrc_testbed.export.logging_run import log_run
+    from acrc_testbed.export.log_export import log_run
     from deploy.run import out_folder
 
     path = file or out.absolute().with_name(f"{out.absolute().name}.{name}.mcap")

@@ -19,7 +19,7 @@ import msgspec
 
 from acrc_testbed.experiments.draws import drawn
 from acrc_testbed.experiments.trial_record import ORDER, RECORD, TrialOrder, TrialRecord, keep, trace
-from acrc_testbed.explanation.account import account_time
+from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.results.result import RunResult
 from actors.processes.robot_logs import EVERYBODY

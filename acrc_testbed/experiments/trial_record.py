@@ -13,7 +13,7 @@ from acrc_testbed.experiments.study import Study, Trial
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.results.result import RunResult
-from acrc_testbed.run_model.recorded import messages_on
+from acrc_testbed.run_model.recording_readers import messages_on
 from actors.messages import TRUTH
 from actors.runtime import typed_json
 from actors.runtime.recording import RecordingError

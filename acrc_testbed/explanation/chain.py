@@ -11,16 +11,16 @@ import msgspec
 
 from acrc_testbed.explanation.causal_trace import (
     Arrival,
+    BehaviourOrder,
     CausalTrace,
     KnowledgeChange,
-    BehaviourOrder,
     ReplicaRead,
     seconds,
 )
 from acrc_testbed.explanation.tracer import AGAIN, GIVES_UP
 from acrc_testbed.recordings.run_recordings import all_recordings, read_setup
-from acrc_testbed.run_model.frames import FrameRow, frame_rows
-from acrc_testbed.run_model.recorded import frame_outcomes, messages_on
+from acrc_testbed.run_model.frame_outcomes import FrameRow, frame_rows
+from acrc_testbed.run_model.recording_readers import frame_outcomes, messages_on
 from actors.instant import Instant, in_seconds
 from actors.introspection import GoalState
 from actors.messages import RECEIVED, Heard

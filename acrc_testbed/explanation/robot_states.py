@@ -10,15 +10,15 @@ from acrc_testbed.explanation.episodes import (
     ABORTED,
     NO_GOAL,
     REACHED,
-    Episode,
     CauseCriteria,
+    Episode,
     interval_mask,
     lost_intervals,
     pursued_goals,
-    true_intervals,
     standing_mask,
+    true_intervals,
 )
-from acrc_testbed.explanation.true_floor import Passages, FloorStage
+from acrc_testbed.explanation.true_floor import FloorStage, Passages
 from acrc_testbed.run_model.data import RobotReport, RunData
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds, seconds
@@ -251,7 +251,12 @@ def beside(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriter
 
 
 def _way(
-    states: RobotStates, robot: int, step: int, goal: tuple[float, float] | None, stage: FloorStage, length: float
+    states: RobotStates,
+    robot: int,
+    step: int,
+    goal: tuple[float, float] | None,
+    stage: FloorStage,
+    length: float,
 ) -> Points:
     """Return the start of a robot's path, (n, 2); straight ahead without a known goal."""
     x, y, heading = states.run.true[step, robot].tolist()

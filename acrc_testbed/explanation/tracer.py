@@ -9,11 +9,11 @@ from typing import Any, Final, NamedTuple, cast
 
 from acrc_testbed.explanation.causal_trace import (
     Arrival,
+    BehaviourOrder,
     FieldChange,
     KnowledgeChange,
-    BehaviourOrder,
-    ReplicaReception,
     ReplicaRead,
+    ReplicaReception,
     seconds,
 )
 from actors.geometry import Point, Pose
@@ -124,11 +124,15 @@ class OrderRecorder:
     def _told(self, step: int, view: View, decision: Decision) -> Iterator[BehaviourOrder]:
         goal = goal_state(view.goal) if view.goal is not None else None
 
-        def order(verb: str, more: str = "", point: Point | None = None, at: Instant | None = None) -> BehaviourOrder:
+        def order(
+            verb: str, more: str = "", point: Point | None = None, at: Instant | None = None
+        ) -> BehaviourOrder:
             moved = self._points.behind(point, step, gone=verb == STOPS, again=verb == AGAIN)
             place = None if point is None else (point.x, point.y)
             words = f"{verb} {more}" if more else verb
-            return BehaviourOrder(step, Instant(view.instant) if at is None else at, words, verb, place, goal, moved)
+            return BehaviourOrder(
+                step, Instant(view.instant) if at is None else at, words, verb, place, goal, moved
+            )
 
         for place in decision.given_up:
             named = f"{place.owner}/{place.place}: {place.reason}"

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 import pyarrow
 from pyarrow import parquet
 
-from acrc_testbed.export.rows import Row, Tables
+from acrc_testbed.export.table_rows import Row, Tables
 from actors.runtime import regular_file
 
 Kind = Literal["float", "int", "bool", "text"]

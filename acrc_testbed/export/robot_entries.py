@@ -26,8 +26,8 @@ from acrc_testbed.export.ros2_log import (
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.run_model.introspection import RecordedProcess, RobotInternals
-from acrc_testbed.run_model.places import PlaceStatus, PlaceTable
-from acrc_testbed.run_model.recorded import messages_on
+from acrc_testbed.run_model.place_reports import PlaceStatus, PlaceTable
+from acrc_testbed.run_model.recording_readers import messages_on
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST

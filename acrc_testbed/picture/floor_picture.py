@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from acrc_testbed.explanation.account import CauseInterval
+from acrc_testbed.explanation.time_accounting import CauseInterval
 from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.picture import marks, style
 from acrc_testbed.picture.marks import PointLabel

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from acrc_testbed.explanation.account import CauseInterval, cause_intervals
+from acrc_testbed.explanation.time_accounting import CauseInterval, cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, run_page, style
 from acrc_testbed.picture import html_page as rendering

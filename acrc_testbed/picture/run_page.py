@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from acrc_testbed.explanation.account import CauseInterval, cause_intervals
+from acrc_testbed.explanation.time_accounting import CauseInterval, cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun

@@ -16,7 +16,7 @@ from typing import Any, Final, cast
 import msgspec
 
 from acrc_testbed.recordings.record_check import check
-from acrc_testbed.recordings.run_recordings import all_recordings, read_run_note, decode_setup
+from acrc_testbed.recordings.run_recordings import all_recordings, decode_setup, read_run_note
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import command
 from actors.instant import Instant, seconds
@@ -119,8 +119,8 @@ class ReplayOptions:
     """Options of an actor's replay."""
 
     prepare: Callable[[Core, int], None] | None = None
-    """Called before the first step with the actor's core and the length of a step, µs. ReplayStoppedError, raised by
-    the core, ends the replay."""
+    """Called before the first step with the actor's core and the length of a step, µs. The core may raise
+    ReplayStoppedError to end the replay."""
     behaviour: str | None = None
     """Entry string of a behaviour that replaces the recorded one, with its default settings."""
     prints: Callable[[int], Prints] | None = None
@@ -140,7 +140,9 @@ def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOp
     run = read_run_note(path)
     prints = None if replay_options.prints is None else replay_options.prints(run.step_us)
     with nullcontext() if prints is None else prints.during(0):
-        expect(None if run.code is None or replay_options.behaviour is not None else _recorded(path, run.code))
+        expect(
+            None if run.code is None or replay_options.behaviour is not None else _recorded(path, run.code)
+        )
         part = _part(path, actor, run, replay_options)
     if replay_options.prepare is not None:
         replay_options.prepare(part.core, run.step_us)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
-from acrc_testbed.run_model.frames import NO_COPIES, FrameCopies
+from acrc_testbed.run_model.frame_outcomes import NO_COPIES, FrameCopies
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds

@@ -17,9 +17,9 @@ from acrc_testbed.run_model.data import (
     step_columns,
 )
 from acrc_testbed.run_model.floor import FLOOR_ORDERS, NO_CHANGES, FloorHistory
-from acrc_testbed.run_model.frames import FrameCopies, copies_of
+from acrc_testbed.run_model.frame_outcomes import FrameCopies, copies_of
 from acrc_testbed.run_model.introspection import RecordedProcess
-from acrc_testbed.run_model.places import PlaceReports
+from acrc_testbed.run_model.place_reports import PlaceReports
 from actors.instant import in_seconds
 from actors.message_limits import OrderLimits, fault
 from actors.messages import (

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from acrc_testbed.results.summary import LIVE_VIEW
-from acrc_testbed.view import command
-from acrc_testbed.view.command import FILE_NAME, say_at_once
+from acrc_testbed.view import run_view
+from acrc_testbed.view.run_view import FILE_NAME, say_at_once
 from actors.observer import viewer
 from actors.runtime.errors import AcrcError
 from actors.runtime.linux import die_with_parent, leave_in_order
@@ -31,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         if opened is not None and opened.page:
             say_at_once(f"{LIVE_VIEW}, open {opened.page} in a browser on this machine.")
-        command.follow(options.out, path, options.robot, opened, say_at_once)
+        run_view.follow(options.out, path, options.robot, opened, say_at_once)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 
 from acrc_testbed.run_model.data import RunData, Trajectory, ordered_changes
-from acrc_testbed.run_model.frames import LOSSES, FrameCopies, by_outcome, outcome_name, concatenated
+from acrc_testbed.run_model.frame_outcomes import LOSSES, FrameCopies, by_outcome, concatenated, outcome_name
 from acrc_testbed.run_model.introspection import Floats
-from acrc_testbed.run_model.places import first_reports
-from actors.observer import words
+from acrc_testbed.run_model.place_reports import first_reports
+from actors.observer import panels
 from actors.observer.canvas import Canvas
-from actors.observer.glyphs import OUTCOME_COLOURS, GREY, WHITE
-from actors.observer.words import DrawnEvent, LaneActivity
+from actors.observer.glyphs import GREY, OUTCOME_COLOURS, WHITE
+from actors.observer.panels import DrawnEvent, LaneActivity
 from actors.radio.medium.state import Outcome
 from actors.task.task import PlaceKey
 
@@ -79,10 +79,10 @@ class Plots:
         self._many = not canvas.has_few
         shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
         for name, colour in shown.items():
-            words.introduce_line(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
+            panels.introduce_line(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
         for robot in canvas.robots:
             for name in ("speed", "error") if true else ("speed",):
-                words.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
+                panels.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
 
     def extend(self, run: RunData) -> None:
         """Draw a run or its next part."""
@@ -95,7 +95,7 @@ class Plots:
         counts = np.array([*rows, rows[-1]], np.float64)
         lines = _spread(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
         for name, values in lines.items():
-            words.draw_line(self._canvas, f"plots/places/{name}", ends, values)
+            panels.draw_line(self._canvas, f"plots/places/{name}", ends, values)
         for robot, track in run.trajectories.items():
             self._drive(robot, track)
         self._strengths(run.heard)
@@ -120,7 +120,7 @@ class Plots:
             lines["error"] = np.hypot(*(poses[:, :2] - held[:, :2]).T)
         for name, values in lines.items():
             told = np.isfinite(values)
-            words.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[told], values[told])
+            panels.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[told], values[told])
 
     def _strengths(self, heard: Floats) -> None:
         """Draw the RSSI of each link in the sender's colour; with many robots one line per sender."""
@@ -133,10 +133,10 @@ class Plots:
             path = f"plots/rssi/{sender}_at_{receiver}"
             if pair not in self._pairs:
                 self._pairs.add(pair)
-                words.introduce_line(
+                panels.introduce_line(
                     canvas, path, f"{sender} at {receiver}", canvas.colour(sender), dots=True
                 )
-            words.draw_line(canvas, path, mine[:, 0], mine[:, 3])
+            panels.draw_line(canvas, path, mine[:, 0], mine[:, 3])
 
     def copies(self, copies: FrameCopies, until: float, *, last: bool) -> None:
         """Count copies up to an instant, s; `last`: the run ends there, within a bin."""
@@ -160,10 +160,10 @@ class Plots:
         path = f"plots/copies/{name.replace(' ', '_')}"
         if outcome not in self._counted:
             self._counted.add(outcome)
-            words.introduce_line(self._canvas, path, name, OUTCOME_COLOURS[name])
+            panels.introduce_line(self._canvas, path, name, OUTCOME_COLOURS[name])
             earlier = [(bin_ + 0.5) * _BIN_S for bin_ in range(self._bins)]
-            words.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
-        words.draw_line(self._canvas, path, middles, counts)
+            panels.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
+        panels.draw_line(self._canvas, path, middles, counts)
 
 
 def _spread(counts: Floats) -> dict[str, Floats]:
@@ -195,7 +195,7 @@ class RobotLane:
     """Lane of a robot: its own activities, overridden by states that it cannot observe."""
 
     def __init__(self, canvas: Canvas, robot: str) -> None:
-        self._lane = words.Lane(canvas, robot)
+        self._lane = panels.Lane(canvas, robot)
         self._back: list[float] = []
         """Times when it became active again, s, not drawn yet."""
         self._last: LaneActivity | None = None
@@ -224,7 +224,7 @@ class RobotLane:
             back += [before[-1]._replace(second=second)] if before else []
         self._last = known[-1] if known else None
         if spells or back:
-            self._lane.draw(words.without_short(over(sorted((*spells, *back)), self._deadlocks)))
+            self._lane.draw(panels.without_short(over(sorted((*spells, *back)), self._deadlocks)))
 
 
 def over(own: Sequence[LaneActivity], deadlocks: Sequence[tuple[float, float]]) -> list[LaneActivity]:

@@ -5,12 +5,12 @@ from typing import Final
 
 import numpy as np
 
-from acrc_testbed.explanation.account import cause_intervals
 from acrc_testbed.explanation.episodes import ObservedActivity
+from acrc_testbed.explanation.time_accounting import cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import door_cells
-from acrc_testbed.run_model.frames import LOSSES, FrameCopies, outcome_name
+from acrc_testbed.run_model.frame_outcomes import LOSSES, FrameCopies, outcome_name
 from acrc_testbed.run_model.introspection import (
     NOT_RECORDED,
     ActivityChange,
@@ -18,16 +18,16 @@ from acrc_testbed.run_model.introspection import (
     RobotInternals,
     StepCommit,
 )
-from acrc_testbed.run_model.places import PlaceTable
-from acrc_testbed.run_model.recorded import NO_FRAMES
+from acrc_testbed.run_model.place_reports import PlaceTable
+from acrc_testbed.run_model.recording_readers import NO_FRAMES
 from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, name
 from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord
-from actors.observer import layout, places, robots, words
+from actors.observer import floor_drawing, layout, panels, robots
 from actors.observer.canvas import Canvas
+from actors.observer.floor_drawing import draw_places
 from actors.observer.glyphs import OUTCOME_COLOURS
-from actors.observer.places import draw_places
-from actors.observer.words import DrawnEvent, KnowledgeExchange, LaneActivity
+from actors.observer.panels import DrawnEvent, KnowledgeExchange, LaneActivity
 from actors.radio.medium.state import Outcome
 
 _LINE_S: Final = 0.5
@@ -86,7 +86,7 @@ class ProcessDrawing:
         self._met: dict[str, tuple[float, float]] = {}
         """By peer: next time of the plot of its age, and last reception, s."""
         if is_detailed:
-            words.introduce_inside(canvas, robot)
+            panels.introduce_inside(canvas, robot)
 
     def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[KnowledgeExchange]:
         """Draw the next part, and yield exchanges with others. `end`: end of the run, if nothing follows."""
@@ -94,14 +94,14 @@ class ProcessDrawing:
         until = inside.end if end is None else end
         if self._is_detailed:
             _draw_perception(canvas, robot, inside)
-            words.draw_decisions(canvas, robot, [_causes(*one) for one in inside.decisions()])
+            panels.draw_decisions(canvas, robot, [_causes(*one) for one in inside.decisions()])
             self._ages(inside, until)
         doings = [LaneActivity(one.second, one.activity, one.destination) for one in inside.activities]
         self._lane.do(doings, until)
-        words.draw_knowledge(canvas, robot, list(inside.knowledge))
+        panels.draw_knowledge(canvas, robot, list(inside.knowledge))
         if self._has_goals:
             self._intents(inside.activities, inside.end)
-        words.draw_events(canvas, "inside", list(self._events.of(inside)))
+        panels.draw_events(canvas, "inside", list(self._events.of(inside)))
         for one, _ in inside.decisions():
             if one.commit.peer:
                 yield KnowledgeExchange(one.second, one.commit.by.partition(".")[0], one.commit.peer, robot)
@@ -121,7 +121,7 @@ class ProcessDrawing:
         if not len(seconds):
             return
         there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
-        places.draw_intents(self._canvas, self._robot, seconds, self._way.at(seconds), there)
+        floor_drawing.draw_intents(self._canvas, self._robot, seconds, self._way.at(seconds), there)
 
     def _ages(self, inside: RobotInternals, until: float) -> None:
         """Draw the ages of replicas."""
@@ -132,14 +132,14 @@ class ProcessDrawing:
             heard = np.array([np.nan if one.heard is None else one.heard for one in mine], np.float64)
             path = f"plots/ages/{peer}_at_{robot}"
             if peer not in self._met:
-                words.introduce_line(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
+                panels.introduce_line(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
                 self._met[peer] = float(begins[0]), np.nan
             due, last = self._met[peer]
             begins, heard = np.concatenate(([-np.inf], begins)), np.concatenate(([last], heard))
             seconds = np.arange(due, until, _AGE_S)
             ages = seconds - heard[np.searchsorted(begins, seconds, side="right") - 1]
             known = np.isfinite(ages)
-            words.draw_line(canvas, path, seconds[known], ages[known])
+            panels.draw_line(canvas, path, seconds[known], ages[known])
             self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
 
 
@@ -160,12 +160,12 @@ def _causes(change: StepCommit, decision: DecisionRecord) -> tuple[float, Sequen
 def _draw_perception(canvas: Canvas, robot: str, inside: RobotInternals) -> None:
     """Draw scan, particles, estimate, costs, plan and arc."""
     for what, sets in (("scan", inside.scans), ("particles", inside.particles)):
-        words.draw_clouds(canvas, robot, what, sets.seconds, sets.counts, sets.points)
-    words.draw_estimates(canvas, robot, inside.seconds, inside.estimates, inside.covariances)
-    words.draw_arcs(canvas, robot, inside.seconds, inside.estimates, inside.twists)
-    words.draw_plans(canvas, robot, inside.plans.seconds, inside.plans.sets())
+        panels.draw_clouds(canvas, robot, what, sets.seconds, sets.counts, sets.points)
+    panels.draw_estimates(canvas, robot, inside.seconds, inside.estimates, inside.covariances)
+    panels.draw_arcs(canvas, robot, inside.seconds, inside.estimates, inside.twists)
+    panels.draw_plans(canvas, robot, inside.plans.seconds, inside.plans.sets())
     windows = inside.windows
-    words.draw_costs(canvas, robot, windows.seconds, windows.costs, windows.corners, windows.cell)
+    panels.draw_costs(canvas, robot, windows.seconds, windows.costs, windows.corners, windows.cell)
 
 
 DETAILED: Final = 8
@@ -199,13 +199,13 @@ class RunDrawing:
         """Recently lost copies."""
         self._copies_since = 0.0
         self._exchanges: list[KnowledgeExchange] = []
-        places.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
-        places.draw_marks(canvas)
-        places.draw_lines(canvas, "copies", OUTCOME_COLOURS)
+        floor_drawing.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
+        floor_drawing.draw_marks(canvas)
+        floor_drawing.draw_lines(canvas, "copies", OUTCOME_COLOURS)
         robots.introduce_radio(canvas)
         for robot in run.robots:
             robots.introduce(canvas, robot)
-            places.introduce_intent(canvas, robot)
+            floor_drawing.introduce_intent(canvas, robot)
 
     def recorded(self, run: RunData) -> None:
         """Draw robots, trails, places, links, plots and events."""
@@ -220,11 +220,11 @@ class RunDrawing:
                 robots.draw_name(canvas, robot, second, state)
             self._lanes[robot].act(track.states)
         for second, put in run.floor:
-            places.draw_things(canvas, second, put)
+            floor_drawing.draw_things(canvas, second, put)
         self._draw_places(run)
         self._links(run)
         self._plots.extend(run)
-        words.draw_events(canvas, "recorded", list(self._event_texts.of(run)))
+        panels.draw_events(canvas, "recorded", list(self._event_texts.of(run)))
         self._adoptions(run)
 
     def copies(self, copies: FrameCopies, until: float, *, last: bool = True) -> None:
@@ -296,15 +296,15 @@ class RunDrawing:
             self._lanes[robot].deadlocks(mine)
         told = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot, mine in found.items()
                 for begin, _ in mine]  # fmt: skip
-        words.draw_events(self._canvas, "truth", told)
+        panels.draw_events(self._canvas, "truth", told)
 
     def tell(self, events: Sequence[DrawnEvent]) -> None:
         """Draw events about the view itself, such as missing data."""
-        words.draw_events(self._canvas, "view", events)
+        panels.draw_events(self._canvas, "view", events)
 
     def _ensembles(self, since: float) -> None:
         """Draw the graph of exchanges from an instant on, s."""
-        words.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
+        panels.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
         self._exchanges = [one for one in self._exchanges if one.second + 2 * _LASTING > since]
 
     def _draw_places(self, run: RunData) -> None:
@@ -334,7 +334,9 @@ class RunDrawing:
             if self._in_full(deed.robot) and deed.place.place < len(run.places.get(deed.place.owner, ())):
                 point = run.places[deed.place.owner][deed.place.place]
                 x, y = self._ways[deed.robot].at(np.array([deed.second]))[0].tolist()
-                places.draw_adoption(self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place))
+                floor_drawing.draw_adoption(
+                    self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place)
+                )
 
 
 def detailed_robots(robots: Sequence[str], wished: Sequence[str]) -> list[str]:

@@ -12,9 +12,9 @@ import rerun.blueprint as rrb
 
 from actors.floor.grid import OccupancyGrid
 from actors.observer.canvas import TIMELINE
-from actors.observer.glyphs import OUTCOME_COLOURS, GROUND
+from actors.observer.glyphs import GROUND, OUTCOME_COLOURS
+from actors.observer.panels import lane_path
 from actors.observer.robots import RECENT_S
-from actors.observer.words import lane_path
 from actors.runtime.errors import AcrcError
 
 _FIELD_OF_VIEW: Final = math.radians(55.0)
@@ -210,7 +210,12 @@ class ViewFile:
     """A rerun recording with the layout; a context manager that finishes the file."""
 
     def __init__(
-        self, path: Path, what: ViewerContents | Sequence[ViewerContents], *, name: str, send_to: str | None = None
+        self,
+        path: Path,
+        what: ViewerContents | Sequence[ViewerContents],
+        *,
+        name: str,
+        send_to: str | None = None,
     ) -> None:
         """Create the file; `what`: one run or several side by side, `send_to`: a viewer's address.
 

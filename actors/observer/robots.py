@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, lifted, ring
 from actors.observer.canvas import LINK as HEIGHT
-from actors.observer.glyphs import OUTCOME_COLOURS, LINK, RADIUS, WHITE, Colour, faded
+from actors.observer.glyphs import LINK, OUTCOME_COLOURS, RADIUS, WHITE, Colour, faded
 
 Floats = NDArray[np.float64]
 RECENT_S: Final = 20.0

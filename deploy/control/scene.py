@@ -14,7 +14,7 @@ from PIL import Image
 
 from acrc_testbed.explanation.episodes import STANDARD, ObservedActivity
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.simulated import run_model
+from acrc_testbed.run_model.simulated_runs import run_model
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds

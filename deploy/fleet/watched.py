@@ -16,15 +16,15 @@ import numpy as np
 from acrc_testbed.results.field_recordings import FRAME_OUTCOMES
 from acrc_testbed.run_model.data import RunDescription
 from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
-from acrc_testbed.view.command import say_at_once
 from acrc_testbed.view.run_drawing import RunDrawing
+from acrc_testbed.view.run_view import say_at_once
 from actors.floor.map_file import load_map
 from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, Received
-from actors.observer import viewer, words
+from actors.observer import panels, viewer
 from actors.observer.canvas import Canvas
-from actors.observer.glyphs import OUTCOME_COLOURS, GREY
+from actors.observer.glyphs import GREY, OUTCOME_COLOURS
 from actors.observer.layout import ViewerContents, ViewFile
-from actors.observer.words import DrawnEvent
+from actors.observer.panels import DrawnEvent
 from actors.processes.launch import scratch_folder
 from actors.runtime.core import at
 from actors.topic import Message
@@ -79,7 +79,7 @@ class WatchedFleet:
         self._missed = 0
         self._drawing = RunDrawing(self._canvas, self._model.observed(0.0), ())
         for robot in self.robots:
-            words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
+            panels.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
     def draw(self, heard: Sequence[HeardMessage], now: float, missed: int) -> None:
         """Draw messages up to `now`, s; `missed`: total of messages dropped by the view."""
@@ -96,7 +96,7 @@ class WatchedFleet:
         self._drawing.computed(run)
         self._drawing.tell(events)
         for robot, last in self._last.items():
-            words.draw_line(self._canvas, f"plots/ages/{robot}", [now], np.array([now - last]))
+            panels.draw_line(self._canvas, f"plots/ages/{robot}", [now], np.array([now - last]))
         if now >= self._counted + _COUNTED_S:
             self._plot_frames(now)
 
@@ -127,10 +127,10 @@ class WatchedFleet:
             if self._counts[name] and name not in self._drawn:
                 self._drawn.add(name)
                 colour = OUTCOME_COLOURS["heard"] if name == "copies_heard" else GREY
-                words.introduce_line(self._canvas, path, name.replace("_", " "), colour)
+                panels.introduce_line(self._canvas, path, name.replace("_", " "), colour)
             if name in self._drawn:
                 rate = self._counts[name] / (now - self._counted)
-                words.draw_line(self._canvas, path, [now], np.array([rate]))
+                panels.draw_line(self._canvas, path, [now], np.array([rate]))
         self._counts.clear()
         self._counted = now
 

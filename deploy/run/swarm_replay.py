@@ -11,8 +11,8 @@ import msgspec
 
 from acrc_testbed.recordings.record_check import STAMP, check, read_contents
 from acrc_testbed.recordings.record_replay import ReplayOptions, ReplayReport, recorded_code, replay_actor
-from acrc_testbed.recordings.run_recordings import all_recordings, recordings, read_setup
-from acrc_testbed.recordings.sandboxed import warn_unhashed
+from acrc_testbed.recordings.run_recordings import all_recordings, read_setup, recordings
+from acrc_testbed.recordings.sandboxed_replay import warn_unhashed
 from actors.instant import in_seconds
 from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Truth
 from actors.processes.launch import scratch_folder

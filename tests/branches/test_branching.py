@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import pytest
 
-from acrc_testbed.run_model.frames import frame_rows
-from acrc_testbed.run_model.recorded import frame_outcomes
-from acrc_testbed.run_model.simulated import recorded_run
+from acrc_testbed.run_model.frame_outcomes import frame_rows
+from acrc_testbed.run_model.recording_readers import frame_outcomes
+from acrc_testbed.run_model.simulated_runs import recorded_run
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.instant import in_seconds, milliseconds

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from acrc_testbed.run_model.recorded import messages_on
+from acrc_testbed.run_model.recording_readers import messages_on
 from actors.installation.repository import REPOSITORY
 from actors.messages import CONTROL, TRUTH
 from actors.orders import Move, Pause, Resume, Step, Stop, Wall

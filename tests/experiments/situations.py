@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from numpy.random import Generator
 
-from acrc_testbed.explanation.classify import CARRIED, NO_CONTACT
+from acrc_testbed.explanation.cause_classification import CARRIED, NO_CONTACT
 from acrc_testbed.explanation.time_spent import Cause
 from actors.installation.repository import SHIPPED
 from actors.instant import Instant, seconds

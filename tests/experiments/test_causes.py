@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from acrc_testbed.command_line.app import app
-from acrc_testbed.explanation.account import account_time, decision_events, diagnosis_score
-from acrc_testbed.explanation.classify import CAUSES, CauseTable, blocking_events, classify, deadlocks
+from acrc_testbed.explanation.cause_classification import (
+    CAUSES,
+    CauseTable,
+    blocking_events,
+    classify,
+    deadlocks,
+)
 from acrc_testbed.explanation.episodes import STANDARD
+from acrc_testbed.explanation.time_accounting import account_time, decision_events, diagnosis_score
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, TimeSpent
 from acrc_testbed.explanation.true_floor import TrueFloor
 from acrc_testbed.run_model.data import RobotReport, RunData
 from acrc_testbed.run_model.floor import FloorObject, FloorState
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.run_model.simulated_runs import read_run
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.randomness import generator

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from acrc_testbed.experiments.paired_tests import mean_interval
-from acrc_testbed.explanation.account import account_time
-from acrc_testbed.explanation.episodes import Episode, lost_intervals, true_intervals, standing_mask
+from acrc_testbed.explanation.episodes import Episode, lost_intervals, standing_mask, true_intervals
+from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.explanation.true_floor import Passages
 from actors.floor.map_file import load_map
@@ -103,7 +103,10 @@ def test_standing_needs_a_whole_window_within_the_distance() -> None:
 
     pursuing = ALWAYS.copy()
     pursuing[25] = False
-    assert true_intervals(standing_mask(track((60, 0, 0)), pursuing, WINDOW, 0.1)) == [Episode(0, 25), Episode(26, 60)]
+    assert true_intervals(standing_mask(track((60, 0, 0)), pursuing, WINDOW, 0.1)) == [
+        Episode(0, 25),
+        Episode(26, 60),
+    ]
 
 
 def test_passages_are_where_one_robot_closes_the_way() -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.explanation.causal_trace import CausalTrace
+from acrc_testbed.explanation.trace_replay import traced
 from acrc_testbed.explanation.tracer import KnownPoints, root
-from acrc_testbed.explanation.tracing import traced
-from acrc_testbed.run_model.recorded import messages_on
+from acrc_testbed.run_model.recording_readers import messages_on
 from actors.geometry import Point
 from actors.messages import RECEIVED, Heard
 from actors.robot.introspection import ABSENT, PathDifference, differences

@@ -8,7 +8,13 @@ from typing import NamedTuple
 import pytest
 
 from acrc_testbed.explanation.chain import CauseLink
-from acrc_testbed.explanation.explain import Explainer, Explanation, ExplanationError, sentences, parse_request
+from acrc_testbed.explanation.explainer import (
+    Explainer,
+    Explanation,
+    ExplanationError,
+    parse_request,
+    sentences,
+)
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from tests.in_process import acrc

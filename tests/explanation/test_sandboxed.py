@@ -6,9 +6,9 @@ import msgspec
 import pytest
 
 from acrc_testbed.explanation.causal_trace import TraceError, decode
-from acrc_testbed.explanation.explain import Explainer, ExplanationError
-from acrc_testbed.explanation.tracing import traced
-from acrc_testbed.recordings.sandboxed import ProgramLimits, replay
+from acrc_testbed.explanation.explainer import Explainer, ExplanationError
+from acrc_testbed.explanation.trace_replay import traced
+from acrc_testbed.recordings.sandboxed_replay import ProgramLimits, replay
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation import sandbox

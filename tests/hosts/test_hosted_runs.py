@@ -13,12 +13,12 @@ import pytest
 
 from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
 from acrc_testbed.benchmarks.measured import ACRC
-from acrc_testbed.explanation.account import account_time
+from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.recordings import record_check
 from acrc_testbed.recordings.record_replay import recheck
 from acrc_testbed.results import seal
 from acrc_testbed.results.seal import check_seal
-from acrc_testbed.run_model.simulated import RunReader
+from acrc_testbed.run_model.simulated_runs import RunReader
 from actors.runtime.errors import AcrcError
 from tests.swarm.command import run as run_here
 

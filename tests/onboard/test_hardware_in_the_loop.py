@@ -8,10 +8,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.export.logging_run import log_run
+from acrc_testbed.export.log_export import log_run
 from acrc_testbed.recordings import record_replay
 from acrc_testbed.results.result import RunResult
-from acrc_testbed.run_model.collected import whole_run
+from acrc_testbed.run_model.hardware_runs import whole_run
 from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.processes.launch import Launcher

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.run_model.simulated_runs import read_run
 
 
 @pytest.fixture(scope="session")

@@ -20,17 +20,17 @@ from matplotlib.patches import Patch
 from matplotlib.text import Annotation
 from PIL import Image
 
-from acrc_testbed.explanation.account import account_time, cause_intervals
+from acrc_testbed.explanation.time_accounting import account_time, cause_intervals
 from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
-from acrc_testbed.picture import marks, moving, run_html, run_page, style
+from acrc_testbed.picture import marks, run_html, run_movie, run_page, style
 from acrc_testbed.picture.floor_picture import blocked_positions
 from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.recordings.topics import LoggedMessage
-from acrc_testbed.run_model import recorded as recorded_contents
-from acrc_testbed.run_model import simulated
+from acrc_testbed.run_model import recording_readers as recorded_contents
+from acrc_testbed.run_model import simulated_runs
 from acrc_testbed.run_model.data import STEP_COLUMNS, RunData, RunDataError, ordered_changes
 from acrc_testbed.run_model.floor import FloorObject, floor_intervals
-from acrc_testbed.run_model.simulated import RunReader, read_run
+from acrc_testbed.run_model.simulated_runs import RunReader, read_run
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth
 from actors.observer import glyphs
@@ -110,9 +110,7 @@ def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> N
         read_run(tmp_path)
     part = tmp_path / "part"
     shutil.copytree(folder / "r1", part / "r1")
-    with pytest.raises(
-        RunDataError, match=r"no recording of the world; it should be the folder of a simulated"
-    ):
+    with pytest.raises(RunDataError, match=r"no recording of the world; give the folder of a simulated"):
         read_run(part)
     wrong = tmp_path / "wrong"
     shutil.copytree(folder, wrong)
@@ -227,7 +225,7 @@ def test_the_page_of_a_run_lists_it(ordered_run: RunData) -> None:
 
 
 def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunData, tmp_path: Path) -> None:
-    moving.write(ordered_run, tmp_path / "m.gif", 10.0)
+    run_movie.write(ordered_run, tmp_path / "m.gif", 10.0)
     with Image.open(tmp_path / "m.gif") as film:
         seen = []
         for second in (1, 6, 12):
@@ -320,5 +318,5 @@ def test_invalid_orders_are_left_out(short_run: Path, monkeypatch: pytest.Monkey
     def setup(world: Path) -> WorldSetup:
         return msgspec.structs.replace(told(world), events=tuple(TimedOrder(0, order) for order in orders))
 
-    monkeypatch.setattr(simulated, "world_setup", setup)
+    monkeypatch.setattr(simulated_runs, "world_setup", setup)
     assert [one.order for one in read_run(short_run).orders] == [Obstacle(9.0, 11.5, 0.3)]

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from acrc_testbed.command_line import look as look_commands
-from acrc_testbed.picture import floor_picture, moving, run_html, run_page, style
+from acrc_testbed.picture import floor_picture, run_html, run_movie, run_page, style
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.run_model.simulated_runs import read_run
 from actors.installation.usage import OptionError
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
@@ -102,7 +102,7 @@ def test_view_draws_page_and_movie(evidence: RunData, page: Page, folder: Path, 
     assert html.count("<td>takes over ") == len(evidence.taken_over)
     assert "<td>r2/0</td>" in html and str(out) not in html
 
-    shown = list(moving.instants(evidence, 100.0))
+    shown = list(run_movie.instants(evidence, 100.0))
     assert shown[-1] == len(evidence.seconds) - 1
     with Image.open(files[3]) as movie:
         assert getattr(movie, "n_frames", 0) == len(shown) == 11 and movie.info["duration"] == 100
@@ -208,13 +208,13 @@ def test_what_is_drawn_for_a_dark_screen_can_be_seen_there(page: Page) -> None:
 def test_a_movie_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(AcrcError) as caught:
-        moving.check(tmp_path / "run.mp4")
+        run_movie.check(tmp_path / "run.mp4")
     assert str(caught.value) == (
         f"--movie {tmp_path / 'run.mp4'}: the program ffmpeg is not installed; install it or write a .gif"
     )
     for wrong in (tmp_path / "run.avi", tmp_path / "nowhere" / "run.gif"):
         with pytest.raises(OptionError, match=r"its name ending in \.gif or \.mp4"):
-            moving.check(wrong)
+            run_movie.check(wrong)
 
 
 def test_ffmpeg_is_given_pictures_of_even_sides(
@@ -224,14 +224,14 @@ def test_ffmpeg_is_given_pictures_of_even_sides(
     program.write_text(f'#!/bin/sh\necho "$@" >{tmp_path}/words\n/usr/bin/wc -c >{tmp_path}/bytes\n')
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
-    moving.write(evidence, tmp_path / "run.mp4", 500.0)
+    run_movie.write(evidence, tmp_path / "run.mp4", 500.0)
     wide, high = map(int, re.findall(r"-s (\d+)x(\d+) ", (tmp_path / "words").read_text())[0])
     assert wide % 2 == high % 2 == 0
-    pictures = len(list(moving.instants(evidence, 500.0)))
+    pictures = len(list(run_movie.instants(evidence, 500.0)))
     assert int((tmp_path / "bytes").read_text()) == pictures * wide * high * 3
     program.write_text("#!/bin/sh\necho no such codec >&2\nexit 1\n")
     with pytest.raises(AcrcError, match="ffmpeg failed: no such codec"):
-        moving.write(evidence, tmp_path / "run.mp4", 500.0)
+        run_movie.write(evidence, tmp_path / "run.mp4", 500.0)
 
 
 @pytest.mark.nightly

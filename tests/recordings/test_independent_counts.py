@@ -18,13 +18,13 @@ import pytest
 from acrc_testbed.experiments.comparison import named
 from acrc_testbed.experiments.report.sections import COSTS
 from acrc_testbed.experiments.trial_record import TrialRecord
-from acrc_testbed.explanation.account import account_time
+from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
-from acrc_testbed.export import rows
+from acrc_testbed.export import table_rows
 from acrc_testbed.export.parquet_files import TABLES
 from acrc_testbed.results.outcome import means as own_means
 from acrc_testbed.results.result import RunResult
-from acrc_testbed.run_model.recorded import final_outcomes, messages_on, world_setup
+from acrc_testbed.run_model.recording_readers import final_outcomes, messages_on, world_setup
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, RECEIVED, TRUTH, AccessFailure, Drive, Heard, Overflow, Truth
 from tests.recorded_runs import record
@@ -83,7 +83,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
     for number, place in enumerate(((9.0, 12.0), (10.0, 12.0))):
         places["r1", own + number], given["r1", own + number] = place, 4.0
     robots = {path.stem: path for path in out.glob("r[0-9]/*.mcap")}
-    found = rows.tables(out)
+    found = table_rows.tables(out)
     return Counted(
         own={
             name: msgspec.json.decode(final_outcomes(path)["counted"], type=dict[str, int])

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from acrc_testbed.recordings import lines
-from acrc_testbed.recordings.lines import column_value, info, to_json_types
+from acrc_testbed.recordings import message_formats
+from acrc_testbed.recordings.message_formats import column_value, info, to_json_types
 from acrc_testbed.recordings.record_check import check_recording
-from acrc_testbed.recordings.topics import TopicError, matches, follow, has_ended, messages
+from acrc_testbed.recordings.topics import TopicError, follow, has_ended, matches, messages
 from actors.messages import CONTROL, Control
 from actors.orders import Kill
 from actors.runtime.codec import encode
@@ -97,9 +97,12 @@ def test_echo_shows_every_message_with_its_time(recorded_run: Path) -> None:
     assert (first["seconds"], first["key"], first["type"]) == (15.0, "r1/drive", "Drive")
     assert second["message"]["step"] == 151 and len(second["message"]["pose"]) == 3
     one = next(iter(messages(recorded_run / "r1" / "r1.mcap", "r1/senses"))).message()
-    assert one is not None and column_value(one, "scan.ranges_mm[3]") == to_json_types(one)["scan"]["ranges_mm"][3]
+    assert (
+        one is not None
+        and column_value(one, "scan.ranges_mm[3]") == to_json_types(one)["scan"]["ranges_mm"][3]
+    )
     with pytest.raises(TopicError, match="give keys of one type"):
-        list(lines.table(messages(recorded_run, "r1/*")))
+        list(message_formats.table(messages(recorded_run, "r1/*")))
 
 
 def test_a_number_is_drawn_and_what_is_none_is_told(recorded_run: Path, tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ import pytest
 
 from acrc_testbed.command_line import replaying
 from acrc_testbed.recordings import record_replay
-from acrc_testbed.recordings.record_replay import ReplayOptions, RecheckError, recheck, replay_actor
-from acrc_testbed.recordings.run_recordings import code_folders, recordings, read_setup
-from acrc_testbed.run_model.recorded import world_setup
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.recordings.record_replay import RecheckError, ReplayOptions, recheck, replay_actor
+from acrc_testbed.recordings.run_recordings import code_folders, read_setup, recordings
+from acrc_testbed.run_model.recording_readers import world_setup
+from acrc_testbed.run_model.simulated_runs import read_run
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.assembly import RobotSetup
@@ -75,7 +75,10 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("print(self.id)\n" + "step\n" * 6 + "continue\n"))
-    window, terminal = record_replay.TimeWindow(begin_s=1.0, end_s=None), record_replay.pdb_breakpoint(own=False)
+    window, terminal = (
+        record_replay.TimeWindow(begin_s=1.0, end_s=None),
+        record_replay.pdb_breakpoint(own=False),
+    )
     watch = ReplayOptions(lambda core, step_us: record_replay.limit(core, step_us, window, terminal))
     report = replay_actor(recorded, "r2", watch)
     assert report.whole and report.outputs > 30, "a look changes nothing"

@@ -14,13 +14,13 @@ from mcap_ros2.decoder import DecoderFactory
 
 from acrc_testbed.command_line.replaying import export
 from acrc_testbed.export import robot_entries, ros2_log
-from acrc_testbed.export.logging_run import LogReport, log_run
+from acrc_testbed.export.log_export import LogReport, log_run
 from acrc_testbed.export.robot_entries import occupancy
 from acrc_testbed.export.ros2_log import TYPES, LogEntry
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.introspection import RecordedProcess
-from acrc_testbed.run_model.recorded import messages_on
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.run_model.recording_readers import messages_on
+from acrc_testbed.run_model.simulated_runs import read_run
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
 from actors.installation.usage import OptionError

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.recordings import sandboxed
+from acrc_testbed.recordings import sandboxed_replay
 from actors.processes.launch import Child, Program
 from actors.processes.monitor import DiskUse, ResourceWatch, disk_use
 from actors.runtime import failure, linux, process_table
@@ -102,7 +102,7 @@ def replay(folder: Path, deed: PlaceEvent) -> None:
     try:
         deed()
     except Exception as error:
-        fault = sandboxed.describe_failure("r2", error)
+        fault = sandboxed_replay.describe_failure("r2", error)
     (folder / "said").write_text(fault)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.recordings.record_replay import recheck
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.run_model.simulated_runs import read_run
 from tests.recorded_runs import record
 
 STORY = """

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.run_model.simulated_runs import read_run
 from tests.recorded_runs import record
 
 DRAWN = ("drawn", "live", "run_drawing")

@@ -12,12 +12,12 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from acrc_testbed.command_line import look
-from acrc_testbed.explanation.account import cause_intervals
+from acrc_testbed.explanation.time_accounting import cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
-from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.frames import by_outcome
-from acrc_testbed.view.command import draw, place, save
+from acrc_testbed.run_model.frame_outcomes import by_outcome
+from acrc_testbed.run_model.hardware_runs import whole_run
+from acrc_testbed.view.run_view import draw, place, save
 from actors.observer import glyphs, viewer
 from actors.observer.layout import APPLICATION
 from actors.radio.medium.state import Outcome

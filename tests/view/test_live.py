@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from acrc_testbed.recordings.topics import RunState, run_state
 from acrc_testbed.run_model.data import RunDataError
-from acrc_testbed.run_model.simulated import RunReader, recorded_run
-from acrc_testbed.view.command import LiveView, save
+from acrc_testbed.run_model.simulated_runs import RunReader, recorded_run
 from acrc_testbed.view.run_drawing import RunDrawing
+from acrc_testbed.view.run_view import LiveView, save
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received

@@ -17,7 +17,7 @@ from acrc_testbed.recordings.run_recordings import GivenOrder
 from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.view import __main__ as program
-from acrc_testbed.view import command
+from acrc_testbed.view import run_view
 from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
@@ -171,7 +171,7 @@ def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
             assert b"Rerun" in shown.read()
         pages.append(page)
 
-    monkeypatch.setattr(command, "follow", follow)
+    monkeypatch.setattr(run_view, "follow", follow)
     assert program.main(["--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert said.startswith(f"To see the run while it goes on, open {pages[0]}?url=")

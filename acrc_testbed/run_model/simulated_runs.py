@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
-from acrc_testbed.recordings.run_recordings import GivenOrder, recordings, read_setup
+from acrc_testbed.recordings.run_recordings import GivenOrder, read_setup, recordings
 from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
 from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, process_model, seconds_of
 from acrc_testbed.run_model.model import RunModel, robot_of
-from acrc_testbed.run_model.recorded import (
+from acrc_testbed.run_model.recording_readers import (
     largest_radius,
     place_outcomes,
     robot_report,

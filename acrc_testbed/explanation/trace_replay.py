@@ -1,7 +1,7 @@
 """Causal traces by replay of robots, sandboxed where the machine supports it.
 
-`python -m acrc_testbed.explanation.tracing --out DIR --actor NAME --answer FILE --own DIR` replays one robot
-and writes its trace, which `causal_trace.decode` reads.
+`python -m acrc_testbed.explanation.trace_replay --out DIR --actor NAME --answer FILE --own DIR` replays one
+robot and writes its trace, which `causal_trace.decode` reads.
 """
 
 import os
@@ -18,10 +18,10 @@ import msgspec
 
 from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError, decode
 from acrc_testbed.explanation.tracer import Tracer
-from acrc_testbed.recordings import sandboxed
+from acrc_testbed.recordings import sandboxed_replay
 from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
 from acrc_testbed.recordings.run_recordings import all_recordings
-from acrc_testbed.recordings.sandboxed import ProgramLimits, run_program
+from acrc_testbed.recordings.sandboxed_replay import ProgramLimits, run_program
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core
@@ -30,12 +30,14 @@ from actors.runtime.prints import nowhere
 from actors.runtime.recording.reading import report_damage
 from deeco.node import observing_nodes
 
-_PROGRAM: Final = "acrc_testbed.explanation.tracing"
+_PROGRAM: Final = "acrc_testbed.explanation.trace_replay"
 BOUNDS: Final = ProgramLimits(1 << 30)
 """Limits of a trace; ten minutes of a robot take about 20 MB."""
 
 
-def trace(out: Path, actor: str, *, permit: Permit, isolate: bool, bounds: ProgramLimits = BOUNDS) -> CausalTrace:
+def trace(
+    out: Path, actor: str, *, permit: Permit, isolate: bool, bounds: ProgramLimits = BOUNDS
+) -> CausalTrace:
     """Replay a robot's process and return its trace; `isolate`: see `actors.runtime.isolation.sandbox`.
 
     Raises TraceError for a fault, AcrcError for code that is not permitted.
@@ -68,7 +70,7 @@ def traced(out: Path, actor: str) -> CausalTrace:
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy may diverge on another processor
-        fault = sandboxed.describe_failure(actor, error)
+        fault = sandboxed_replay.describe_failure(actor, error)
     return CausalTrace(
         tuple(tracer.changes), tuple(tracer.news), tuple(tracer.orders.found), tracer.has_nodes, fault
     )
@@ -76,14 +78,14 @@ def traced(out: Path, actor: str) -> CausalTrace:
 
 def main(argv: Sequence[str]) -> int:
     """Write the trace of one robot; return the exit code."""
-    parser = sandboxed.argument_parser(_PROGRAM)
+    parser = sandboxed_replay.argument_parser(_PROGRAM)
     parser.add_argument(
         "--file-mb", type=int, default=BOUNDS.most_bytes // 1_000_000, help="limit of the answer"
     )
     options = parser.parse_args(argv)
-    with sandboxed.open_answer(options, options.file_mb) as answer:
+    with sandboxed_replay.open_answer(options, options.file_mb) as answer:
         try:
-            sandboxed.write_all(answer, msgspec.msgpack.encode(traced(options.out, options.actor)))
+            sandboxed_replay.write_all(answer, msgspec.msgpack.encode(traced(options.out, options.actor)))
         except AcrcError as error:
             sys.stderr.write(f"{error}\n")
             return 2

@@ -8,10 +8,17 @@ from typing import Final, NamedTuple
 import msgspec
 
 from acrc_testbed.explanation.causal_trace import TraceError
-from acrc_testbed.explanation.chain import RadioTraffic, ChainBuilder, CauseLink, TracedDecision, Second, decisions
-from acrc_testbed.explanation.tracing import BOUNDS, trace
+from acrc_testbed.explanation.chain import (
+    CauseLink,
+    ChainBuilder,
+    RadioTraffic,
+    Second,
+    TracedDecision,
+    decisions,
+)
+from acrc_testbed.explanation.trace_replay import BOUNDS, trace
 from acrc_testbed.recordings.run_recordings import all_recordings
-from acrc_testbed.recordings.sandboxed import ProgramLimits
+from acrc_testbed.recordings.sandboxed_replay import ProgramLimits
 from actors.instant import in_seconds
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable

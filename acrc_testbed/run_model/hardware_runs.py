@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.recordings.run_recordings import recordings, read_run_note
+from acrc_testbed.recordings.run_recordings import read_run_note, recordings
 from acrc_testbed.recordings.topics import recorded_span
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
@@ -17,7 +17,7 @@ from acrc_testbed.results.trial_result import reported_places
 from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.model import RunModel, with_instants
-from acrc_testbed.run_model.simulated import recorded_run
+from acrc_testbed.run_model.simulated_runs import recorded_run
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point

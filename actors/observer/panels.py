@@ -211,7 +211,9 @@ def draw_ensembles(
         canvas.at(second, "ensembles/exchanges/edges", rr.GraphEdges(edges, graph_type="directed"))
 
 
-def _between(names: Mapping[str, KnowledgeExchange], where: Mapping[str, tuple[float, float]]) -> rr.GraphNodes:
+def _between(
+    names: Mapping[str, KnowledgeExchange], where: Mapping[str, tuple[float, float]]
+) -> rr.GraphNodes:
     """Return a node for each exchange, halfway between the robots."""
     ends = [(where[one.source], where[one.learner]) for one in names.values()]
     return rr.GraphNodes(

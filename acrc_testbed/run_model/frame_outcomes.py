@@ -57,7 +57,9 @@ class FrameCopies:
 
     def part(self, which: NDArray[np.bool_]) -> "FrameCopies":
         """Return the copies selected by a mask, (n,)."""
-        return FrameCopies(self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which])
+        return FrameCopies(
+            self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which]
+        )
 
 
 NO_COPIES: Final = FrameCopies(np.zeros(0), *(np.zeros(0, np.int64) for _ in range(3)))

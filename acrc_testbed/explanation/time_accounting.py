@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.explanation.classify import (
+from acrc_testbed.explanation.cause_classification import (
     CAUSES,
     CauseTable,
     blocking_events,
@@ -25,8 +25,8 @@ from acrc_testbed.explanation.episodes import (
 )
 from acrc_testbed.explanation.robot_states import NO_ROBOT
 from acrc_testbed.explanation.time_spent import (
-    ChainRoot,
     Cause,
+    ChainRoot,
     DecisionEvent,
     DiagnosisScore,
     KnowledgeUsed,
@@ -36,7 +36,7 @@ from acrc_testbed.explanation.true_floor import TrueFloor
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from acrc_testbed.run_model.floor import NO_CHANGES
-from acrc_testbed.run_model.simulated import read_run
+from acrc_testbed.run_model.simulated_runs import read_run
 from actors.instant import in_seconds
 from actors.robot.behaviour.decisions import AdaptationDecision
 

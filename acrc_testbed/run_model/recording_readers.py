@@ -6,7 +6,7 @@ from typing import Final, TypeVar, cast
 
 import msgspec
 
-from acrc_testbed.recordings.run_recordings import recordings, read_setup
+from acrc_testbed.recordings.run_recordings import read_setup, recordings
 from acrc_testbed.results.outcome import told
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError

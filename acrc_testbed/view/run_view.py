@@ -12,9 +12,9 @@ from typing import Final
 from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.recordings.topics import RunState, partial_run_notice, run_state
 from acrc_testbed.results.seal import elsewhere, where
-from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.simulated import RunReader
+from acrc_testbed.run_model.hardware_runs import whole_run
+from acrc_testbed.run_model.simulated_runs import RunReader
 from acrc_testbed.view.run_drawing import RunDrawing, arrangement, detailed_robots
 from actors.observer import viewer
 from actors.observer.canvas import Canvas

@@ -40,7 +40,7 @@ class Roots(NamedTuple):
 def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
     """Find the roots of all chains.
 
-    `before`: the robot that each waits for, or NO_ROBOT; `at_door`: where it waits at a door; (steps, robots).
+    `before`: robot that each waits for, or NO_ROBOT; `at_door`: where it waits at a door; (steps, robots).
     """
     root = np.where(before == NO_ROBOT, np.arange(before.shape[1], dtype=np.int32), np.int32(NO_ROBOT))
     doors = at_door & (before != NO_ROBOT)
@@ -197,7 +197,9 @@ def _followed(
     """Return the causes of all robots from the roots of their chains."""
     is_barred = barred != _NONE
     found = roots(before, doors)
-    before = np.where(found.ring & is_barred, NO_ROBOT, before)  # without a path, a robot is not part of a ring
+    before = np.where(
+        found.ring & is_barred, NO_ROBOT, before
+    )  # without a path, a robot is not part of a ring
     found = roots(before, doors)
     alone = _alone(states, own, barred)
     causes = alone.copy()

@@ -16,7 +16,14 @@ import msgspec
 import numpy as np
 from msgspec import inspect
 
-from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage, TopicError, files, has_ended, short_key
+from acrc_testbed.recordings.topics import (
+    GrowingRecording,
+    LoggedMessage,
+    TopicError,
+    files,
+    has_ended,
+    short_key,
+)
 from actors.instant import in_seconds
 from actors.messages import Scan
 from actors.processes.robot_logs import LogTail, check_names, robots

@@ -2,7 +2,7 @@
 
 `ask` runs a program and returns its answer: untrusted bytes of limited size. Such programs share `parser` and
 `answering`. The program of this module replays one actor and answers with a JSON object:
-`python -m acrc_testbed.recordings.sandboxed --out DIR --actor NAME --answer FILE --own DIR`.
+`python -m acrc_testbed.recordings.sandboxed_replay --out DIR --actor NAME --answer FILE --own DIR`.
 """
 
 import os
@@ -26,7 +26,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from acrc_testbed.recordings.record_replay import ReplayOptions, ReplayReport, replay_actor
-from acrc_testbed.recordings.run_recordings import all_recordings, code_folders, read_run_note, decode_setup
+from acrc_testbed.recordings.run_recordings import all_recordings, code_folders, decode_setup, read_run_note
 from actors.processes.launch import Program, launcher, scratch_folder
 from actors.processes.robot_logs import said, show
 from actors.robot import assembly
@@ -43,7 +43,7 @@ from actors.runtime.recording import Reading
 from actors.runtime.recording.reading import report_damage
 from actors.runtime.replay_bus import ReplayError
 
-_PROGRAM: Final = "acrc_testbed.recordings.sandboxed"
+_PROGRAM: Final = "acrc_testbed.recordings.sandboxed_replay"
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
 """Processes that serve devices of a real robot; they cannot be replayed."""
 _SHOWN: Final = 300
@@ -101,7 +101,14 @@ class ProgramOutput(NamedTuple):
 
 
 def run_program(
-    out: Path, module: str, actor: str, words: Sequence[str], bounds: ProgramLimits, *, permit: Permit, isolate: bool
+    out: Path,
+    module: str,
+    actor: str,
+    words: Sequence[str],
+    bounds: ProgramLimits,
+    *,
+    permit: Permit,
+    isolate: bool,
 ) -> ProgramOutput:
     """Run a program with a robot's recorded code; `words`: further arguments.
 

@@ -22,10 +22,10 @@ from acrc_testbed.export.robot_entries import (
 )
 from acrc_testbed.export.ros2_log import LogEntry, Spool, write
 from acrc_testbed.recordings.run_recordings import all_recordings, read_setup
-from acrc_testbed.run_model.collected import whole_run
 from acrc_testbed.run_model.data import RunData
+from acrc_testbed.run_model.hardware_runs import whole_run
 from acrc_testbed.run_model.introspection import NOT_RECORDED, RecordedProcess
-from acrc_testbed.run_model.recorded import world_setup
+from acrc_testbed.run_model.recording_readers import world_setup
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.assembly import RobotSetup
 from actors.robot_model import RobotModel, load_model
