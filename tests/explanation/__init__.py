@@ -1,1 +1,1 @@
-"""Explanations of decisions whose causes were planted."""
+"""Tests of explanations of decisions."""

@@ -1,4 +1,4 @@
-"""A strategy that drives nowhere in a run, and does as `mood` in the run's folder says afterwards."""
+"""A strategy that is idle in a run and, when replayed, attacks as the file `mood` in the folder says."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from actors.robot.behaviour.ports import Decision, Start, View
 
 
 def _mood() -> str:
-    """Only in a program that executes the recording: it is told the run's folder."""
+    """Return the mood; empty unless a recording is replayed."""
     if "--answer" not in sys.argv:
         return ""
     mood = Path(sys.argv[sys.argv.index("--out") + 1]) / "mood"
@@ -20,7 +20,7 @@ def _mood() -> str:
 
 
 def _answer(data: bytes) -> None:
-    """Say something in place of the program, which has the file open."""
+    """Write a forged answer into the program's open file."""
     for descriptor in range(3, 40):
         with suppress(OSError):
             os.write(descriptor, data)
@@ -54,14 +54,14 @@ MOODS: dict[str, Callable[[], object]] = {
 
 
 class Hostile:
-    """Does nothing in a run."""
+    """Behaviour that is idle during a run."""
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """Nothing, or what the mood says."""
+        """Do nothing, or what the mood says."""
         MOODS[_mood()]()
         return Decision()
 
 
 def behaviour(start: Start) -> Hostile:
-    """The strategy."""
+    """Return the strategy's behaviour."""
     return Hostile()

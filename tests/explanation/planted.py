@@ -12,12 +12,12 @@ from actors.task.task import PlaceKey
 from deeco import Instant, Knowledge, adaptation, component, ensemble, milliseconds, periodic, role, seconds
 
 WISHES = {3: Point(5.0, 12.5), 6: Point(4.0, 12.0)}
-"""What r1 wishes from a number on."""
+"""Wishes of r1 by the number from which they hold."""
 
 
 @role
 class Wishing(Knowledge):
-    """What others hear."""
+    """Role that is published."""
 
     wish: Point | None = None
     leader: str = ""
@@ -25,7 +25,7 @@ class Wishing(Knowledge):
 
 @component
 class Planted(Wishing):
-    """Counts, wishes, goes."""
+    """Component that counts, wishes and drives."""
 
     number: int = 0
     going: Point | None = None
@@ -91,7 +91,7 @@ class Planted(Wishing):
 
 @ensemble(every=seconds(1), max_age=seconds(20))
 class Following:
-    """Who has a leader wishes what the leader wishes."""
+    """Copies the wish of the leader to its followers."""
 
     def membership(self, coordinator: Wishing, member: Wishing) -> bool:
         return member.leader == coordinator.id and coordinator.wish not in (None, member.wish)
@@ -101,6 +101,6 @@ class Following:
 
 
 def behaviour(start: Start) -> Behaviour:
-    """r2 follows r1, r3 follows r1, r4 follows r2."""
+    """Return the behaviour: r2 and r3 follow r1, r4 follows r2."""
     leader = {"r2": "r1", "r3": "r1", "r4": "r2"}.get(start.robot, "")
     return host(start, Planted(id=start.robot, leader=leader), Following())

@@ -1,4 +1,4 @@
-"""The causal trace of a robot: every change of its knowledge, and what each came from."""
+"""Causal traces: changes of knowledge and their sources."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ def trace(recorded_run: Path) -> CausalTrace:
     return found
 
 
-def test_changes_lead_from_what_it_began_with_to_what_it_knew_last(trace: CausalTrace) -> None:
+def test_changes_lead_from_the_initial_to_the_final_knowledge(trace: CausalTrace) -> None:
     last: dict[str, str] = {}
     assert trace.has_nodes and len(trace.changes) > 100
     for change in trace.changes:
@@ -66,7 +66,7 @@ class Bid:
     at: Point
 
 
-def test_a_point_is_found_wherever_it_came_into_knowledge_and_where_it_went() -> None:
+def test_changes_that_set_or_removed_a_point_are_found() -> None:
     points, here = KnownPoints(), Point(1.0, 2.0)
     points.note(0, 5, "bids", {}, {"r2": Bid(here)})
     points.note(1, 6, "way", (), ((1.0, 2.0), (3.0, 4.0)))

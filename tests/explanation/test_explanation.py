@@ -1,4 +1,4 @@
-"""Decisions whose causes are known: planted ones, and some that follow from the chapter's rules."""
+"""Explanations of decisions with known causes: planted ones, and some of the chapter's rules."""
 
 import json
 from functools import cache
@@ -51,7 +51,7 @@ jam = [13.0, 12.5]
 radius = 3.0
 duration = 3.0
 """
-"""r2 and r4 hear nothing from 4.9 s to 7.9 s; r3 is too far from r1 to hear it."""
+"""r2 and r4 are jammed from 4.9 s to 7.9 s; r3 is out of range of r1."""
 
 
 @pytest.fixture(scope="session")
@@ -67,7 +67,7 @@ def doorway(complete_run: Path) -> Path:
 
 
 class Known(NamedTuple):
-    """A decision and what must stand in its chain: kind of link, instant, words of its sentence."""
+    """A decision and links of its chain: kind, instant, part of the sentence."""
 
     run: str
     who: str
@@ -113,7 +113,7 @@ PLANTED = (
         ("frame", 8.872, "received in a frame of r4, relayed once"),
         ("lost", 8.78, "below sensitivity"))),
 )  # fmt: skip
-"""r1 decides by its count; r2 hears r1, r3 by relay only, r4 follows r2; r2 and r4 are jammed for a while."""
+"""r1 decides by its count; r2 receives r1, r3 a relay; r4 follows r2; r2 and r4 are jammed at times."""
 DOORWAY = (
     Known("doorway", "r2@12", "sets off again for (12.52, 4.68)", (
         ("goal", 12.0, "navigation had aborted the goal (12.52, 4.68): blocked"),)),
@@ -186,20 +186,20 @@ def test_causes_stand_below_their_effects(doorway: Path) -> None:
     assert 0 < frame["airtime_ms"] < 5 and 14.69 < frame["handed_s"] < 14.702
 
 
-def test_between_decisions_it_is_the_one_before(doorway: Path) -> None:
+def test_between_decisions_the_previous_one_is_explained(doorway: Path) -> None:
     (answer,) = explainer(doorway, "r2").explain(50.0)
     assert (answer.at_s, answer.exact) == (32.0, False)
     assert next(sentences(answer)) == "r2 made no decision at 50 s; its last one before that, at 32 s:"
 
 
-def test_who_has_not_decided_yet_is_told_when_it_does(planted: Path) -> None:
+def test_before_the_first_decision_its_instant_is_named(planted: Path) -> None:
     with pytest.raises(ExplanationError) as caught:
         explainer(planted, "r2").explain(1.0)
     assert str(caught.value) == "r2 made no decision before 1 s; its first decision is at 3.5 s"
 
 
 @pytest.mark.parametrize("text", ["r2@", "@3", "r2@soon", "r2@-1"])
-def test_a_wish_that_makes_no_sense(text: str) -> None:
+def test_invalid_requests(text: str) -> None:
     with pytest.raises(ExplanationError) as caught:
         parse_request(text)
     assert (
@@ -208,7 +208,7 @@ def test_a_wish_that_makes_no_sense(text: str) -> None:
     )
 
 
-def test_the_command_says_it_as_text_and_as_json(doorway: Path) -> None:
+def test_the_command_prints_text_and_json(doorway: Path) -> None:
     told = acrc("explain", doorway, "r2@15")
     assert told.returncode == 0, told.stderr
     lines = told.stdout.splitlines()

@@ -1,4 +1,4 @@
-"""What a recorded strategy does while a run is explained or exported stays in its process, and is told."""
+"""Containment of recorded strategies during replays: process, limits, forged answers."""
 
 from pathlib import Path
 
@@ -63,7 +63,7 @@ def test_a_malformed_answer_of_a_replay_is_an_error(hostile: Path) -> None:
         replay(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE or None)
 
 
-def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
+def test_children_of_an_exited_replay_are_killed(hostile: Path) -> None:
     (hostile / "mood").write_text("leave")
     process = start("explain", hostile, "r1", "--modules", REPOSITORY)
     told, said = process.communicate(timeout=100)
@@ -73,14 +73,14 @@ def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_more_than_an_answer_may_have_is_not_read(hostile: Path) -> None:
+def test_an_answer_beyond_its_limit_is_rejected(hostile: Path) -> None:
     (hostile / "mood").write_text("much")
     with pytest.raises(ExplanationError) as caught:
         Explainer(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=ProgramLimits(1000))
     assert str(caught.value) == "r1: answer is larger than 1000 bytes"
 
 
-def test_a_trace_that_lies_is_told(hostile: Path) -> None:
+def test_a_forged_trace_is_rejected(hostile: Path) -> None:
     (hostile / "mood").write_text("")
     sound = msgspec.msgpack.decode(msgspec.msgpack.encode(traced(hostile, "r1")))
     news = {"peer": "r2", "heard": 3}
@@ -100,6 +100,6 @@ def test_a_trace_that_lies_is_told(hostile: Path) -> None:
         assert words in str(caught.value)
 
 
-def test_a_robot_that_is_none_is_refused_before_anything_runs(hostile: Path) -> None:
+def test_an_unknown_robot_is_rejected_before_a_replay(hostile: Path) -> None:
     with pytest.raises(ExplanationError, match="r7: not a robot of this run; choose from r1"):
         Explainer(hostile, "r7", permit=Permit((REPOSITORY,)), isolate=ABLE)

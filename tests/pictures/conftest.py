@@ -1,4 +1,4 @@
-"""One run of the meeting in the doorway, and what its recordings show."""
+"""One run of the meeting in the doorway, and its data."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the recordings show agrees with the run's own result, and with what must be so."""
+"""Data of a run from its recordings, compared with its result and in pictures."""
 
 import math
 import re
@@ -42,7 +42,7 @@ from actors.world.world_setup import TimedOrder, WorldSetup
 from tests.recorded_runs import HEAD_ON, record
 
 
-def test_it_says_what_the_result_says(evidence: RunData) -> None:
+def test_data_agree_with_the_result(evidence: RunData) -> None:
     result = evidence.result
     assert result is not None
     assert evidence.end == pytest.approx(result.simulated_s)
@@ -63,7 +63,7 @@ def test_places_change_hands_in_the_doorway(evidence: RunData) -> None:
     assert apart < 1.5, "the chapter's distance for an adoption"
 
 
-def test_spells_are_without_gaps_and_overlap(evidence: RunData) -> None:
+def test_cause_intervals_have_no_gaps_or_overlaps(evidence: RunData) -> None:
     for robot in evidence.robots:
         own = [one for one in cause_intervals(evidence) if one.robot == robot]
         assert own[0].begin == 0.0 and own[-1].end == pytest.approx(evidence.end)
@@ -79,7 +79,7 @@ def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunData) -
 
 
 @pytest.mark.parametrize("cause", [Cause.OFF, Cause.FROZEN], ids=str)
-def test_who_takes_no_part_is_off_or_frozen(evidence: RunData, cause: Cause) -> None:
+def test_inactive_robots_are_off_or_frozen(evidence: RunData, cause: Cause) -> None:
     stepping, powered = evidence.stepping.copy(), evidence.powered.copy()
     stepping[500:, 0] = False
     powered[500:, 0] = cause is Cause.FROZEN
@@ -88,7 +88,7 @@ def test_who_takes_no_part_is_off_or_frozen(evidence: RunData, cause: Cause) -> 
     assert last.cause is cause and last.begin == pytest.approx(50.0)
 
 
-def test_who_stands_alone_stands_before_nobody(evidence: RunData) -> None:
+def test_a_robot_alone_is_not_blocked_by_robots(evidence: RunData) -> None:
     alone = replace(
         evidence,
         description=replace(evidence.description, robots=("r1",)),
@@ -97,7 +97,7 @@ def test_who_stands_alone_stands_before_nobody(evidence: RunData) -> None:
     assert not {one.cause for one in cause_intervals(alone)} & {*BY_ROBOTS}
 
 
-def test_where_robots_stood_is_as_long_as_somebody_did(evidence: RunData) -> None:
+def test_blocked_positions_last_as_long_as_the_union_of_their_intervals(evidence: RunData) -> None:
     found = blocked_positions(cause_intervals(evidence))
     assert found, "they block each other"
     for x, y, lasted in found:
@@ -105,7 +105,7 @@ def test_where_robots_stood_is_as_long_as_somebody_did(evidence: RunData) -> Non
         assert 11.5 < x < 13.5 and 8.0 < y < 11.5, "in the passage, or before it"
 
 
-def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> None:
+def test_errors_for_invalid_runs(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"not a run's folder: it contains no \*/\*\.mcap"):
         read_run(tmp_path)
     part = tmp_path / "part"
@@ -119,7 +119,7 @@ def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> N
         read_run(wrong)
 
 
-def test_a_robot_that_comes_and_goes_is_no_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changing_set_of_robots_is_an_error(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     say = LoggedMessage.message
 
     def fickle(one: LoggedMessage) -> Message | None:
@@ -158,7 +158,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 
 @pytest.fixture(scope="module")
 def ordered_run(recorded: RunData) -> RunData:
-    """The same with a wall, which people alone can order."""
+    """Return the run with a wall, which only an operator can order."""
     wall = GivenOrder(50, Wall(7.0, 11.0, 7.0, 12.0))
     orders = tuple(sorted((*recorded.orders, wall), key=lambda one: one.step))
     own = FloorObject("wall", ((7.0, 11.0), (7.0, 12.0)), 0.05)
@@ -168,7 +168,7 @@ def ordered_run(recorded: RunData) -> RunData:
     return replace(recorded, orders=orders, floor=tuple(floor))
 
 
-def test_each_thing_was_there_from_when_to_when(ordered_run: RunData) -> None:
+def test_intervals_of_floor_objects(ordered_run: RunData) -> None:
     found = floor_intervals(ordered_run.floor, ordered_run.end)
     assert [(one.object.kind, one.begin, one.end) for one in found] == SPANS
     door = found[0].object
@@ -176,7 +176,7 @@ def test_each_thing_was_there_from_when_to_when(ordered_run: RunData) -> None:
     assert math.dist((x, y), (to_x, to_y)) == pytest.approx(0.85, abs=0.1), "across the passage"
 
 
-def test_a_run_in_pieces_tells_the_same(recorded: RunData) -> None:
+def test_a_run_read_in_parts_is_the_same(recorded: RunData) -> None:
     whole = list(recorded.floor)
     pieces: list[tuple[float, tuple[FloorObject, ...]]] = []
     with RunReader(recorded.out) as reader:
@@ -185,7 +185,7 @@ def test_a_run_in_pieces_tells_the_same(recorded: RunData) -> None:
     assert pieces == whole and len(whole) == 5
 
 
-def test_what_was_ordered_is_told_and_what_shows_otherwise_is_not(ordered_run: RunData) -> None:
+def test_orders_without_another_mark_are_listed(ordered_run: RunData) -> None:
     assert [(one.second, one.robot, one.words) for one in ordered_changes(ordered_run)] == [
         (2.0, "", "door at (17.2, 9.4) is closing"),
         (3.0, "", "obstacle of 0.6 m placed at (9.0, 11.5)"),
@@ -203,7 +203,7 @@ def test_a_frozen_robot_is_frozen_and_a_killed_one_off(ordered_run: RunData) -> 
     assert not any(cause in (Cause.NO_PROGRESS, Cause.OPEN_FLOOR) for _, cause, _ in found)
 
 
-def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunData, tmp_path: Path) -> None:
+def test_the_page_has_all_marks_with_a_legend(ordered_run: RunData, tmp_path: Path) -> None:
     with style.applied(style.LOOK):
         figure = run_page.draw(ordered_run)
         style.save(figure, tmp_path / "run.png")
@@ -217,14 +217,14 @@ def test_the_page_has_all_of_it_and_a_legend_for_each(ordered_run: RunData, tmp_
     assert {"closed 2 to 10 s", "obstacle 3 to 16 s", "jammer 4 to 9 s", "wall 5 to 16 s"} <= told
 
 
-def test_the_page_of_a_run_lists_it(ordered_run: RunData) -> None:
+def test_the_html_page_lists_events_and_orders(ordered_run: RunData) -> None:
     page = run_html.html(ordered_run, b"")
     rows = re.findall(r"<tr><td[^>]*>([^<]*)</td><td>([^<]*)</td><td>([^<]*)</td></tr>", page)
     assert ("5.0", "", "wall placed from (7.0, 11.0) to (7.0, 12.0)") in rows
     assert ("6.0", "r1", "is frozen until 8 s") in rows and ("13.0", "r2", "is off until 16 s") in rows
 
 
-def test_the_film_shows_a_thing_while_it_is_there(ordered_run: RunData, tmp_path: Path) -> None:
+def test_the_movie_shows_an_object_during_its_interval(ordered_run: RunData, tmp_path: Path) -> None:
     run_movie.write(ordered_run, tmp_path / "m.gif", 10.0)
     with Image.open(tmp_path / "m.gif") as film:
         seen = []
@@ -243,7 +243,7 @@ def legend_of(axes: Axes) -> Legend:
     return found
 
 
-def test_no_words_lie_on_others_however_near_their_points_are() -> None:
+def test_labels_of_near_points_do_not_overlap() -> None:
     with style.applied(style.LOOK):
         figure = style.new_figure(6.0, 4.0)
         axes = figure.add_subplot()
@@ -293,7 +293,7 @@ def _column(axes: Axes, title: str, handles: Sequence[Artist]) -> None:
     )  # fmt: skip
 
 
-def test_the_sheet_in_the_documentation_is_that_of_the_language(tmp_path: Path) -> None:
+def test_the_glyphs_in_the_documentation_are_current(tmp_path: Path) -> None:
     with style.applied(style.LOOK):
         figure = glyph_sheet()
         style.save(figure, tmp_path / "glyphs.png")

@@ -1,4 +1,4 @@
-"""Pictures have what they are for, look the same every time, and are made by commands."""
+"""Pictures, pages and movies of runs, and the commands that write them."""
 
 import io
 import re
@@ -147,7 +147,7 @@ def test_runs_too_short_to_judge_are_drawn_beside_one_another_with_a_warning(sho
     assert refused.stderr == "acrc: --beside: cannot be combined with --html or --movie\n"
 
 
-def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunData) -> None:
+def test_texts_on_a_page_are_escaped(evidence: RunData) -> None:
     assert evidence.result is not None
     origin = msgspec.structs.replace(evidence.result.origin, strategy="<script>alert(1)</script>")
     result = msgspec.structs.replace(evidence.result, origin=origin)
@@ -155,7 +155,7 @@ def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunData) -> Non
     assert "<script" not in page and "&lt;script&gt;alert(1)" in page
 
 
-def test_a_run_without_a_result_was_cut_off_or_goes_on(short_run_copy: Path) -> None:
+def test_a_run_without_a_result_was_cut_off_or_is_running(short_run_copy: Path) -> None:
     out = short_run_copy
     (out / "run.json").unlink()
     cut = read_run(out)
@@ -194,7 +194,7 @@ def test_a_page_on_a_dark_screen_is_dark(evidence: RunData, browser: "Browser", 
     assert bright["light"] > 0.8 and bright["dark"] < 0.2, bright
 
 
-def test_what_is_drawn_for_a_dark_screen_can_be_seen_there(page: Page) -> None:
+def test_colours_on_a_dark_screen_have_enough_contrast(page: Page) -> None:
     drawn = style.svg(page.figure).decode()
     rules, shapes = drawn.split("@media (prefers-color-scheme: dark){")[1].split("</style>", 1)
     changed = dict(re.findall(r"fill: (#[0-9a-f]{6})\"\]\{fill:(#[0-9a-f]{6})", rules))

@@ -1,4 +1,4 @@
-"""`acrc scenario` says what a scenario means on its floor, and draws it."""
+"""`acrc scenario`: check, description and picture of a scenario."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ places = [[2.0, 1.0], [4.6, 1.0]]
 
 
 def two_rooms(folder: Path) -> Path:
-    """Two rooms of 3 by 2 m with a wall between, and a scenario with a place in each."""
+    """Return a scenario with a place in each of two separate rooms of 3 by 2 m."""
     picture = np.full((40, 120), 254, np.uint8)
     picture[[0, -1]], picture[:, [0, 60, -1]] = 0, 0
     Image.fromarray(picture).save(folder / "room.png")
@@ -67,7 +67,7 @@ def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
     assert {"out of reach", "wide enough for a robot, but no path"} <= set(labels)
 
 
-def test_radio_has_nothing_left_at_its_reach_and_behind_walls() -> None:
+def test_the_link_margin_is_zero_at_the_range_and_lower_behind_walls() -> None:
     resolved = resolve(load_scenario(CHAPTER))
     found = survey.survey(resolved)
     x, y = scenario_picture._lattice(found.grid)
@@ -78,7 +78,7 @@ def test_radio_has_nothing_left_at_its_reach_and_behind_walls() -> None:
     assert (left[away < found.radio_reach - 0.5] < 0).any(), "behind a wall"
 
 
-def test_options_replace_what_the_file_says_and_wrong_ones_are_told(tmp_path: Path) -> None:
+def test_options_override_the_file_and_wrong_ones_are_reported(tmp_path: Path) -> None:
     more = [*survey.sentences(survey.survey(resolve(load_scenario(CHAPTER, Overrides(robots=6, seed=3)))))]
     assert more[0] == "6 robots, 60 places, 600 s at most, strategy chapter, seed 3"
     for words, told in (
@@ -116,7 +116,7 @@ def test_a_map_and_a_robot_model_are_checked_and_drawn_alone(tmp_path: Path) -> 
             assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 20
 
 
-def test_what_a_run_would_refuse_of_a_strategy_is_said_behind_what_the_floor_is(tmp_path: Path) -> None:
+def test_faults_of_the_strategy_are_reported_after_the_floor(tmp_path: Path) -> None:
     file = two_rooms(tmp_path)
     scenario = file.read_text()
     (tmp_path / "own_moves.py").write_text("from cleaning.strategies.none import behaviour\n")

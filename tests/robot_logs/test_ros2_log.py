@@ -1,4 +1,4 @@
-"""`acrc export --mcap`: the ROS 2 log of one run with orders, read by a decoder of another library."""
+"""`acrc export --mcap`: the ROS 2 log of a run with orders, decoded by another library."""
 
 import math
 from collections import Counter, defaultdict
@@ -56,7 +56,7 @@ GOOD = Senses(
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two robots that localise, for ten seconds."""
+    """Return a run of ten seconds of two robots with localisation."""
     folder = tmp_path_factory.mktemp("logs") / "run"
     record(folder, EVENTS + HEAD_ON.read_text().replace('"odometry"', '"chapter"'), duration=10.0)
     return folder
@@ -114,7 +114,7 @@ def near(one: Pose, other: Pose) -> bool:
 
 
 def shapes(log: Log, topic: str) -> dict[float, list[Any]]:
-    """By second what is drawn from then on; every message begins with taking all away."""
+    """Return the markers by time; each message starts with DELETEALL."""
     found = {}
     for logged, message in log[topic]:
         first, *markers = message.markers
@@ -123,7 +123,7 @@ def shapes(log: Log, topic: str) -> dict[float, list[Any]]:
     return found
 
 
-def test_a_player_of_bags_finds_what_it_needs_in_the_file(ros2_file: Path) -> None:
+def test_the_file_has_what_rosbag2_needs(ros2_file: Path) -> None:
     with ros2_file.open("rb") as stream:
         reader = make_reader(stream)
         summary = reader.get_summary()
@@ -198,7 +198,7 @@ def test_frames_lead_from_the_map_to_the_estimate_and_to_the_truth(ros2: Log, ev
     assert static.transforms[0].transform.translation.x == -0.1  # turtlebot2.toml
 
 
-def test_scans_are_as_recorded_and_infinite_where_nothing_was(ros2: Log, out: Path) -> None:
+def test_scans_are_as_recorded_and_infinite_without_echo(ros2: Log, out: Path) -> None:
     recorded = [
         scan
         for path in (out / "r1" / "r1.mcap", out / "r1" / "r1.1.mcap")
@@ -249,7 +249,7 @@ def test_a_cost_map_lies_around_its_robot(ros2: Log) -> None:
         assert min(message.data) >= -1 and max(message.data) == 100
 
 
-def test_what_navigation_means_begins_at_the_robot_and_ends_at_its_goal(ros2: Log) -> None:
+def test_plans_lead_from_the_robot_to_its_goal(ros2: Log) -> None:
     goals = ros2["/r1/goal"]
     plan = next(message for _, message in ros2["/r1/plan"] if message.poses)
     held = pose(ros2["/r1/pose"][0][1].pose)
@@ -257,7 +257,7 @@ def test_what_navigation_means_begins_at_the_robot_and_ends_at_its_goal(ros2: Lo
     assert math.dist(pose(plan.poses[-1].pose)[:2], pose(goals[0][1].pose)[:2]) < 0.3
 
 
-def test_particles_are_where_the_robot_holds_itself_to_be(ros2: Log) -> None:
+def test_particles_are_at_the_estimate(ros2: Log) -> None:
     _, message = ros2["/r1/particles"][-1]
     points = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 3)
     assert message.point_step == 12 and message.width == len(points) > 100
@@ -265,7 +265,7 @@ def test_particles_are_where_the_robot_holds_itself_to_be(ros2: Log) -> None:
     assert np.hypot(*(points[:, :2].mean(axis=0) - last[:2])) < 0.3 and not points[:, 2].any()
 
 
-def test_orders_put_things_there_and_take_them_away(ros2: Log) -> None:
+def test_orders_add_and_remove_floor_objects(ros2: Log) -> None:
     things = shapes(ros2, "/things")
     kinds = {second: sorted(one.type for one in found) for second, found in things.items()}
     assert kinds[1.0] == [CYLINDER] and kinds[2.0] == [CYLINDER, CYLINDER]
@@ -298,7 +298,7 @@ def test_a_frozen_robot_logs_nothing(ros2: Log) -> None:
     assert not ((logged > 4.0) & (logged < 5.9)).any() and (logged > 6.0).any()
 
 
-def test_who_heard_whom_is_a_line_between_them(ros2: Log, evidence: RunData) -> None:
+def test_receptions_are_lines_between_robots(ros2: Log, evidence: RunData) -> None:
     links = shapes(ros2, "/links")
     second, (line,) = next((second, found) for second, found in links.items() if found)
     step = round(second / 0.1)
@@ -317,13 +317,13 @@ def test_the_command_never_overwrites(out: Path, ros2_file: Path, capsys: pytest
         export(out, mcap="ros2")
 
 
-def test_of_other_robots_it_is_where_they_were(out: Path, tmp_path: Path) -> None:
+def test_other_robots_have_poses_only(out: Path, tmp_path: Path) -> None:
     report = write(out, tmp_path / "one.mcap", "r2")
     of_others = {topic for topic in report.counts if topic.startswith("/r1/")}
     assert of_others == {"/r1/truth", "/r1/pose"} and report.counts["/r2/scan"] > 50
 
 
-def test_of_real_robots_no_truth_is_told(out: Path, tmp_path: Path) -> None:
+def test_hardware_runs_have_no_ground_truth(out: Path, tmp_path: Path) -> None:
     trial = copies(out, tmp_path / "trial", {"r1": clock(5_000_000), "r2": clock(0)})
     bare, early = write(trial, tmp_path / "trial.mcap").notes
     assert bare == "the recordings have no map; the floor is drawn empty"
@@ -368,7 +368,7 @@ def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[LogEnt
     return list(found), +left_out
 
 
-def test_what_no_sensor_says_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_messages_are_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     replace = msgspec.structs.replace
     short, late = Scan(0, b"\0\0\0"), replace(SCAN, stamp=2**63)
     found, left_out = entries(
@@ -384,7 +384,7 @@ def test_what_no_sensor_says_is_left_out_and_counted(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("instant", [-1, 2**31 * 1_000_000])
-def test_an_instant_that_no_log_can_have_is_left_out(instant: int, tmp_path: Path) -> None:
+def test_an_instant_beyond_ros_time_is_left_out(instant: int, tmp_path: Path) -> None:
     left_out = Counter[str]()
     given = [LogEntry(0, "/rosout", ros2_log.log_line("r1", "a", 0), 0), LogEntry(0, "/rosout", b"", instant)]
     counts = ros2_log.write(tmp_path / "a.mcap", given, left_out)

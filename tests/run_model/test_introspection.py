@@ -1,4 +1,4 @@
-"""Introspection that cannot be is refused in one sentence, whatever recording it comes from."""
+"""Rejection of invalid introspection, and introspection read in parts."""
 
 from pathlib import Path
 
@@ -60,7 +60,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize(("fault", "told"), HOSTILE.items(), ids=HOSTILE)
-def test_what_cannot_be_is_refused(model: ProcessModel, fault: str, told: Introspection) -> None:
+def test_invalid_introspection_is_rejected(model: ProcessModel, fault: str, told: Introspection) -> None:
     model.extend(senses(0, Scan(0, b"1234")))
     model.extend(told)
     with pytest.raises(IntrospectionError, match=f"r1: introspection of step 0 is damaged: .*{fault}"):

@@ -1,4 +1,4 @@
-"""One run in a doorway; tests that need rerun are left out where it is not installed."""
+"""One run in a doorway; tests that need rerun are skipped if it is not installed."""
 
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -36,7 +36,7 @@ def folder(recorded_run: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def strict() -> Iterator[None]:
-    """Let rerun raise where it would only warn."""
+    """Make rerun raise instead of warn."""
     rr = pytest.importorskip("rerun")
     rr.set_strict_mode(True)
     yield
@@ -45,13 +45,13 @@ def strict() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def evidence(folder: Path) -> RunData:
-    """The run with what its robots computed."""
+    """Return the run with introspection."""
     return read_run(folder, internals=True)
 
 
 @pytest.fixture(scope="session")
 def lean(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a run whose actors recorded nothing of what they computed."""
+    """Return the folder of a run recorded with --record lean."""
     out = tmp_path_factory.mktemp("lean") / "run"
     record(out, detail="lean", duration=10.0)
     return out

@@ -1,4 +1,4 @@
-"""The view file of a run, read back without a window: every entity that a person looks at is there."""
+"""View files of runs, read back without a window."""
 
 from collections import Counter
 from io import BytesIO
@@ -49,7 +49,7 @@ def view(folder: Path, strict: None, tmp_path_factory: pytest.TempPathFactory) -
 
 
 def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
-    """What one component was, and from when on."""
+    """Return the values of one component with their times."""
     return [
         (row["sim_time"].total_seconds(), row[component])
         for row in found[entity]
@@ -57,11 +57,9 @@ def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
     ]
 
 
-def test_everything_that_a_person_looks_at_is_in_the_file(
-    folder: Path, evidence: RunData, view: View
-) -> None:
+def test_the_file_contains_all_entities(folder: Path, evidence: RunData, view: View) -> None:
     found, said = view
-    assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
+    assert [sentence.partition(" after ")[0] for sentence in said] == ["recorded data drawn", "complete view"]
     assert {f"/world/{name}" for name in WORLD} <= set(found)
     assert {f"/inside/r2/{name}" for name in INSIDE} <= set(found)
     assert {"/r1", "/knowledge/r1", "/plots/places/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(found)
@@ -91,7 +89,7 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     assert any(words[0].startswith("r1 ") for _, words in of(found, "/events/r1/inside", "TextLog:text"))
 
 
-def test_a_view_that_lacks_something_says_so_and_fails(
+def test_an_incomplete_view_is_reported_and_fails(
     lean: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "run.rrd"
@@ -121,7 +119,7 @@ def test_two_runs_share_a_timeline(folder: Path, view: View, tmp_path: Path) -> 
     said: list[str] = []
     path = tmp_path / "beside.rrd"
     save((folder, tmp_path / "branch"), (), path, said.append)
-    assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
+    assert [sentence.partition(" after ")[0] for sentence in said] == ["recorded data drawn", "complete view"]
     one, both = view.rows, rows(path)
     drawn_there = {entity for entity in one if entity != "/__properties"}
     assert set(both) - {"/__properties"} == {f"/{n}{entity}" for n in (1, 2) for entity in drawn_there}
@@ -148,7 +146,9 @@ def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: P
     assert "/plots/copies/heard" not in found
 
 
-def test_a_read_only_folder_gets_its_view_elsewhere(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_view_of_a_read_only_folder_is_written_elsewhere(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert place(folder) == folder / "view.rrd"
     monkeypatch.setattr("os.access", lambda path, mode: False)
     elsewhere = place(folder)

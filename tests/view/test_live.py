@@ -1,4 +1,4 @@
-"""A run that goes on is drawn as it grows, and in the end there is what is drawn of the finished one."""
+"""Views of running runs, which end up equal to those of the finished run."""
 
 import os
 import shutil
@@ -28,11 +28,11 @@ from deploy.fleet.watched import HeardMessage, WatchedFleet
 from tests.view.conftest import rows
 
 MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}
-"""Where a piece ends or begins something may be said once more, or what was short cannot be left out."""
+"""At the borders of parts a state may be repeated, or a short one may remain."""
 
 
 class GrowingRun:
-    """A copy of a run's folder that has its recordings up to a share of their bytes."""
+    """A copy of a run's folder with recordings truncated to a share of their bytes."""
 
     def __init__(self, whole: Path, out: Path) -> None:
         self._whole, self.out = whole, out
@@ -49,7 +49,7 @@ def growing(folder: Path, tmp_path: Path) -> GrowingRun:
     return GrowingRun(folder, tmp_path / "growing")
 
 
-def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
+def test_a_growing_run_is_drawn_like_a_finished_one(
     growing: GrowingRun, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(RunDrawing, "_deadlocks", lambda *_: None)  # known once a run has ended
@@ -103,7 +103,7 @@ def test_a_recording_cut_at_any_byte_opens(short_run: Path, cuts: dict[str, floa
         assert all(one.end <= run.end for one in run.internals)
 
 
-def test_whether_a_run_goes_on_is_told_from_who_writes(growing: GrowingRun, folder: Path) -> None:
+def test_the_state_of_a_run_follows_from_its_writing_processes(growing: GrowingRun, folder: Path) -> None:
     assert run_state(folder) is RunState.ENDED
     growing.grow(0.5)
     assert run_state(growing.out) is RunState.DIED
@@ -142,7 +142,7 @@ def said(robot: str, second: float, topic: Any, message: Any) -> HeardMessage:
     return HeardMessage(second, ENDS[robot], key, message)
 
 
-def test_robots_are_drawn_where_they_hold_themselves_to_be_and_silence_is_seen(tmp_path: Path) -> None:
+def test_watched_robots_are_drawn_at_their_estimates_and_timeouts_are_shown(tmp_path: Path) -> None:
     (tmp_path / "fleet.toml").write_text(FLEET.format(root=REPOSITORY))
     fleet = load_fleet(tmp_path / "fleet.toml")
     arranged = ViewerContents(load_map(fleet.map), ("r1", "r2"), true=False)

@@ -1,4 +1,4 @@
-"""What is drawn of a run on a sheet, read back without a window; and who gets a window."""
+"""Drawing of runs into a view file, read back without a window; windows and pages; glyphs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -43,14 +43,14 @@ def times(some: list[dict[str, Any]]) -> list[float]:
 
 
 def packed(colour: tuple[int, int, int]) -> int:
-    """As rerun keeps it."""
+    """Return a colour in rerun's format."""
     return int.from_bytes((*colour, 0xFF), "big")
 
 
 def track(
     steps: range, acts: tuple[tuple[float, str], ...] = ((0.0, ""),), *, still: bool = False
 ) -> Trajectory:
-    """Ten steps a second; it drives east by 0.1 m each, and holds itself to be 0.5 m farther."""
+    """Return a robot's track: 10 steps/s, 0.1 m east per step, estimated 0.5 m too far."""
     seconds = np.array(steps, np.float64) / 10
     x = np.full(len(steps), 3.0) if still else np.array(steps) / 10
     poses = np.column_stack((x, np.full(len(steps), 4.0), np.full(len(steps), np.pi / 2)))
@@ -61,7 +61,7 @@ def track(
 
 
 def run(steps: range, states: dict[str, tuple[tuple[float, str], ...]] | None = None, **more: Any) -> RunData:
-    """A piece of a run of two robots, the second of which stands."""
+    """Return a part of a run of two robots; the second one stands."""
     told = states or {}
     trajectories = {
         "r1": track(steps, told.get("r1", ((0.0, ""),))),
@@ -76,7 +76,7 @@ def run(steps: range, states: dict[str, tuple[tuple[float, str], ...]] | None = 
 
 
 def painted(path: Path, *pieces: RunData) -> Rows:
-    """What the pieces come to, drawn one after the other."""
+    """Return the contents of the view file after drawing the parts in order."""
     with ViewFile(path, ViewerContents(GRID, ("r1", "r2")), name="a run") as sheet:
         drawing = RunDrawing(Canvas(sheet.recording, ("r1", "r2")), pieces[0], ())
         for piece in pieces:
@@ -84,14 +84,14 @@ def painted(path: Path, *pieces: RunData) -> Rows:
     return rows(path)
 
 
-def test_a_robot_put_elsewhere_leaves_no_trail_to_there(tmp_path: Path) -> None:
+def test_a_carried_robot_leaves_no_trail(tmp_path: Path) -> None:
     near, far = run(range(11)), run(range(60, 66))  # by 0.1 m a step: 5 m from one piece to the next
     found = painted(tmp_path / "view.rrd", near, far)
     pieces = [row for row in found["/world/history/r1"] if "sim_time" in row]
     np.testing.assert_allclose(times(pieces), [0.5, 1.0, 6.5], atol=1e-6)
 
 
-def test_places_show_what_became_of_them_and_who_holds_them_piece_by_piece(tmp_path: Path) -> None:
+def test_places_show_their_outcomes_and_holders_part_by_part(tmp_path: Path) -> None:
     done = run(range(3), reported=(PlaceEvent("r2", 0.2, PlaceKey("r1", 1)),))
     gone = run(range(3, 5), given_up=(PlaceEvent("r2", 0.4, PlaceKey("r2", 0)),))
     taken = PlaceKey("r1", 0)
@@ -124,7 +124,7 @@ def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> No
     assert row["GridMap:cell_size"] == [2.0]
 
 
-def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
+def test_an_inactive_robot_is_labelled_with_its_state(tmp_path: Path) -> None:
     acts = {"r1": ((0.0, "frozen"), (0.3, "")), "r2": ((0.0, "off"),)}
     found = painted(tmp_path / "view.rrd", run(range(3), acts), run(range(3, 5), acts))
     names = [[row["Points3D:labels"][0] for row in found[f"/world/robots/{r}/name"]] for r in ("r1", "r2")]
@@ -138,7 +138,7 @@ def test_a_robot_that_does_not_act_says_so(tmp_path: Path) -> None:
     assert told == ["r1 is frozen", "r1 is active again"]
 
 
-def test_what_was_put_there_stands_there_until_it_does_not(tmp_path: Path) -> None:
+def test_floor_objects_are_drawn_until_they_are_removed(tmp_path: Path) -> None:
     wall = FloorObject("wall", ((0.0, 4.0), (1.0, 4.0)), 0.05)
     jammer = FloorObject("jammer", ((2.0, 5.0),), 1.0)
     orders = (GivenOrder(1, Wall(0.0, 4.0, 1.0, 4.0)),)
@@ -180,7 +180,7 @@ def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
         urlopen(pages[0], timeout=10)
 
 
-def test_a_viewer_that_does_not_open_costs_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_viewer_that_cannot_open_is_reported_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     def start() -> viewer.OpenViewer:
         raise RuntimeError("rerun's viewer exited at once with code 1")
 
@@ -211,7 +211,7 @@ def seen(colour: Colour, eye: str, method: str) -> Color:
 
 
 def nearest(named: Mapping[str, Colour]) -> tuple[float, str]:
-    """The smallest difference of two, by CIEDE2000, and which two, for which eye."""
+    """Return the smallest CIEDE2000 difference of two colours, the pair, and the kind of vision."""
     found = []
     for eye in EYES:
         for method in METHODS if eye else METHODS[:1]:
@@ -228,7 +228,7 @@ def test_any_two_states_of_a_picture_differ_for_all_eyes(states: Mapping[str, gl
     assert far >= LEAST, which
 
 
-def test_robots_and_what_is_put_on_the_floor_differ_for_all_eyes() -> None:
+def test_robots_and_floor_objects_differ_for_all_eyes() -> None:
     named = {f"robot {index}": colour for index, colour in enumerate(glyphs.ROBOTS)}
     far, which = nearest({**named, "put": glyphs.PUT, "jammer": glyphs.JAM})
     assert far >= LEAST, which
@@ -248,7 +248,7 @@ def test_each_word_has_one_glyph() -> None:
         assert glyphs.SEEN_STATES[word] == glyphs.OWN_STATES[word]
 
 
-def test_what_is_put_there_can_be_seen_on_both_grounds() -> None:
+def test_floor_objects_are_visible_on_both_backgrounds() -> None:
     floor = (glyphs.FLOOR,) * 3
     for colour in (glyphs.PUT, glyphs.JAM, glyphs.CLOSED, *glyphs.ROBOTS[:4]):
         assert glyphs.contrast(colour, floor) >= 3 and glyphs.contrast(colour, glyphs.WHITE) >= 3
