@@ -150,11 +150,11 @@ def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: Cau
             if goal is None:
                 continue
             here = states.run.true[rows, robot, :2]
-            no_way = ~np.isfinite(stage.ways.far(here, goal))
-            found[rows[no_way], robot] = closed
-            found[rows[no_way & ~np.isfinite(stage.opened.far(here, goal))], robot] = unreachable
+            no_path = ~np.isfinite(stage.paths.lengths(here, goal))
+            found[rows[no_path], robot] = closed
+            found[rows[no_path & ~np.isfinite(stage.opened.lengths(here, goal))], robot] = unreachable
             if len(stage.leaves):
-                first = rows[~no_way & (before[rows, robot] == NO_ROBOT)]
+                first = rows[~no_path & (before[rows, robot] == NO_ROBOT)]
                 for step in first[_leads_through(states, robot, first, goal, p)].tolist():
                     found[step, robot] = closed
     return found
@@ -173,9 +173,9 @@ def _leads_through(
             inside = same & (which.reshape(-1) == square)
             if inside.any():
                 x, y = here[inside.argmax()].tolist()
-                way = stage.opened.way((x, y), goal, p.seen)
-                if way is not None:
-                    gaps = np.hypot(*(way[:, None] - stage.leaves).transpose(2, 0, 1))
+                path = stage.opened.path((x, y), goal, p.seen)
+                if path is not None:
+                    gaps = np.hypot(*(path[:, None] - stage.leaves).transpose(2, 0, 1))
                     found[inside] = gaps.min() <= p.still
     return found
 

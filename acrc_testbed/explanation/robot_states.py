@@ -65,10 +65,10 @@ class RobotStates:
         self.lost = _columns(_lost(error, p) for error in errors(run).T)
         self._turns = _turns(run)
         turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
-        idle_ways = [self._no_way(index) for index in range(len(self._reports))]
-        self.roams = self._moving(idle_ways, ~self.still)
+        idle = [self._without_progress(index) for index in range(len(self._reports))]
+        self.roams = self._moving(idle, ~self.still)
         """It drives to and fro without progress."""
-        self.loops = self.roams | self._moving(idle_ways, ~self.still | turning)
+        self.loops = self.roams | self._moving(idle, ~self.still | turning)
         """It drives or turns to and fro without progress."""
 
     def goal_of(self, robot: int, number: int) -> tuple[float, float] | None:
@@ -84,7 +84,7 @@ class RobotStates:
         here = self.run.true[:, robot, :2]
         for rows, goal, stage in self.pursuits(robot, self.wants[:, robot]):
             if goal is not None:
-                metres = stage.ways.far(here[rows], goal)
+                metres = stage.paths.lengths(here[rows], goal)
                 beeline = np.hypot(*(here[rows] - goal).T)
                 found[rows] = np.where(np.isfinite(metres), metres, beeline)
         return found
@@ -111,7 +111,7 @@ class RobotStates:
             standing_mask(true[:, index, :2], where[:, index], window, self._p.still) for index in robots
         )
 
-    def _no_way(self, robot: int) -> list[Episode]:
+    def _without_progress(self, robot: int) -> list[Episode]:
         """Return the intervals without progress towards any goal."""
         if self._reports[robot].goals is None:
             return []
@@ -130,9 +130,9 @@ class RobotStates:
     def _to_and_fro(self, robot: int, stretch: Episode) -> bool:
         """Return True if a point of the outline travelled much farther than the extent of its path."""
         steps = slice(*stretch)
-        way = self.run.true[steps, robot, :2]
-        driven = np.hypot(*np.diff(way, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[steps, robot]).sum()
-        return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(way, axis=0)))
+        path = self.run.true[steps, robot, :2]
+        driven = np.hypot(*np.diff(path, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[steps, robot]).sum()
+        return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(path, axis=0)))
 
     def _gets_on(self, robot: int) -> Flags:
         """Return where a robot gets nearer to a goal than before, or reaches one, (steps,)."""
@@ -225,12 +225,12 @@ def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteri
     found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
-            squares = stage.ways.squares(states.run.true[rows, robot, :2])
+            squares = stage.paths.squares(states.run.true[rows, robot, :2])
             _, which = np.unique(squares, axis=0, return_inverse=True)
             for number in range(int(which.max()) + 1):
                 same = rows[which.reshape(-1) == number]
-                way = _way(states, robot, int(same[0]), goal, stage, p.sensed)
-                found[same, robot] = _first(states, robot, same, way, passages, p)
+                path = _path(states, robot, int(same[0]), goal, stage, p.sensed)
+                found[same, robot] = _first(states, robot, same, path, passages, p)
     return found
 
 
@@ -250,7 +250,7 @@ def beside(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriter
     return found
 
 
-def _way(
+def _path(
     states: RobotStates,
     robot: int,
     step: int,
@@ -261,11 +261,11 @@ def _way(
     """Return the start of a robot's path, (n, 2); straight ahead without a known goal."""
     x, y, heading = states.run.true[step, robot].tolist()
     if goal is not None:
-        for ways in (stage.ways, stage.opened):
-            way = ways.way((x, y), goal, length)
-            if way is not None:
-                apart = np.hypot(*(way - way[0]).T)
-                return way[np.unique(np.floor(apart / _APART), return_index=True)[1]]
+        for paths in (stage.paths, stage.opened):
+            path = paths.path((x, y), goal, length)
+            if path is not None:
+                apart = np.hypot(*(path - path[0]).T)
+                return path[np.unique(np.floor(apart / _APART), return_index=True)[1]]
         dx, dy = goal[0] - x, goal[1] - y
         heading, length = np.arctan2(dy, dx), min(length, float(np.hypot(dx, dy)))
     along = np.arange(0.0, length + _APART, _APART)
@@ -276,23 +276,23 @@ def _first(
     states: RobotStates,
     robot: int,
     rows: NDArray[np.int64],
-    way: Points,
+    path: Points,
     passages: Passages,
     p: CauseCriteria,
 ) -> Indices:
     """Return the first robot that blocks the path, (rows,); NO_ROBOT: none."""
     there = states.run.true[rows, :, :2]
-    gaps = np.hypot(*(there[:, :, None] - way).transpose(3, 0, 1, 2))
+    gaps = np.hypot(*(there[:, :, None] - path).transpose(3, 0, 1, 2))
     along = gaps.argmin(axis=2)
     limit = np.where(states.long_waits[rows, robot], p.seen, p.near)
     limit[states.planless[rows, robot]] = p.sensed
     aside = gaps.min(axis=2)
     inside = (aside < p.in_way) & (along * _APART >= np.maximum(aside, _APART))
-    inside &= np.hypot(*(there - way[0]).transpose(2, 0, 1)) <= limit[:, None]
+    inside &= np.hypot(*(there - path[0]).transpose(2, 0, 1)) <= limit[:, None]
     inside[:, robot] = False
     one, other = np.nonzero(inside)
-    inside[one, other] = passages.sees(way[along[one, other]], there[one, other])
-    order = np.where(inside, along, len(way))
+    inside[one, other] = passages.sees(path[along[one, other]], there[one, other])
+    order = np.where(inside, along, len(path))
     first: Indices = order.argmin(axis=1).astype(np.int32)
     first[~inside.any(axis=1)] = NO_ROBOT
     return first

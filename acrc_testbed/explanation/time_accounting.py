@@ -84,13 +84,13 @@ def _of_robot(
 
 
 def _outcome(
-    way: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: CauseCriteria
+    path: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: CauseCriteria
 ) -> tuple[str, int | None]:
     """Return the outcome until the next decision, and after how many steps the robot moved again."""
     moves = np.flatnonzero(~stood)
     free = int(moves[0]) if moves.size else None
     if decision.new is not None:
-        offset = way - np.array(decision.new)
+        offset = path - np.array(decision.new)
         if bool((np.hypot(offset[:, 0], offset[:, 1]) <= p.fit).any()):
             return VISITED, free
     if free is None:

@@ -23,7 +23,7 @@ _OPEN: Final = 10
 """Cost of a cell far from walls."""
 _TIGHT: Final = 30
 """Additional cost where a robot just fits, so that paths keep to the middle as navigation's do."""
-_WAY_ROOM: Final = 0.3
+_PATH_ROOM: Final = 0.3
 """Clearance beyond a robot's radius from which a cell is far from walls, m."""
 _ASIDE: Final = 0.3
 """Maximum distance to the first free cell for a robot in a cell where it does not fit, m."""
@@ -40,7 +40,7 @@ class FloorPaths:
         blocks = grid.clearance[: rows * by, : columns * by].reshape(rows, by, columns, by)
         room = blocks.max(axis=(1, 3)) - (radius - grid.resolution / 2)
         self._fits = room >= 0
-        tight = np.clip(1 - room / _WAY_ROOM, 0.0, 1.0)
+        tight = np.clip(1 - room / _PATH_ROOM, 0.0, 1.0)
         self._costs = np.where(self._fits, np.rint(_OPEN + _TIGHT * tight), 0).astype(np.int32)
         cells = np.where(self._fits, FREE, OCCUPIED).astype(np.uint8)
         self._grid = OccupancyGrid(cells, grid.resolution * by, grid.origin)
@@ -48,7 +48,7 @@ class FloorPaths:
         self._fields: dict[tuple[float, float], NDArray[np.int32] | None] = {}
         self._begins: dict[tuple[int, int], Cell | None] = {}
 
-    def far(self, points: Points, goal: tuple[float, float]) -> NDArray[np.float64]:
+    def lengths(self, points: Points, goal: tuple[float, float]) -> NDArray[np.float64]:
         """Return path lengths from points, (n, 2), m, to the goal, (n,), m; inf without a path."""
         field = self._field(goal)
         if field is None:
@@ -59,7 +59,7 @@ class FloorPaths:
         metres = np.where(costs == UNREACHABLE, np.inf, costs * (self._grid.resolution / _CELL_COST))
         return metres[which.reshape(-1)]
 
-    def way(self, point: tuple[float, float], goal: tuple[float, float], length: float) -> Points | None:
+    def path(self, point: tuple[float, float], goal: tuple[float, float], length: float) -> Points | None:
         """Return the first `length` m of the path, (n, 2), points about a cell apart; None without a path."""
         field, begin = self._field(goal), self._begin(*self.squares(np.array([point]))[0].tolist())
         if field is None or begin is None or field[begin] == UNREACHABLE:
@@ -68,14 +68,14 @@ class FloorPaths:
         x, y = self._grid.centres()
         return self._straight(np.column_stack([x[cells[:, 1]], y[cells[:, 0]]]))
 
-    def _straight(self, way: Points) -> Points:
+    def _straight(self, path: Points) -> Points:
         """Return the path without the bends of an 8-connected grid."""
-        parts, here = [way[:1]], 0
-        while here < len(way) - 1:
+        parts, here = [path[:1]], 0
+        while here < len(path) - 1:
             there = next(
-                k for k in range(len(way) - 1, here, -1) if k == here + 1 or self._clear(*way[[here, k]])
+                k for k in range(len(path) - 1, here, -1) if k == here + 1 or self._clear(*path[[here, k]])
             )
-            parts.append(np.linspace(way[here], way[there], there - here + 1)[1:])
+            parts.append(np.linspace(path[here], path[there], there - here + 1)[1:])
             here = there
         return np.concatenate(parts)
 
@@ -213,7 +213,7 @@ class FloorStage:
     """The floor from one step until the next stage."""
 
     begin: int
-    ways: FloorPaths
+    paths: FloorPaths
     """Paths on the floor as it is."""
     opened: FloorPaths
     """Paths if all doors were open."""
@@ -258,11 +258,11 @@ class TrueFloor:
                 leaves |= self._leaf(thing)
             else:
                 taken |= self._from(thing) <= thing.radius
-        opened = self._ways(taken)
-        ways = self._ways(taken | leaves) if leaves.any() else opened
+        opened = self._paths(taken)
+        paths = self._paths(taken | leaves) if leaves.any() else opened
         rows, columns = np.nonzero(leaves)
         x, y = self.grid.centres()
-        return FloorStage(begin, ways, opened, np.column_stack([x[columns], y[rows]]))
+        return FloorStage(begin, paths, opened, np.column_stack([x[columns], y[rows]]))
 
     def _leaf(self, door: FloorObject) -> NDArray[np.bool_]:
         """Return the cells of a closed door, (rows, columns); none if the map has no door there."""
@@ -276,7 +276,7 @@ class TrueFloor:
     def _doorways(self) -> Doorways:
         return Doorways(self.grid, self._radius)
 
-    def _ways(self, taken: NDArray[np.bool_]) -> FloorPaths:
+    def _paths(self, taken: NDArray[np.bool_]) -> FloorPaths:
         key = taken.tobytes()
         if key not in self._known:
             cells = np.where(taken, np.uint8(OCCUPIED), self.grid.cells)

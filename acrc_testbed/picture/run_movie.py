@@ -230,15 +230,15 @@ def _body(axes: Axes, index: int, *, few: bool) -> _Body:
     return _Body(disc, nose, trail, label)
 
 
-def _move(body: _Body, way: Floats, *, alive: bool) -> None:
-    """Move a robot along its poses `way`, (steps, 3), newest last."""
-    x, y, heading = way[-1].tolist()
+def _move(body: _Body, path: Floats, *, alive: bool) -> None:
+    """Move a robot along its poses `path`, (steps, 3), newest last."""
+    x, y, heading = path[-1].tolist()
     reach = glyphs.RADIUS
     body.disc.set_center((x, y))
     body.disc.set_alpha(1.0 if alive else 0.3)
     body.nose.set_data([x, x + reach * np.cos(heading)], [y, y + reach * np.sin(heading)])
     body.name.set_position((x + 1.4 * reach, y + 1.4 * reach))
-    points = way[:, :2]
+    points = path[:, :2]
     pieces = np.stack([points[:-1], points[1:]], axis=1)
     pieces = pieces[np.hypot(*(pieces[:, 1] - pieces[:, 0]).T) < floor_picture.JUMP]
     body.trail.set_segments(list(pieces))

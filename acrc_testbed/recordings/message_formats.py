@@ -291,19 +291,19 @@ class KeyStatistics:
         }  # fmt: skip
 
 
-def statistics_sentences(told: dict[str, Any]) -> list[str]:
+def statistics_sentences(figures: dict[str, Any]) -> list[str]:
     """Describe the statistics of a key in words: fields, rate, sizes."""
-    often = ", all in one step"
-    if told["hertz"]:
-        often = (
-            f": {told['hertz']:.2f} Hz, {told['shortest_s']:g} to {told['longest_s']:g} s apart, "
-            f"standard deviation {told['spread_s']:.3f} s"
+    rate = ", all in one step"
+    if figures["hertz"]:
+        rate = (
+            f": {figures['hertz']:.2f} Hz, {figures['shortest_s']:g} to {figures['longest_s']:g} s apart, "
+            f"standard deviation {figures['spread_s']:.3f} s"
         )
     return [
-        f"{told['key']}  {told['type']}: {', '.join(told['fields'])}",
-        f"  {told['messages']} messages from {told['first_s']:g} to {told['last_s']:g} s{often}",
-        f"  {told['bytes']} B, {told['bytes'] / told['messages']:.0f} B each on average, "
-        f"{told['smallest']} to {told['largest']} B, {told['bytes_per_s']:.0f} B/s",
+        f"{figures['key']}  {figures['type']}: {', '.join(figures['fields'])}",
+        f"  {figures['messages']} messages from {figures['first_s']:g} to {figures['last_s']:g} s{rate}",
+        f"  {figures['bytes']} B, {figures['bytes'] / figures['messages']:.0f} B each on average, "
+        f"{figures['smallest']} to {figures['largest']} B, {figures['bytes_per_s']:.0f} B/s",
     ]
 
 
@@ -324,7 +324,7 @@ def _info(actor: str, path: Path) -> dict[str, Any]:
             last = in_seconds(one.instant)
             first = first if rates else last
             rates.setdefault((one.direction, one.key), KeyStatistics()).take(one)
-    keys = [{"direction": way, **rate.figures(key)} for (way, key), rate in rates.items()]
+    keys = [{"direction": direction, **rate.figures(key)} for (direction, key), rate in rates.items()]
     run, reading = growing.run, growing.reading
     return {
         "actor": actor, "file": str(path), "messages": sum(one["messages"] for one in keys),
@@ -334,18 +334,19 @@ def _info(actor: str, path: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def sentences(told: dict[str, Any], *, topics: bool) -> list[str]:
+def sentences(figures: dict[str, Any], *, topics: bool) -> list[str]:
     """Describe one recording in words; `topics`: with one line per key."""
-    state = "complete" if told["whole"] else "truncated or still open"
-    where = f", on {told['processor']}" if topics and told["processor"] else ""
+    state = "complete" if figures["whole"] else "truncated or still open"
+    where = f", on {figures['processor']}" if topics and figures["processor"] else ""
+    first, last, size = figures["first_s"], figures["last_s"], figures["bytes"]
     lines = [
-        f"{told['actor']}: {told['messages']} messages from {told['first_s']:g} to {told['last_s']:g} s, "
-        f"{state}; {told['bytes']} B, {_per_minute(told['bytes'], told['first_s'], told['last_s']):.2f} MB "
-        f"per simulated minute; {told['seals']} checksums; commit {told['commit'][:12] or 'unknown'}{where}"
+        f"{figures['actor']}: {figures['messages']} messages from {first:g} to {last:g} s, {state}; {size} B, "
+        f"{_per_minute(size, first, last):.2f} MB per simulated minute; {figures['seals']} checksums; commit "
+        f"{figures['commit'][:12] or 'unknown'}{where}"
     ]
     if topics:
-        width = max((len(one["key"]) for one in told["keys"]), default=0)
-        for one in told["keys"]:
+        width = max((len(one["key"]) for one in figures["keys"]), default=0)
+        for one in figures["keys"]:
             lines.append(
                 f"  {one['direction']:3} {one['key']:{width}} {one['messages']:7} messages "
                 f"{one['bytes']:9} B {one['hertz']:6.1f} Hz"

@@ -56,7 +56,7 @@ class RecordingContents:
 
 def read_contents(actor: str, path: Path, *, strict: bool = False) -> RecordingContents:
     """Read a recording. Raises CheckError if it is inconsistent, RecordingError as `Reading` does."""
-    told, running, reading = RecordingContents(actor, path), MessageHash(), Reading(path, strict=strict)
+    contents, running, reading = RecordingContents(actor, path), MessageHash(), Reading(path, strict=strict)
     first = True
     for item in reading:
         if first:
@@ -64,14 +64,14 @@ def read_contents(actor: str, path: Path, *, strict: bool = False) -> RecordingC
             first = False
         elif isinstance(item, Note):
             if item.name == "final":
-                told.final = decoded(path, "final", item.json, FinalNote)
+                contents.final = decoded(path, "final", item.json, FinalNote)
         else:
-            _add_message(told, running, item)
-    told.blank = first
-    told.step, told.whole = reading.step, reading.whole
-    told.digest = running.digest(actor)
-    _check_final(told)
-    return told
+            _add_message(contents, running, item)
+    contents.blank = first
+    contents.step, contents.whole = reading.step, reading.whole
+    contents.digest = running.digest(actor)
+    _check_final(contents)
+    return contents
 
 
 def _check_first(actor: str, path: Path, item: Entry | Note) -> None:
@@ -82,16 +82,16 @@ def _check_first(actor: str, path: Path, item: Entry | Note) -> None:
         raise CheckError(f"{path}: recording of {run.actor[:40]!r} instead of {actor!r}")
 
 
-def _add_message(told: RecordingContents, running: MessageHash, entry: Entry) -> None:
-    trail = told.trails[entry.direction, entry.key]
+def _add_message(contents: RecordingContents, running: MessageHash, entry: Entry) -> None:
+    trail = contents.trails[entry.direction, entry.key]
     number = len(trail) // STAMP.size
     topic = topic_of(entry.key)
     if entry.sequence != number:
         raise CheckError(
-            f"{told.path}: step {entry.step}: message {number} on {entry.key} has number {entry.sequence}"
+            f"{contents.path}: step {entry.step}: message {number} on {entry.key} has number {entry.sequence}"
         )
     if not 0 <= entry.step < 1 << 64:
-        raise CheckError(f"{told.path}: a message on {entry.key} has step {entry.step}")
+        raise CheckError(f"{contents.path}: a message on {entry.key} has step {entry.step}")
     trail += STAMP.pack(entry.step, entry.sha256)
     if topic.is_digested:
         running.waiting += ((entry.key, entry.step, entry.sequence, entry.sha256),)
@@ -99,32 +99,32 @@ def _add_message(told: RecordingContents, running: MessageHash, entry: Entry) ->
             running.settle()
 
 
-def _check_final(told: RecordingContents) -> None:
+def _check_final(contents: RecordingContents) -> None:
     """Compare the process's final counts with the contents of its file."""
-    final = told.final
+    final = contents.final
     if final is None:
         return
-    counted, held = final.digest, told.digest  # on hardware the actor is "base", and its file "r1.base"
+    counted, held = final.digest, contents.digest  # on hardware the actor is "base", and its file "r1.base"
     if (counted.count, counted.sha256) != (held.count, held.sha256):
         raise CheckError(
-            f"{told.path}: contains {told.digest.count} messages of {told.actor} with hash "
-            f"{told.digest.sha256[:12]}; the process counted {final.digest.count} with hash "
+            f"{contents.path}: contains {contents.digest.count} messages of {contents.actor} with hash "
+            f"{contents.digest.sha256[:12]}; the process counted {final.digest.count} with hash "
             f"{final.digest.sha256[:12]}"
         )
-    sent, took = _counted(told, "out"), _counted(told, "in")
+    sent, received = _counted(contents, "out"), _counted(contents, "in")
     if dict(final.sent) != sent or final.published != sum(sent.values()):
-        raise CheckError(f"{told.path}: number of sent messages differs from the process's count")
-    lost = {key for key in took if took[key] > final.arrived.get(key, 0)}
-    unread = sum(final.arrived.values()) - sum(took.values())
+        raise CheckError(f"{contents.path}: number of sent messages differs from the process's count")
+    lost = {key for key in received if received[key] > final.arrived.get(key, 0)}
+    unread = sum(final.arrived.values()) - sum(received.values())
     if lost or not 0 <= unread <= final.unread:
-        raise CheckError(f"{told.path}: number of received messages differs from the process's count")
+        raise CheckError(f"{contents.path}: number of received messages differs from the process's count")
 
 
-def _counted(told: RecordingContents, way: Direction) -> dict[str, int]:
+def _counted(contents: RecordingContents, wanted: Direction) -> dict[str, int]:
     return {
         key: len(trail) // STAMP.size
-        for (direction, key), trail in told.trails.items()
-        if direction == way
+        for (direction, key), trail in contents.trails.items()
+        if direction == wanted
         and not topic_of(key).is_from_outside
         and not topic_of(key).is_telemetry
         and not topic_of(key).is_recorded_only
@@ -175,9 +175,9 @@ def check_recording(file: Path) -> tuple[dict[str, object], str]:
     found = read_contents(file.stem, file, strict=True)
     count, state = found.digest.count, "complete" if found.whole else "truncated"
     until = "" if found.step is None else f", valid up to step {found.step}"
-    said = f"recording of {found.actor}: {count} digested messages, {state}{until}"
-    told = {"actor": found.actor, "messages": count, "whole": found.whole, "good_until": found.step}
-    return {"is": "recording", **told}, said
+    sentence = f"recording of {found.actor}: {count} digested messages, {state}{until}"
+    contents = {"actor": found.actor, "messages": count, "whole": found.whole, "good_until": found.step}
+    return {"is": "recording", **contents}, sentence
 
 
 def check(out: Path, *, strict: bool = True) -> CheckReport:
@@ -187,63 +187,63 @@ def check(out: Path, *, strict: bool = True) -> CheckReport:
     result; otherwise compare their valid parts with the other recordings only. Raises CheckError,
     RecordingError or SealError if files disagree.
     """
-    passes = [read_contents(actor, path, strict=strict) for actor, path in all_recordings(out).items()]
-    blank = [told for told in passes if told.blank]
-    if blank and all(told.final is not None for told in passes if not told.blank):
+    recordings = [read_contents(actor, path, strict=strict) for actor, path in all_recordings(out).items()]
+    blank = [contents for contents in recordings if contents.blank]
+    if blank and all(contents.final is not None for contents in recordings if not contents.blank):
         raise CheckError(f"{blank[0].path}: ends before its first record")
-    unreceived = sum(_compare(key, mesh) for mesh in _meshes(passes) for key in _keys(mesh))
-    complete = all(told.final is not None and told.whole for told in passes)
+    unreceived = sum(_compare(key, mesh) for mesh in _meshes(recordings) for key in _keys(mesh))
+    complete = all(contents.final is not None and contents.whole for contents in recordings)
     digest = (
-        run_digest(told.digest for told in passes)
-        if any(carries_digest(told.actor) for told in passes)
+        run_digest(contents.digest for contents in recordings)
+        if any(carries_digest(contents.actor) for contents in recordings)
         else ""
     )
     compared = strict or complete
     if compared:
-        _compare_result(out, digest, passes)
+        _compare_result(out, digest, recordings)
     return CheckReport(
         digest,
-        sum(told.digest.count for told in passes),
+        sum(contents.digest.count for contents in recordings),
         complete,
-        min((told.step for told in passes if told.step is not None), default=None)
-        if all(told.step is not None for told in passes)
+        min((contents.step for contents in recordings if contents.step is not None), default=None)
+        if all(contents.step is not None for contents in recordings)
         else None,
         unreceived,
         check_seal(out) if compared else None,
     )
 
 
-def _meshes(passes: Sequence[RecordingContents]) -> list[list[RecordingContents]]:
+def _meshes(recordings: Sequence[RecordingContents]) -> list[list[RecordingContents]]:
     """Group the recordings of processes that exchanged messages: all, or on hardware those of one robot."""
-    on_board = any(told.robot.endswith(".base") for told in passes)
+    on_board = any(contents.robot.endswith(".base") for contents in recordings)
     meshes = defaultdict[str, list[RecordingContents]](list)
-    for told in passes:
-        meshes[told.robot.partition(".")[0] if on_board else ""].append(told)
+    for contents in recordings:
+        meshes[contents.robot.partition(".")[0] if on_board else ""].append(contents)
     return [*meshes.values()]
 
 
-def _keys(passes: Sequence[RecordingContents]) -> list[str]:
+def _keys(recordings: Sequence[RecordingContents]) -> list[str]:
     """Return the keys on which recorded actors exchange messages."""
-    keys = {key for told in passes for _, key in told.trails} - {ROSTER.pattern}
+    keys = {key for contents in recordings for _, key in contents.trails} - {ROSTER.pattern}
     topics = {key: topic_of(key) for key in keys}
     return sorted(k for k, one in topics.items() if not (one.is_from_outside or one.is_recorded_only))
 
 
-def _compare(key: str, passes: Sequence[RecordingContents]) -> int:
+def _compare(key: str, recordings: Sequence[RecordingContents]) -> int:
     """Compare sent and received messages on a key; return the number that was not received."""
-    senders = [told for told in passes if ("out", key) in told.trails]
+    senders = [contents for contents in recordings if ("out", key) in contents.trails]
     receivers = defaultdict[str, list[RecordingContents]](list)
-    for told in passes:
-        if ("in", key) in told.trails:
-            receivers[told.robot].append(told)
+    for contents in recordings:
+        if ("in", key) in contents.trails:
+            receivers[contents.robot].append(contents)
     if not senders:
         return 0  # their recordings are not here
     sent = _trail(senders, "out", key)
     missing = 0
     for parts in receivers.values():
-        took = _trail(parts, "in", key)
-        if sent != took:
-            missing += _compare_stamps(key, senders, parts, Counter(_stamps(sent)), took)
+        received = _trail(parts, "in", key)
+        if sent != received:
+            missing += _compare_stamps(key, senders, parts, Counter(_stamps(sent)), received)
     return missing if receivers else len(sent) // STAMP.size
 
 
@@ -252,26 +252,26 @@ def _compare_stamps(
     senders: Sequence[RecordingContents],
     receivers: Sequence[RecordingContents],
     left: Counter[tuple[int, bytes]],
-    took: bytes,
+    received: bytes,
 ) -> int:
     """Return how many of the stamps `left` were not received. Raises CheckError for an unknown one."""
-    known, sender = min((_known(told) for told in senders), default=-1), senders[0].actor
-    for stamp in _stamps(took):
+    known, sender = min((_known(contents) for contents in senders), default=-1), senders[0].actor
+    for stamp in _stamps(received):
         step, _ = stamp
         if left[stamp] > 0:
             left[stamp] -= 1
         elif step <= known:
-            names = " and ".join(told.actor for told in receivers)
+            names = " and ".join(contents.actor for contents in receivers)
             what = "differs from what" if any(other == step for other, _ in left) else "is not among what"
             raise CheckError(f"step {step}: a message that {names} received on {key} {what} {sender} sent")
-    unread = sum(told.final.unread for told in receivers if told.final is not None)
+    unread = sum(contents.final.unread for contents in receivers if contents.final is not None)
     missing = left.total()
     if _ended_by_clock(senders, receivers) and missing:
-        last = max((step for step, _ in _stamps(took)), default=-1)
+        last = max((step for step, _ in _stamps(received)), default=-1)
         if min(step for step, _ in left.elements()) > last:
             return missing  # in flight when the receiver exited
-    if all(told.final is not None for told in (*senders, *receivers)) and missing > unread:
-        names = " and ".join(told.actor for told in receivers)
+    if all(contents.final is not None for contents in (*senders, *receivers)) and missing > unread:
+        names = " and ".join(contents.actor for contents in receivers)
         raise CheckError(
             f"{key}: {missing - unread} messages of {sender} were not received by {names}, "
             f"the first one in step {min(step for step, _ in left.elements())}"
@@ -281,25 +281,25 @@ def _compare_stamps(
 
 def _ended_by_clock(senders: Sequence[RecordingContents], receivers: Sequence[RecordingContents]) -> bool:
     """Return True on hardware, where no process waits for the last message."""
-    return any("." in told.robot for told in (*senders, *receivers))
+    return any("." in contents.robot for contents in (*senders, *receivers))
 
 
-def _known(told: RecordingContents) -> int:
+def _known(contents: RecordingContents) -> int:
     """Return the last step whose sent messages are all recorded."""
-    if told.final is not None:
+    if contents.final is not None:
         return 1 << 64
-    return -1 if told.step is None else told.step
+    return -1 if contents.step is None else contents.step
 
 
-def _trail(passes: Sequence[RecordingContents], way: Direction, key: str) -> bytes:
-    return b"".join(told.trails[way, key] for told in passes)
+def _trail(recordings: Sequence[RecordingContents], direction: Direction, key: str) -> bytes:
+    return b"".join(contents.trails[direction, key] for contents in recordings)
 
 
 def _stamps(trail: bytes) -> Iterator[tuple[int, bytes]]:
     yield from STAMP.iter_unpack(trail)
 
 
-def _compare_result(out: Path, digest: str, passes: Sequence[RecordingContents]) -> None:
+def _compare_result(out: Path, digest: str, recordings: Sequence[RecordingContents]) -> None:
     """Raise CheckError unless a result has complete recordings with its digest."""
     result = out / "run.json"
     if not result.is_file():
@@ -310,7 +310,7 @@ def _compare_result(out: Path, digest: str, passes: Sequence[RecordingContents])
         claimed = typed_json.decode(text, _ResultDigest).digest
     except ValueError as error:
         raise RecordingError(f"{result}: not a valid run result: {error}") from None
-    cut = next((told for told in passes if told.final is None or not told.whole), None)
+    cut = next((contents for contents in recordings if contents.final is None or not contents.whole), None)
     if cut is not None:
         until = "its first step" if cut.step is None else f"step {cut.step}"
         raise CheckError(

@@ -65,7 +65,7 @@ class Plots:
     """Plots of a run, drawn part by part."""
 
     def __init__(self, canvas: Canvas, *, true: bool) -> None:
-        """`true`: the run has ground truth."""
+        """Set up the lines; `true`: the run has ground truth."""
         self._canvas, self._true = canvas, true
         self._done = dict.fromkeys(canvas.robots, 0)
         self._known: set[PlaceKey] = set()

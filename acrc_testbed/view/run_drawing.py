@@ -71,14 +71,14 @@ class ProcessDrawing:
         self,
         canvas: Canvas,
         robot: str,
-        way: PositionHistory,
+        path: PositionHistory,
         lane: RobotLane,
         *,
         is_detailed: bool,
         has_goals: bool,
     ) -> None:
         """`is_detailed`: draw perception; `has_goals`: draw goals."""
-        self._canvas, self._robot, self._way, self._lane = canvas, robot, way, lane
+        self._canvas, self._robot, self._path, self._lane = canvas, robot, path, lane
         self._is_detailed, self._has_goals = is_detailed, has_goals
         self._events = ProcessEvents(robot)
         self._last: ActivityChange | None = None
@@ -121,7 +121,7 @@ class ProcessDrawing:
         if not len(seconds):
             return
         there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
-        floor_drawing.draw_intents(self._canvas, self._robot, seconds, self._way.at(seconds), there)
+        floor_drawing.draw_intents(self._canvas, self._robot, seconds, self._path.at(seconds), there)
 
     def _ages(self, inside: RobotInternals, until: float) -> None:
         """Draw the ages of replicas."""
@@ -182,7 +182,7 @@ class RunDrawing:
         self._canvas, self._detailed = canvas, frozenset(detailed)
         self._chosen = self._detailed if len(detailed) < DETAILED else frozenset[str]()
         """Robots with all links, goals and adoptions drawn even among many robots."""
-        self._ways = {robot: PositionHistory() for robot in run.robots}
+        self._paths = {robot: PositionHistory() for robot in run.robots}
         self._trails = {robot: robots.DrawnTrail() for robot in run.robots}
         self._lanes = {robot: RobotLane(canvas, robot) for robot in run.robots}
         self._insides: dict[str, ProcessDrawing] = {}
@@ -213,7 +213,7 @@ class RunDrawing:
         for robot, track in run.trajectories.items():
             known = np.isfinite(track.poses[:, 0])
             seconds, poses = track.seconds[known], track.poses[known]
-            self._ways[robot].extend(seconds, poses)
+            self._paths[robot].extend(seconds, poses)
             robots.draw_poses(canvas, robot, seconds, poses)
             robots.draw_trail(canvas, robot, seconds, poses[:, :2], self._trails[robot])
             for second, state in track.states:
@@ -279,7 +279,7 @@ class RunDrawing:
             self._insides[actor] = ProcessDrawing(
                 self._canvas,
                 robot,
-                self._ways[robot],
+                self._paths[robot],
                 self._lanes[robot],
                 is_detailed=robot in self._detailed,
                 has_goals=self._in_full(robot),
@@ -323,7 +323,7 @@ class RunDrawing:
 
     def _positions(self, seconds: Floats) -> Floats:
         """Return the robots' positions, (n, robots, 2), m."""
-        return np.stack([way.at(seconds) for way in self._ways.values()], axis=1)
+        return np.stack([path.at(seconds) for path in self._paths.values()], axis=1)
 
     def _in_full(self, robot: str) -> bool:
         """Return True if goals and adoptions of a robot are drawn: all of few robots, chosen ones of many."""
@@ -333,7 +333,7 @@ class RunDrawing:
         for deed in run.taken_over:
             if self._in_full(deed.robot) and deed.place.place < len(run.places.get(deed.place.owner, ())):
                 point = run.places[deed.place.owner][deed.place.place]
-                x, y = self._ways[deed.robot].at(np.array([deed.second]))[0].tolist()
+                x, y = self._paths[deed.robot].at(np.array([deed.second]))[0].tolist()
                 floor_drawing.draw_adoption(
                     self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place)
                 )

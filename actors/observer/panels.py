@@ -279,9 +279,9 @@ def draw_estimates(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, s
     canvas.strips(f"inside/{robot}/estimate", seconds, rows)
 
 
-def draw_plans(canvas: Canvas, robot: str, seconds: Floats, ways: Sequence[Singles]) -> None:
+def draw_plans(canvas: Canvas, robot: str, seconds: Floats, plans: Sequence[Singles]) -> None:
     """Draw plans, (k, 2), m, from each instant on; none with fewer than two points."""
-    rows = [[lifted(way, WAY)] if len(way) > 1 else [] for way in ways]
+    rows = [[lifted(plan, WAY)] if len(plan) > 1 else [] for plan in plans]
     canvas.strips(f"inside/{robot}/plan", seconds, rows)
 
 
@@ -295,10 +295,10 @@ def draw_arcs(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, twists
             continue
         headings = heading + turn * ahead
         steps = speed * (ahead[1] - ahead[0])
-        way = np.column_stack(
+        arc = np.column_stack(
             (x + np.cumsum(steps * np.cos(headings)), y + np.cumsum(steps * np.sin(headings)))
         )
-        rows.append([lifted(way, CLOUD)])
+        rows.append([lifted(arc, CLOUD)])
     canvas.strips(f"inside/{robot}/arc", seconds, rows)
 
 

@@ -226,8 +226,8 @@ def test_stages_follow_the_recorded_floor_and_jammers_make_none() -> None:
     stages = floor((5, (jammer,)), (30, (jammer, shut)), (40, (shut,)), (50, ())).stages()
     assert [(one.begin, len(one.leaves) > 0) for one in stages] == [(0, False), (30, True), (50, False)]
     here, there = np.array([[2.0, 3.0]]), (8.0, 3.0)
-    assert [bool(np.isfinite(one.ways.far(here, there))[0]) for one in stages] == [True, False, True]
-    assert all(np.isfinite(one.opened.far(here, there)[0]) for one in stages)
+    assert [bool(np.isfinite(one.paths.lengths(here, there))[0]) for one in stages] == [True, False, True]
+    assert all(np.isfinite(one.opened.lengths(here, there)[0]) for one in stages)
 
 
 def test_what_comes_first_decides() -> None:
