@@ -1,6 +1,6 @@
-"""The model problem: autonomous cleaning robots that visit places and get into one another's way.
+"""The model problem: autonomous cleaning robots that visit places and block each other.
 
-Strategies that build on it need these names, and those of a shipped strategy if they derive from one.
+Strategies that extend it import these names, and those of a shipped strategy that they derive from.
 """
 
 from cleaning.adaptive import AdaptiveCleaningRobot

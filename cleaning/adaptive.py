@@ -1,4 +1,4 @@
-"""The cleaning robot with the chapter's adaptation layer: it notices that it is stuck, and does something."""
+"""The cleaning robot with the chapter's adaptation layer: it detects that it is blocked and recovers."""
 
 from typing import Final, NamedTuple, Self
 
@@ -14,11 +14,11 @@ from cleaning.robot import CleaningRobot
 from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, replace, seconds
 
 _PEER_AGE: Final[Duration] = seconds(3)
-"""Peers that were not heard of for longer are forgotten: three publications."""
+"""Age at which peers are dropped: three publications."""
 
 
 class HeardPeer(NamedTuple):
-    """Another robot as it was last heard of."""
+    """Last received position of another robot."""
 
     id: str
     position: Point
@@ -27,32 +27,31 @@ class HeardPeer(NamedTuple):
 
 @component
 class AdaptiveCleaningRobot(CleaningRobot):
-    """Finds out that it is blocked, turns elsewhere by itself, and can take places over from others."""
+    """A robot that detects blocking, chooses another target, and can adopt places of other robots."""
 
     parameters: AdaptationParameters = AdaptationParameters()
     before: Point | None = None
-    """Where it was at the check before, m."""
+    """Position at the previous check, m."""
     still_for: int = 0
-    """Checks in a row at which it wanted to move and had not."""
+    """Consecutive checks at which it had a target and stood still."""
     blocked_for: int = 0
-    """Checks in a row at which it was blocked."""
+    """Consecutive checks at which it was blocked."""
     tried: tuple[Takeover, ...] = ()
-    """For each time that it unblocked itself since it last visited a place: where it was heading for. Kept
-    only if it may give up."""
+    """Destination at each unblocking since the last visit of a place; empty if it never gives up."""
     adopted_at: Instant | None = None
-    """When it last took a place over."""
+    """Time of the last adoption."""
     peers: tuple[HeardPeer, ...] = ()
-    """Robots around, as far as it is to disregard what its sensor sees of them."""
+    """Nearby robots whose echoes are ignored; see `peer_mask`."""
 
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
-        """As without adaptation; to visit a place is to get on."""
+        """Set the destination as without adaptation; a visit resets `tried`."""
         robot = super().set_destination(monitor, now)
         return robot if len(robot.settled) == len(self.settled) else replace(robot, tried=())
 
     @adaptation
     @periodic(every=seconds(1), order=2)
     def detect_blocked(self) -> Self:
-        """Blocked is who has a target out of reach and stands still for long enough."""
+        """Detect blocking: the robot has a target out of reach and stands still for long enough."""
         target, p = self.target, self.parameters
         wants = target is not None and not self.reaches(target)
         stands = self.before is not None and self.position.distance_to(self.before) < p.still
@@ -65,7 +64,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     def auto_unblock(
         self, floor: FloorPlan, generator: Generator, monitor: PlaceMonitor, now: Instant
     ) -> Self:
-        """Once it has been blocked for long enough, head for somewhere else, or give the place up."""
+        """Choose another target or give the place up after being blocked for long enough."""
         if not self.is_blocked():
             return replace(self, blocked_for=0)
         if self.blocked_for < self.parameters.blocked_checks:
@@ -76,7 +75,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     @adaptation
     @periodic(every=milliseconds(500), order=6)
     def disregard_peers(self, positioning: Positioning, now: Instant) -> Self:
-        """Tell the localiser where other robots are, those of which it has heard lately."""
+        """Ignore echoes of other robots whose position is recent."""
         if not self.parameters.peer_mask:
             return self
         peers = tuple(peer for peer in self.peers if now - peer.heard <= _PEER_AGE)
@@ -84,11 +83,11 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return replace(self, peers=peers)
 
     def with_peer(self, peer: HeardPeer) -> Self:
-        """The robot that knows where a peer was just now."""
+        """Return the robot with an updated peer."""
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 
     def adopting(self, assignment: Assignment, now: Instant) -> Self:
-        """The robot with a place of somebody else's in its route, heading for it at once; or as `taking`."""
+        """Return the robot on its way to a place of another robot; itself if `taking` does."""
         robot = self.taking(assignment, len(self.route))
         if robot is self:
             return self
@@ -96,9 +95,9 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return robot._afresh()
 
     def taking(self, assignment: Assignment, index: int) -> Self:
-        """The robot with a place of somebody else's in its route, at that index, and heading where it did.
+        """Return the robot with a place of another robot in its route at `index`, destination unchanged.
 
-        Itself if it holds the place already, has settled it, or has heard of a term that nobody can come to.
+        Returns itself if it holds or has settled the place, or if the term is LAST_TERM.
         """
         if self.holds(assignment.key) or self.has_settled(assignment.key) or assignment.term >= LAST_TERM:
             return self
@@ -111,7 +110,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         )
 
     def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
-        """The places of its route that the peer has taken over, with a later word than this robot's own."""
+        """Return the places of its route that the peer has adopted with a higher term."""
         heard = {takeover.key: takeover.term for takeover in peer.adopted}
         return frozenset(
             assignment.key
@@ -120,10 +119,10 @@ class AdaptiveCleaningRobot(CleaningRobot):
         )
 
     def leaving_to(self, peer: Cleaner, now: Instant, *, exchange: bool) -> Self:
-        """The robot without the places that the peer has taken over.
+        """Return the robot without the places that the peer has adopted.
 
-        If it was heading for one, it takes, with `exchange`, the place that the peer left for it, else the
-        first of its route.
+        If one was its destination, it adopts the peer's former destination (with `exchange`) or continues
+        with the first place of its route.
         """
         gone = self.taken_by(peer)
         robot, mine = self.without(gone, settled=False), self.destination
@@ -134,7 +133,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return robot if offered is None else replace(robot.adopting(offered, now), former=None)
 
     def _having_tried(self, monitor: PlaceMonitor, now: Instant) -> Self:
-        """The robot after one more attempt at its destination, which it may give up for that."""
+        """Return the robot with one more counted attempt; gives the destination up at the limit."""
         assignment, most = self.destination, self.parameters.attempts
         if assignment is None or not most:
             return self
@@ -145,7 +144,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return self.given_up(assignment, reason, monitor, now)
 
     def _turned(self, floor: FloorPlan, generator: Generator) -> Self:
-        """The robot on its way to somewhere else, or on a new attempt."""
+        """Return the robot with another target, or with a new attempt."""
         left = len(self.route)
         if self.parameters.unblock is Unblock.FLOOR and generator.random() * (left + 1) < max(left, 1):
             return self.sent_to(floor.random_place())
@@ -154,7 +153,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return self.heading_for(self.route[int(generator.integers(left))])
 
     def _afresh(self) -> Self:
-        """The robot with a new destination, whose outcome is yet to be seen."""
+        """Return the robot with the counters of a new destination."""
         if not self.parameters.recount:
             return replace(self, blocked_for=0)
         return replace(self, blocked_for=0, still_for=0, state=State.FREE)

@@ -1,22 +1,21 @@
-"""The ensembles of the example adaptation: robots that block each other exchange their destinations.
+"""Ensembles of the example adaptation: robots that block each other exchange their destinations.
 
-After DestinationAdoptionEnsemble and AdoptedDestinationRemoveEnsemble of d3scomp/deeco-adaptation-testbed
-(the chapter's Fig. 7.12), and so that no place is lost, whatever happens to messages:
+Based on DestinationAdoptionEnsemble and AdoptedDestinationRemoveEnsemble of
+d3scomp/deeco-adaptation-testbed (the chapter's Fig. 7.12), extended so that no place is lost even if messages
+are lost, late, repeated or reordered. Proof:
 
-Call a *taking* every entry of a place into a robot's route, and let it weigh (term, id of the robot), terms
-first. Of all takings so far, let the heaviest be that of robot R.
+A *claim* is the insertion of a place into a robot's route. Claims are ordered by (term, robot id). Let robot
+R have the highest claim so far.
 
-1. A robot has a place no longer in its route for three reasons only: it has visited it; it has given it up;
-   or a peer's published `adopted` shows a taking heavier than the robot's own.
-2. What is published has happened: each `Claim` stands for a taking by who publishes it. Messages that are
-   lost, late, repeated or out of order make no others.
-3. So nobody ever shows R a taking heavier than its own, and R holds the place until it has visited it or
-   given it up. It does not take it again while it holds it, nor after that.
-4. At the start the owner's taking is the only one; whenever a heavier one comes, the same holds of who took.
+1. A robot removes a place from its route only if it has visited the place, has given it up, or receives a
+   peer's `adopted` with a claim higher than its own.
+2. Each published `Takeover` corresponds to a claim of its publisher; faulty transmission creates no others.
+3. Therefore no robot publishes a claim higher than R's, and R holds the place until it has visited the place
+   or given it up. R does not claim the place again.
+4. At the start the owner has the only claim. After each higher claim, the same applies to its robot.
 
-Others may hold the place beside R, because of old messages. They drop it when they hear R, or visit it again.
-
-A robot that is restarted forgets what it had adopted; its own places it takes anew (`place.assignments`).
+Other robots may hold the place because of old messages. They remove it when they receive R's claim, or visit
+it again. A restarted robot loses its adopted places and claims its own places again (`place.assignments`).
 """
 
 from actors.robot.behaviour import FloorPlan
@@ -28,58 +27,57 @@ from deeco import Duration, Instant, ensemble, milliseconds, seconds
 
 @ensemble(every=seconds(3), max_age=seconds(5))
 class MakingWay:
-    """A robot that wants nowhere goes somewhere else when another one near it is blocked."""
+    """A robot without target moves away from a blocked robot near it."""
 
     max_distance: float
-    """From nearer than this, m."""
+    """Maximum distance between the robots, m."""
 
     def membership(self, coordinator: Cleaner, member: AdaptiveCleaningRobot) -> bool:
-        """The coordinator is blocked, the member has nothing to do, and they are near each other."""
+        """Return True if the coordinator is blocked near a member without target."""
         apart = coordinator.position.distance_to(member.position)
         return coordinator.is_blocked() and member.target is None and apart < self.max_distance
 
     def at_member(
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, floor: FloorPlan
     ) -> AdaptiveCleaningRobot:
-        """The member goes."""
+        """Send the member to a random place."""
         return member.sent_to(floor.random_place())
 
 
 @ensemble(every=milliseconds(500), max_age=seconds(2))
 class PeerMask:
-    """A robot notes where those are that its range sensor may see."""
+    """A robot stores the positions of robots within the range of its sensor."""
 
     max_distance: float
-    """From nearer than this, m."""
+    """Maximum distance between the robots, m."""
 
     def membership(self, coordinator: Cleaner, member: AdaptiveCleaningRobot) -> bool:
-        """They are near each other."""
+        """Return True if the robots are near each other."""
         return coordinator.position.distance_to(member.position) < self.max_distance
 
     def at_member(
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, now: Instant
     ) -> AdaptiveCleaningRobot:
-        """The member knows where the coordinator is."""
+        """Store the coordinator's position."""
         return member.with_peer(HeardPeer(coordinator.id, coordinator.position, now))
 
 
 @ensemble(every=seconds(3), max_age=seconds(5))
 class DestinationAdoption:
-    """Of two blocked robots near each other, each adopts the destination of the other.
+    """Two blocked robots near each other adopt each other's destination.
 
-    Knowledge older than 5 s, of which four publications got lost, says little of who is blocked; the original
-    believes it for ever.
+    Knowledge older than 5 s (four lost publications) is ignored; the original uses it without limit.
     """
 
     max_distance: float
-    """Nearer to one another than this they adopt, m."""
+    """Maximum distance between the robots, m."""
     least_checks: int
-    """A robot adopts once it has been blocked for so many seconds."""
+    """Minimum time of being blocked before an adoption, s."""
     backoff: Duration
-    """From one adoption of a robot to its next."""
+    """Minimum time between two adoptions of a robot."""
 
     def membership(self, coordinator: Cleaner, member: Cleaner) -> bool:
-        """Both are blocked, and near each other."""
+        """Return True if both are blocked and near each other."""
         return (
             coordinator.is_blocked()
             and member.is_blocked()
@@ -89,7 +87,7 @@ class DestinationAdoption:
     def at_member(
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, now: Instant
     ) -> AdaptiveCleaningRobot:
-        """The member takes over where the coordinator wants to go."""
+        """Adopt the coordinator's destination."""
         if coordinator.destination is None or member.blocked_for < self.least_checks:
             return member
         if member.adopted_at is not None and now - member.adopted_at < self.backoff:
@@ -99,27 +97,24 @@ class DestinationAdoption:
 
 @ensemble(every=seconds(3))
 class AdoptedDestinationRemove:
-    """A robot drops the places that another one has taken over.
-
-    However old: that somebody has taken a place over stays true.
-    """
+    """A robot drops places that another robot has adopted; knowledge of any age is used."""
 
     exchange: bool
-    """A robot that was heading for such a place takes the one which the other left for it."""
+    """A robot that loses its destination adopts the other robot's former destination."""
 
     def membership(self, coordinator: Cleaner, member: AdaptiveCleaningRobot) -> bool:
-        """The coordinator has taken over what the member still has in its route."""
+        """Return True if the coordinator has adopted a place of the member's route."""
         return bool(member.taken_by(coordinator))
 
     def at_member(
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, now: Instant
     ) -> AdaptiveCleaningRobot:
-        """The member leaves it to the coordinator."""
+        """Leave these places to the coordinator."""
         return member.leaving_to(coordinator, now, exchange=self.exchange)
 
 
 def exchanges(parameters: AdaptationParameters) -> tuple[object, ...]:
-    """The ensembles by which blocked robots exchange destinations."""
+    """Return the ensembles by which blocked robots exchange destinations."""
     p = parameters
     adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
     return adoption, AdoptedDestinationRemove(p.exchange)

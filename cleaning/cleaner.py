@@ -1,4 +1,4 @@
-"""What cleaning robots let one another know."""
+"""Knowledge that cleaning robots publish."""
 
 from enum import Enum
 from typing import Annotated
@@ -10,28 +10,27 @@ from deeco.schema import Resolution
 
 
 class State(Enum):
-    """How a robot gets on."""
+    """Mobility of a robot."""
 
     FREE = "free"
     BLOCKED = "blocked"
-    """It wants to move and does not."""
+    """The robot has a target and does not move."""
 
 
 @role
 class Cleaner(Knowledge):
-    """A cleaning robot as others see it: 40 to 135 bytes on the air, most of them for what it has adopted."""
+    """Published state of a cleaning robot: 40 to 135 bytes on the air, mostly adopted places."""
 
     position: Annotated[Point, Resolution(1000)]
-    """Where it holds itself to be, m, map frame."""
+    """Estimated position, m, map frame."""
     state: State = State.FREE
     destination: Assignment | None = None
-    """The place that it heads for; None if it has none, and while it heads for some other point."""
+    """Current destination; None without one and while the robot drives to another point."""
     former: Assignment | None = None
-    """The destination that it left for the present one, which it adopted: whoever held that may have this in
-    exchange."""
+    """Destination before the current one, which was adopted; offered in exchange to its former holder."""
     adopted: tuple[Takeover, ...] = ()
-    """What it has taken over from others, the newest last; visited or given up since or not."""
+    """Adopted places, newest last, including settled ones."""
 
     def is_blocked(self) -> bool:
-        """True if it wants to move and does not."""
+        """Return True if the robot has a target and does not move."""
         return self.state is State.BLOCKED

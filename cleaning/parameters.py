@@ -1,4 +1,4 @@
-"""The numbers of the model problem's robots: where the chapter's text and the released code differ, both.
+"""Parameters of the model problem's robots, as in the chapter's text and as in the released code.
 
 Text: "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Problem and Testbed" (2016),
 7.4.1. Code: d3scomp/deeco-adaptation-testbed, CleanerRobot and the two ensembles.
@@ -14,29 +14,29 @@ from deeco.link import LinkParameters
 
 
 class Unblock(Enum):
-    """Where a robot turns to when it unblocks itself."""
+    """Target of a robot that unblocks itself."""
 
     QUEUE = "queue"
-    """The text: to any place in its route."""
+    """Text: a random place of its route."""
     FLOOR = "floor"
-    """The code: with n places in the route, to any point of the floor with probability n/(n+1), else to any
-    place in the route. With no place left, where the code crashes, to any point of the floor."""
+    """Code: with n places in the route, a random point of the floor with probability n/(n+1), otherwise a
+    random place of the route. With an empty route, where the code crashes, a random point of the floor."""
 
 
 @dataclass(frozen=True)
 class CleaningParameters:
-    """The adapted layer. Raises ParameterError, a ValueError, for a number that makes no sense."""
+    """Parameters of the adapted layer. Raises ParameterError, a ValueError, for an invalid value."""
 
     reach: float = 0.5
-    """A place nearer than this is visited, m. Default: the code, REACHED_POS_THRESH_M."""
+    """Distance at which a place counts as visited, m. Default: the code, REACHED_POS_THRESH_M."""
     retry: bool = True
-    """A goal that navigation gave up is asked for again, every 2 s. The code never does; the default is own:
-    a robot should not stand for ever because of what has gone meanwhile."""
+    """Request an aborted goal again, every 2 s. The code never does; own default, so that robots continue
+    when an obstacle has moved away."""
     no_plan_attempts: int = 0
-    """So often in a row navigation may find no way to a place before the robot gives the place up; 0: it
-    never does. Default: as in the original, which never gives up. From 2 on it needs `retry`."""
+    """Number of consecutive `no plan` aborts after which a place is given up; 0: never, as in the original.
+    Values above 1 need `retry`."""
     aborted_attempts: int = 0
-    """The same for whatever reason navigation may have to give the place up."""
+    """Number of consecutive aborts of any kind after which a place is given up; 0: never."""
 
     def __post_init__(self) -> None:
         for name in (one.name for one in fields(self)):
@@ -51,44 +51,42 @@ class CleaningParameters:
 
 @dataclass(frozen=True)
 class AdaptationParameters(CleaningParameters):
-    """Both layers; the defaults are the chapter's text, and the code where the text is silent."""
+    """Parameters of both layers; defaults from the chapter's text, otherwise from the code."""
 
     still: float = 0.01
-    """A robot that moves less than this within a second stands still, m. Default: the code,
-    SAME_POS_THRESH_M."""
+    """Distance per second below which a robot stands still, m. Default: the code, SAME_POS_THRESH_M."""
     still_checks: int = 3
-    """After more still seconds than this in a row, a robot that wants to move is blocked. Default: the code,
+    """A robot with a target is blocked after standing still for more seconds than this. Default: the code,
     NOCHANGE_POS_THRESH_CNT."""
     blocked_checks: int = 6
-    """After more blocked seconds than this in a row it unblocks itself. Default: the code,
+    """A robot unblocks itself after being blocked for more seconds than this. Default: the code,
     BLOCKED_AUTORECOVERY_THRESHOLD_S."""
     unblock: Unblock = Unblock.QUEUE
-    """Where it turns to then."""
+    """Target chosen when a robot unblocks itself."""
     recount: bool = True
-    """With a new destination the count of still seconds begins anew. The text monitors the outcome of a new
-    destination; the code goes on counting, so that the robot is blocked again within a second."""
+    """Reset the count of still seconds with a new destination. The text monitors the outcome of a new
+    destination; the code continues to count, so that the robot is blocked again within a second."""
     attempts: int = 0
-    """So often a robot that heads for the same place unblocks itself before it gives the place up, unless it
-    visits any meanwhile; 0: it never gives up. Default: as in the original."""
+    """Number of unblockings on the way to the same place, without a visit in between, after which the place
+    is given up; 0: never, as in the original."""
     adoption_distance: float = 1.5
-    """Blocked robots nearer to one another than this adopt, m. Default: the text; the code has 3.0."""
+    """Maximum distance between blocked robots for an adoption, m. Default: the text; the code has 3.0."""
     adoption_checks: int = 1
-    """A robot adopts once it has been blocked for so many seconds. Default: the code,
+    """Minimum time of being blocked before an adoption, s. Default: the code,
     BLOCKED_REMOTERECOVERY_THRESHOLD_S."""
     adoption_backoff: Duration = field(default=seconds(10))
-    """So long it waits from one adoption to the next, µs. Default: the code, REMOTE_RECOVERY_BACKOFF_MS."""
+    """Minimum time between two adoptions, µs. Default: the code, REMOTE_RECOVERY_BACKOFF_MS."""
     exchange: bool = True
-    """Who loses its destination to a robot takes the one which that robot left for it: the text's "and vice
-    versa". In the code each side adopts for itself, and whoever is later finds its own destination."""
+    """A robot that loses its destination adopts the other robot's former destination: the text's "and vice
+    versa". In the code each robot adopts independently, and the later one receives its own destination."""
     make_way: bool = False
-    """Who wants nowhere any more goes to some random place when a blocked robot is near, as near as for an
-    adoption. Own addition: in text and code a robot that is done stands in the way for good."""
+    """A robot without target drives to a random place if a blocked robot is within `adoption_distance`. Own
+    addition: in text and code a finished robot stays in the way."""
     peer_mask: bool = False
-    """The localiser disregards range readings that end where other robots say they are. Own addition: neither
-    text nor code has it."""
+    """The localiser ignores range readings at published positions of other robots. Own addition."""
     most_adopted: int = 10
-    """So many adoptions are published, the newest: with ten, knowledge fills a frame and begins a second. The
-    code publishes all."""
+    """Number of published adoptions, newest first: with ten, knowledge just exceeds one frame. The code
+    publishes all."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,7 +95,7 @@ class AdaptationParameters(CleaningParameters):
 
 @dataclass(frozen=True)
 class ReleasedParameters(AdaptationParameters):
-    """The example adaptation as the released code has it, without its defects."""
+    """Parameters of the released code."""
 
     retry: bool = False
     """As in the code."""

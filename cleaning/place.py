@@ -1,4 +1,4 @@
-"""Places to be cleaned as they change hands, and the golden places of the original testbed."""
+"""Assignments of places to robots, and the places of the original testbed."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
@@ -27,77 +27,72 @@ _GOLDEN: Final = (
     ),
 )  # fmt: skip
 GOLDEN: Final = tuple(tuple(Point(*place) for place in places) for places in _GOLDEN)
-"""The ten places of each of the testbed's four robots, m, to the millimetre: what its generator gives for its
-seed, java.util.Random(42). Some lie nearer to a wall than a robot's radius: they are reached from within
-0.5 m."""
+"""Ten places for each of the original testbed's four robots, m, to the millimetre, from its generator with
+its seed, java.util.Random(42). Some are nearer to a wall than a robot's radius; a robot reaches them from
+within 0.5 m."""
 
 
 RESTART_TERM: Final = 2**20
-"""What a restart adds to the terms of a robot's own assignments; see `assignments`. No tuning: any number
-will do that is larger than how often a place changes hands between two restarts. This one is reached after
-36 days with an exchange every 3 s, the ensemble's period. It costs air only after a restart: 4 bytes a
-place."""
+"""Term added to a robot's own assignments at a restart; see `assignments`. Must exceed the number of
+adoptions of a place between two restarts: with an adoption every 3 s (the ensemble's period), this value
+lasts 36 days. It costs 4 bytes per place on the air, only after a restart."""
 LAST_TERM: Final = 2**63 - 1
-"""No place is taken over beyond it: no honest swarm comes there, and the next but one has no form on the air.
-Whoever hears so great a term hears a liar."""
+"""Highest term; correct robots never reach it, and the wire format ends just above it."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """That somebody has taken a place over: what is said of it to those who held it before."""
+    """The adoption of a place, published to its previous holders."""
 
     owner: str
-    """The robot that the place was given to."""
+    """The robot to which the place was assigned."""
     index: int
-    """Its index in the owner's list."""
+    """Index in the owner's list."""
     term: int
-    """How often it had changed hands, as far as who took it knew; its own taking included."""
+    """Number of adoptions of the place known to the new holder, including this one."""
 
     @property
     def key(self) -> PlaceKey:
-        """Which place it is."""
+        """Key of the place."""
         return PlaceKey(self.owner, self.index)
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """The assignment to clean a place."""
+    """A place to clean."""
 
     owner: str
-    """The robot that the place was given to."""
+    """The robot to which the place was assigned."""
     index: int
-    """Its index in the owner's list."""
+    """Index in the owner's list."""
     point: Annotated[Point, Resolution(1000)]
-    """Where it is, m, map frame; rounded to the millimetre when it changes hands."""
+    """Position, m, map frame; rounded to the millimetre when adopted."""
     term: int = 0
-    """How often it has changed hands, as far as its holder knows."""
+    """Number of adoptions known to the holder."""
 
     @property
     def key(self) -> PlaceKey:
-        """Which place it is."""
+        """Key of the place."""
         return PlaceKey(self.owner, self.index)
 
     @property
     def takeover(self) -> Takeover:
-        """The same without where it is."""
+        """The assignment without its position."""
         return Takeover(self.owner, self.index, self.term)
 
 
 def assignments(start: Start) -> tuple[Assignment, ...]:
-    """A robot's own places, in the order given.
+    """Return a robot's own places, in order.
 
-    A robot that was restarted takes them all again, and with a term above all that it may have had before:
-    others have handed places back to it, and must not draw them off by what they said of them long ago.
+    A restarted robot claims all of them again, with a term above all earlier ones: other robots have returned
+    places to it, and must not remove them with old messages.
     """
     term = start.epoch * RESTART_TERM
     return tuple(Assignment(start.robot, index, point, term) for index, point in enumerate(start.places))
 
 
 def since(tasks: TaskList, robot: str, known: int) -> tuple[Assignment, ...]:
-    """What the robot has been given beyond the first `known` of its places, in the order given.
-
-    As `assignments`, of which these are more.
-    """
+    """Return the assignments that were added after the first `known` places, in order."""
     term = tasks.epoch * RESTART_TERM
     new = tasks.places[known:]
     return tuple(Assignment(robot, index, point, term) for index, point in enumerate(new, start=known))

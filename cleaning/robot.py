@@ -1,7 +1,7 @@
-"""The cleaning robot of the model problem: the adapted layer, which knows of no other robot.
+"""The cleaning robot of the model problem without adaptation; ignores other robots.
 
 Processes, periods and the order of places are those of the chapter's Fig. 7.2 and of CleanerRobot in
-d3scomp/deeco-adaptation-testbed. At one instant they run in the order in which they stand here.
+d3scomp/deeco-adaptation-testbed. At the same instant, processes run in the order of this module.
 """
 
 from collections.abc import Container
@@ -25,7 +25,7 @@ from deeco import Instant, Knowledge, component, milliseconds, periodic, replace
 
 
 class OrderedGoal(NamedTuple):
-    """What navigation has been told to do."""
+    """A goal sent to navigation."""
 
     point: Point
     attempt: int
@@ -33,44 +33,44 @@ class OrderedGoal(NamedTuple):
 
 @component
 class CleaningRobot(Cleaner):
-    """Visits the places of its route, in order."""
+    """A robot that visits the places of its route in order."""
 
     parameters: CleaningParameters = CleaningParameters()
     route: tuple[Assignment, ...] = ()
-    """What it means to visit; no place twice. `destination`, if there is one, is in it."""
+    """Places to visit, without duplicates; includes `destination`."""
     waypoint: Point | None = None
-    """Where it heads for before anything else, m: any point, which is nobody's assignment."""
+    """Point to visit before the destination, m; not an assignment."""
     settled: tuple[Takeover, ...] = ()
-    """What it has visited or given up, and will not take on again."""
+    """Places visited or given up."""
     more: int = 0
-    """So many places it has been given since its start."""
+    """Number of places added since the start."""
     attempt: int = 0
-    """Grows whenever navigation is to be told anew where to go, be it to the same point."""
+    """Number of the navigation attempt; an increment sends the goal again."""
     ordered: OrderedGoal | None = None
-    """What navigation has been told last."""
+    """The goal sent to navigation last."""
     no_plans: int = 0
-    """How often in a row navigation has found no way to the destination."""
+    """Consecutive aborts because of `no plan`."""
     aborted: int = 0
-    """How often in a row navigation has given the destination up."""
+    """Consecutive aborts."""
 
     @classmethod
     def at_start(cls, start: Start, parameters: CleaningParameters) -> Self:
-        """The robot as it begins: at its start pose, with its own places in the order given."""
+        """Return the robot at its start pose, with its own places in order."""
         route = assignments(start)
         return cls(id=start.robot, position=start.pose.point, route=route, parameters=parameters)
 
     @property
     def target(self) -> Point | None:
-        """Where it wants to be, m."""
+        """Current target, m: the waypoint, otherwise the destination."""
         if self.waypoint is not None:
             return self.waypoint
         return None if self.destination is None else self.destination.point
 
     def inherits(self, former: Knowledge) -> Self | None:
-        """Go on where another cleaning robot's component ends; None for anything else.
+        """Return the robot with the state of a previous cleaning robot; None for other components.
 
-        It keeps where the robot heads for, what it holds and has settled, and what it has told others to have
-        taken over; the order of places is its own. A waypoint and an offered exchange were the other's.
+        Resumes destination, route, settled and adopted places; places keep this component's order. Waypoint
+        and offered exchange are dropped.
         """
         if not isinstance(former, CleaningRobot):
             return None
@@ -88,7 +88,7 @@ class CleaningRobot(Cleaner):
         )
 
     def decided_since(self, before: Self) -> str:
-        """In words, for measuring: how it means to go on otherwise than before; empty if it does not."""
+        """Return a description of changed plans since `before`, for results; empty if there are none."""
         words: list[str] = []
         if self.route is not before.route:
             held, holds = ({one.key for one in robot.route} for robot in (before, self))
@@ -101,18 +101,18 @@ class CleaningRobot(Cleaner):
 
     @periodic(every=milliseconds(100), order=0)
     def sense(self, positioning: Positioning) -> Self:
-        """Take over where the robot holds itself to be."""
+        """Update the position from the pose estimate."""
         return replace(self, position=positioning.pose.point)
 
     @periodic(every=milliseconds(500), order=0)
     def take_on(self, tasks: TaskList) -> Self:
-        """Put places that it has been given while the run went on into its route, the newest last."""
+        """Append places that were added during the run to the route."""
         new = since(tasks, self.id, tasks.at_start + self.more)
         return replace(self, route=self.route + new, more=self.more + len(new)) if new else self
 
     @periodic(every=milliseconds(500), order=1)
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
-        """Tick off every place within reach, whether it is its turn or not; choose the next destination."""
+        """Mark all places within reach as visited, in any order; choose the next destination."""
         robot = self
         near = [assignment for assignment in self.route if self.reaches(assignment.point)]
         if near:
@@ -127,9 +127,9 @@ class CleaningRobot(Cleaner):
 
     @periodic(every=seconds(2), order=4)
     def drive(self, navigation: Navigation, monitor: PlaceMonitor, now: Instant) -> Self:
-        """Tell navigation where to go if that is new, and again if it has given up.
+        """Send a new goal to navigation, and an aborted goal again.
 
-        A robot that has visited its last place drives up to it. One whose destination was taken stops.
+        A robot that has visited its last place drives on to its centre; one that lost its destination stops.
         """
         ordered = None if self.target is None else OrderedGoal(self.target, self.attempt)
         if ordered is None:
@@ -144,14 +144,14 @@ class CleaningRobot(Cleaner):
 
     @periodic(every=seconds(1), order=5)
     def report_status(self, monitor: PlaceMonitor) -> Self:
-        """Say which places are left."""
+        """Report the places of the route."""
         monitor.remaining([assignment.key for assignment in self.route])
         return self
 
     def _after_abort(
         self, ordered: OrderedGoal, navigation: Navigation, monitor: PlaceMonitor, now: Instant
     ) -> Self:
-        """What follows if navigation has given its goal up: another try, or none any more."""
+        """Return the robot after an aborted goal: retries, or gives the place up at the limit."""
         goal, p = navigation.goal, self.parameters
         if goal is None or goal.status is not GoalStatus.ABORTED:
             return self
@@ -168,29 +168,29 @@ class CleaningRobot(Cleaner):
         return replace(self, no_plans=no_plans, aborted=aborted)
 
     def holds(self, key: PlaceKey) -> bool:
-        """True if the place is in its route."""
+        """Return True if the place is in its route."""
         return any(assignment.key == key for assignment in self.route)
 
     def has_settled(self, key: PlaceKey) -> bool:
-        """True if it has visited the place or given it up."""
+        """Return True if it has visited the place or given it up."""
         return any(takeover.key == key for takeover in self.settled)
 
     def heading_for(self, assignment: Assignment | None) -> Self:
-        """The robot on a new attempt, at a place of its route or, with None, at none for now."""
+        """Return the robot with a new destination from its route, or none, and a new attempt."""
         return replace(self, destination=assignment, former=None, waypoint=None, attempt=self.attempt + 1)
 
     def sent_to(self, waypoint: Point) -> Self:
-        """The robot on its way to any point, m, after which it goes on with the first place of its route."""
+        """Return the robot on its way to a waypoint, m, before the first place of its route."""
         return replace(self.heading_for(None), waypoint=waypoint)
 
     def given_up(self, assignment: Assignment, reason: str, monitor: PlaceMonitor, now: Instant) -> Self:
-        """The robot without a place that nobody is to try for any more; 1 to 100 characters say why."""
+        """Return the robot without a place that no robot should try again; `reason`: 1 to 100 characters."""
         monitor.given_up(assignment.key, reason, now)
         robot = self.without({assignment.key}, settled=True)
         return robot if robot.destination == self.destination else robot.heading_for(None)
 
     def without(self, keys: Container[PlaceKey], *, settled: bool) -> Self:
-        """The robot with these places out of its route, and with no destination if that was one of them."""
+        """Return the robot without these places in route and destination."""
         gone = tuple(assignment.takeover for assignment in self.route if assignment.key in keys)
         left, former = self.destination, self.former
         return replace(
@@ -202,7 +202,7 @@ class CleaningRobot(Cleaner):
         )
 
     def reaches(self, point: Point) -> bool:
-        """True if the robot is near enough to a point, m, to clean it."""
+        """Return True if the robot is near enough to a point, m, to clean it."""
         return self.position.is_nearer(point, self.parameters.reach)
 
 

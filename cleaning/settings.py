@@ -1,4 +1,4 @@
-"""A strategy's parameters out of a scenario's table [strategy]."""
+"""Conversion of a scenario's table [strategy] into a strategy's parameters."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
@@ -19,16 +19,16 @@ _REFUSALS: Final = (ValueError, AcrcError, DeecoError)
 
 
 class SettingsError(AcrcError):
-    """Settings that a strategy does not have, or that make no sense in it."""
+    """Unknown or invalid settings of a strategy."""
 
 
 def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
-    """Return the frozen dataclass `kind` with the fields that `settings` names, the others with defaults.
+    """Return the frozen dataclass `kind` with fields from `settings` and defaults for the others.
 
-    Fields may be bool, int, float, str, an Enum, which is given by its value, a Duration, which is given in
-    seconds, or tuple[X, ...] of one of these; fields of other types cannot be set. A whole number is a float,
-    too, but a bool is no number. Bounds are those of `msgspec.Meta` in the types, and of __post_init__: its
-    ValueError, AcrcError or DeecoError is passed on with the setting that causes it. Raises SettingsError.
+    Supported types: bool, int, float, str, Enum (given by value), Duration (given in s) and tuple[X, ...] of
+    these. A whole number is accepted as float; a bool is not a number. Bounds come from `msgspec.Meta` and
+    from __post_init__, whose ValueError, AcrcError or DeecoError is reported with the setting that causes it.
+    Raises SettingsError.
     """
     try:
         return decode(kind, settings, _TABLE)
@@ -41,7 +41,7 @@ def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
 
 
 def _refused(kind: type[P], settings: Mapping[str, Setting], refusal: Exception) -> str:
-    """Return why `kind` refuses the settings: with the one that it refuses alone, or with all of them."""
+    """Return the error of `kind` with the setting that causes it, or with all settings."""
     required = [one.name for one in fields(kind) if one.default is MISSING is one.default_factory]
     least = {name: settings[name] for name in required}
     for name, value in settings.items():

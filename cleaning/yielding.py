@@ -1,8 +1,8 @@
-"""Of two robots that stand in each other's way one backs out along its own trail, and waits for the other.
+"""Yielding: one of two robots that block each other backs out along its trail and waits.
 
-After priority inheritance with backtracking (PIBT, Okumura 2019, arXiv 1901.11282), for pairs: a robot that
-has somewhere to go comes before one that has not, else the greater id. Robots less than 0.45 m apart have
-no valid trajectory, and without backing out stand to the end of the run.
+Based on priority inheritance with backtracking (PIBT, Okumura 2019, arXiv 1901.11282), for pairs: a robot
+with a destination has priority over one without, otherwise the greater id. Robots less than 0.45 m apart have
+no valid trajectory, and without backing out stand until the end of the run.
 """
 
 from dataclasses import dataclass, field
@@ -17,25 +17,25 @@ from cleaning.parameters import AdaptationParameters
 from deeco import Duration, Instant, adaptation, component, ensemble, periodic, replace, seconds
 
 _DRAWS: Final = 8
-"""Of so many random places the nearest is where a robot goes that only has to go away."""
+"""Number of random places from which `aside` chooses the nearest."""
 
 
 @dataclass(frozen=True)
 class YieldingParameters(AdaptationParameters):
-    """The chapter's numbers, and those of giving way."""
+    """Parameters of the chapter and of yielding."""
 
     yield_distance: float = 1.5
-    """Of two blocked robots nearer to each other than this one gives way, m: head-on they stop at 1.4 m."""
+    """Maximum distance between blocked robots for yielding, m: head-on they stop at 1.4 m."""
     yield_checks: int = 2
-    """It does so once it has been blocked for so many seconds, ..."""
+    """Time of being blocked after which the robot without priority yields, s."""
     insist_checks: int = 5
-    """... and the other one, should that not have helped, after so many."""
+    """Time of being blocked after which the robot with priority yields, s."""
     back_out: float = 1.0
-    """So far it backs out, m, ..."""
+    """Distance of backing out, m."""
     back_out_of_door: float = 2.0
-    """... and so far if it stands in a door."""
+    """Distance of backing out if the robot stands in a door, m."""
     wait: Duration = field(default=seconds(8))
-    """So long it lets the other one pass, backing out included."""
+    """Waiting time for the other robot to pass, including backing out."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -45,18 +45,18 @@ class YieldingParameters(AdaptationParameters):
 
 @component
 class YieldingRobot(AdaptiveCleaningRobot):
-    """Gives way by backing out."""
+    """A robot that yields by backing out."""
 
     parameters: YieldingParameters = YieldingParameters()
     backs_by: float = 0.0
-    """So far it is yet to tell navigation to back out, m."""
+    """Distance of backing out that is yet to be requested, m."""
     waits_until: Instant | None = None
-    """It has given way until then."""
+    """End of waiting; None if it does not yield."""
 
     @adaptation
     @periodic(every=seconds(1), order=6)
     def give_way(self, navigation: Navigation, now: Instant) -> Self:
-        """Back out if it is to, and wait; then ask navigation anew."""
+        """Back out and wait, then request the goal again."""
         if self.backs_by:
             navigation.stop()
             navigation.back_out(self.backs_by)
@@ -70,13 +70,13 @@ class YieldingRobot(AdaptiveCleaningRobot):
     @adaptation
     @periodic(every=seconds(2), order=6)
     def leave_door(self, floor: FloorPlan) -> Self:
-        """Who wants nowhere does not stand in a door."""
+        """Leave a door if the robot has no target."""
         if self.target is not None or floor.door(self.position) is None:
             return self
         return self.sent_to(aside(self.position, floor))
 
     def yielding(self, floor: FloorPlan, now: Instant) -> Self:
-        """The robot that is to back out."""
+        """Return the robot with a request to back out."""
         p = self.parameters
         far = p.back_out if floor.door(self.position) is None else p.back_out_of_door
         return replace(self, backs_by=far, waits_until=Instant(now + p.wait))
@@ -84,17 +84,17 @@ class YieldingRobot(AdaptiveCleaningRobot):
 
 @ensemble(every=seconds(1), max_age=seconds(5))
 class Yielding:
-    """Of two blocked robots near each other one gives way."""
+    """One of two blocked robots near each other yields."""
 
     max_distance: float
-    """Nearer to one another than this, m."""
+    """Maximum distance between the robots, m."""
     least_checks: int
-    """Who comes second gives way once it has been blocked for so many seconds,"""
+    """Time of being blocked after which the robot without priority yields, s."""
     insist_checks: int
-    """and who comes first after so many."""
+    """Time of being blocked after which the robot with priority yields, s."""
 
     def membership(self, coordinator: Cleaner, member: YieldingRobot) -> bool:
-        """They block each other, and the member has not given way yet."""
+        """Return True if both are blocked near each other and the member should yield."""
         if not (coordinator.is_blocked() and member.is_blocked()) or member.waits_until is not None:
             return False
         first = (member.destination is not None, member.id) > (
@@ -108,29 +108,29 @@ class Yielding:
     def at_member(
         self, coordinator: Cleaner, member: YieldingRobot, floor: FloorPlan, now: Instant
     ) -> YieldingRobot:
-        """The member gives way."""
+        """Let the member yield."""
         return member.yielding(floor, now)
 
 
 @ensemble(every=seconds(3), max_age=seconds(5))
 class SteppingAside:
-    """A robot that wants nowhere goes a little way when another one near it is blocked."""
+    """A robot without target moves a short distance away from a blocked robot near it."""
 
     max_distance: float
-    """From nearer than this, m."""
+    """Maximum distance between the robots, m."""
 
     def membership(self, coordinator: Cleaner, member: YieldingRobot) -> bool:
-        """The coordinator is blocked, the member has nothing to do, and they are near each other."""
+        """Return True if the coordinator is blocked near a member without target."""
         apart = coordinator.position.distance_to(member.position)
         return coordinator.is_blocked() and member.target is None and apart < self.max_distance
 
     def at_member(self, coordinator: Cleaner, member: YieldingRobot, floor: FloorPlan) -> YieldingRobot:
-        """The member goes."""
+        """Send the member to a place nearby."""
         return member.sent_to(aside(member.position, floor))
 
 
 def aside(here: Point, floor: FloorPlan) -> Point:
-    """A place out of all doors that is not far, m: the nearest of a few random ones."""
+    """Return a place outside of doors: the nearest of a few random places, m."""
     drawn = [floor.random_place() for _ in range(_DRAWS)]
     out = [place for place in drawn if floor.door(place) is None and place.distance_to(here) > 1.0] or drawn
     far = [floor.length(place, here) for place in out]

@@ -1,7 +1,7 @@
-"""Ten senders around a listener, without robots: how much gets through as they offer more and more.
+"""Ten senders around a receiver, without robots: packet delivery ratio as a function of load.
 
-`python -m examples.contention` prints, for each load, the share of frames that the listener hears, the share
-that never finds the channel clear, and the mean time from a frame's arrival to the end of its reception.
+`python -m examples.contention` prints for each load the share of delivered frames, the share of channel
+access failures, and the mean latency from a frame's arrival to the end of its reception.
 """
 
 import sys
@@ -18,13 +18,13 @@ PARAMETERS = preset("beeclick")
 
 
 def contend(load: float, seed: int = 1) -> tuple[float, float, float]:
-    """Delivered share, share of access failures, mean latency in ms, where frames take `load` of the time."""
+    """Return delivery ratio, share of access failures and mean latency, ms; `load`: share of air time."""
     angles = np.arange(SENDERS) * 2 * np.pi / SENDERS
     around = 10 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     transceivers = [PARAMETERS.transceiver.numbered(address) for address in range(SENDERS + 1)]
     propagation = IndoorPropagation(PARAMETERS.propagation)
     medium = Medium(transceivers, propagation, PARAMETERS.phy, seed=seed, watched=[SENDERS])
-    medium.place(np.concatenate([around, np.zeros((1, 2))]))  # m; the last one listens
+    medium.place(np.concatenate([around, np.zeros((1, 2))]))  # m; the last one is the receiver
     for sender in range(SENDERS):
         medium.offer(sender, PoissonTraffic(OCTETS, load * 1e9 / airtime_ns(OCTETS) / SENDERS))
     events = medium.run(SECONDS * 1_000_000_000)

@@ -1,7 +1,7 @@
-"""A convoy: vehicles that hear the one ahead of them by radio close up to 20 m.
+"""A convoy: vehicles that receive the position of the vehicle ahead close up to 20 m.
 
-`python -m examples.convoy` drives four vehicles for two minutes and prints the gaps between them;
-`python -m deeco.explain examples.convoy` shows who reads and writes what.
+`python -m examples.convoy` simulates four vehicles for two minutes and prints the gaps between them;
+`python -m deeco.explain examples.convoy` shows which knowledge each process reads and writes.
 """
 
 from collections.abc import Iterator
@@ -17,21 +17,21 @@ from deeco.node import Node
 
 @dataclass
 class Motion:
-    """The physics of one vehicle; for the component it is a port: its odometer and its motor."""
+    """Physics of a vehicle; a port of the component, like an odometer and a motor."""
 
     position: float
     speed: float = 0.0
     wanted_speed: float = 0.0
 
     def advance(self, time: float) -> None:
-        """Let some time pass, s; the motor changes the speed by 2 m/s² at most."""
+        """Simulate some time, s; the acceleration is at most 2 m/s²."""
         self.speed += max(-2.0 * time, min(self.wanted_speed - self.speed, 2.0 * time))
         self.position += self.speed * time
 
 
 @role
 class Vehicle(Knowledge):
-    """What others may know of a vehicle, in m along the road and m/s; published once a second."""
+    """Published state of a vehicle, in m along the road and m/s; once a second."""
 
     position: float
     speed: float = 0.0
@@ -39,24 +39,24 @@ class Vehicle(Knowledge):
 
 @component
 class Car(Vehicle):
-    """Drives at its own speed. What it adds to its role stays with it."""
+    """A vehicle at constant speed. Fields that are not in the role are private."""
 
     cruise: float = 10.0
 
     @periodic(every=seconds(0.1))
     def drive(self, motion: Motion, now: Instant) -> Self:
-        """A process gives the next knowledge. Its parameters are ports: the node has one of each type."""
+        """Return the next knowledge. The parameters of a process are ports, selected by type."""
         here = replace(self, position=motion.position, speed=motion.speed)
         motion.wanted_speed = here.wanted_speed(now)
         return here
 
     def wanted_speed(self, now: Instant) -> float:
-        """No process, just a method."""
+        """Return the wanted speed, m/s: an ordinary method, not a process."""
         return self.cruise
 
 
 class Sighting(NamedTuple):
-    """Where a vehicle was, and how fast, when it was last heard."""
+    """Last received state of a vehicle."""
 
     id: str
     position: float
@@ -64,19 +64,19 @@ class Sighting(NamedTuple):
     heard: Instant
 
     def place(self, now: Instant) -> float:
-        """Where it should be now, m."""
+        """Return the extrapolated position, m."""
         return self.position + self.speed * (now - self.heard) / seconds(1)
 
 
 @component
 class Follower(Car):
-    """Keeps its distance from the vehicle ahead. It overrides a method that the process `drive` calls."""
+    """A vehicle that keeps its distance by overriding a method that the process `drive` calls."""
 
     gap: float = 20.0
     ahead: Sighting | None = None
 
     def wanted_speed(self, now: Instant) -> float:
-        """That of the vehicle ahead, and up to 5 m/s more to catch up; without news for 10 s the own."""
+        """Return the speed of the vehicle ahead plus up to 5 m/s; `cruise` without news for 10 s."""
         if self.ahead is None or now - self.ahead.heard > seconds(10):
             return self.cruise
         excess = self.ahead.place(now) - self.position - self.gap
@@ -94,7 +94,7 @@ class Convoy:
         return 0 < coordinator.position - member.position < self.reach
 
     def at_member(self, coordinator: Vehicle, member: Follower, now: Instant, contact: Contact) -> Follower:
-        """On the member's node, where the coordinator is a replica that came by radio."""
+        """Update the member, on its own node; the coordinator is a replica received by radio."""
         seen = Sighting(coordinator.id, coordinator.position, coordinator.speed, contact.heard)
         known = member.ahead
         nearer = known is None or known.id == seen.id or seen.place(now) < known.place(now)
@@ -102,7 +102,7 @@ class Convoy:
 
 
 def drive(*, loss: float = 0.2, reach: float = 150.0, seed: int = 1) -> Iterator[list[float]]:
-    """The gaps, m, front to back, every 10 s. `loss`: share of frames lost; `reach`: of the radio, m."""
+    """Yield the gaps, m, front to back, every 10 s. `loss`: share of lost frames; `reach`: radio range, m."""
     random = Random(seed)
     motions = [Motion(position) for position in (200.0, 140.0, 95.0, 0.0)]
     cars = [Car(id="leader", position=200.0)]

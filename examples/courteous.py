@@ -1,9 +1,8 @@
-"""A strategy of one's own that pulls every lever: `./acrc run --strategy examples.courteous:behaviour`.
+"""A custom strategy that uses every verb: `./acrc run --strategy examples.courteous:behaviour`.
 
-Robots visit the nearest place first (reorder). Of two that block each other, each tosses a coin whether to
-stand for a while (pause) or to go somewhere else (send anywhere). Who has nothing left to do gets the last
-place of somebody else (hand over). What is not done by closing time never will be (give up). No place is lost
-over it: see `cleaning.adoption`.
+Robots visit the nearest place first (reorder). Each of two blocked robots waits or drives to a random place
+with equal probability (pause, send anywhere). A finished robot adopts the last place of another one (hand
+over). At closing time, remaining places are given up (give up). No place is lost: see `cleaning.adoption`.
 """
 
 from dataclasses import dataclass, field
@@ -23,24 +22,24 @@ from deeco import START, Duration, Instant, adaptation, component, ensemble, per
 
 @dataclass(frozen=True)
 class CourteousParameters(AdaptationParameters):
-    """What the scenario's table [strategy] may set."""
+    """Settings of the scenario's table [strategy]."""
 
     wait: Duration = field(default=seconds(3))
-    """How long who gives way stands."""
+    """Waiting time of a robot that gives way."""
     closing: Duration = field(default=seconds(580))
-    """When robots give up what is left, after the start of the run."""
+    """Time since the start of the run at which robots give remaining places up."""
 
 
 @role
 class Offering(Cleaner):
-    """A cleaner that lets others know, too, what they may do for it."""
+    """A cleaner that also publishes a place for other robots."""
 
     offered: Assignment | None = None
 
 
 @component
 class CourteousRobot(AdaptiveCleaningRobot, Offering):
-    """Gives way, and does what others have not got to."""
+    """A robot that gives way and helps others."""
 
     parameters: CourteousParameters = CourteousParameters()
     waits_until: Instant | None = None
@@ -48,7 +47,7 @@ class CourteousRobot(AdaptiveCleaningRobot, Offering):
     @adaptation
     @periodic(every=seconds(5))
     def reorder(self) -> Self:
-        """The nearest place first, and the farthest for whoever has time."""
+        """Sort places by distance and offer the farthest one."""
         nearest = tuple(
             sorted(self.route, key=lambda assignment: assignment.point.distance_to(self.position))
         )
@@ -57,7 +56,7 @@ class CourteousRobot(AdaptiveCleaningRobot, Offering):
     @adaptation
     @periodic(every=seconds(1), order=6)
     def wait(self, navigation: Navigation, now: Instant) -> Self:
-        """Stand while it gives way; then ask navigation anew."""
+        """Stand while giving way, then request the goal again."""
         if self.waits_until is None:
             return self
         if now >= self.waits_until:
@@ -68,7 +67,7 @@ class CourteousRobot(AdaptiveCleaningRobot, Offering):
     @adaptation
     @periodic(every=seconds(10))
     def close(self, monitor: PlaceMonitor, now: Instant) -> Self:
-        """Give up what is left at closing time."""
+        """Give remaining places up at closing time."""
         robot = self
         if now >= START + self.parameters.closing:
             for assignment in self.route:
@@ -78,12 +77,12 @@ class CourteousRobot(AdaptiveCleaningRobot, Offering):
 
 @ensemble(every=seconds(3), max_age=seconds(5))
 class GivingWay:
-    """Two blocked robots near each other: each stands or goes away, as its coin falls."""
+    """Each of two blocked robots near each other waits or moves away, at random."""
 
     max_distance: float
 
     def membership(self, coordinator: Cleaner, member: Cleaner) -> bool:
-        """Both are blocked, and near each other."""
+        """Return True if both are blocked and near each other."""
         apart = coordinator.position.distance_to(member.position)
         return coordinator.is_blocked() and member.is_blocked() and apart < self.max_distance
 
@@ -95,7 +94,7 @@ class GivingWay:
         generator: Generator,
         now: Instant,
     ) -> CourteousRobot:
-        """Stand, or go."""
+        """Wait or drive to a random place."""
         if member.waits_until is not None:
             return member
         if generator.random() < 0.5:
@@ -105,19 +104,19 @@ class GivingWay:
 
 @ensemble(every=seconds(3), max_age=seconds(5))
 class HandOver:
-    """Who has nothing left takes over what another one offers, which that one drops when it hears of it."""
+    """A finished robot adopts an offered place, which the other robot then drops."""
 
     def membership(self, coordinator: Offering, member: CourteousRobot) -> bool:
-        """Somebody offers a place to somebody who has none."""
+        """Return True if the coordinator offers a place and the member has none."""
         return coordinator.offered is not None and not member.route
 
     def at_member(self, coordinator: Offering, member: CourteousRobot, now: Instant) -> CourteousRobot:
-        """Take it over."""
+        """Adopt the offered place."""
         return member if coordinator.offered is None else member.adopting(coordinator.offered, now)
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Give way, help those who have more to do, and close in time: an example of a strategy of one's own."""
+    """Give way, help other robots, and close in time: an example of a custom strategy."""
     p = from_settings(CourteousParameters, start.settings)
-    robot, way = CourteousRobot.at_start(start, p), GivingWay(p.adoption_distance)
-    return host(start, robot, way, HandOver(), AdoptedDestinationRemove(exchange=False))
+    robot, yielding = CourteousRobot.at_start(start, p), GivingWay(p.adoption_distance)
+    return host(start, robot, yielding, HandOver(), AdoptedDestinationRemove(exchange=False))

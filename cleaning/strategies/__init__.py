@@ -1,4 +1,4 @@
-"""The strategies, a file each: idea, source, limits, settings; and all their names."""
+"""Shipped strategies, one per module with idea, source, limits and settings; and their registry."""
 
 from cleaning.strategies.registry import (
     GROUP,

@@ -1,9 +1,9 @@
-"""Places go to whom they cost least: a decentralised auction by the length of ways, with a charge for doors.
+"""Decentralised auction of places by path length, with a charge for doors.
 
-Idea: prevent instead of cure; when each office and each stretch of the corridor is one robot's, few meet.
-Source: Choi, Brunet, How 2009 (CBBA) and Johnson et al. 2011 (ACBBA). Limits:
-it knows of others only what arrives by radio, balances loads and does not see who will meet whom; a robot
-that is killed keeps its places. Settings: `BiddingParameters`.
+Idea: prevent blocking; if each office and each part of the corridor belongs to one robot, few robots meet.
+Source: Choi, Brunet, How 2009 (CBBA) and Johnson et al. 2011 (ACBBA). Limits: knowledge arrives by radio
+only; the auction balances loads and does not predict encounters; a killed robot keeps its places. Settings:
+`BiddingParameters`.
 """
 
 from dataclasses import dataclass
@@ -21,70 +21,70 @@ from deeco import Instant, Resolution, adaptation, component, ensemble, periodic
 
 @dataclass(frozen=True)
 class BiddingParameters(YieldingParameters):
-    """The chapter's numbers, and those of the auction."""
+    """Parameters of yielding and of the auction."""
 
     make_way: bool = True
-    """Own choice: who is done goes aside; here not to anywhere, but not far."""
+    """A finished robot moves a short distance aside; own choice."""
     most_adopted: int = 2
-    """Bids say the same of what a robot still holds; these are for what it has visited since."""
+    """Number of published adoptions; bids cover places still held, so these are for visited ones."""
     door_charge: float = 4.0
-    """What going through a door counts for beside its length, m. Own choice: half a minute's wait, shared."""
+    """Additional cost of a door, m. Own choice: half a minute of waiting, shared."""
     margin: float = 1.0
-    """So much a robot must do better than another one to take a place over, m: what their knowledge errs."""
+    """Minimum gain for adopting a place, m: the error of the robots' knowledge of each other."""
     commitment: float = 2.0
-    """So much shorter another order must be before a robot turns on its way to a place, m."""
+    """Minimum gain for changing the destination on the way, m."""
     stuck_charge: float = 0.5
-    """What each second in which a robot is blocked adds to its load, and to what each of its places costs it,
-    m: what it could have driven meanwhile."""
+    """Cost per second of being blocked, added to the robot's load and to each of its places, m: the distance
+    that it could have driven."""
     most_bids: int = 3
-    """So many places a robot tells of at a time, one after the other: with three, knowledge fits a frame."""
+    """Number of places published at a time, in rotation: with three, knowledge fits one frame."""
 
 
 @dataclass(frozen=True)
 class Bid:
-    """A place that a robot holds, and what is in it for the robot to lose it."""
+    """A place in a robot's route and its cost."""
 
     assignment: Assignment
     saving: Annotated[float, Resolution(10)]
-    """So much shorter its tour would be, m."""
+    """Length saved by removing the place from the tour, m."""
 
 
 @role
 class Bidder(Cleaner):
-    """A cleaner that lets others know what it has to do."""
+    """A cleaner that publishes its load and places."""
 
     load: Annotated[float, Resolution(10)] = 0.0
-    """What it has before it, m: its tour, with charges for doors and for the time it has been stuck."""
+    """Cost of its tour, m, with charges for doors and for being blocked."""
     bids: tuple[Bid, ...] = ()
-    """Some of its places; others follow the next time."""
+    """Some of its places, in rotation."""
 
 
 @component
 class BiddingRobot(YieldingRobot, Bidder):
-    """Visits its places in a short order, tells of them, and takes over what it can do for less."""
+    """A robot that orders its places in a short tour and adopts places that it can visit at lower cost."""
 
     parameters: BiddingParameters = BiddingParameters()
     next_bid: int = 0
-    """Index in its route of what it tells of next."""
+    """Index in its route of the next published place."""
     stuck_for: int = 0
-    """Seconds that it has been blocked since it last visited a place."""
+    """Time of being blocked since the last visit of a place, s."""
 
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
-        """As ever; who visits a place is no longer stuck."""
+        """Set the destination; a visit resets `stuck_for`."""
         robot = super().set_destination(monitor, now)
         return robot if len(robot.settled) == len(self.settled) else replace(robot, stuck_for=0)
 
     @adaptation
     @periodic(every=seconds(1), order=1)
     def plan(self, floor: FloorPlan) -> Self:
-        """Put the places in a short order, and tell of the next few."""
+        """Order the places in a short tour and publish the next bids."""
         stuck_for = self.stuck_for + 1 if self.is_blocked() else self.stuck_for
         robot = replace(self, stuck_for=stuck_for)
         ways = Ways(floor, self.parameters.door_charge)
         return robot._ordered(ways)._with_bids(ways)
 
     def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
-        """Also what the peer tells that it holds by a later word than this robot's own."""
+        """Return also places that the peer holds, by its bids, with a higher term."""
         gone = super().taken_by(peer)
         if not isinstance(peer, Bidder):
             return gone
@@ -96,7 +96,7 @@ class BiddingRobot(YieldingRobot, Bidder):
         }
 
     def bidding(self, peer: Bidder, floor: FloorPlan, now: Instant) -> Self:
-        """The robot with what it can do for so much less than the peer that both together gain."""
+        """Return the robot with those of the peer's places that reduce the sum of squared loads."""
         robot, p = self, self.parameters
         ways, theirs = Ways(floor, p.door_charge), peer.load
         load = ways.tour(self.position, self.route) + p.stuck_charge * self.stuck_for
@@ -115,7 +115,7 @@ class BiddingRobot(YieldingRobot, Bidder):
         return robot
 
     def _ordered(self, ways: Ways) -> Self:
-        """The robot with its places in a short order; what it is on the way to stays first, if it may."""
+        """Return the robot with its places in a short tour; prefers to keep the destination first."""
         if not self.route or self.waypoint is not None:
             return self
         route = ways.shortened(self.position, self.route)
@@ -130,7 +130,7 @@ class BiddingRobot(YieldingRobot, Bidder):
         return replace(self.heading_for(route[0]), route=route)
 
     def _with_bids(self, ways: Ways) -> Self:
-        """The robot with what it tells next."""
+        """Return the robot with its load and next bids."""
         p, count = self.parameters, len(self.route)
         stuck = p.stuck_charge * self.stuck_for
         load = ways.tour(self.position, self.route) + stuck
@@ -143,34 +143,34 @@ class BiddingRobot(YieldingRobot, Bidder):
 
 @ensemble(every=seconds(1), max_age=seconds(5))
 class Auction:
-    """Each robot looks through what others hold, and takes over what it can do for less."""
+    """A robot adopts places of other robots that it can visit at lower cost."""
 
     def membership(self, coordinator: Bidder, member: BiddingRobot) -> bool:
-        """Somebody holds something, and the member can move."""
+        """Return True if the coordinator has bids and the member can move."""
         return bool(coordinator.bids) and not member.is_blocked()
 
     def at_member(
         self, coordinator: Bidder, member: BiddingRobot, floor: FloorPlan, now: Instant
     ) -> BiddingRobot:
-        """The member takes over what is worth it."""
+        """Adopt places that the member can visit at lower cost."""
         return member.bidding(coordinator, floor, now)
 
 
 @ensemble(every=seconds(1))
 class Outbid:
-    """A robot drops the places that another one holds by a later word, however old the news."""
+    """A robot drops places that another robot holds with a higher term; knowledge of any age is used."""
 
     def membership(self, coordinator: Bidder, member: BiddingRobot) -> bool:
-        """There are such places."""
+        """Return True if there are such places."""
         return bool(member.taken_by(coordinator))
 
     def at_member(self, coordinator: Bidder, member: BiddingRobot, now: Instant) -> BiddingRobot:
-        """The member leaves them to the coordinator."""
+        """Leave these places to the coordinator."""
         return member.leaving_to(coordinator, now, exchange=False)
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Auction places by the length of ways with a charge for doors, again and again, also when stuck."""
+    """Auction places repeatedly by path length, with a charge for doors; blocked robots back out."""
     p = from_settings(BiddingParameters, start.settings)
     yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks)
     further = [SteppingAside(p.yield_distance)] if p.make_way else []

@@ -1,10 +1,9 @@
-"""As the chapter's example, by robots that do not drive on while they know that they are lost.
+"""The chapter's example with robots that stop when they detect that they are lost.
 
-Idea: a robot that is somewhere else than it believes plans ways that are none, visits places that it is not
-at, and stands in doors. So it stops, goes back as it came, for that needs no map, and looks for itself.
-Source: own. Limits: worth something only where robots get lost, as docs/navigation.md says; with the
-odometry alone nobody knows. A robot that stands sees nothing new, so after a while it drives on. Settings:
-`CarefulParameters`.
+Idea: a lost robot plans wrong paths, reports wrong places, and stands in doors. It stops, backs out along its
+trail, which needs no map, and localises itself again. Source: own. Limits: useful only where robots get lost
+(docs/navigation.md); no effect with odometry alone. A standing robot receives no new information, so it
+drives on after a timeout. Settings: `CarefulParameters`.
 """
 
 from dataclasses import dataclass, field
@@ -22,18 +21,18 @@ from deeco import Duration, Instant, adaptation, component, periodic, replace, s
 
 @dataclass(frozen=True)
 class CarefulParameters(AdaptationParameters):
-    """The chapter's numbers, and when a robot waits because it is lost."""
+    """Parameters of the chapter and of waiting while lost."""
 
     lost_above: float = 0.95
-    """With a higher probability of being lost it stops: seldom wrong, says docs/navigation.md."""
+    """Probability of being lost above which the robot stops; seldom wrong (docs/navigation.md)."""
     found_below: float = 0.5
-    """With a lower one it goes on."""
+    """Probability of being lost below which it continues."""
     back_out: float = 1.0
-    """So far it goes back along its trail, m, to see something else."""
+    """Distance of backing out, m, for scans from another position."""
     look_after: Duration = field(default=seconds(10))
-    """Still lost after so long it forgets its pose, looks for itself everywhere, and goes back once more."""
+    """Time after which a lost robot searches the whole map for its pose and backs out again."""
     lost_patience: Duration = field(default=seconds(30))
-    """After so long it drives on, and stops again no sooner than after as long."""
+    """Timeout of waiting, and minimum time until the robot stops again."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -43,20 +42,20 @@ class CarefulParameters(AdaptationParameters):
 
 @component
 class CarefulRobot(AdaptiveCleaningRobot):
-    """Waits while it is lost."""
+    """A robot that waits while it is lost."""
 
     parameters: CarefulParameters = CarefulParameters()
     lost_since: Instant | None = None
-    """Since when it has waited; None while it does not."""
+    """Start of waiting; None if it does not wait."""
     looked: bool = False
-    """True once it has forgotten its pose meanwhile."""
+    """True if it has searched the whole map since then."""
     trusts_until: Instant = Instant(0)
-    """Until then it drives whatever it thinks of its pose."""
+    """Time until which it drives even if lost."""
 
     @adaptation
     @periodic(every=seconds(1), order=7)
     def mind_pose(self, positioning: Positioning, navigation: Navigation, now: Instant) -> Self:
-        """Stop when lost, go back, look for itself; go on once it is found, or has waited for long enough."""
+        """Stop, back out and relocalise when lost; continue when located or after the timeout."""
         p, since = self.parameters, self.lost_since
         if since is None:
             if positioning.is_lost <= p.lost_above or now < self.trusts_until:
@@ -75,6 +74,6 @@ class CarefulRobot(AdaptiveCleaningRobot):
 
 
 def behaviour(start: Start) -> Behaviour:
-    """As the chapter's, but who knows that it is lost stops, goes back as it came, and looks for itself."""
+    """Extend `chapter`: a robot that detects that it is lost stops, backs out and localises itself."""
     p = from_settings(CarefulParameters, start.settings)
     return host(start, CarefulRobot.at_start(start, p), *exchanges(p))

@@ -1,10 +1,10 @@
-"""The example adaptation of the chapter, as its text has it and as the released code has it.
+"""The chapter's example adaptation, by its text and by the released code.
 
-Idea: a robot finds out that it is stuck, turns to another place of its queue, and exchanges destinations
-with whom it is stuck. Source: the chapter, 7.4.1 and Fig. 7.12; d3scomp/deeco-adaptation-testbed. Limits:
-it cures and does not prevent, ignores the map, and never lowers the number of ways through a door.
-Settings: `AdaptationParameters`; for `released`, `make-way` and `chapter-giving-up` the classes named after
-them.
+Idea: a blocked robot turns to another place of its queue, and exchanges destinations with the robot that it
+is blocked with. Source: the chapter, 7.4.1 and Fig. 7.12; d3scomp/deeco-adaptation-testbed. Limits: reacts to
+blocking without preventing it, ignores the map, and does not reduce the number of passages through doors.
+Settings: `AdaptationParameters`; `ReleasedParameters`, `MakeWayParameters` and `GivingUpParameters` for
+`released`, `make-way` and `chapter-giving-up`.
 """
 
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.settings import from_settings
 
 _SENSOR_RANGE: Final = 6.5
-"""How far the original's range sensor sees, m (d3scomp/ROSRemote, simulation/turtlebot.inc)."""
+"""Range of the original's sensor, m (d3scomp/ROSRemote, simulation/turtlebot.inc)."""
 
 
 @dataclass(frozen=True)
 class MakeWayParameters(AdaptationParameters):
-    """The text, and beyond it: who is done does not stand in the way."""
+    """Parameters of the text, with `make_way`."""
 
     make_way: bool = True
     """Own addition."""
@@ -31,36 +31,36 @@ class MakeWayParameters(AdaptationParameters):
 
 @dataclass(frozen=True)
 class GivingUpParameters(AdaptationParameters):
-    """What is tried in vain often enough is given up, so that "done or given up" happens (chapter, 7.2.2)."""
+    """Parameters with limited attempts, so that all places are "done or given up" (chapter, 7.2.2)."""
 
     attempts: int = 5
-    """Own choice: about a minute without a visit to any place."""
+    """Own choice: about a minute without visiting a place."""
     no_plan_attempts: int = 3
     """Own choice: the map does not change."""
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Turn elsewhere when stuck, and exchange destinations with whom one is stuck: the chapter's example."""
+    """Turn to another place when blocked, and exchange destinations: the chapter's example adaptation."""
     return _adaptive(start, AdaptationParameters)
 
 
 def released(start: Start) -> Behaviour:
-    """The same with the thresholds and choices of the released code, without its defects."""
+    """Use the thresholds and choices of the chapter's released code, without its defects."""
     return _adaptive(start, ReleasedParameters)
 
 
 def make_way(start: Start) -> Behaviour:
-    """As the chapter's, and who is done goes out of the way of who is blocked."""
+    """Extend `chapter`: a finished robot moves away if a blocked robot is near."""
     return _adaptive(start, MakeWayParameters)
 
 
 def giving_up(start: Start) -> Behaviour:
-    """As the chapter's, but a place is given up after five attempts at it in vain."""
+    """Extend `chapter`: give a place up after five failed attempts."""
     return _adaptive(start, GivingUpParameters)
 
 
 def mute(start: Start) -> Behaviour:
-    """As the chapter's without any radio, to see what that is worth: nothing is sent, and nothing heard."""
+    """Run `chapter` without radio, to measure the value of communication."""
     return Mute(behaviour(start))
 
 
@@ -73,11 +73,11 @@ def _adaptive(start: Start, kind: type[AdaptationParameters]) -> Behaviour:
 
 
 class Mute:
-    """A behaviour whose transceiver is switched off."""
+    """A behaviour without radio."""
 
     def __init__(self, hosted: Behaviour) -> None:
         self.hosted = hosted
 
     def advance(self, view: View, until: Instant) -> Decision:
-        """As ever, but for frames."""
+        """Advance the behaviour without radio events; drop its frames."""
         return replace(self.hosted.advance(view._replace(radio=()), until), frames=())

@@ -1,11 +1,11 @@
-"""A strategy that does nothing: the baseline of `acrc bench swarm`, which has no name on the command line."""
+"""A strategy that does nothing: the baseline of `acrc bench swarm`; not registered under a name."""
 
 from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View
 
 
 class Idle:
-    """Visits no place."""
+    """A behaviour that does nothing."""
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Return an empty decision."""

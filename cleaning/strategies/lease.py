@@ -1,9 +1,8 @@
-"""A door is held by one robot, or by one direction: `chapter`, and nobody meets head-on in a door.
+"""The chapter's example with doors leased by one robot or one direction.
 
-Idea: prevent what the chapter cures; waiting for one robot takes 4 to 7 s, a blocking 15 to 30. Source:
-own, after reservations of edges in multi-robot planning. Limits: robots that
-do not hear each other through the wall both hold the door, and one backs out once they meet; open floor is
-as it was. Settings: `LeasingParameters`.
+Idea: prevent blocking in doors; waiting for a robot takes 4 to 7 s, a blocking 15 to 30 s. Source: own, after
+edge reservations in multi-robot planning. Limits: robots without radio contact may lease the same door, and
+one backs out when they meet; no effect on open floor. Settings: `LeasingParameters`.
 """
 
 from dataclasses import dataclass, field
@@ -31,37 +30,36 @@ from deeco import (
 
 @dataclass(frozen=True)
 class LeasingParameters(YieldingParameters):
-    """The chapter's numbers, those of giving way, and those of leases."""
+    """Parameters of the chapter, of yielding and of leases."""
 
     ask_distance: float = 3.0
-    """From nearer than this to a door's middle, along the way, a robot asks for it, m."""
+    """Path length to a door's middle below which a robot requests the door, m."""
     stand_off: float = 2.0
-    """Who may not go through waits where the door's middle is nearer than this, m: clear of who comes out."""
+    """Path length to the door's middle below which a robot without lease waits, m: leaves space to exit."""
     lease: Duration = field(default=seconds(20))
-    """So long a request counts, then it is made anew, behind all others: who holds a door and stands in vain
-    does not hold it for good."""
+    """Validity of a request; it is then renewed behind all others, so that a stuck robot loses the door."""
     turn_away: Duration = field(default=seconds(8))
-    """Who has waited for so long heads for a place with fewer doors before it, if there is one, and else goes
-    in: it may itself stand where somebody wants to come out."""
+    """Timeout of waiting: the robot chooses a place behind fewer doors, otherwise it enters, since it may
+    itself block the exit."""
     rival_age: Duration = field(default=seconds(4))
-    """What others said of a door longer ago counts no more: four publications."""
+    """Age at which claims of other robots are dropped: four publications."""
 
 
 class Claim(NamedTuple):
-    """That a robot is about to go through a door."""
+    """A request for a door."""
 
     door: int
-    """Its index on the map."""
+    """Index of the door on the map."""
     into: int
-    """The region that it goes to; the direction."""
+    """Region behind the door: the direction."""
     since: Instant
-    """When it asked."""
+    """Time of the request."""
     inside: bool
-    """True once it is in the door, or next to it and going."""
+    """True if the robot is in the door."""
 
 
 class Rival(NamedTuple):
-    """Another robot's claim, as it was last heard."""
+    """Last received claim of another robot."""
 
     id: str
     claim: Claim
@@ -70,27 +68,27 @@ class Rival(NamedTuple):
 
 @role
 class Lessee(Cleaner):
-    """A cleaner that says which door it is about to go through."""
+    """A cleaner that publishes its door request."""
 
     claim: Claim | None = None
 
 
 @component
 class LeasingRobot(YieldingRobot, Lessee):
-    """Asks for doors, and waits for its turn."""
+    """A robot that requests doors and waits for them."""
 
     parameters: LeasingParameters = LeasingParameters()
     rivals: tuple[Rival, ...] = ()
-    """Claims to doors that it has heard of lately."""
+    """Recent claims of other robots."""
     held_since: Instant | None = None
-    """Since when it has waited for a door; None while it does not."""
+    """Start of waiting for a door; None if it does not wait."""
     goes_in: Claim | None = None
-    """What it has waited for long enough."""
+    """Claim with which it enters after the timeout."""
 
     @adaptation
     @periodic(every=milliseconds(500), order=5)
     def lease(self, floor: FloorPlan, navigation: Navigation, now: Instant) -> Self:
-        """Ask for the next door; wait if somebody comes before, and go on once nobody does."""
+        """Request the next door; wait while another robot has priority."""
         p = self.parameters
         rivals = tuple(rival for rival in self.rivals if now - rival.heard <= p.rival_age)
         robot = replace(self, rivals=rivals, claim=self._claim(floor, now))
@@ -106,7 +104,7 @@ class LeasingRobot(YieldingRobot, Lessee):
         return replace(robot, held_since=since, state=State.FREE, still_for=0, blocked_for=0)
 
     def is_held_up(self, floor: FloorPlan) -> bool:
-        """True near a door that somebody else has, unless it stands in another one itself."""
+        """Return True near a door leased by another robot, unless this robot stands in a door."""
         if self.claim is None or self.claim.inside or self.comes_first():
             return False
         if floor.door(self.position) is not None or self.goes_in == self.claim._replace(inside=False):
@@ -115,24 +113,24 @@ class LeasingRobot(YieldingRobot, Lessee):
         return near is not None and near < self.parameters.stand_off
 
     def comes_first(self) -> bool:
-        """True if no other robot that it has heard of has the door in another direction."""
+        """Return True if no rival leases the door in another direction."""
         return all(self.precedes(rival.id, rival.claim) for rival in self.rivals)
 
     def precedes(self, peer: str, theirs: Claim) -> bool:
-        """True if the peer's claim does not keep this robot from its door."""
+        """Return True if this robot's claim has priority over the peer's, or they do not conflict."""
         mine = self.claim
         if mine is None or mine.door != theirs.door or mine.into == theirs.into:
             return True
         return (not mine.inside, mine.since, self.id) < (not theirs.inside, theirs.since, peer)
 
     def hearing(self, peer: Lessee, now: Instant) -> Self:
-        """The robot that knows of the peer's claim, or that it has none."""
+        """Return the robot with the peer's current claim."""
         others = tuple(rival for rival in self.rivals if rival.id != peer.id)
         new = () if peer.claim is None else (Rival(peer.id, peer.claim, now),)
         return replace(self, rivals=others + new)
 
     def _elsewhere(self, floor: FloorPlan) -> Self:
-        """The robot on its way to where fewer doors are before it; else through the door all the same."""
+        """Return the robot with a destination behind fewer doors, otherwise entering the door."""
         mine = self.destination
         others = [place for place in self.route if place != mine]
 
@@ -145,7 +143,7 @@ class LeasingRobot(YieldingRobot, Lessee):
         return replace(self.heading_for(best), held_since=None, claim=None)
 
     def _claim(self, floor: FloorPlan, now: Instant) -> Claim | None:
-        """The claim to the door that is next on its way; the one that it has, if it is that."""
+        """Return the claim for the next door on the path; keeps a valid one."""
         target, p = self.target, self.parameters
         if target is None or self.waits_until is not None:
             return None
@@ -162,11 +160,10 @@ class LeasingRobot(YieldingRobot, Lessee):
         return old._replace(inside=inside)
 
     def _beyond(self, floor: FloorPlan, door: int) -> int:
-        """The region behind the door on the way to the target; in it, the target's side counts."""
+        """Return the region behind the door on the path to the target."""
         assert self.target is not None
-        way = floor.path(self.position, self.target) or ()
         passed = False
-        for point in way:
+        for point in floor.path(self.position, self.target) or ():
             passed = passed or floor.door(point) == door
             region = floor.region(point)
             if passed and region is not None:
@@ -176,26 +173,26 @@ class LeasingRobot(YieldingRobot, Lessee):
 
 @ensemble(every=milliseconds(500), max_age=seconds(4))
 class DoorRivals:
-    """Each robot notes who else is about to go through which door."""
+    """A robot stores the claims of other robots."""
 
     def membership(self, coordinator: Lessee, member: LeasingRobot) -> bool:
-        """There is something to note."""
+        """Return True if the coordinator has a claim or had one."""
         return coordinator.claim is not None or any(rival.id == coordinator.id for rival in member.rivals)
 
     def at_member(self, coordinator: Lessee, member: LeasingRobot, now: Instant) -> LeasingRobot:
-        """The member knows."""
+        """Store the coordinator's claim."""
         return member.hearing(coordinator, now)
 
 
 @ensemble(every=seconds(1), max_age=seconds(4))
 class DoorsCleared:
-    """Of two robots that met in a door in spite of it all, who comes second backs out at once."""
+    """The robot without priority backs out if two meet in a door."""
 
     max_distance: float
-    """Nearer to one another than this they have met, m."""
+    """Distance below which they meet, m."""
 
     def membership(self, coordinator: Lessee, member: LeasingRobot) -> bool:
-        """Both are inside, in other directions, and the member comes second."""
+        """Return True if both are inside in different directions and the member has no priority."""
         mine, theirs = member.claim, coordinator.claim
         if mine is None or theirs is None or not (mine.inside and theirs.inside):
             return False
@@ -207,12 +204,12 @@ class DoorsCleared:
     def at_member(
         self, coordinator: Lessee, member: LeasingRobot, floor: FloorPlan, now: Instant
     ) -> LeasingRobot:
-        """The member gives way."""
+        """Let the member yield."""
         return member.yielding(floor, now)
 
 
 def behaviour(start: Start) -> Behaviour:
-    """As the chapter's, with doors that one direction has at a time, and robots that back out."""
+    """Extend `chapter`: a door is leased by one direction at a time, and blocked robots back out."""
     p = from_settings(LeasingParameters, start.settings)
     yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks), SteppingAside(p.yield_distance)
     doors = DoorRivals(), DoorsCleared(p.yield_distance)

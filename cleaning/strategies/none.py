@@ -1,9 +1,9 @@
-"""The naive solution: every robot visits its places in the order given, and takes no notice of the others.
+"""The naive solution: each robot visits its places in order and ignores the others.
 
-Idea: what comes of it without any adaptation. Source: the chapter's Fig. 7.2, and CleanerRobot of
-d3scomp/deeco-adaptation-testbed. Limits: two robots that meet where only one has room stand for good.
-Settings: `CleaningParameters`. Three kinds, which differ in what follows once navigation has given a goal
-up: `none` asks for it again, `none-original` never does, `none-giving-up` asks for it ten times.
+Idea: baseline without adaptation. Source: the chapter's Fig. 7.2, and CleanerRobot of
+d3scomp/deeco-adaptation-testbed. Limits: two robots that meet in a narrow passage stand until the end.
+Settings: `CleaningParameters`. Variants after an aborted goal: `none` requests it again, `none-original`
+never, `none-giving-up` up to ten times.
 """
 
 from dataclasses import dataclass
@@ -16,34 +16,34 @@ from cleaning.settings import from_settings
 
 @dataclass(frozen=True)
 class OriginalParameters(CleaningParameters):
-    """As the released code has it."""
+    """Parameters of the released code."""
 
     retry: bool = False
-    """As in the code: who has lost a goal stands to the end of the run."""
+    """As in the code: a robot whose goal is aborted stands until the end of the run."""
 
 
 @dataclass(frozen=True)
 class PlainGivingUpParameters(CleaningParameters):
-    """What is tried in vain often enough is given up, so that "done or given up" happens (chapter, 7.2.2)."""
+    """Parameters with limited attempts, so that all places are "done or given up" (chapter, 7.2.2)."""
 
     no_plan_attempts: int = 3
     """Own choice: the map does not change."""
     aborted_attempts: int = 10
-    """Own choice: one to two minutes in front of somebody who stands."""
+    """Own choice: one to two minutes in front of a standing robot."""
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Visit the own places in their order, whatever the others do, for ever: the chapter's baseline."""
+    """Visit places in order, ignore other robots, and repeat aborted goals: the chapter's baseline."""
     return _plain(start, CleaningParameters)
 
 
 def original(start: Start) -> Behaviour:
-    """The same as the original did: a goal that navigation gave up once is never asked for again."""
+    """Visit places in order as the original does: never repeat an aborted goal."""
     return _plain(start, OriginalParameters)
 
 
 def giving_up(start: Start) -> Behaviour:
-    """The same, but a place is given up once navigation has given it up ten times in a row."""
+    """Visit places in order; give a place up after ten aborts in a row."""
     return _plain(start, PlainGivingUpParameters)
 
 

@@ -1,10 +1,10 @@
-"""UPPER BOUND, no strategy for robots: the auction among robots that know everything of one another at once.
+"""UPPER BOUND, not a strategy for robots: the auction with instantaneous global knowledge.
 
-Idea: how much of what is left to gain is the radio's. Each robot looks into all others' knowledge of this
-very second, outside of the radio, and its transceiver is silent. Source: own; the planning is that of
-`auction`, with all places told of at a time. Limits: it is the bound for that planning, not the optimum.
-Robots in processes of their own share no memory, by design, so it works with `--bus memory` only, for two
-robots or more, and refuses all else with a sentence. Settings: `BiddingParameters`.
+Idea: bound the gain from better communication. Each robot reads the current knowledge of all others in
+memory and does not use the radio. Source: own; planning as in `auction`, with all places published at once.
+Limits: a bound for this planning, not the optimum. Works with `--bus memory` only, since robots in separate
+processes share no memory, and with two robots or more; otherwise raises an error. Settings:
+`OracleParameters`.
 """
 
 from dataclasses import dataclass, field
@@ -21,39 +21,39 @@ from deeco import Instant, adaptation, component, periodic, replace, seconds
 
 @dataclass(frozen=True)
 class OracleParameters(BiddingParameters):
-    """The auction's numbers; a frame is no limit here."""
+    """Parameters of the auction, without the limit of a frame."""
 
     most_bids: int = 60
-    """So many places a robot tells of at a time: all that it may come to hold."""
+    """Number of places published at a time: more than any robot holds."""
 
 
 @dataclass
 class _Board:
-    """What the robots of one run know of one another."""
+    """Shared knowledge of the robots of a run."""
 
     members: set[str] = field(default_factory=set)
     known: dict[str, "OracleRobot"] = field(default_factory=dict)
 
 
 _boards: list[_Board] = [_Board()]
-"""The board of the run that this process has begun last; robots of another run do not live any more."""
+"""The board of the run started last in this process; robots of earlier runs no longer exist."""
 
 
 @component
 class OracleRobot(BiddingRobot):
-    """Bids on what it sees on the board."""
+    """A robot that bids using the board."""
 
     parameters: OracleParameters = OracleParameters()
 
     @adaptation
     @periodic(every=seconds(1), order=2)
     def consult(self, floor: FloorPlan, now: Instant) -> Self:
-        """Take over, drop, and give way by what the others know now."""
+        """Adopt and drop places, and yield, using the current knowledge of the others."""
         board, p, robot = _boards[-1], self.parameters, self
         if len(board.members) < 2 and now >= seconds(1):
             raise AcrcError(
-                f"the oracle of {self.id} knows of nobody else; it is an upper bound for runs with "
-                "`--bus memory` and two robots or more, as robots in processes of their own share nothing"
+                f"the oracle of {self.id} finds no other robot in this process; it needs `--bus memory` and "
+                "two robots or more"
             )
         yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks)
         aside = SteppingAside(p.yield_distance)
@@ -74,7 +74,7 @@ class OracleRobot(BiddingRobot):
 
 
 def behaviour(start: Start) -> Behaviour:
-    """UPPER BOUND, memory bus only: the auction among robots that know all of one another, without radio."""
+    """Compute an UPPER BOUND: `auction` with instantaneous global knowledge; memory bus only."""
     if start.robot in _boards[-1].members and not start.epoch:
         _boards[:] = [_Board()]
     _boards[-1].members.add(start.robot)

@@ -1,8 +1,8 @@
-"""Places in random order: what chance alone is worth.
+"""Places in random order: the value of chance.
 
-Idea: who is stuck and picks anything else is often no longer stuck; a strategy that beats `none` should
-beat this, too. Source: own, after the pseudo-goals of arXiv 2407.17766. Limits: takes no notice of others,
-drives farther than in the order given. Settings: `CleaningParameters`.
+Idea: a blocked robot that chooses any other place is often no longer blocked; a strategy that beats `none`
+should also beat this. Source: own, after the pseudo-goals of arXiv 2407.17766. Limits: ignores other robots,
+drives longer than in the given order. Settings: `CleaningParameters`.
 """
 
 from typing import Self
@@ -18,11 +18,11 @@ from deeco import component, periodic, replace, seconds
 
 @component
 class RandomRobot(CleaningRobot):
-    """Heads for any place of its route, and for any again whenever navigation has given one up."""
+    """A robot that visits its places in random order, and chooses another one after an abort."""
 
     @periodic(every=seconds(2), order=3)
     def turn(self, navigation: Navigation, generator: Generator) -> Self:
-        """Once navigation has given up, head for any place: `drive` sends it there."""
+        """Choose a random destination after an aborted goal; `drive` sends it to navigation."""
         goal = navigation.goal
         if goal is None or goal.status is not GoalStatus.ABORTED or not self.route:
             return self
@@ -30,7 +30,7 @@ class RandomRobot(CleaningRobot):
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Visit the own places in an order that is drawn: what chance alone is worth."""
+    """Visit places in random order, another one after an abort: the value of chance."""
     robot = RandomRobot.at_start(start, from_settings(CleaningParameters, start.settings))
     order = start.generator.permutation(len(robot.route)).tolist()
     return host(start, replace(robot, route=tuple(robot.route[index] for index in order)))

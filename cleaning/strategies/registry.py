@@ -1,4 +1,4 @@
-"""The strategies that can be named on the command line."""
+"""Registry of strategies by name."""
 
 import importlib.metadata
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
         "oracle": "cleaning.strategies.oracle:behaviour",
     }
 )
-"""Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""
+"""Entry strings of the shipped strategies by name; "none" is the naive solution."""
 GROUP: Final = "acrc.strategies"
 """Entry point group in which an installed distribution registers strategies: name = "module:function"."""
 SHIPPED: Final = "shipped"
@@ -37,26 +37,26 @@ SHIPPED: Final = "shipped"
 
 
 class StrategyError(AcrcError):
-    """A strategy that nobody knows, or that two have given the same name."""
+    """An unknown strategy, or a name used twice."""
 
 
 @dataclass(frozen=True)
 class Strategy:
-    """A strategy that can be named."""
+    """A registered strategy."""
 
     name: str
     entry: str
-    """Entry string `module:function` of its behaviour."""
+    """Entry string `module:function`."""
     source: str
     """Name and version of the distribution that registers it; SHIPPED for those of this project."""
     fault: str = ""
-    """Why the name cannot be used, in a sentence; empty if it can."""
+    """Reason why the name cannot be used; empty if it can."""
 
 
 def entry(strategy: str) -> str:
-    """The entry string of a strategy, given by its name or as an entry string of one's own.
+    """Return the entry string of a strategy given by name or entry string. Raises StrategyError.
 
-    Of several that follow one another, such as `none>chapter@60`, all names are replaced.
+    In a sequence such as `none>chapter@60`, all names are replaced.
     """
     try:
         first, turns = handover.split(strategy)
@@ -82,9 +82,9 @@ def _entry(strategy: str) -> str:
 
 
 def strategies() -> tuple[Strategy, ...]:
-    """The shipped strategies, and those of installed distributions (entry point group GROUP) by name.
+    """Return the shipped strategies and those of installed distributions (entry point group GROUP).
 
-    Names that somebody else has, too, stand there with their `fault`; nothing is imported.
+    Names used twice have a `fault`. Imports nothing.
     """
     shipped = [Strategy(name, entry, SHIPPED) for name, entry in STRATEGIES.items()]
     installed = sorted(
@@ -105,10 +105,10 @@ def _title(distribution: importlib.metadata.Distribution | None) -> str:
 
 
 def _conflict(strategy: Strategy, everyone: Sequence[Strategy]) -> str:
-    """That others have this name, too, in a sentence; empty if none has."""
+    """Return an error if other strategies have the same name; empty if none has."""
     sources = [one.source for one in everyone if one.name == strategy.name]
     if len(sources) == 1:
         return ""
     registered = " and ".join(source for source in sources if source != SHIPPED)
     owned = "is the name of a shipped strategy, but " if SHIPPED in sources else ""
-    return f"{strategy.name!r} {owned}is registered by {registered}, too; each must have a name of its own"
+    return f"{strategy.name!r} {owned}is registered by {registered}, too; names must be unique"

@@ -1,11 +1,10 @@
-"""Two robots that block each other swap destinations, and only if both agree that it is worth it.
+"""The chapter's exchange of destinations in two phases, if it shortens the sum of the paths.
 
-Idea: as the chapter's exchange, in two phases and with a sense of the map: one offers, the other accepts,
-and the sum of the ways must fall. Source: own, after the unilateral adoption of the chapter's Fig. 7.12.
-Limits: it takes two messages more than an adoption; robots with goals on the same side never swap, and only
-unblock themselves. No place is lost: both takings go by terms, as `cleaning.adoption` has it. None is
-doubled but for the second in which an answer travels; if that is lost, who has accepted holds both places.
-Settings: `SwapParameters`.
+Idea: one robot offers, the other accepts, and both check the path lengths on the map. Source: own, after the
+unilateral adoption of the chapter's Fig. 7.12. Limits: needs two messages more than an adoption; robots with
+goals on the same side never swap and only unblock themselves. No place is lost, since both adoptions use
+terms as in `cleaning.adoption`. Both robots hold a place only while the answer is in transit; if it is lost,
+the accepting robot holds both places. Settings: `SwapParameters`.
 """
 
 from dataclasses import dataclass, field
@@ -24,26 +23,26 @@ from deeco import Duration, Instant, component, ensemble, replace, role, seconds
 
 @dataclass(frozen=True)
 class SwapParameters(AdaptationParameters):
-    """The chapter's numbers, and those of the swap."""
+    """Parameters of the chapter and of the swap."""
 
     margin: float = 0.5
-    """So much the sum of both ways must fall, m."""
+    """Minimum reduction of the sum of both paths, m."""
     patience: Duration = field(default=seconds(4))
-    """So long an offer stands: it is answered within two publications, or not at all."""
+    """Validity of an offer; answers arrive within two publications."""
 
 
 class Offer(NamedTuple):
-    """What a robot would swap, and with whom."""
+    """An offer to swap destinations."""
 
     number: int
-    """Of this robot's offers."""
+    """Number of this robot's offer."""
     to: str
     give: Assignment
     want: Assignment
 
 
 class Answer(NamedTuple):
-    """That an offer was accepted."""
+    """Acceptance of an offer."""
 
     to: str
     number: int
@@ -51,7 +50,7 @@ class Answer(NamedTuple):
 
 @role
 class Swapper(Cleaner):
-    """A cleaner with an offer, or an answer to one."""
+    """A cleaner that publishes an offer or an answer."""
 
     offer: Offer | None = None
     answer: Answer | None = None
@@ -59,22 +58,22 @@ class Swapper(Cleaner):
 
 @component
 class SwappingRobot(AdaptiveCleaningRobot, Swapper):
-    """Offers and accepts."""
+    """A robot that offers and accepts swaps."""
 
     parameters: SwapParameters = SwapParameters()
     offered_at: Instant | None = None
     offers: int = 0
-    """So many it has made."""
+    """Number of offers made."""
 
     def worth(self, give: Assignment, want: Assignment, peer: Cleaner, floor: FloorPlan) -> bool:
-        """True if this robot at `want` and the peer at `give` have less to go than the other way round."""
+        """Return True if the swap shortens the sum of both robots' paths by more than the margin."""
         ways = Ways(floor)
         now = ways.cost(self.position, give.point) + ways.cost(peer.position, want.point)
         then = ways.cost(self.position, want.point) + ways.cost(peer.position, give.point)
         return then + self.parameters.margin < now
 
     def offering(self, peer: Cleaner, floor: FloorPlan, now: Instant) -> Self:
-        """The robot with an offer to the peer; itself if none is worth it, or another one stands."""
+        """Return the robot with an offer to the peer; itself if an earlier offer is still valid."""
         give, want = self.destination, peer.destination
         if give is None or want is None or self.holds(want.key) or self.has_settled(want.key):
             return self
@@ -88,7 +87,7 @@ class SwappingRobot(AdaptiveCleaningRobot, Swapper):
         return replace(self, offer=offer, offered_at=now, offers=self.offers + 1)
 
     def accepting(self, peer: Swapper, floor: FloorPlan, now: Instant) -> Self:
-        """The robot that has taken what it is offered, and says so; itself if it is not worth it any more."""
+        """Return the robot that accepts the peer's offer; itself if the swap is no longer worth it."""
         offer, mine = peer.offer, self.destination
         if offer is None or mine is None or mine.key != offer.want.key:
             return self
@@ -99,7 +98,7 @@ class SwappingRobot(AdaptiveCleaningRobot, Swapper):
         return self if robot is self else replace(robot, answer=answer, offer=None)
 
     def concluding(self, now: Instant) -> Self:
-        """The robot whose offer was accepted, on its way to what it wanted."""
+        """Return the robot with the wanted place after its offer was accepted."""
         if self.offer is None:
             return self
         return replace(self.adopting(self.offer.want, now), offer=None)
@@ -107,55 +106,55 @@ class SwappingRobot(AdaptiveCleaningRobot, Swapper):
 
 @ensemble(every=seconds(1), max_age=seconds(3))
 class Offers:
-    """Of two blocked robots near each other the one with the lesser id makes an offer."""
+    """The robot with the lesser id of two blocked robots near each other makes an offer."""
 
     max_distance: float
-    """Nearer to one another than this, m."""
+    """Maximum distance between the robots, m."""
 
     def membership(self, coordinator: Cleaner, member: Cleaner) -> bool:
-        """Both are blocked, and near each other."""
+        """Return True if both are blocked and near each other."""
         apart = coordinator.position.distance_to(member.position)
         return coordinator.is_blocked() and member.is_blocked() and apart < self.max_distance
 
     def at_member(
         self, coordinator: Cleaner, member: SwappingRobot, floor: FloorPlan, now: Instant
     ) -> SwappingRobot:
-        """The member offers."""
+        """Make an offer if the member's id is less."""
         return member.offering(coordinator, floor, now) if member.id < coordinator.id else member
 
 
 @ensemble(every=seconds(1), max_age=seconds(3))
 class Accepts:
-    """Who is offered a swap that is worth it takes what it is offered."""
+    """A robot accepts an offer that is worth it."""
 
     def membership(self, coordinator: Swapper, member: Cleaner) -> bool:
-        """There is an offer to the member."""
+        """Return True if the coordinator has an offer to the member."""
         return coordinator.offer is not None and coordinator.offer.to == member.id
 
     def at_member(
         self, coordinator: Swapper, member: SwappingRobot, floor: FloorPlan, now: Instant
     ) -> SwappingRobot:
-        """The member accepts."""
+        """Accept the offer if it is worth it."""
         return member.accepting(coordinator, floor, now)
 
 
 @ensemble(every=seconds(1))
 class Concludes:
-    """Who has been accepted takes what it wanted, however late, if its offer still stands."""
+    """A robot whose offer was accepted adopts the wanted place, at any time while the offer is current."""
 
     def membership(self, coordinator: Swapper, member: Swapper) -> bool:
-        """The coordinator answers the member's offer."""
+        """Return True if the coordinator answers the member's current offer."""
         if member.offer is None or member.offer.to != coordinator.id:
             return False
         return coordinator.answer == Answer(member.id, member.offer.number)
 
     def at_member(self, coordinator: Swapper, member: SwappingRobot, now: Instant) -> SwappingRobot:
-        """The member takes it."""
+        """Adopt the wanted place."""
         return member.concluding(now)
 
 
 def behaviour(start: Start) -> Behaviour:
-    """As the chapter's, but destinations are swapped by offer and answer, and only for shorter ways."""
+    """Extend `chapter`: swap destinations by offer and answer, if it shortens the sum of the paths."""
     p = from_settings(SwapParameters, start.settings)
     robot = SwappingRobot.at_start(start, p)
     remove = AdoptedDestinationRemove(exchange=False)

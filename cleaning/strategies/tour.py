@@ -1,8 +1,8 @@
-"""The chapter's example with places in a short order.
+"""The chapter's example with each robot's places in a short tour.
 
-Idea: shorter ways, and fewer through doors, meet fewer robots. Source: 2-opt (Croes 1958) on nearest first,
-by the length of ways on the robot's map; everything else as `chapter`. Limits: each robot keeps its own
-places, so two that have places in each other's office still meet at the doors. Settings: `TourParameters`.
+Idea: shorter paths through fewer doors cause fewer encounters. Source: 2-opt (Croes 1958) from the
+nearest-neighbour tour, by path lengths on the robot's map; otherwise as `chapter`. Limits: robots keep their
+places, so two with places in each other's office still meet at the doors. Settings: `TourParameters`.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,15 @@ from cleaning.settings import from_settings
 from deeco import adaptation, component, periodic, replace, seconds
 
 FAR: Final = 1000.0
-"""What a way counts for that does not exist, m: more than any real tour of a few places."""
+"""Cost if there is no path, m: more than any real tour of a few places."""
 _PASSES: Final = 20
-"""So often 2-opt goes through a tour at most; it is done after two or three."""
+"""Maximum number of passes of 2-opt; two or three are usual."""
 _GAIN: Final = 1e-6
-"""Less than this is no gain, m: sums of lengths in another order differ by as much."""
+"""Minimum gain of a change, m: above the rounding error of sums of lengths."""
 
 
 class Ways:
-    """Costs of ways, m: their length, and a charge for each door that they go through."""
+    """Path costs, m: length plus a charge for each door."""
 
     def __init__(self, floor: FloorPlan, door_charge: float = 0.0) -> None:
         self._floor = floor
@@ -35,14 +35,14 @@ class Ways:
         self._known: dict[tuple[Point, Point], float] = {}
 
     def cost(self, start: Point, goal: Point) -> float:
-        """From anywhere to a place, m."""
+        """Return the cost from any point to a place, m."""
         known = self._known.get((start, goal))
         if known is None:
             known = self._known[start, goal] = self._cost(start, goal)
         return known
 
     def tour(self, start: Point, route: Sequence[Assignment]) -> float:
-        """From `start` along all places in their order, m."""
+        """Return the cost from `start` along all places in order, m."""
         cost, here = 0.0, start
         for place in route:
             cost += self.cost(here, place.point)
@@ -50,7 +50,7 @@ class Ways:
         return cost
 
     def saving(self, start: Point, route: Sequence[Assignment], index: int) -> float:
-        """What the tour would be shorter by without one of its places, m; never negative."""
+        """Return the cost saved by removing a place from the tour, m, ≥ 0."""
         here = route[index].point
         before = route[index - 1].point if index else start
         if index + 1 == len(route):
@@ -59,7 +59,7 @@ class Ways:
         return max(0.0, self.cost(before, here) + self.cost(here, after) - self.cost(before, after))
 
     def insertion(self, start: Point, route: Sequence[Assignment], point: Point) -> tuple[float, int]:
-        """What one more place adds to the tour at least, m, and its index there; the first of equals."""
+        """Return the lowest cost of inserting a point, m, ≥ 0, and its index; the first of equal ones."""
         best, where = self.cost(route[-1].point if route else start, point), len(route)
         before = start
         for index, place in enumerate(route):
@@ -71,10 +71,10 @@ class Ways:
         return max(0.0, best), where
 
     def shortened(self, start: Point, route: Sequence[Assignment], fixed: int = 0) -> tuple[Assignment, ...]:
-        """The places in an order that no reversal of a part makes shorter (2-opt, Croes 1958).
+        """Return the places in a 2-opt tour (Croes 1958): no reversal of a part makes it shorter.
 
-        An open tour from `start`; its first `fixed` places stay where they are. Begins from the better of the
-        order given and nearest first.
+        The tour is open and begins at `start`; the first `fixed` places keep their positions. The initial
+        tour is the better of the given order and the nearest-neighbour tour.
         """
         best = list(route[:fixed])
         left, here = list(route[fixed:]), best[-1].point if best else start
@@ -90,7 +90,7 @@ class Ways:
         return tuple(best)
 
     def _reverse_parts(self, start: Point, tour: list[Assignment], fixed: int) -> bool:
-        """Reverse whatever part shortens the tour; True if one did."""
+        """Reverse each part whose reversal shortens the tour; return True if there was one."""
         changed = False
         for first in range(fixed, len(tour) - 1):
             for last in range(first + 1, len(tour)):
@@ -115,22 +115,22 @@ class Ways:
 
 @dataclass(frozen=True)
 class TourParameters(AdaptationParameters):
-    """The chapter's numbers, and what a door counts for."""
+    """Parameters of the chapter and of the tour."""
 
     door_charge: float = 4.0
-    """What going through a door counts for beside its length, m; as in `auction`."""
+    """Additional cost of a door, m; as in `auction`."""
 
 
 @component
 class TouringRobot(AdaptiveCleaningRobot):
-    """Visits its places in a short order."""
+    """A robot that visits its places in a short tour."""
 
     parameters: TourParameters = TourParameters()
 
     @adaptation
     @periodic(every=seconds(5), order=0)
     def plan(self, floor: FloorPlan) -> Self:
-        """Put the places in a short order; what it is on the way to stays first."""
+        """Order the places in a short tour; the destination stays first."""
         if len(self.route) < 2:
             return self
         ways, mine = Ways(floor, self.parameters.door_charge), self.destination
@@ -139,6 +139,6 @@ class TouringRobot(AdaptiveCleaningRobot):
 
 
 def behaviour(start: Start) -> Behaviour:
-    """As the chapter's, with the own places in a short order by the length of ways."""
+    """Extend `chapter`: visit the robot's own places in a short tour (2-opt by path length)."""
     p = from_settings(TourParameters, start.settings)
     return host(start, TouringRobot.at_start(start, p), *exchanges(p))

@@ -66,7 +66,7 @@ def test_a_map_without_floor_and_a_distance_of_nothing_are_refused() -> None:
         likelihood_field(_plan(), 0.0)
     with pytest.raises(AcrcError) as raised:
         likelihood_field(OccupancyGrid(np.full((3, 4), OCCUPIED, np.uint8), 0.1), 2.0)
-    assert str(raised.value) == "the map of 3 x 4 cells has no free cell; a robot needs floor to be on"
+    assert str(raised.value) == "the map of 3 x 4 cells has no free cell; robots need free floor"
 
 
 CUBES = PRESETS["chapter"]

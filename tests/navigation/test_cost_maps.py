@@ -206,7 +206,7 @@ def test_parameters_beyond_it_are_refused_at_the_start() -> None:
     with pytest.raises(ParameterError) as raised:
         Planner(ground(TWO_ROOMS, 0.177), replace(PLANNER_PRESETS["robust"], inflation_radius=6.4))
     assert str(raised.value) == (
-        "planner: the reach of what is marked is 6.4, but must be at most 126 cells of 0.05 m"
+        "planner: the inflation radius is 6.4, but must be at most 126 cells of 0.05 m"
     )
 
 

@@ -165,8 +165,8 @@ def test_areas_out_of_reach_are_one_sentence() -> None:
     with pytest.raises(PlacementError) as caught:
         floor(TWO_ROOMS, wall).random_place()
     assert str(caught.value) == (
-        "a robot that starts at (1.00, 1.00) gets to no point of 'wall' at least 0.177 m from walls;"
-        " there must be one to draw"
+        "a robot that starts at (1.00, 1.00) can reach no point of 'wall' at least 0.177 m from walls;"
+        " change its start or the areas"
     )
 
 

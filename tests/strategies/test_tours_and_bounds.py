@@ -46,7 +46,7 @@ def test_places_go_to_whom_they_cost_least_without_a_frame_and_runs_do_not_mix()
 def test_it_refuses_where_it_knows_of_nobody() -> None:
     behaviour(start("r1", 0.0, 1.0))
     alone = behaviour(start("r1", 0.0, 1.0))
-    with pytest.raises(AcrcError, match="knows of nobody else; it is an upper bound for runs with"):
+    with pytest.raises(AcrcError, match="finds no other robot in this process; it needs `--bus memory`"):
         for number in range(12):
             step(alone, 0.0, number)
     behaviour(start("r1", 0.0, 1.0)), behaviour(start("r2", 9.0))

@@ -1,4 +1,4 @@
-"""Where the robot is: dead reckoning, and a particle filter on the floor plan."""
+"""Localisation: dead reckoning, and a particle filter on the floor plan."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ from actors.robot.localisation.parameters import (
 )
 
 KERNELS: Final = (measurement, confidence, resampling, motion)
-"""The modules with numeric kernels."""
+"""Modules with numeric kernels."""
 
 __all__ = [
     "KERNELS",

@@ -1,8 +1,8 @@
-"""Augmented Monte Carlo localisation: where a robot is, as a cloud of particles.
+"""Augmented Monte Carlo localisation with particles.
 
 Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, tables 8.3 (Augmented_MCL) and 8.4 (KLD_Sampling_MCL),
-with what ros-planning/navigation, amcl, adds: scans count only after some motion, and the odometry leads from
-one to the next.
+with additions of ros-planning/navigation, amcl: scans are used only after some motion, and odometry is
+applied between them.
 """
 
 import math
@@ -29,11 +29,11 @@ from actors.robot_model import RangeSensor
 
 
 class Recovery:
-    """The averages w_slow and w_fast of "Probabilistic Robotics", 2005, table 8.3, of the fit.
+    """Averages w_slow and w_fast of the fit ("Probabilistic Robotics", 2005, table 8.3).
 
-    The likelihood of a scan would depend on its number of beams. They begin at 1, so that a wrong start is
-    detected, and are kept after new poses were tried, unlike in pf.c of ros-planning/navigation, where a
-    restart at a bad fit ends the search.
+    Unlike the likelihood of a scan, the fit does not depend on the number of beams. The averages begin at 1,
+    so that a wrong start is detected. They are not reset when new poses are injected, unlike in pf.c of
+    ros-planning/navigation, where a reset at a bad fit ends the search.
     """
 
     def __init__(self, parameters: AmclParameters) -> None:
@@ -42,44 +42,44 @@ class Recovery:
         self._fast = 1.0
 
     def injection(self, fit: float) -> float:
-        """Return the probability of a new pose among the particles after a scan of that fit."""
+        """Return the probability of injecting a random pose after a scan with that fit."""
         parameters = self._parameters
         if not parameters.recovers:
             return 0.0
         self._slow += parameters.recovery_slow * (fit - self._slow)
         self._fast += parameters.recovery_fast * (fit - self._fast)
-        if self._slow <= 0.0:  # after hundreds of scans that fit nowhere at all
+        if self._slow <= 0.0:  # after hundreds of scans without any fit
             return 1.0
         return max(0.0, 1.0 - self._fast / self._slow)
 
 
 @dataclass
 class FilterCounts:
-    """Of one run, so far."""
+    """Counts of a run."""
 
     updates: int = 0
-    """Scans that counted."""
+    """Scans used."""
     blind: int = 0
-    """Those of them without any beam to believe."""
+    """Used scans without valid beams."""
     resamplings: int = 0
     particles: int = 0
-    """Sum over the scans that counted."""
+    """Sum over the used scans."""
     injected: int = 0
-    """New poses tried."""
+    """Random poses tried."""
     lost: int = 0
-    """Scans that counted after which the robot was more likely lost than not."""
+    """Used scans after which the probability of being lost was above 0.5."""
     found: int = 0
-    """How often the search found it somewhere else."""
+    """Times that the search found another pose."""
     beams_used: int = 0
     beams_masked: int = 0
-    """Dropped as they ended at a masked peer."""
+    """Beams dropped because they end at a masked peer."""
     beams_strange: int = 0
-    """Dropped as they ended at what is not on the map."""
+    """Beams dropped because they end at an obstacle that is not on the map."""
     beams_skipped: int = 0
-    """Dropped as few particles agreed with them."""
+    """Beams dropped because few particles agree with them."""
 
     def outcome(self) -> dict[str, object]:
-        """By name; of the particles the mean."""
+        """Return the counts by name, with the mean number of particles."""
         counted: dict[str, object] = dict(vars(self))
         del counted["particles"]
         counted["mean_particles"] = round(self.particles / self.updates, 1) if self.updates else 0.0
@@ -87,21 +87,21 @@ class FilterCounts:
 
 
 _TOGETHER: Final = 0.9
-"""The particles are together while the estimate's cluster has this share of their weight, ..."""
+"""Minimum share of weight in the estimate's cluster for a converged filter."""
 _APART: Final = 0.5
-"""... and their root mean square distance from it is at most this, m."""
+"""Maximum root mean square distance of a converged filter's particles from their mean, m."""
 _SEARCHED: Final = 0.5
-"""Above this probability of being lost the robot is searched, ..."""
+"""Probability of being lost above which a search begins."""
 _FOUND: Final = 0.01
-"""... until it is below this."""
+"""Probability of being lost below which it ends."""
 _DRIFT: Final = 0.02
-"""Assumed error of the odometry per m of the straight way since the start, m and rad."""
+"""Assumed odometry error per m of straight distance since the start, m and rad."""
 _GATHERED: Final = (0.1, 0.1, 0.05)
-"""Standard deviations of the particles around the place where the robot was found: m, m, rad."""
+"""Standard deviations of the particles around a pose found by the search: m, m, rad."""
 
 
 class Amcl:
-    """One robot's filter. The pose moves with the odometry; a scan that counts corrects it."""
+    """Particle filter of one robot. The estimate moves with the odometry and is corrected by scans."""
 
     def __init__(
         self,
@@ -113,10 +113,10 @@ class Amcl:
         doubt: float | None = None,
         origin: Pose = ORIGIN,
     ) -> None:
-        """`start`: the pose where the odometry is `origin`; None: anywhere on free floor.
+        """Create a filter. `start`: pose at the odometry `origin`; None: anywhere on free floor.
 
-        `doubt`: standard deviation of the start, m and rad, of a robot that has to be located first, by scans
-        made while it stands. None: as the parameters say, and it is located.
+        `doubt`: standard deviation of the start, m and rad, for a robot that must first be located by scans
+        while standing. None: given by the parameters, and the robot is located.
         """
         assert field.max_distance == parameters.max_distance
         self._field = field
@@ -143,7 +143,7 @@ class Amcl:
         self._covariance = self._cluster.covariance
 
     def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
-        """The estimate at a step's start: `here` is the odometry's pose then, `sweep` the scan that came."""
+        """Return the estimate at a step's start; `here`: odometry pose, `sweep`: new scan."""
         if sweep is not None and self._counts(sweep.pose):
             self._take(sweep)
         located = self._locating is None
@@ -151,7 +151,7 @@ class Amcl:
         return Estimate(self._correction.compose(here), self._covariance, located, lost)
 
     def mask(self, peers: Sequence[Point]) -> None:
-        """From now on, believe no beam that ends at one of these points of the map frame, m."""
+        """Ignore beams that end at one of these points from now on, m, map frame."""
         self._peers = np.array(peers, np.float64).reshape(-1, 2)
 
     def relocalise(self) -> None:
@@ -161,21 +161,21 @@ class Amcl:
         self._lost, self._search = LostProbability(1.0), None
 
     def outcome(self) -> dict[str, object]:
-        """The run's `FilterCounts`."""
+        """Return the counts of the run."""
         return self._tally.outcome()
 
     @property
     def particles(self) -> Floats:
-        """(n, 3): x, y, heading, m and rad, map frame, as of the last scan that counted; read-only."""
+        """(n, 3): x, y, heading, m and rad, map frame, at the last used scan; read-only."""
         return _read_only(self._poses[:, : self._count].T)
 
     @property
     def weights(self) -> Floats:
-        """(n,): of the particles, their sum is 1; read-only, as of the last scan that counted."""
+        """(n,): weights with sum 1 at the last used scan; read-only."""
         return _read_only(self._weights[: self._count])
 
     def _scatter(self, start: Pose | None, drift: float = 0.0) -> Floats:
-        """(3, n): particles around the start, by so much wider, m and rad, or everywhere."""
+        """Return particles around the start, spread wider by `drift`, m and rad, or everywhere: (3, n)."""
         if start is None:
             return self._field.poses(self._generator, self._count)
         p, doubt = self._parameters, self._doubt
@@ -186,13 +186,13 @@ class Amcl:
         return poses
 
     def _restart(self, poses: Floats) -> None:
-        """Take these as the particles, (3, capacity), all of the same weight."""
+        """Replace the particles, (3, capacity), with equal weights."""
         self._poses = poses
         self._directions = np.stack((arrays.cos(poses[2]), arrays.sin(poses[2])))
         self._weights = np.full(poses.shape[1], 1 / self._count)
 
     def _counts(self, pose: Pose) -> bool:
-        """True for a scan made far enough from the last one that counted, and for the first one."""
+        """Return True for the first scan and for one far enough from the last used one."""
         if not self._begun or self._locating is not None:
             return True
         last, p = self._odometry, self._parameters
@@ -202,7 +202,7 @@ class Amcl:
         return turn >= p.update_angle or -turn >= p.update_angle
 
     def _take(self, sweep: Sweep) -> None:
-        """One update of the filter by a scan that counts."""
+        """Update the filter with a scan."""
         if not self._begun:
             self._begin(sweep.pose)
         self._move(sweep.pose)
@@ -226,13 +226,13 @@ class Amcl:
         )
 
     def _draw(self, found: Histogram, fit: float) -> None:
-        """The particles of the next scan."""
+        """Resample the particles if it is time."""
         injection = self._recovery.injection(fit)
         if self._tally.updates % self._parameters.resample_interval == 0:
             self._resample(found, injection)
 
     def _look(self, points: Floats, judged: Judgement, here: Pose) -> None:
-        """Locate a robot with a doubtful start, and search for one that is lost."""
+        """Locate a robot with an uncertain start, and search for a lost one."""
         lost = self._lost.probability
         self._tally.lost += lost > _SEARCHED
         if self._locating is not None:
@@ -255,7 +255,7 @@ class Amcl:
             self._lost = LostProbability(max(self._lost.probability, rivals / (rivals + 1)))
 
     def _gather(self, pose: Pose, here: Pose) -> None:
-        """All particles around a pose, where the odometry is `here`."""
+        """Move all particles around a pose, at the odometry pose `here`."""
         self._tally.found += 1
         self._count = self._parameters.min_particles
         draws = normals(self._generator, (3, self._count))
@@ -266,17 +266,17 @@ class Amcl:
         self._correction = pose.frame(here)
 
     def _begin(self, here: Pose) -> None:
-        """Draw the particles where the odometry leads from the start to the first scan."""
+        """Draw the particles at the first scan, moved from the start by odometry."""
         self._begun = True
         believed, gone = self._correction.compose(here), here.point.distance_to(self._odometry.point)
-        if self._locating is not None:  # the doubt is of where it is now
+        if self._locating is not None:  # the uncertainty applies to the current pose
             self._poses, self._locating.believed = self._scatter(believed), believed.point
         elif self._placed and here != self._odometry:
             self._poses = self._scatter(believed, _DRIFT * gone)
         self._odometry = here
 
     def _move(self, pose: Pose) -> None:
-        """Move each particle by its own sample of the odometry step; a long way without scans in parts."""
+        """Move each particle by a sample of the odometry step; long steps are divided."""
         since = before = self._odometry
         parts = parts_of(before, pose, self._parameters)
         for part in range(1, parts + 1):
@@ -288,7 +288,7 @@ class Amcl:
         self._odometry = pose
 
     def _judged(self, sweep: Sweep) -> tuple[Floats, Judgement]:
-        """The ends of the scan's beams, and how they look from where the robot should be."""
+        """Return the end points of the scan's beams and their classification at the estimate."""
         parameters, tally, mount = self._parameters, self._tally, self._beams.mount
         pose = self._correction.compose(sweep.pose)
         points, masked = ends(sweep.ranges_mm, self._beams, pose, self._peers, parameters.peer_radius)
@@ -301,7 +301,7 @@ class Amcl:
         return points, judged
 
     def _weigh(self, judged: Judgement) -> float:
-        """Each particle by the beams that are believed; gives the fit."""
+        """Weigh the particles by the valid beams; return the fit."""
         known, tally = judged.known, self._tally
         fit, skipped = self._measurement.weigh(
             known,
@@ -313,7 +313,7 @@ class Amcl:
         return fit
 
     def _together(self) -> bool:
-        """True while nearly all particles, by weight, are about the estimate."""
+        """Return True if the filter has converged."""
         _, covariance, weight = self._cluster
         return weight >= _TOGETHER and covariance[0] + covariance[4] <= _APART * _APART
 
@@ -321,7 +321,7 @@ class Amcl:
         return heaviest_cluster(found, self._poses, self._directions, self._weights)
 
     def _resample(self, found: Histogram, injection: float) -> None:
-        """As many as needed: each a particle by its weight, or with a probability of `injection` new."""
+        """Resample as many particles as needed; each is a random pose with probability `injection`."""
         most, poses = self._parameters.max_particles, self._poses
         if injection > 0:
             poses = np.hstack((poses[:, : self._count], self._field.poses(self._generator, most)))

@@ -1,8 +1,8 @@
-"""Covariance of the estimate, and how well a pose explains a scan.
+"""Covariance of the estimate, and fit of a pose to a scan.
 
-The particles spread wider than the error of their mean, as motion and measurement model exaggerate noise
-against overconfidence. So the scan updates their covariance once more, beam by beam, as in a Kalman filter,
-with the noise that scans have.
+The particles' covariance exceeds the error of their mean, since motion and measurement model overestimate
+noise to avoid overconfidence. Therefore the scan updates the covariance again, beam by beam, as in a Kalman
+filter with realistic noise.
 """
 
 import math
@@ -20,45 +20,45 @@ from actors.robot.localisation.measurement import AGREEING, BEYOND, SHORT, level
 from actors.robot_model import RangeSensor
 
 AGREES: Final = 0.3
-"""A beam agrees with the map if its end is so near a wall, m; own choice."""
+"""Distance from a wall within which a beam's end agrees with the map, m; own choice."""
 _PASSING: Final = 2.0
-"""A beam that passes a wall takes as much away as two beams give that end at one; own choice."""
+"""Penalty of a beam that passes through a wall, in beams that end at one; own choice."""
 
 
 class Judgement(NamedTuple):
-    """A scan seen from one pose."""
+    """Classification of a scan's beams at one pose."""
 
     known: Floats
-    """(k, 2), m, body's frame: the ends that are not strangers."""
+    """(k, 2), m, body's frame: end points of beams that end at known obstacles."""
     strangers: int
-    """So many end in the open, in sight: at what is not on the map."""
+    """Number of beams that end in visible open space: at obstacles that are not on the map."""
     agreeing: int
-    """So many end within AGREES of a wall."""
+    """Number of beams that end within AGREES of a wall."""
     beyond: int
-    """So many end elsewhere, and have passed a wall."""
+    """Number of other beams that pass through a wall."""
 
 
 class PoseFit(NamedTuple):
-    """How well each of n poses explains a scan."""
+    """Fit of n poses to a scan."""
 
     score: Floats
-    """(n,), at most 1: the mean over the beams of 1 for an end at a wall, less with the distance, 0 for one
-    that falls short, and minus 2 for one that passes a wall."""
+    """(n,), at most 1: mean over the beams of 1 for an end at a wall, decreasing with distance, 0 for one
+    that ends before a wall, and -2 for one that passes through a wall."""
     agreeing: Int64s
     beyond: Int64s
-    """(n,): beams, as in Judgement."""
+    """(n,): numbers of beams as in Judgement."""
 
 
 def worth(field: LikelihoodField, sigma: float) -> Floats:
-    """(256,): what a beam's end counts by the level of its cell; `sigma`, m: how exact the poses are."""
+    """Return the score of a beam's end by its cell's level: (256,); `sigma`: accuracy of the poses, m."""
     return arrays.exp(-0.5 * np.square(field.distances / sigma))
 
 
 @kernel
 def judge(grid: LevelGrid, points: Floats, mount: Floats, pose: Pose, stranger_distance: float) -> Judgement:
-    """The scan with these ends, (b, 2), m, body's frame, seen from `pose`; `mount`: (2,), where beams begin.
+    """Classify beams with end points (b, 2), m, body's frame, at `pose`; `mount`: (2,), origin of the beams.
 
-    Strangers are in sight, and farther than `stranger_distance`, m, from walls; inf: there are none.
+    Strangers end before a wall and farther than `stranger_distance`, m, from walls; inf: there are none.
     """
     levels, frame, step = grid
     known = np.empty(points.shape)
@@ -84,7 +84,7 @@ def judge(grid: LevelGrid, points: Floats, mount: Floats, pose: Pose, stranger_d
 
 @kernel
 def explain(grid: LevelGrid, points: Floats, mount: Floats, poses: Floats, worth: Floats) -> PoseFit:
-    """The scan with these ends seen from each of `poses`, (3, n); at least one end. See `judge`."""
+    """Return the fit of each of `poses`, (3, n), to a scan with at least one end point; see `judge`."""
     levels, frame, step = grid
     count, beams = poses.shape[1], points.shape[0]
     scores = np.empty(count)
@@ -108,31 +108,31 @@ def explain(grid: LevelGrid, points: Floats, mount: Floats, poses: Floats, worth
 
 
 _SIGMA: Final = 0.025
-"""How far a wall of the map is from where a beam meets it, m, standard deviation: half a cell of 5 cm. Own
-fit, as is all below: courses of `acrc verify localisation`, 0 to 10 others, at 58° and 360°, three maps."""
+"""Standard deviation of a beam's end from the map's wall, m: half a cell of 5 cm. Fitted, as are the values
+below, to courses of `acrc verify localisation` with 0 to 10 other robots, at 58° and 360°, on three maps."""
 _TOGETHER: Final = math.radians(10.0)
-"""Beams within this angle meet one wall, and are wrong together."""
+"""Angle within which beams meet the same wall and have correlated errors."""
 _OF_CLOUD: Final = 0.03
-"""So much of the particles' own covariance stays: their mean is drawn by chance."""
+"""Share of the particles' covariance that is kept, since their mean is random."""
 _HARDLY_LOST: Final = 0.05
-"""Below this probability the robot is taken not to be lost: a second moment would be all of that."""
+"""Probability of being lost below which it is ignored; otherwise it would dominate the covariance."""
 
 
 class Confidence:
-    """Gives the covariances of one robot's estimates."""
+    """Covariances of one robot's estimates."""
 
     def __init__(self, field: LikelihoodField, sensor: RangeSensor, beams: int) -> None:
-        """`beams`: how many of a scan are looked at."""
+        """Create the model; `beams`: number of beams used per scan."""
         self._field = field
         angle = math.radians(sensor.field_of_view_deg) / beams
         self._variance = _SIGMA * _SIGMA * max(1.0, _TOGETHER / angle)
         self._anywhere = field.anywhere
 
     def covariance(self, points: Floats, pose: Pose, cloud: Covariance, lost: float) -> Covariance:
-        """Of an estimate `pose` by particles with the covariance `cloud`, and a scan that was believed.
+        """Return the covariance of an estimate `pose` from particles with the covariance `cloud`.
 
-        `points`: (b, 2), m, body's frame, the ends of its beams. `lost`: probability that the robot is
-        somewhere else altogether: then the covariance is that of the two together.
+        `points`: (b, 2), m, body's frame, end points of the scan's beams. `lost`: probability of being lost,
+        which is mixed into the covariance.
         """
         sharp = sharpened(self._field, points, pose, cloud, self._variance)
         honest = [
@@ -152,9 +152,9 @@ def sharpened(
     prior: Covariance,
     variance: float,
 ) -> Covariance:
-    """The covariance after the beams that end near a wall were taken in, each with `variance`, m².
+    """Return the covariance updated by beams that end near a wall, each with `variance`, m².
 
-    The variance counts by the square of the share of such beams, as the others pull the estimate, too.
+    The variance is divided by the square of the share of such beams, since the others bias the estimate.
     """
     before = np.array(prior).reshape(3, 3)
     after = _sharpened(field.grid, points, *pose, before, variance)

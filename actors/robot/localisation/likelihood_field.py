@@ -1,4 +1,4 @@
-"""The map as a particle filter sees it: how far the nearest wall is from any point, and where floor is."""
+"""Likelihood field of a map: distances to the nearest wall, and free cells."""
 
 import math
 from dataclasses import dataclass
@@ -15,49 +15,49 @@ from actors.geometry import Covariance
 from actors.runtime.errors import AcrcError
 
 LEVELS: Final = 256
-"""Distances are kept in so many steps, one byte each, so that the whole map stays in a processor's cache."""
+"""Number of distance levels, one byte each, so that the whole map fits a processor's cache."""
 _RING: Final = 1
-"""Rings of cells around the map, which stand for everything beyond."""
+"""Width of the ring of cells around the map, which represents everything beyond."""
 
 
 class LevelGrid(NamedTuple):
-    """What kernels need to know of a field; all of it read-only."""
+    """A field for kernels; read-only."""
 
     levels: Octets
-    """(rows + 2, columns + 2): see `LikelihoodField`."""
+    """(rows + 2, columns + 2): as in `LikelihoodField`."""
     frame: Floats
-    """(3,): the same."""
+    """(3,): as in `LikelihoodField`."""
     step: float
-    """So many metres is a level."""
+    """Distance per level, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
-    """Made once per map; never changes, so that all robots of a process share it."""
+    """Likelihood field of a map; immutable and shared by all robots of a process."""
 
     levels: Octets
-    """(rows + 2, columns + 2): distance from a cell's centre to that of the nearest wall's cell, in steps of
-    `max_distance` / 255; 255 where it is farther. A ring lies around the map's own cells."""
+    """(rows + 2, columns + 2): distance from a cell's centre to that of the nearest wall cell, in steps of
+    `max_distance` / 255, at most 255. Includes a ring around the map's cells."""
     frame: Floats
     """(3,): x and y of the south-west corner of `levels`, and the side of a cell, m."""
     max_distance: float
-    """Distances end here, m."""
+    """Highest distance, m."""
     floor: Floats
-    """(k, 2): the south-west corners of the free cells, m."""
+    """(k, 2): south-west corners of the free cells, m."""
 
     @property
     def distances(self) -> Floats:
-        """(256,): the distance that each level stands for, m."""
+        """(256,): distance of each level, m."""
         return np.linspace(0.0, self.max_distance, LEVELS, dtype=np.float64)
 
     @cached_property
     def grid(self) -> LevelGrid:
-        """The field as kernels take it."""
+        """The field for kernels."""
         return LevelGrid(self.levels, self.frame, self.max_distance / (LEVELS - 1))
 
     @cached_property
     def anywhere(self) -> Covariance:
-        """Of the difference of two poses drawn evenly from free floor and headings, the short way round."""
+        """Covariance of the difference of two uniform random poses on free floor, with wrapped headings."""
         side = float(self.frame[2])
         cells = np.rint((self.floor - self.frame[:2]) / side).astype(np.int64)
         x, y = cells[:, 0], cells[:, 1]
@@ -66,7 +66,7 @@ class LikelihoodField:
         return (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, math.pi * math.pi / 3)
 
     def poses(self, generator: Generator, count: int) -> Floats:
-        """Poses drawn evenly over the free floor and all headings: (3, count), x, y, heading."""
+        """Return uniform random poses on free floor: (3, count), x, y, heading."""
         draws = generator.random((3, count))
         corners = self.floor[generator.integers(len(self.floor), size=count)]
         side = self.frame[2]
@@ -81,7 +81,7 @@ class LikelihoodField:
 
 
 def _shared(x: Int64s, y: Int64s) -> float:
-    """Covariance of two columns of whole numbers, whose sums are exact."""
+    """Return the covariance of two integer columns, with exact sums."""
     count, products = len(x), x * y
     of_x, of_y, of_both = (int(column.sum(dtype=np.int64)) for column in (x, y, products))
     return (count * of_both - of_x * of_y) / (count * count)
@@ -91,18 +91,15 @@ _FIELDS: Final = SharedCache[LikelihoodField]()
 
 
 def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
-    """The field of a floor plan, with distances up to `max_distance`, m.
+    """Return the field of a floor plan, with distances up to `max_distance`, m.
 
-    Walls are the plan's occupied cells, and nothing else: unknown cells may be anything, and if they were
-    walls, beams that go too far would fit best on every map whose outside is unknown, and draw the particles
-    outward. Beyond the edge the nearest wall counts as infinitely far (both as amcl: ros-planning/navigation,
-    map_cspace.cpp and amcl_laser.cpp, LikelihoodFieldModel). Raises AcrcError for a plan without free
-    floor and a distance not above 0.
+    Only occupied cells are walls: if unknown cells were, beams that are too long would fit best on maps with
+    unknown surroundings and draw the particles outward. Outside the map the distance is infinite (both as in
+    amcl: ros-planning/navigation, map_cspace.cpp and amcl_laser.cpp, LikelihoodFieldModel). Raises AcrcError
+    for a plan without free cells, and a distance that is not above 0.
     """
     if not max_distance > 0:
-        raise AcrcError(
-            f"the likelihood field should end at max_distance {max_distance:g} m; it must be above 0 m"
-        )
+        raise AcrcError(f"max_distance of the likelihood field is {max_distance:g} m; it must be above 0 m")
     return _FIELDS.get((plan.content, max_distance), lambda: _field(plan, max_distance))
 
 
@@ -110,7 +107,7 @@ def _field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
     rows, columns = np.nonzero(plan.free)
     if not rows.size:
         raise AcrcError(
-            f"the map of {plan.rows} x {plan.columns} cells has no free cell; a robot needs floor to be on"
+            f"the map of {plan.rows} x {plan.columns} cells has no free cell; robots need free floor"
         )
     metres = np.sqrt(raster.squared_distance(plan.cells == OCCUPIED)) * plan.resolution
     inner = np.rint(np.minimum(metres / max_distance, 1.0) * (LEVELS - 1)).astype(np.uint8)
@@ -125,8 +122,7 @@ def _field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
 
 
 def specimen() -> LikelihoodField:
-    """A small field for the fingerprints of kernels, read-only as in the robot: so the very variants that it
-    calls are compiled."""
+    """Return a small field for fingerprints, read-only like the robot's, to compile the same variants."""
     row, column = np.indices((50, 50))
     levels = np.minimum(12 * np.minimum(row, abs(column - 20)), 255).astype(np.uint8)
     frame = np.array([-0.5, -0.5, 0.1])

@@ -1,8 +1,8 @@
-"""The measurement model: how well a scan fits the map, seen from each particle.
+"""Measurement model: likelihood of a scan for each particle.
 
-The likelihood field of Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, table 6.3, and the two ways
-in which ros-planning/navigation, amcl_laser.cpp, makes one weight of the beams' likelihoods, with the
-skipping of beams that few particles agree with (its pull request 238).
+Likelihood field of Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, table 6.3, with the two
+combinations of beams in ros-planning/navigation, amcl_laser.cpp, and its skipping of beams with which few
+particles agree (pull request 238).
 """
 
 import math
@@ -23,7 +23,7 @@ from actors.robot_model import RangeSensor, scan_angles
 
 
 class Cloud(NamedTuple):
-    """Particles: the first `size` of what there is room for."""
+    """Particles: the first `size` entries of the arrays."""
 
     poses: Floats
     """(3, capacity): x, y, heading, m and rad, map frame."""
@@ -35,22 +35,22 @@ class Cloud(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Where the beams of a scan end, and what the map makes of that."""
+    """A scan and the scores of its beams on a map."""
 
     grid: LevelGrid
     ends: Floats
-    """(b, 2), m, body's frame."""
+    """(b, 2): end points of beams, m, body's frame."""
     worth: Floats
-    """(256,): what a beam counts by the level of its end's cell."""
+    """(256,): score of a beam by the level of its end's cell."""
     agreeing: int
-    """A particle agrees with a beam that ends, seen from it, in a level of at most this."""
+    """Highest level of an end with which a particle agrees."""
 
 
 class Measurement:
-    """The model for one map, sensor and set of parameters."""
+    """Measurement model for one map, sensor and set of parameters."""
 
     def __init__(self, field: LikelihoodField, range_max: float, parameters: AmclParameters) -> None:
-        """`range_max`: the sensor's, m: there its random measurements end."""
+        """Create a model; `range_max`: of the sensor, m, the upper bound of random measurements."""
         self._field = field
         self._parameters = parameters
         p = likelihoods(field, range_max, parameters)
@@ -58,11 +58,10 @@ class Measurement:
         self._agreeing = int(np.count_nonzero(field.distances < parameters.beam_skip_distance)) - 1
 
     def weigh(self, ends: Floats, cloud: Cloud, *, together: bool) -> tuple[float, int]:
-        """Weigh the particles by the ends, (b, 2), m, body's frame, of a scan's beams; gives the fit, and how
-        many beams were skipped.
+        """Weigh the particles by a scan; return the fit and the number of skipped beams.
 
-        The cloud's weights are multiplied, and their sum becomes 1; its directions are written. `together`:
-        whether beams may be skipped.
+        `ends`: (b, 2), m, body's frame. Multiplies the cloud's weights, normalises them to sum 1, and writes
+        its directions. `together`: True if the filter has converged and beams may be skipped.
         """
         parameters, readings = self._parameters, Readings(self._field.grid, ends, self._table, self._agreeing)
         if parameters.weighting == "cubes":
@@ -74,7 +73,7 @@ class Measurement:
 
 
 def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParameters) -> Floats:
-    """p of a beam's end by the level of its cell: (256,). `range_max` is the sensor's, m."""
+    """Return p of a beam's end by the level of its cell: (256,). `range_max`: of the sensor, m."""
     exponent = -0.5 * np.square(field.distances / parameters.sigma_hit)
     hit: Floats = parameters.z_hit * arrays.exp(exponent)
     return hit + parameters.z_rand / range_max
@@ -82,9 +81,9 @@ def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParame
 
 @kernel
 def weigh_by_cubes(readings: Readings, cloud: Cloud) -> float:
-    """Multiply the weights by 1 + Σp³ and make their sum 1; gives the fit. `readings.worth`: p³ by level.
+    """Multiply the weights by 1 + Σp³ and normalise them; return the fit. `readings.worth`: p³ by level.
 
-    The fit is the share of the beams, seen from all particles, that they agree with; 0 without beams.
+    The fit is the share of agreements over all beams and particles; 0 without beams.
     """
     sums, fit, _ = _sums(readings, _face(readings.grid.frame, cloud), cloud, 0.0)
     for i in range(cloud.size):
@@ -97,22 +96,22 @@ def weigh_by_cubes(readings: Readings, cloud: Cloud) -> float:
 def weigh_by_product(
     readings: Readings, cloud: Cloud, threshold: float, most: float, sharpness: float
 ) -> tuple[float, int]:
-    """Multiply the weights by (Πp)^`sharpness` and make their sum 1; gives the fit, and how many beams were
-    skipped. `readings.worth`: ln p by level.
+    """Multiply the weights by (Πp)^`sharpness` and normalise them; return fit and number of skipped beams.
 
-    A beam is skipped if less than a share `threshold` of the particles agrees with it, unless at least a
-    share `most` of the beams would be. The fit is that of the others.
+    `readings.worth`: ln p by level. A beam is skipped if less than a share `threshold` of the particles
+    agrees with it, unless this applies to at least a share `most` of the beams. The fit excludes skipped
+    beams.
     """
     cells = _face(readings.grid.frame, cloud)
     sums, fit, skipped = _sums(readings, cells, cloud, threshold)
-    if skipped >= most * readings.ends.shape[0]:  # the particles are wrong, and not the beams
+    if skipped >= most * readings.ends.shape[0]:  # the particles are wrong, not the beams
         sums, fit, skipped = _sums(readings, cells, cloud, 0.0)
     weights, highest = cloud.weights, -math.inf
     for i in range(cloud.size):
         if weights[i] > 0.0:
             highest = max(highest, sums[i])
     for i in range(cloud.size):
-        if weights[i] > 0.0:  # or 0 times infinity
+        if weights[i] > 0.0:  # avoids 0 times infinity
             weights[i] *= exp(sharpness * (sums[i] - highest))
     _normalise(cloud)
     return fit, skipped
@@ -120,7 +119,7 @@ def weigh_by_product(
 
 @kernel
 def _face(frame: Floats, cloud: Cloud) -> Floats:
-    """The particles' positions in cells, (2, size); fills the cloud's directions."""
+    """Return the particles' positions in cells, (2, size); fills the cloud's directions."""
     poses, directions = cloud.poses, cloud.directions
     cells = np.empty((2, cloud.size))
     for i in range(cloud.size):
@@ -140,7 +139,7 @@ def _look_up(
     left: float,
     seen: Octets,
 ) -> None:
-    """The level where one beam ends, seen from each particle; all in cells."""
+    """Write the level of one beam's end for each particle into `seen`; lengths in cells."""
     last_row, last_column = levels.shape[0] - 1.0, levels.shape[1] - 1.0
     for i in range(seen.size):
         c, s = directions[0, i], directions[1, i]
@@ -151,7 +150,7 @@ def _look_up(
 
 @kernel
 def _sums(readings: Readings, cells: Floats, cloud: Cloud, threshold: float) -> tuple[Floats, float, int]:
-    """Each particle's sum of what the beams that are not skipped count, the fit, and how many are skipped."""
+    """Return each particle's sum of scores of used beams, the fit, and the number of skipped beams."""
     count, ends, side = cloud.size, readings.ends, readings.grid.frame[2]
     sums = np.zeros(count)
     seen = np.empty(count, np.uint8)
@@ -175,7 +174,7 @@ def _sums(readings: Readings, cells: Floats, cloud: Cloud, threshold: float) -> 
 
 @kernel
 def _normalise(cloud: Cloud) -> None:
-    """Make the sum of the weights 1."""
+    """Normalise the weights to sum 1."""
     total = 0.0
     for i in range(cloud.size):
         total += cloud.weights[i]
@@ -186,21 +185,23 @@ def _normalise(cloud: Cloud) -> None:
 AGREEING: Final = 0
 """The beam ends at a wall of the map."""
 SHORT: Final = 1
-"""It ends in the open, in sight: there is something that is not on the map."""
+"""The beam ends in visible open space: at an obstacle that is not on the map."""
 BEYOND: Final = 2
-"""It has passed a wall of the map: no thing in the room makes a beam longer."""
+"""The beam passes through a wall of the map; no obstacle can cause this."""
 
 
 @kernel
 def placed(x: float, y: float, c: float, s: float, forward: float, left: float) -> tuple[float, float]:
-    """Where in the map frame a point of the body's frame is, m; (x, y): the body's place, c and s: cosine and
-    sine of its heading."""
+    """Transform a point from the body's frame to the map frame, m.
+
+    (x, y): position of the body; c, s: cosine and sine of its heading.
+    """
     return x + c * forward - s * left, y + s * forward + c * left
 
 
 @kernel
 def level_at(levels: Octets, frame: Floats, x: float, y: float) -> int:
-    """The level of the cell that holds a point, m; beyond the edge that of the ring around the map."""
+    """Return the level of a point's cell, m; outside the map that of the ring."""
     column = min(max((x - frame[0]) / frame[2], 0.0), levels.shape[1] - 1.0)
     row = min(max((y - frame[1]) / frame[2], 0.0), levels.shape[0] - 1.0)
     return int(levels[int(row), int(column)])
@@ -217,12 +218,11 @@ def sight(
     end_x: float,
     end_y: float,
 ) -> int:
-    """How a beam from the eye to its end goes with the map: AGREEING if its end is within `margin` of a wall,
-    else BEYOND if a wall lies before it, else SHORT. `step`: metres per level.
+    """Classify a beam: AGREEING with an end within `margin` of a wall, BEYOND behind a wall, otherwise SHORT.
 
-    The line is followed in leaps as long as the distance to the nearest wall (Hart, "Sphere tracing", The
-    Visual Computer 12, 1996). That needs no more than the levels, which lie in the cache anyway. The leaps of
-    `actors.floor.raster` would need squares for four quadrants, and know of nothing short of a wall.
+    `step`: metres per level. The line is traced in steps of the distance to the nearest wall (Hart, "Sphere
+    tracing", The Visual Computer 12, 1996), which uses only the levels, already in the cache; the steps of
+    `actors.floor.raster` would need distances for four quadrants.
     """
     if step * level_at(levels, frame, end_x, end_y) <= margin:
         return AGREEING
@@ -238,29 +238,29 @@ def sight(
 
 
 class Beams(NamedTuple):
-    """A choice of a sensor's rays."""
+    """Selected rays of a sensor."""
 
     rays: Int64s
-    """(b,): which of the scan."""
+    """(b,): indices in the scan."""
     directions: Floats
     """(b, 2): unit vectors in the body's frame."""
     mount: Floats
-    """(2,): where they begin in the body's frame, m."""
+    """(2,): origin in the body's frame, m."""
     reach: float
-    """The sensor's range_max, m: what is not nearer counts as no echo."""
+    """The sensor's range_max, m; longer ranges count as no echo."""
 
 
 class Ends(NamedTuple):
-    """Where the beams of a scan end that have an echo and are to be believed."""
+    """End points of a scan's beams."""
 
     points: Floats
-    """(k, 2), m, body's frame."""
+    """(k, 2): end points of beams with an echo that are not masked, m, body's frame."""
     masked: int
-    """So many ended at a masked peer."""
+    """Number of beams that end at a masked peer."""
 
 
 def beams(sensor: RangeSensor, count: int) -> Beams:
-    """`count` rays at equal angles over the sensor's view; all of them if it has no more."""
+    """Return `count` rays at equal angles over the field of view; all if the sensor has fewer."""
     count = min(count, sensor.rays)
     spaces = count if sensor.full_circle else max(count - 1, 1)
     angles = np.arange(count) * (math.radians(sensor.field_of_view_deg) / spaces)
@@ -276,9 +276,9 @@ def beams(sensor: RangeSensor, count: int) -> Beams:
 
 @kernel
 def ends(ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: Floats, radius: float) -> Ends:
-    """The ends of the beams with an echo, but for those within `radius`, m, of a peer.
+    """Return the end points of beams with an echo, except those within `radius`, m, of a peer.
 
-    `ranges_mm`: (rays,). `peers`: (p, 2), m, map frame; `pose`: the robot's there, as far as known.
+    `ranges_mm`: (rays,). `peers`: (p, 2), m, map frame; `pose`: estimate of the robot's pose, map frame.
     """
     rays, directions, mount, reach = beams
     x, y, heading = pose
@@ -302,7 +302,7 @@ def ends(ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: Floats,
 
 @kernel
 def _near(points: Floats, x: float, y: float, radius: float) -> bool:
-    for i in range(points.shape[0]):  # noqa: SIM110 - numba knows no any() of a generator
+    for i in range(points.shape[0]):  # noqa: SIM110 - numba does not support any() of a generator
         if hypot(points[i, 0] - x, points[i, 1] - y) <= radius:
             return True
     return False

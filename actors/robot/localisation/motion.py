@@ -1,8 +1,8 @@
-"""The motion model of a differential drive: what a step of the odometry may have been in truth.
+"""Motion model of a differential drive.
 
 `sample_motion_model_odometry` of Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, table 5.6, in the
-two forms that ros-planning/navigation, amcl_odom.cpp, has: "diff-corrected" is the book's, "diff" hands the
-variances on as standard deviations (its issue 20).
+two forms of ros-planning/navigation, amcl_odom.cpp: "diff-corrected" is the book's, "diff" uses the variances
+as standard deviations (its issue 20).
 """
 
 import math
@@ -18,24 +18,24 @@ from actors.portable.compiled import atan2, cos, hypot, sin
 from actors.robot.localisation.parameters import AmclParameters
 
 _TURN_ON_THE_SPOT: Final = 0.01
-"""With less of a way than this, m, its direction says nothing (amcl_odom.cpp)."""
+"""Distance below which the direction of a step is meaningless, m (amcl_odom.cpp)."""
 
 
 class OdometryStep(NamedTuple):
-    """A step of the odometry: a turn towards where it leads, the way there, and the turn left to do."""
+    """A step of the odometry: initial turn, translation, final turn."""
 
     turn: float
-    """rad."""
+    """Initial turn, rad."""
     way: float
-    """m, ≥ 0: a robot that backs has turned by π before and turns by π after."""
+    """Translation, m, ≥ 0; backing is a translation between two turns by π."""
     last_turn: float
-    """rad."""
+    """Final turn, rad."""
 
 
 _SEVERAL: Final = 5
-"""Scans that count come after each step of the usual length, or the next; own choice."""
+"""Length of a step above which it is divided, in update distances; own choice."""
 _MOST_STEPS: Final = 1000
-"""Of so many steps a way is at most taken to consist: 200 m in steps of 0.2 m."""
+"""Maximum number of parts of a step: 200 m in steps of 0.2 m."""
 
 
 class StepSpread(NamedTuple):
@@ -47,7 +47,7 @@ class StepSpread(NamedTuple):
 
 
 def step(before: Pose, after: Pose) -> OdometryStep:
-    """The step that leads from one pose of the odometry to the other."""
+    """Return the step between two odometry poses."""
     moved = before.relative(after)
     way = hypot(moved.x, moved.y)
     turn = atan2(moved.y, moved.x) if way >= _TURN_ON_THE_SPOT else 0.0
@@ -55,7 +55,7 @@ def step(before: Pose, after: Pose) -> OdometryStep:
 
 
 def spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
-    """How uncertain the parts of a step are. Backing is no less certain than driving ahead."""
+    """Return the standard deviations of a step. Backing is as certain as driving forward."""
     turn, last_turn = _sharpness(made.turn), _sharpness(made.last_turn)
     way = made.way * made.way
     variances = (
@@ -69,14 +69,14 @@ def spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
 
 
 def around(pose: Pose, spread: tuple[float, float, float], normals: Floats) -> Floats:
-    """Poses about one, (3, n), by standard deviations, m, m, rad, and standard normal draws (3, n)."""
+    """Return poses around one, (3, n), from standard deviations, m, m, rad, and normal draws (3, n)."""
     return np.array([pose]).T + np.array([spread]).T * normals
 
 
 def parts_of(before: Pose, after: Pose, parameters: AmclParameters) -> int:
-    """In how many steps the straight way from one pose of the odometry to the other is best taken; ≥ 1.
+    """Return the number of steps into which to divide the straight line between two odometry poses, ≥ 1.
 
-    One, unless it is as long as several after which scans count: then so many.
+    1 up to _SEVERAL update distances, otherwise the length in update distances.
     """
     moved = before.relative(after)
     parts = hypot(moved.x, moved.y) / max(parameters.update_distance, _TURN_ON_THE_SPOT)
@@ -97,9 +97,9 @@ def fingerprint() -> bytes:
 
 @kernel
 def move(poses: Floats, count: int, made: OdometryStep, spread: StepSpread, normals: Floats) -> None:
-    """Move the first `count` of `poses`, (3, capacity), each by its own sample of a step.
+    """Move the first `count` of `poses`, (3, capacity), each by a random sample of a step.
 
-    `normals`: (3, ≥ count), standard normal. Headings end up in [−π, π].
+    `normals`: (3, ≥ count), standard normal. Resulting headings are in [−π, π].
     """
     for i in range(count):
         bearing = poses[2, i] + made.turn + spread.turn * normals[0, i]

@@ -1,4 +1,4 @@
-"""Every number of the particle filter, and the sets of them that have a name."""
+"""Parameters and presets of localisation, and its interface."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -16,23 +16,23 @@ Weighting = Literal["cubes", "product"]
 
 
 class AmclParameters(Settings, frozen=True):
-    """Augmented Monte Carlo localisation; defaults as d3scomp/ROSRemote, simulation/robot.launch, has them.
+    """Augmented Monte Carlo localisation; defaults from d3scomp/ROSRemote, simulation/robot.launch.
 
-    Where nothing else stands, a field is amcl's of the same meaning (wiki.ros.org/amcl). Raises
-    ParameterError for a value that makes no sense.
+    Unless stated, fields correspond to parameters of amcl (wiki.ros.org/amcl). Raises ParameterError for an
+    invalid value.
     """
 
     min_particles: PositiveCount = 500
-    """Least number of particles."""
+    """Minimum number of particles."""
     max_particles: PositiveCount = 2000
-    """Largest number, and that at the start."""
+    """Maximum and initial number of particles."""
     kld_error: Positive = 0.05
-    """ε: largest Kullback-Leibler distance of the particles from the distribution they stand for."""
+    """ε: maximum Kullback-Leibler distance of the particles from their distribution."""
     kld_quantile: NotNegative = 0.99
-    """z: upper standard normal quantile of the probability that ε is kept; amcl's kld_z, which is mostly set
+    """z: upper standard normal quantile of the probability of keeping ε; amcl's kld_z, which is often set
     like a probability (0.99 means 84 %)."""
     odometry_model: OdometryModel = "diff"
-    """Whether alphas give standard deviations ("diff", ROS 1) or variances ("diff-corrected", the book)."""
+    """Alphas are standard deviations ("diff", ROS 1) or variances ("diff-corrected", the book)."""
     alpha1: NotNegative = 0.2
     """Noise of turning due to turning."""
     alpha2: NotNegative = 0.2
@@ -42,60 +42,60 @@ class AmclParameters(Settings, frozen=True):
     alpha4: NotNegative = 0.2
     """Noise of driving due to turning, m²."""
     weighting: Weighting = "cubes"
-    """What makes one weight of the beams' p: 1 + Σp³ (amcl's "likelihood_field") or Πp
+    """Combination of the beams' p into a weight: 1 + Σp³ (amcl's "likelihood_field") or Πp
     ("likelihood_field_prob")."""
     sharpness: Positive = 1.0
-    """Power of the product, as neighbouring beams are not independent ("Probabilistic Robotics", 6.3.4)."""
+    """Exponent of the product, since neighbouring beams are dependent ("Probabilistic Robotics", 6.3.4)."""
     beams: PositiveCount = 60
-    """Number of beams of a scan that are used, at equal angles; all, if it has fewer."""
+    """Number of beams used per scan, at equal angles; all if the scan has fewer."""
     z_hit: Share = 0.5
     """Share of beams that end at a wall of the map."""
     z_rand: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.5
-    """Share of beams that end anywhere within the sensor's range: above 0, as no beam may be impossible."""
+    """Share of beams that end anywhere within the sensor's range; above 0, so that every beam is possible."""
     sigma_hit: Positive = 0.2
     """Standard deviation of a beam's end from the wall, m."""
     max_distance: Positive = 2.0
-    """Largest distance to a wall that counts, m; amcl's laser_likelihood_max_dist."""
+    """Maximum distance to a wall that is distinguished, m; amcl's laser_likelihood_max_dist."""
     beam_skip: bool = False
-    """With "product": drop beams that few particles agree with, while the particles are together."""
+    """With "product": skip beams with which few particles agree, if the filter has converged."""
     beam_skip_distance: NotNegative = 0.5
-    """A particle agrees with a beam that ends nearer to a wall than this, m. The fit, by which recovery goes,
-    is the share of believed beams, over all particles, that are agreed with."""
+    """Distance of a beam's end from a wall within which a particle agrees with it, m. The fit, used for
+    recovery, is the share of agreements over all valid beams and particles."""
     beam_skip_threshold: Share = 0.3
-    """A beam is dropped if a smaller share of the particles agrees with it, ..."""
+    """Minimum share of agreeing particles; beams below are skipped."""
     beam_skip_error_threshold: Share = 0.9
-    """... unless at least this share of the beams would be."""
+    """Share of skipped beams from which no beam is skipped."""
     stranger_filter: bool = False
-    """Drop beams that end in the open, in sight of the estimate, while the particles are together. Own form
-    of the distance filter of Fox, Burgard and Thrun, "Markov localization for mobile robots in dynamic
+    """Drop beams that end in visible open space of the map, if the filter has converged. Own form of the
+    distance filter of Fox, Burgard and Thrun, "Markov localization for mobile robots in dynamic
     environments", JAIR 11, 1999."""
     stranger_distance: NotNegative = 0.12
-    """The open is farther from walls than this, m; own choice by measurement."""
+    """Distance from walls beyond which space is open, m; own choice by measurement."""
     peer_radius: NotNegative = 0.45
-    """A beam that ends so near a masked peer is dropped, m; own choice: two bodies' radii and 0.1 m."""
+    """Radius around a masked peer in which beams are dropped, m; own choice: two bodies' radii and 0.1 m."""
     update_distance: NotNegative = 0.25
-    """A scan counts only after this way, m, ..."""
+    """Minimum distance between used scans, m."""
     update_angle: NotNegative = 0.2
-    """... or this turn, rad, since the last one that did."""
+    """Turn after which a scan is used, too, rad."""
     resample_interval: PositiveCount = 1
-    """Scans that count from one resampling to the next."""
+    """Number of used scans between resamplings."""
     recovery_slow: Share = 0.0
-    """Decay of the slow average of the fit, per scan that counts; 0: no new poses among the particles."""
+    """Decay of the slow average of the fit, per used scan; 0: no random poses are injected."""
     recovery_fast: Share = 0.0
-    """Decay of the fast average; new poses are tried where it falls below the slow one."""
+    """Decay of the fast average; random poses are injected if it falls below the slow one."""
     search_poses: Count = 0
-    """Poses tried on the whole map per scan that counts while the robot is lost, until one explains the scans
-    and the particles are gathered there; 0: no search. Own addition."""
+    """Poses tried on the whole map per used scan while the robot is lost, until one fits the scans and the
+    particles are moved there; 0: no search. Own addition."""
     start_spread: NotNegative = 0.1
-    """Standard deviation of the start's x and y, m: the root of amcl's initial_cov_xx and _yy. Own choice, as
+    """Standard deviation of the start's x and y, m: root of amcl's initial_cov_xx and _yy. Own choice, since
     robots are placed with care; amcl's default is 0.5 m."""
     start_turn_spread: NotNegative = 0.1
-    """Standard deviation of the start's heading, rad: the root of amcl's initial_cov_aa. Own choice, as
-    above; amcl's default is 15°."""
+    """Standard deviation of the start's heading, rad: root of amcl's initial_cov_aa. Own choice as above;
+    amcl's default is 15°."""
 
     @property
     def recovers(self) -> bool:
-        """Whether new poses are tried at all: not if one of the averages stands still."""
+        """True if random poses may be injected: both averages change."""
         return self.recovery_slow > 0 and self.recovery_fast > 0
 
     def __post_init__(self) -> None:
@@ -122,65 +122,65 @@ _ROBUST: Final = AmclParameters(
 PRESETS: Final[Mapping[str, AmclParameters]] = MappingProxyType(
     {"chapter": AmclParameters(), "robust": _ROBUST}
 )
-"""`chapter`: what the chapter's robots ran. `robust`: what keeps track among other robots best."""
+"""`chapter`: as the chapter's robots. `robust`: most reliable tracking among other robots."""
 
 
 class Estimate(msgspec.Struct, frozen=True, gc=False):
-    """Where the robot holds itself to be, and how far it trusts that."""
+    """Pose estimate and its uncertainty."""
 
     pose: Pose
     covariance: Covariance
     located: bool = True
-    """False while the robot does not know where it is: it should stand."""
+    """False until the robot is located; until then it should stand."""
     lost: float = 0.0
-    """Probability that the robot is somewhere else altogether."""
+    """Probability that the pose is wrong."""
 
 
 class Localisation(Protocol):
-    """Keeps track of the robot's pose in the map frame."""
+    """Estimator of the robot's pose in the map frame."""
 
     def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
-        """The estimate at a step's start: `here` is the odometry's pose then, `sweep` the scan that came."""
+        """Return the estimate at a step's start; `here`: odometry pose, `sweep`: new scan."""
 
     def mask(self, peers: Sequence[Point]) -> None:
-        """From now on, believe no beam that ends at one of these points of the map frame, m.
+        """Ignore beams that end at one of these points from now on, m, map frame.
 
-        They replace the former ones; without any, all beams are believed.
+        Replaces the previous points; an empty sequence: use all beams.
         """
 
     def relocalise(self) -> None:
-        """Forget where the robot is, and look for it all over the map."""
+        """Discard the estimate and search the whole map."""
 
     def outcome(self) -> dict[str, object]:
-        """What can be said about the whole run, JSON-able, by subject."""
+        """Return results of the run as JSON values by name."""
 
 
 _IN_A_ROW: Final = 5
-"""So many scans have to say so on end; own choices, as all below."""
+"""Number of consecutive scans that must agree; own choices, as all below."""
 _REACH: Final = 3.0
-"""No farther from where it last was than so many standard deviations, for rooms are alike, ..."""
+"""Maximum distance from the known position in standard deviations, since rooms are similar."""
 _TOGETHER: Final = 0.95
-"""So much of the particles' weight is in one cluster, ..."""
+"""Minimum share of the particles' weight in the cluster."""
 _APART: Final = 0.15
-"""... which lies within so much of its mean on the root of the mean square, m, ..."""
+"""Maximum root mean square distance of the cluster from its mean, m."""
 _TURNED: Final = 0.1
-"""... and rad, ..."""
+"""Maximum root mean square deviation of its headings, rad."""
 _FIT: Final = 0.85
-"""... and such a share of the beams end where the map has something."""
+"""Minimum share of beams that agree with the map."""
 
 
 class Locating:
-    """Counts the scans that agree, all made while the robot stands."""
+    """Counter of consecutive scans that agree with the estimate of a standing robot."""
 
     def __init__(self, doubt: float) -> None:
-        """`doubt`: standard deviation of what was known, m."""
+        """Create a counter; `doubt`: standard deviation of the known position, m."""
         self._reach = _REACH * doubt
         self._agreed = 0
         self.believed: Point | None = None
-        """First estimate of the position, to be set by the caller."""
+        """Known position, set by the caller."""
 
     def take(self, cluster: Cluster, fit: float) -> bool:
-        """Take one more scan; return True once the robot is located."""
+        """Process a scan; return True if the robot is located."""
         pose, covariance, weight = cluster
         near = self.believed is not None and self.believed.distance_to(pose.point) <= self._reach
         narrow = covariance[0] + covariance[4] <= _APART * _APART and covariance[8] <= _TURNED * _TURNED
@@ -190,24 +190,24 @@ class Locating:
 
 
 class DeadReckoning:
-    """The pose at switch-on, moved as the odometry says: as exact as that."""
+    """Localisation by odometry alone."""
 
     def __init__(self, start: Pose, doubt: float | None = None) -> None:
-        """`doubt`: as for Amcl; it never ends, for nothing here finds out where the robot is."""
+        """Create an estimator; with `doubt`, as for Amcl, the robot is never located."""
         self._start = start
         self._located = doubt is None
 
     def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
-        """The odometry's pose in the frame of the start pose; the covariance is 0, for it knows no better."""
+        """Return the odometry pose relative to the start pose, with covariance 0."""
         lost = 0.0 if self._located else 1.0
         return Estimate(self._start.compose(here), CERTAIN, self._located, lost)
 
     def mask(self, peers: Sequence[Point]) -> None:
-        """Without effect, as no beam is believed."""
+        """Do nothing: scans are not used."""
 
     def relocalise(self) -> None:
-        """Without effect: nothing here could find out where the robot is."""
+        """Do nothing: scans are not used."""
 
     def outcome(self) -> dict[str, object]:
-        """Nothing to say."""
+        """Return no results."""
         return {}

@@ -1,10 +1,10 @@
-"""Drawing particles anew, as many as the bins they fall into ask for.
+"""Resampling of particles with adaptive sample size.
 
 KLD-sampling: Fox, "Adapting the Sample Size in Particle Filters Through KLD-Sampling", International Journal
 of Robotics Research 22(12), 2003; Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, table 8.4.
-Particles are drawn one by one, for what has been drawn so far says when to stop. As in
-ros-planning/navigation, pf.c, they are counted where they are drawn, before the next step moves them; unlike
-there, a single bin asks for the least number of particles and not for the highest.
+Particles are drawn one by one until the bound is reached. As in ros-planning/navigation, pf.c, occupied bins
+are counted before the next motion update; unlike there, a single bin requires the least number of particles,
+not the highest.
 """
 
 import math
@@ -19,33 +19,33 @@ from actors.portable import arrays
 from actors.portable.compiled import atan2
 
 SIDE: Final = 0.5
-"""m."""
+"""Side of a bin, m."""
 HEADINGS: Final = 36
-"""Bins round the circle."""
+"""Number of heading bins."""
 _EMPTY: Final = -1
 _COORDINATE: Final = 1 << 24
-"""A bin's column and row lie within ± half of this: 4000 km."""
+"""Range of a bin's column and row, centred at 0: 4000 km."""
 
 
 class Histogram(NamedTuple):
-    """Which bins some particles are in; the bins are numbered in the order of their first particles."""
+    """Occupied bins of particles, numbered in the order of their first particles."""
 
     bin_of: Int64s
-    """(n,): each particle's bin."""
+    """(n,): bin of each particle."""
     keys: Int64s
-    """(k,): each bin's column, row and heading in one number."""
+    """(k,): column, row and heading of each bin as one number."""
     table: Int64s
-    """(power of 2 ≥ 2k,): bins by the hash of their keys, or -1."""
+    """(power of 2 ≥ 2k,): hash table of bins by key, or -1."""
 
 
 class Cluster(NamedTuple):
-    """The connected bins whose particles have the highest weight, in sum."""
+    """Connected bins with the highest total weight of particles."""
 
     pose: Pose
-    """Mean; the heading's is that on the circle."""
+    """Mean pose, with the circular mean of headings."""
     covariance: Covariance
     weight: float
-    """Sum of the particles' weights, in 0 to 1."""
+    """Sum of the particles' weights, 0 to 1."""
 
 
 def heaviest_cluster(
@@ -54,10 +54,10 @@ def heaviest_cluster(
     directions: Floats,
     weights: Floats,
 ) -> Cluster:
-    """The one with the highest weight, of equals the one with the first particle.
+    """Return the cluster with the highest weight; of equal ones, the one with the first particle.
 
     As pf_cluster_stats in pf.c. `directions`: (2, capacity), cosine and sine of the headings; `weights`:
-    (capacity,), their sum over the particles is 1.
+    (capacity,), with sum 1 over the particles.
     """
     x, y, heading, weight, xx, xy, xh, yy, yh, hh = _heaviest(*found, poses, directions, weights)
     return Cluster(Pose(x, y, heading), (xx, xy, xh, xy, yy, yh, xh, yh, hh), weight)
@@ -65,7 +65,7 @@ def heaviest_cluster(
 
 @kernel
 def key(x: float, y: float, heading: float) -> int:
-    """The bin of a pose as one number; the heading lies in [−π, π]."""
+    """Return the key of a pose's bin; the heading is in [−π, π]."""
     turn = math.floor((heading + math.pi) * (HEADINGS / (2 * math.pi))) % HEADINGS
     return _join(math.floor(x / SIDE), math.floor(y / SIDE), turn)
 
@@ -78,7 +78,7 @@ def _join(column: int, row: int, turn: int) -> int:
 
 @kernel
 def slot(table: Int64s, keys: Int64s, wanted: int) -> int:
-    """Where a bin stands in the table, or the empty slot where it would."""
+    """Return the slot of a bin in the hash table, or the empty slot for it."""
     place = ((wanted * 0x9E3779B97F4A7C1) >> 20) & (table.size - 1)
     while table[place] != _EMPTY and keys[table[place]] != wanted:
         place = (place + 1) & (table.size - 1)
@@ -87,7 +87,7 @@ def slot(table: Int64s, keys: Int64s, wanted: int) -> int:
 
 @kernel
 def histogram(poses: Floats, count: int) -> Histogram:
-    """Of the first `count` particles of `poses`, (3, capacity), headings in [−π, π]."""
+    """Return the histogram of the first `count` of `poses`, (3, capacity), headings in [−π, π]."""
     size = 2
     while size < 2 * count:
         size *= 2
@@ -108,7 +108,7 @@ def histogram(poses: Floats, count: int) -> Histogram:
 
 @kernel
 def _connect(keys: Int64s, table: Int64s) -> Int64s:
-    """Each bin's cluster, numbered in the order of their first bins."""
+    """Return the cluster of each bin, numbered by its first bin."""
     cluster = np.full(keys.size, _EMPTY)
     waiting = np.empty(keys.size, np.int64)
     for first in range(keys.size):
@@ -143,7 +143,7 @@ def _heaviest(
     directions: Floats,
     weights: Floats,
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
-    """Mean x, y, heading; weight; xx, xy, xh, yy, yh, hh of the covariance."""
+    """Return mean x, y, heading; weight; xx, xy, xh, yy, yh, hh of the covariance."""
     cluster = _connect(keys, table)
     masses = np.zeros(keys.size)
     for i in range(bin_of.size):
@@ -175,10 +175,10 @@ def _heaviest(
 
 @kernel
 def kld_bound(bins: int, error: float, quantile: float) -> float:
-    """So many particles keep the Kullback-Leibler distance below `error` (Fox 2003, equation 15).
+    """Return the number of particles for a Kullback-Leibler distance below `error` (Fox 2003, equation 15).
 
-    `bins`: how many are occupied. `quantile`: upper one of the standard normal distribution for the
-    probability that the distance is kept; it stands for that of χ² by the formula of Wilson and Hilferty.
+    `bins`: number of occupied bins. `quantile`: upper standard normal quantile of the required probability,
+    converted to χ² by the Wilson-Hilferty approximation.
     """
     if bins <= 1:
         return 0.0
@@ -189,9 +189,9 @@ def kld_bound(bins: int, error: float, quantile: float) -> float:
 
 @kernel
 def _guide(weights: Floats, sums: Floats) -> Int64s:
-    """Where to begin to look for the particle of a draw; fills `sums` with those of the weights.
+    """Return the guide table for drawing particles; fills `sums` with cumulative weights.
 
-    Entry j is the first particle whose sum exceeds a share of j/n of the total (Chen and Asau 1974, "On
+    Entry j is the first particle whose cumulative weight exceeds j/n of the total (Chen and Asau 1974, "On
     generating random variates from an empirical distribution").
     """
     count = sums.size
@@ -221,12 +221,12 @@ def resample(
     quantile: float,
     drawn: Floats,
 ) -> tuple[int, int]:
-    """Fill `drawn`, (3, capacity), with particles; gives how many, and how many of them are new poses.
+    """Fill `drawn`, (3, capacity), with particles; return their number and the number of injected poses.
 
-    The first `count` of `poses`, (3, ·), are particles with `weights`; behind them stand new poses. Each draw
-    takes with a probability of `injection` the next new pose, else a particle by the weights. `found` has the
-    bins of all. `uniforms`: (most,) in [0, 1), one per draw. Drawing ends once there are `least` and
-    `kld_bound` of the bins that they are in.
+    The first `count` of `poses`, (3, ·), are particles with `weights`, followed by random poses. Each draw
+    takes the next random pose with probability `injection`, otherwise a particle by weight. `found`:
+    histogram of all poses. `uniforms`: (most,) in [0, 1), one per draw. Drawing ends when `least` and
+    `kld_bound` of the occupied bins are reached.
     """
     sums = np.empty(count)
     guide = _guide(weights, sums)

@@ -1,8 +1,8 @@
-"""Global search for a lost robot, beside the particles.
+"""Global search for the pose of a lost robot, independent of the particles.
 
-Hypotheses as by Jensfelt and Kristensen, "Active global localization for a mobile robot using multiple
-hypothesis tracking", IEEE Transactions on Robotics and Automation 17(5), 2001: the places that explain a scan
-best are followed with the odometry, and the later scans decide between them.
+Multiple hypothesis tracking as in Jensfelt and Kristensen, "Active global localization for a mobile robot
+using multiple hypothesis tracking", IEEE Transactions on Robotics and Automation 17(5), 2001: the poses that
+fit a scan best are tracked by odometry, and later scans select one.
 """
 
 import math
@@ -21,30 +21,30 @@ from actors.robot.localisation.motion import around
 
 
 class _Shares(NamedTuple):
-    """A beta distribution of the share of the beams that pass a wall, of those that agree or pass one."""
+    """Beta distribution of the share of beams that pass through a wall, among those that agree or pass."""
 
     passing: float
     agreeing: float
 
 
 _TRACKING: Final = _Shares(0.05, 8.0)
-"""From the right pose: a beam that grazes a corner, now and then. Own fit, as is the next: courses of
-`acrc verify localisation` with 0 to 10 others, at 58° and 360°, on three maps."""
+"""At the correct pose: few beams, which graze a corner. Fitted, like the next, to courses of
+`acrc verify localisation` with 0 to 10 other robots, at 58° and 360°, on three maps."""
 _LOST: Final = _Shares(0.5, 1.2)
-"""From a wrong pose: anything, but in the mean a third."""
+"""At a wrong pose: any share, a third on average."""
 _HAZARD: Final = 1e-4
-"""Per scan: that a robot which was not lost is now; own choice, as all below."""
+"""Probability per scan of becoming lost; own choice, as all below."""
 _RETURN: Final = 2e-3
-"""Per scan: that one which was lost is not any more."""
+"""Probability per scan of a lost robot no longer being lost."""
 _LEAST_PROBABILITY: Final = 1e-6
 _MOST_PROBABILITY: Final = 0.999
-"""No number of scans makes either certain."""
+"""Bounds of the probability of being lost."""
 
 
 def odds_of_lost(agreeing: int, beyond: int) -> float:
-    """By what a scan with so many beams changes the odds: the likelihoods' ratio, beta-binomial each.
+    """Return the factor by which a scan changes the odds of being lost: a ratio of beta-binomial likelihoods.
 
-    The root of it, as a scan says much the same as the one before.
+    The square root of the ratio, since consecutive scans are correlated.
     """
     ratio = 1.0
     for i in range(beyond):
@@ -57,69 +57,69 @@ def odds_of_lost(agreeing: int, beyond: int) -> float:
 
 
 class LostProbability:
-    """The probability, scan by scan, by a hidden Markov model (Rabiner, Proc. IEEE 77(2), 1989)."""
+    """Probability of being lost, by a hidden Markov model (Rabiner, Proc. IEEE 77(2), 1989)."""
 
     def __init__(self, probability: float = _LEAST_PROBABILITY) -> None:
         self.probability = min(max(probability, _LEAST_PROBABILITY), _MOST_PROBABILITY)
 
     def take(self, agreeing: int, beyond: int) -> None:
-        """One more scan, seen from where the robot would be: beams that agree, and that pass a wall."""
+        """Update with a scan at the estimate: numbers of beams that agree and that pass through a wall."""
         before = self.probability * (1 - _RETURN) + (1 - self.probability) * _HAZARD
         odds = before / (1 - before) * odds_of_lost(agreeing, beyond)
         self.probability = min(max(odds / (1 + odds), _LEAST_PROBABILITY), _MOST_PROBABILITY)
 
 
 _MOST: Final = 20
-"""Hypotheses at once; own choices, as all below: tried on 36 courses of `acrc verify localisation` in which
-the robot is carried away, on three maps, at 58° and 360°, alone and among four others."""
+"""Maximum number of hypotheses; own choices, as all below, tuned on 36 courses of `acrc verify localisation`
+with a carried robot, on three maps, at 58° and 360°, alone and among four others."""
 _FRESH: Final = 8
-"""New ones per scan."""
+"""New hypotheses per scan."""
 _NEAR: Final = 0.1
-"""Share of the tried poses that are drawn near the estimate,"""
+"""Share of poses drawn near the estimate."""
 _NEAR_SPREAD: Final = (0.5, 0.5, 0.3)
-"""with these standard deviations, m, m, rad: most robots that lose their way are not far off at first."""
+"""Their standard deviations, m, m, rad: lost robots are usually near their estimate at first."""
 _TRIES: Final = 24
-"""Poses tried around one to make it better."""
+"""Poses tried around one to refine it."""
 _FIRST_SPREAD: Final = (0.15, 0.15, 0.1)
 _LATER_SPREAD: Final = (0.06, 0.06, 0.04)
 _WIDE: Final = 0.25
-"""How exact a pose that was only drawn is, m; see `worth`."""
+"""Accuracy of a drawn pose, m; see `worth`."""
 _NARROW: Final = 0.1
-"""The same of one that was made better."""
+"""Accuracy of a refined pose, m."""
 _APART: Final = (0.5, 0.35)
-"""Nearer than both, m and rad, two hypotheses are one."""
+"""Distances below which two hypotheses are equal, m and rad."""
 _MEMORY: Final = 8
-"""Scans that a score is the mean of, about."""
+"""Number of scans in the mean of a score, approximately."""
 _RIPE: Final = 6
-"""After so many scans a hypothesis may be believed,"""
+"""Number of scans after which a hypothesis may be accepted."""
 _SURE: Final = 0.1
-"""if it is wrong with no higher a probability,"""
+"""Maximum probability of being wrong for an accepted hypothesis."""
 _LEAST: Final = 0.5
-"""has at least this score,"""
+"""Minimum score of an accepted hypothesis."""
 _BETTER: Final = 0.2
-"""is so much better than the estimate,"""
+"""Minimum lead of its score over that of the estimate."""
 _LEAD: Final = 0.05
-"""and than every other hypothesis that may be right."""
+"""Minimum lead over all other plausible hypotheses."""
 
 
 @dataclass
 class PoseHypothesis:
-    """A place where the robot may be."""
+    """A possible pose of the robot."""
 
     frame: Pose
-    """Where in the map frame the odometry's origin would be."""
+    """Pose of the odometry's origin in the map frame."""
     score: float
     scans: int = 0
     lost: LostProbability = field(default_factory=lambda: LostProbability(0.5))
 
     @property
     def rank(self) -> float:
-        """By what it stays or goes: its score, with a bonus for scans that were foretold."""
+        """Score with a bonus for the number of scans and a penalty if probably wrong."""
         return self.score + 0.02 * min(self.scans, 4) - (0.3 if self.lost.probability > 0.9 else 0.0)
 
 
 class Search:
-    """One search, from the scan on by which the robot was found to be lost."""
+    """A search for the pose of a lost robot."""
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class Search:
         generator: Generator,
         poses: int,
     ) -> None:
-        """`mount`: (2,), m, where beams begin in the body's frame; `poses`: so many are tried per scan."""
+        """Create a search. `mount`: (2,), m, origin of beams, body's frame; `poses`: poses tried per scan."""
         self._plan = plan
         self._mount = mount
         self._generator = generator
@@ -139,10 +139,10 @@ class Search:
         self._estimate: float | None = None
 
     def take(self, points: Floats, here: Pose, estimate: Pose) -> PoseHypothesis | None:
-        """Take one more scan; return where the robot is once that is clear.
+        """Process a scan; return the accepted hypothesis, if there is one.
 
-        `points`: (b, 2), b ≥ 1, m, body's frame, the ends of its beams. `here`: the odometry's pose;
-        `estimate`: the doubtful one in the map frame.
+        `points`: (b, 2), b ≥ 1, m, body's frame, end points of beams. `here`: odometry pose; `estimate`:
+        current estimate, map frame.
         """
         self._points = points
         self._follow(here, estimate)
@@ -150,13 +150,13 @@ class Search:
         self._hypotheses.sort(key=lambda one: -one.rank)
         self._hypotheses = _distinct(self._hypotheses, here)
         found = self._found()
-        if found is not None:  # the others stay: the scans to come may say that it was one of them
+        if found is not None:  # keep the others: later scans may select one of them
             self._hypotheses.remove(found)
             self._estimate = found.score
         return found
 
     def rivals(self, here: Pose, estimate: Pose) -> int:
-        """How many other places explain the scans as well as the estimate: each is as likely as that."""
+        """Return the number of other hypotheses that fit the scans as well as the estimate."""
         if self._estimate is None:
             return 0
         as_good = [
@@ -170,20 +170,20 @@ class Search:
         return len(as_good)
 
     def _follow(self, here: Pose, estimate: Pose) -> None:
-        """Every hypothesis and the estimate: how well it foretold the scan; then, what makes it better."""
+        """Update and refine all hypotheses and the estimate's score with the scan."""
         score = float(self._explained(np.array([estimate]).T, self._narrow).score[0])
         known = self._estimate
         self._estimate = score if known is None else known + (score - known) / _MEMORY
         for one in self._hypotheses:
-            foretold = one.frame.compose(here)
-            seen = self._explained(np.array([foretold]).T, self._narrow)
+            predicted = one.frame.compose(here)
+            fit = self._explained(np.array([predicted]).T, self._narrow)
             one.scans += 1
-            one.score += (float(seen.score[0]) - one.score) / min(one.scans, _MEMORY)
-            one.lost.take(int(seen.agreeing[0]), int(seen.beyond[0]))
-            one.frame = self._better(foretold, _LATER_SPREAD)[0].frame(here)
+            one.score += (float(fit.score[0]) - one.score) / min(one.scans, _MEMORY)
+            one.lost.take(int(fit.agreeing[0]), int(fit.beyond[0]))
+            one.frame = self._better(predicted, _LATER_SPREAD)[0].frame(here)
 
     def _drawn(self, here: Pose, estimate: Pose) -> list[PoseHypothesis]:
-        """New hypotheses: the best of poses from all over the map, and from near the estimate."""
+        """Return new hypotheses: the best of random poses on the map and near the estimate."""
         near = around(estimate, _NEAR_SPREAD, normals(self._generator, (3, round(_NEAR * self._poses))))
         drawn = np.hstack((self._plan.poses(self._generator, self._poses - near.shape[1]), near))
         score = self._explained(drawn, self._wide).score
@@ -201,7 +201,7 @@ class Search:
         return found
 
     def _better(self, pose: Pose, spread: tuple[float, float, float]) -> tuple[Pose, float]:
-        """The best of some poses around one, and of itself, with its score."""
+        """Return the best of a pose and random ones around it, with its score."""
         draws = normals(self._generator, (3, _TRIES))
         draws[:, 0] = 0.0
         tried = around(pose, spread, draws)
@@ -214,7 +214,7 @@ class Search:
         return explain(self._plan.grid, self._points, self._mount, poses, worth)
 
     def _found(self) -> PoseHypothesis | None:
-        """The hypothesis to believe, if there is one."""
+        """Return the hypothesis to accept, if there is one."""
         ripe = [one for one in self._hypotheses if one.scans >= _RIPE and one.lost.probability < _SURE]
         if not ripe or self._estimate is None:
             return None
@@ -231,7 +231,7 @@ def _same(one: Pose, other: Pose) -> bool:
 
 
 def _distinct(ranked: list[PoseHypothesis], here: Pose) -> list[PoseHypothesis]:
-    """The first ones, without those that are the same as one before."""
+    """Return the first _MOST hypotheses without duplicates."""
     kept: list[tuple[PoseHypothesis, Pose]] = []
     for one in ranked:
         pose = one.frame.compose(here)

@@ -1,1 +1,1 @@
-"""How a robot gets somewhere: goals, recoveries and global planning."""
+"""Navigation: goals, recoveries, global and local planning."""

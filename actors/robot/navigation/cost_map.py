@@ -1,7 +1,7 @@
-"""The local cost map: what stands around the robot, in a window of the odometry frame that rolls with it.
+"""Local cost map: obstacles around the robot, in a rolling window of the odometry frame.
 
-As costmap_2d with an obstacle layer and an inflation layer (ros-planning/navigation). Cells are anchored to
-multiples of their side, so that rolling moves whole cells and what is remembered stays where it was seen.
+As costmap_2d with an obstacle layer and an inflation layer (ros-planning/navigation). Cells are aligned to
+multiples of their side, so that rolling moves whole cells and marks keep their positions.
 """
 
 import math
@@ -35,24 +35,24 @@ from actors.settings import Interval, NotNegative, Positive, Settings
 from deeco.knowledge import new_tuple
 
 LETHAL: Final = 254
-"""Cost of a cell that holds something."""
+"""Cost of a cell with an obstacle."""
 INSCRIBED: Final = 253
-"""Cost of a cell in which the robot's centre cannot be without its body touching something."""
+"""Cost of a cell in which the robot's centre implies a collision."""
 
 
 @dataclass(frozen=True)
 class Inflation:
-    """How the cost falls with the distance to the nearest lethal cell."""
+    """Cost as a function of the distance to the nearest lethal cell."""
 
     inscribed: float
-    """Up to this distance the body touches what is lethal, m."""
+    """Distance up to which the body collides, m."""
     radius: float
-    """From this distance on nothing costs anything, m."""
+    """Distance from which the cost is 0, m."""
     scaling: float
-    """How fast the cost falls between the two, 1/m (cost_scaling_factor)."""
+    """Decay rate of the cost between the two, 1/m (cost_scaling_factor)."""
 
     def costs(self, distance: ArrayLike) -> Octets:
-        """Cost at each distance, m: LETHAL at 0, INSCRIBED near it, then from 252 to 0; same shape."""
+        """Return the cost at each distance, m: LETHAL at 0, INSCRIBED, then from 252 to 0; same shape."""
         away = np.asarray(distance, dtype=np.float64)
         beyond = np.maximum(away - self.inscribed, 0.0)
         falling = np.floor((INSCRIBED - 1) * arrays.exp(-self.scaling * beyond))
@@ -61,13 +61,13 @@ class Inflation:
         return np.where(away <= 0.0, LETHAL, costs).astype(np.uint8)
 
     def reach(self, cell: float) -> int:
-        """How many cells of side `cell`, m, away something still costs, or touches, at most."""
+        """Return the distance in cells of side `cell`, m, beyond which the cost is 0."""
         return math.ceil(max(self.radius, self.inscribed) / cell - 1e-9)
 
     def table(self, cell: float) -> Octets:
-        """Cost by squared distance in cells of side `cell`, m: ((reach + 1)² + 1,), read-only, 0 at its end.
+        """Return the cost by squared distance in cells of side `cell`, m: ((reach + 1)² + 1,), read-only.
 
-        The distance is that between the centres of two cells.
+        The last cost is 0. Distances are between the centres of cells.
         """
         reach = self.reach(cell) + 1
         table = self.costs(cell * np.sqrt(np.arange(reach * reach + 1)))
@@ -77,7 +77,7 @@ class Inflation:
 
 
 def fingerprint() -> bytes:
-    """What the costs are for fixed inputs: differs where a processor or library computes differently."""
+    """Return costs for fixed inputs; another processor or library may give others."""
     return (
         Inflation(0.227, 0.75, 15.0).table(0.05).tobytes() + Inflation(0.2, 0.5, 10.0).table(0.05).tobytes()
     )
@@ -87,37 +87,37 @@ _NEVER: Final = np.iinfo(np.int64).min
 
 
 class CostMapParameters(Settings, frozen=True):
-    """The window and what it takes from scans; from d3scomp/ROSRemote, simulation/params, where not said."""
+    """Local cost map; values from d3scomp/ROSRemote, simulation/params, unless stated."""
 
     size: Positive = 4.0
     """Side of the window, m."""
     cell: Positive = 0.05
     """Side of a cell, m."""
     obstacle_range: NotNegative = 2.5
-    """What is nearer to the sensor is marked, m."""
+    """Maximum range of marking, m."""
     raytrace_range: NotNegative = 3.0
-    """Up to this distance from the sensor rays clear, m."""
+    """Maximum range of clearing, m."""
     inf_is_valid: bool = False
-    """Whether rays without echo clear, in costmap_2d off by default. From twice the shortest range of the
-    sensor on, as nothing nearer than that range gives an echo."""
+    """Clear cells by rays without echo; off by default in costmap_2d. Clears from twice the sensor's shortest
+    range, since nearer obstacles cause no echo."""
     inflation_radius: NotNegative = 0.75
     """Distance at which the cost of marks ends, m."""
     scaling: NotNegative = 15.0
-    """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
+    """Decay rate of the cost, 1/m (cost_scaling_factor)."""
     body: Literal["polygon", "disc"] = "polygon"
-    """What the body is here: a "polygon" of 16 corners, as costmap_2d makes one of a radius, or a "disc"."""
+    """Footprint: a "polygon" of 16 corners, as costmap_2d makes from a radius, or a "disc"."""
     allowance: NotNegative = 0.003
     """Added to the body's radius, m: the files have robot_radius 0.18 for a body of 0.177."""
     padding: NotNegative = 0.01
     """Added to the polygon's coordinates, m (costmap_2d footprint_padding), or to the disc's radius. The
-    centre keeps as far from a marked cell's middle as the disc within the polygon, or the padded disc,
-    reaches."""
+    centre keeps the inscribed radius of the polygon, or that of the padded disc, from centres of marked
+    cells."""
     free_memory: Interval = Duration(0)
-    """How long a cell counts as seen free after a ray passed through it; 0 = not at all."""
+    """Time for which a cell counts as observed free after a ray passed through it; 0 = never."""
     free_range: NotNegative = 1.0
-    """Distance from the sensor up to which that is remembered, m."""
+    """Maximum range of observing free cells, m."""
     moving_memory: Interval = Duration(0)
-    """How long a mark counts as moving if its cell counted as seen free before (needs `free_memory`); 0 =
+    """Time for which a mark counts as moving if its cell was observed free before (needs `free_memory`); 0 =
     none."""
 
     def __post_init__(self) -> None:
@@ -137,15 +137,15 @@ LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
         "robust": replace(_DISC, free_memory=seconds(3), moving_memory=seconds(1)),
     }
 )
-"""`robust`: own choices. Its padding is costmap_2d's 0.01 and half a cell's diagonal, as an obstacle may be
-in a corner of its cell."""
+"""`robust`: own choices. The padding is costmap_2d's 0.01 plus half a cell's diagonal, since an obstacle may
+be in a corner of its cell."""
 
 
 def room_needed(radius: float, parameters: CostMapParameters) -> float:
-    """Return the clearance, m, with which a body of `radius`, m, is free of marks at any angle.
+    """Return the clearance, m, at which a body of `radius`, m, is free of marks at any angle.
 
-    A wall marks whole cells. Their corners, which count for a polygon, are nearer by a cell's diagonal at
-    most; their centres, which count for a disc, by half of it.
+    A wall marks whole cells. The corners of cells (for a polygon) are nearer than the wall by at most a
+    cell's diagonal, their centres (for a disc) by half of it.
     """
     outer, diagonal = radius + parameters.allowance, parameters.cell * math.sqrt(2.0)
     if parameters.body == "disc":
@@ -154,16 +154,16 @@ def room_needed(radius: float, parameters: CostMapParameters) -> float:
 
 
 class CostMap:
-    """The window of one robot; empty until the first scan."""
+    """Local cost map of one robot; empty until the first scan."""
 
     def __init__(
         self, sensor: RangeSensor, radius: float, parameters: CostMapParameters = LOCAL_MAP_PRESETS["chapter"]
     ) -> None:
-        """`radius`: of the body, m."""
+        """Create an empty map; `radius`: of the body, m."""
         p = self.parameters = parameters
         outer = radius + p.allowance
         self.outline: Final = outline(outer, p.padding)
-        """(16, 2): corners of the body as a polygon, m, in its frame."""
+        """(16, 2): corners of the footprint, m, body's frame."""
         within = inscribed(outer, p.padding) if p.body == "polygon" else outer + p.padding
         self.inflation: Final = Inflation(within, p.inflation_radius, p.scaling)
         check_reach("local_map: the radius of the body with its padding", self.inflation.inscribed, p.cell)
@@ -172,8 +172,8 @@ class CostMap:
         self._radius = radius
         self._room = within if p.body == "disc" else radius
         self._seen, self._body = np.zeros(3), np.array([0.0, 0.0, radius / p.cell])
-        """Of the scan that is taken in: the sensor's place, cells from the corner, and heading; the body's
-        place, cells, and radius."""
+        """Sensor's position, cells from the corner, and heading at the scan; body's position and radius,
+        cells."""
         self._mount = sensor.mount
         angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
         directions = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
@@ -187,26 +187,26 @@ class CostMap:
         self._marks: Octets = np.zeros((side, side), np.uint8)
         self._stamps: Int64s = np.full((side, side) if p.free_memory else (0, 0), _NEVER, np.int64)
         self.arrivals: Int64s = np.full((side, side) if p.moving_memory else (0, 0), _NEVER, np.int64)
-        """When a cell that counted as seen free was last marked; empty where `moving_memory` is 0."""
+        """Time at which a cell observed free was last marked; empty if `moving_memory` is 0."""
         self._squared: Int16s | None = None
         self._taken: Instant | None = None
         self.corner = Cell(-self._half, -self._half)
-        """Row and column, counted from the odometry frame's origin, of the window's south-west cell."""
+        """Row and column of the window's south-west cell, relative to the odometry frame's origin."""
 
     @property
     def side(self) -> int:
-        """Rows and columns of the window."""
+        """Number of rows and columns of the window."""
         return len(self._marks)
 
     @property
     def squared(self) -> Int16s:
-        """Squared distance from each cell to the nearest marked one, cells²: (rows, columns), capped."""
+        """Squared distance from each cell to the nearest mark, cells²: (rows, columns), capped."""
         if self._squared is None:
             self._squared = squared_within(self._marks, self.inflation.reach(self.parameters.cell))
         return self._squared
 
     def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
-        """Roll to `here`, the body's pose now in the odometry frame, and take in a scan if there is one."""
+        """Roll to `here`, the body's pose in the odometry frame, and process a scan if there is one."""
         self._roll(here)
         if sweep is None:
             return
@@ -226,17 +226,17 @@ class CostMap:
         self._taken = instant
 
     def restore(self, instant: Instant, corner: Cell, marks: Octets) -> None:
-        """Hold what another held at `instant`: `marks`, (rows, columns), 0 or 1; `corner`: of its window."""
+        """Restore recorded marks, (rows, columns), 0 or 1, of a window with that corner at `instant`."""
         self.corner, self._marks, self._squared, self._taken = corner, marks, None, instant
 
     def age(self, instant: Instant) -> float:
-        """Seconds since a scan was last taken in; inf before the first."""
+        """Return the time since the last scan, s; inf before the first."""
         return math.inf if self._taken is None else in_seconds(Duration(instant - self._taken))
 
     def clear(self, beyond: float) -> None:
-        """Forget what is marked outside of the square of side `beyond`, m, round the robot.
+        """Clear marks outside of the square of side `beyond`, m, around the robot.
 
-        clear_costmap_recovery of ros-planning/navigation; its reset_distance is that side.
+        As clear_costmap_recovery of ros-planning/navigation with that reset_distance.
         """
         reach = min(round(beyond / 2 / self.parameters.cell), self._half)
         inner = slice(self._half - reach, self._half + reach)
@@ -246,11 +246,11 @@ class CostMap:
         self._squared = None
 
     def marked(self) -> Int64s:
-        """Indices of the marked cells, row by row, the southernmost row first: (k,)."""
+        """Return the indices of marked cells, row by row from the south: (k,)."""
         return np.flatnonzero(self._marks.view(np.bool_))
 
     def marks(self) -> Floats:
-        """Centres of the marked cells: (k, 2), m, odometry frame, from south to north, west to east."""
+        """Return the centres of marked cells: (k, 2), m, odometry frame, south to north, west to east."""
         rows, columns = np.nonzero(self._marks)
         cell = self.parameters.cell
         return np.column_stack(
@@ -258,10 +258,10 @@ class CostMap:
         )
 
     def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
-        """Return True if the body at `here` can back off straight by `distance`, m, as far as the map shows.
+        """Return True if the body at `here` can back off straight by `distance`, m, according to the map.
 
-        The centre keeps as far from marks as the local planner has to, or as far as it is now, if that is
-        less. `touching`: marks may be within the body's radius now.
+        The centre keeps the local planner's distance from marks, or its current distance if that is less.
+        `touching`: marks may be within the body's radius now.
         """
         marks, cell = self.marks(), self.parameters.cell
         least = math.inf
@@ -279,26 +279,23 @@ class CostMap:
         return True
 
     def costs(self) -> Octets:
-        """The cost of each cell: (rows, columns), row 0 the southernmost."""
+        """Return the cost of each cell: (rows, columns), row 0 the southernmost."""
         costs: Octets = self.table[self.squared]
         return costs
 
     def trusted(self, instant: Instant) -> Octets:
-        """1 in each cell that was seen free lately, or that the body stood on: (rows, columns).
-
-        Where `free_memory` is 0 there are no such cells.
-        """
+        """Return 1 in each cell observed free or below the body within `free_memory`: (rows, columns)."""
         if not self._stamps.size:
             return np.zeros_like(self._marks)
         return (self._stamps >= instant - self.parameters.free_memory).astype(np.uint8)
 
     def _cells(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the odometry frame, m, in cells from the window's corner."""
+        """Return a point of the odometry frame, m, in cells from the window's corner."""
         cell = self.parameters.cell
         return x / cell - self.corner.column, y / cell - self.corner.row
 
     def _roll(self, here: Pose) -> None:
-        """Move the window so that the robot is in its middle."""
+        """Centre the window on the robot."""
         cell = self.parameters.cell
         row, column = math.floor(here.y / cell) - self._half, math.floor(here.x / cell) - self._half
         up, right = row - self.corner.row, column - self.corner.column
@@ -313,7 +310,7 @@ class CostMap:
 
 
 def _rolled(cells: NDArray[Any], up: int, right: int, empty: int) -> NDArray[Any]:
-    """The cells of a window that lies `up` rows and `right` columns further; `empty` where it is new."""
+    """Return the cells of a window moved by `up` rows and `right` columns; `empty` in new cells."""
     side = cells.shape[0]
     rolled = np.empty(cells.shape, cells.dtype)
     rolled[:] = empty

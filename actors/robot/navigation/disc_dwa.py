@@ -1,7 +1,7 @@
 """Kernel of our own dynamic window approach, for a disc.
 
-The critics are those of `dwa`, but trajectories are arcs, distances to marks are exact, and the body grows
-with its speed. Lengths are in cells of the window; positions count from its south-west corner.
+Critics as in `dwa`, but trajectories are arcs, distances to marks are exact, and the footprint grows with
+speed. Lengths are in cells of the window; positions are relative to its south-west corner.
 """
 
 import math
@@ -16,14 +16,14 @@ from actors.portable.compiled import cos, cos_sin, sin
 from actors.robot.navigation.map_grid import Waves, steps_at
 
 INVALID: Final = -1.0
-"""Score of a trajectory that must not be driven."""
+"""Score of an invalid trajectory."""
 _NEARLY: Final = 1e-4
-"""So little less than the least speed still is that speed."""
+"""Tolerance of the least speed."""
 _DIAGONAL: Final = math.sqrt(2.0)
-"""Steps, each to one of four neighbours, per cell of a way along a diagonal."""
+"""Steps to one of four neighbours per cell along a diagonal."""
 _FLANK_COSINE: Final = cos(math.radians(50))
 _FLANK_SINE: Final = sin(math.radians(50))
-"""Backing out, the robot has to know the floor below its stern, and 50° to both sides of it."""
+"""Driving backward requires known floor below the stern and at 50° to both sides of it."""
 
 _PARAMETERS: Final = (
     "path", "alignment", "goal", "front", "nose", "horizon", "stride", "turn_stride", "deceleration",
@@ -31,26 +31,26 @@ _PARAMETERS: Final = (
     "least_turn", "goal_distance", "escape",
 )  # fmt: skip
 WEIGHTS: Final = np.dtype([(name, np.float64) for name in _PARAMETERS], align=True)
-"""The critics' weights per step, and parameters of a trajectory; lengths in cells.
+"""Weights of the critics per step, and parameters of a trajectory; lengths in cells.
 
-`nose`: its distance from the centre. `horizon`: duration, s; longer if stopping takes longer: `stop_buffer`,
-s, and braking with `deceleration`. It ends after `goal_distance`, or after the stopping distance if that is
-longer. It is checked every `stride`, or `turn_stride`, rad: the centre keeps `radius` and `padding` from
-marks; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`. `least_speed`,
-`least_turn`: one of both is exceeded. A centre that is too near by at most `escape` may move as long as the
-distance does not fall. A nose where the centre cannot be counts as farther by the most steps that it can be
-away.
+`nose`: distance of the nose from the centre. `horizon`: duration, s; longer if stopping takes longer:
+`stop_buffer`, s, and braking with `deceleration`. The trajectory ends after `goal_distance`, or after the
+stopping distance if that is longer. It is checked every `stride`, or `turn_stride`, rad: the centre keeps
+`radius` plus `padding` from marks; the radius grows by `scaling_factor` from `scaling_speed` over
+`scaling_range`. `least_speed`, `least_turn`: at least one is reached. A centre that is too near by at most
+`escape` may move unless the distance falls. A nose in an occupied cell counts as farther by its largest
+possible distance from the centre in steps.
 """
 
 
 class Fields(NamedTuple):
-    """What the critics know of the window's cells."""
+    """Inputs of the critics for the window's cells."""
 
     squared: Int16s
-    """(rows, columns): squared distance to the nearest marked cell, cells²."""
+    """(rows, columns): squared distance to the nearest mark, cells²."""
     waves: Waves
     trusted: Octets
-    """(rows, columns): 1 where the robot may back out over."""
+    """(rows, columns): 1 in cells over which the robot may drive backward."""
 
 
 def fingerprint() -> bytes:
@@ -79,7 +79,7 @@ def fingerprint() -> bytes:
 
 @kernel
 def _known(trusted: Octets, x: float, y: float) -> bool:
-    """True if the cell around a point is trusted."""
+    """Return True if a point's cell is trusted."""
     row, column = math.floor(y), math.floor(x)
     inside = 0 <= row < trusted.shape[0] and 0 <= column < trusted.shape[1]
     return inside and trusted[row, column] != 0
@@ -87,7 +87,7 @@ def _known(trusted: Octets, x: float, y: float) -> bool:
 
 @kernel
 def _stern_known(trusted: Octets, x: float, y: float, c: float, s: float, radius: float) -> bool:
-    """True if the floor below the stern of a body at (x, y) with its heading's cosine and sine is trusted."""
+    """Return True if the floor below the stern of a body at (x, y) is trusted; c, s: of its heading."""
     for side in (-1, 0, 1):
         along = _FLANK_COSINE if side else 1.0
         across = side * _FLANK_SINE
@@ -98,7 +98,7 @@ def _stern_known(trusted: Octets, x: float, y: float, c: float, s: float, radius
 
 @kernel
 def _limit(speed: float, w: Any) -> float:
-    """The squared distance that a cell has to exceed at that speed, cells²."""
+    """Return the squared distance from marks that is required at a speed, cells²."""
     growth = max(0.0, abs(speed) - w.scaling_speed) / w.scaling_range * w.scaling_factor
     reach = w.radius * (1.0 + growth) + w.padding
     return float(reach * reach)
@@ -106,11 +106,11 @@ def _limit(speed: float, w: Any) -> float:
 
 @kernel
 def squared_at(squared: Int16s, x: float, y: float) -> float:
-    """Squared distance from a point to the centre of the nearest marked cell, cells².
+    """Return the squared distance from a point to the centre of the nearest marked cell, cells².
 
-    The point is at least half a cell, and less than all but half a cell, from the window's corner both ways.
-    Between four centres the squared distance to one point is their bilinear mean less the last two terms;
-    where the four are not nearest to the same one, the truth is greater, never less.
+    The point is at least half a cell inside the window. Between four centres the squared distance to one mark
+    is their bilinear mean less the last two terms; if the four have different nearest marks, the result is a
+    lower bound.
     """
     right, up = x - 0.5, y - 0.5
     column, row = np.uintp(right), np.uintp(up)
@@ -134,17 +134,17 @@ def _driven(
     fleeing: bool,
     w: Any,
 ) -> tuple[float, float, float, float, float]:
-    """The least squared distance along a trajectory, or INVALID; x, y, cosine and sine at its end."""
+    """Return the least squared distance along a trajectory, or INVALID; x, y, cosine and sine at its end."""
     squared = fields.squared
     time = max(w.horizon, abs(speed) / w.deceleration + w.stop_buffer)
     count = max(1, math.ceil(max(abs(speed) * time / w.stride, abs(turn) * time / w.turn_stride)))
     if speed == 0.0:
-        count = 1  # a disc that turns on the spot stays where it is
+        count = 1  # a disc that turns on the spot does not move
     angle = turn * time / count
     rotate_c, rotate_s = cos(angle), sin(angle)
     half_c, half_s = cos(0.5 * angle), sin(0.5 * angle)
     chord = speed * time / count
-    if 0.5 * angle != 0.0:  # half of the smallest number is 0
+    if 0.5 * angle != 0.0:  # half of the smallest float is 0
         chord *= half_s / (0.5 * angle)
     limit = _limit(speed, w)
     if count * abs(chord) > w.goal_distance:
@@ -181,10 +181,10 @@ def _score(
     too_near: bool,
     w: Any,
 ) -> float:
-    """What the critics say together about a trajectory and where it ends, or INVALID.
+    """Return the sum of the critics' scores of a trajectory and its end, or INVALID.
 
-    `too_near`: the robot cannot be where it ends, nor where it is. No way from there is known then, and
-    whatever leads away is better.
+    `too_near`: start and end are both too near to marks; then steps are unknown, and trajectories that lead
+    out are preferred.
     """
     path = waves.path
     to_path, to_goal = min(steps_at(path, x, y), path.size), min(steps_at(waves.goal, x, y), path.size)
@@ -211,7 +211,7 @@ def _score(
 
 @kernel
 def _is_barred(speed: float, turn: float, barred: Flags, w: Any) -> bool:
-    """True for a motion that is too slow, or that would be the other half of an oscillation."""
+    """Return True for a motion that is too slow or would be an oscillation."""
     if abs(speed) + _NEARLY < w.least_speed and abs(turn) + _NEARLY < w.least_turn:
         return True
     along = (speed > 0.0 and barred[0]) or (speed < 0.0 and barred[1])
@@ -220,7 +220,7 @@ def _is_barred(speed: float, turn: float, barred: Flags, w: Any) -> bool:
 
 @kernel
 def _stops_within(bounds: Floats, speed: float, turn: float, c: float, s: float, w: Any) -> bool:
-    """Return True if a body that brakes `stop_buffer` from now on stays within all bounds."""
+    """Return True if a body that brakes after `stop_buffer` stays within all bounds."""
     if bounds.shape[0] == 0 or speed == 0.0:
         return True
     length = speed * (w.stop_buffer + 0.5 * abs(speed) / w.deceleration)
@@ -237,9 +237,9 @@ def _stops_within(bounds: Floats, speed: float, turn: float, c: float, s: float,
 
 @kernel
 def _samples(low: float, high: float, count: int) -> Floats:
-    """`count` values evenly from `low` to `high`, and 0 if it lies between two; one value if both are equal.
+    """Return `count` equidistant values from `low` to `high`, plus 0 if it is between two of them.
 
-    As velocity_iterator.h of base_local_planner.
+    One value if both are equal. As velocity_iterator.h of base_local_planner.
     """
     if low == high:
         return np.array([low])
@@ -266,14 +266,13 @@ def best(
     table: Floats,
     weights: NDArray[np.void],
 ) -> tuple[float, float, float]:
-    """The speed, cells/s, turn rate, rad/s, and score of the valid trajectory with the lowest score.
+    """Return speed, cells/s, turn rate, rad/s, and score of the valid trajectory with the lowest score.
 
-    Of several the first; 0, 0 and INVALID if there is none. `pose`: x and y, cells, heading, rad. `window`:
-    lowest and highest speed, cells/s, and turn rate, rad/s; `counts`, each ≥ 2: so many of both are tried,
-    from the lowest on, speeds in the outer loop. `barred`: (4,), True if forward, backward, left turn, right
-    turn must not be. `bounds`: (k, 3), a unit vector and the distance, cells, that the body may cover along
-    it until it has stopped. `table`: weighted cost by squared distance, as far as that goes. `weights`: (1,)
-    of WEIGHTS.
+    The first of equal ones; 0, 0 and INVALID if there is none. `pose`: x and y, cells, heading, rad.
+    `window`: lowest and highest speed, cells/s, and turn rate, rad/s. `counts`, each ≥ 2: number of samples
+    of both, in ascending order, speeds in the outer loop. `barred`: (4,), True if forward, backward, left
+    turn, right turn is barred. `bounds`: (k, 3), unit vector and maximum stopping distance along it, cells.
+    `table`: weighted cost by squared distance. `weights`: (1,) of WEIGHTS.
     """
     w = weights[0]
     c, s = cos_sin(pose[2])

@@ -1,4 +1,4 @@
-"""Drives a disc along a plan by our own dynamic window approach: the local planner of preset `robust`."""
+"""Local planner of preset `robust`: own dynamic window approach for a disc."""
 
 import math
 from typing import Final, NamedTuple
@@ -17,33 +17,33 @@ from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParam
 from actors.robot_model import DriveParameters
 
 _BEHIND: Final = 0.75 * math.pi
-"""From this angle on either side will do to turn to what lies behind, rad."""
+"""Bearing from which the robot may turn to either side, rad."""
 _BOUNDLESS: Final = np.empty((0, 3))
 _NOTHING: Final = np.zeros(4, np.bool_)
-"""Barred: none of the four directions."""
+"""No barred direction."""
 
 
 class _Outlook(NamedTuple):
-    """What there is to choose by in one cycle."""
+    """Inputs of the critics in one cycle."""
 
     fields: Fields
     goal: float
-    """How far the local goal is, cells."""
+    """Distance of the local goal, cells."""
     bearing: float
-    """Where the plan leads, rad, from the robot's heading."""
+    """Bearing of the plan relative to the heading, rad."""
     aside: float
-    """By how much it leads aside of the local goal, rad; 0 if something stands on it."""
+    """Angle between the plan and the local goal, rad; 0 if the plan is blocked."""
     ended: bool
-    """True if the local goal is where the plan ends."""
+    """True if the local goal is the plan's end."""
 
 
 class DiscLocalPlanner(BaseLocalPlanner):
-    """Follows one plan at a time."""
+    """The local planner of preset `robust`."""
 
     def __init__(
         self, local: CostMap, radius: float, limits: DriveParameters, parameters: DwaParameters
     ) -> None:
-        """`local` is kept up to date by whoever owns it; `radius`: of the body, m; `limits`: of the base."""
+        """Create a planner; the caller updates `local`. `radius`: of the body, m; `limits`: of the base."""
         super().__init__(local, limits, parameters)
         p, cell, padding = parameters, self._cell, local.parameters.padding
         self._min_speed = max(p.min_speed, -limits.speed)
@@ -65,19 +65,19 @@ class DiscLocalPlanner(BaseLocalPlanner):
         )
         self._alignment, self._front = (float(self._weights[name][0]) for name in ("alignment", "front"))
         self._table: Floats = np.multiply(local.table, p.occdist_scale * cell, dtype=np.float64)
-        self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
+        self._table.setflags(write=False)  # like that of the fingerprint, for which the kernel is compiled
         self._untrusted = np.zeros(local.squared.shape, np.uint8)
         self._farthest = self._max_speed * (p.stop_buffer + 0.5 * self._max_speed / self._acceleration) / cell
-        """At full speed the body covers so many cells until it has stopped."""
+        """Stopping distance at full speed, cells."""
         self._nearest = 0
 
     def follow(self, way: Floats) -> None:
-        """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
+        """Follow `path` from now on: (n, 2), n ≥ 1, m, map frame."""
         super().follow(way)
         self._nearest = 0
 
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
-        """True near the plan's end, however fast."""
+        """Return True near the plan's end, at any speed."""
         end = self._way[-1] if self._way.size else (math.inf, math.inf)
         return hypot(end[0] - estimate.x, end[1] - estimate.y) <= self._p.goal_tolerance
 
@@ -114,9 +114,9 @@ class DiscLocalPlanner(BaseLocalPlanner):
         return Steering(Twist(speed, 0.0, turn), True)
 
     def _outlook(self, instant: Instant, body: Floats, cells: Int32s, ended: bool) -> _Outlook | None:
-        """What the plan's `cells` in the window lead to; None if that is out of reach.
+        """Return the critics' inputs for the plan's `cells` in the window; None if their end is unreachable.
 
-        `ended`: they end where the plan does.
+        `ended`: True if they include the plan's end.
         """
         squared, side = self._local.squared, self._untrusted.shape[0]
         goal = free_goal(squared, self._limit, cells, self._p.goal_slack / self._cell if ended else -1.0)
@@ -137,7 +137,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         return _Outlook(Fields(squared, waves, trusted), hypot(dx, dy), leads, aside, ended)
 
     def _bounds(self, instant: Instant, body: Floats) -> Floats:
-        """Return what moving things leave to this robot."""
+        """Return the bounds of the stopping distance due to moving marks; see `half_gaps`."""
         local = self._local
         if not local.arrivals.size:
             return _BOUNDLESS
@@ -146,7 +146,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         return half_gaps(local.squared, local.arrivals, since, body, room, self._farthest)
 
     def _window(self, velocity: Twist, too_near: bool) -> Floats:
-        """The velocities within reach: lowest and highest speed, cells/s, and turn rate, rad/s."""
+        """Return the dynamic window: lowest and highest speed, cells/s, and turn rate, rad/s."""
         most = max(0.0, velocity.vx - self._gain) if self._turning else self._max_speed
         least = self._min_speed if too_near else max(self._min_speed, 0.0)
         speeds = reachable(velocity.vx, self._gain, min(least, most), most)
@@ -154,9 +154,9 @@ class DiscLocalPlanner(BaseLocalPlanner):
         return np.array([speeds[0] / self._cell, speeds[1] / self._cell, *turns])
 
     def _spot_turn(self, angle: float, turn: float) -> float:
-        """The rate at which it turns on the spot by `angle`, rad, while it turns at `turn`, rad/s.
+        """Return the rate for turning on the spot by `angle`, rad, at the current rate `turn`, rad/s.
 
-        What lies behind it is reached on the side that it turns to already.
+        The robot keeps its direction of turning towards targets behind it.
         """
         side = turn if abs(angle) > _BEHIND and abs(turn) > self._p.least_turn / 2 else angle
         most = min(self._p.spot_rate, self._max_turn, math.sqrt(2.0 * self._turn_acceleration * abs(angle)))
@@ -165,26 +165,26 @@ class DiscLocalPlanner(BaseLocalPlanner):
         return min(max(rate, -self._max_turn), self._max_turn)
 
     def _weigh(self, outlook: _Outlook) -> None:
-        """Set the weights that change with where the local goal is."""
-        # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
+        """Set the weights that depend on the local goal."""
+        # near the goal the nose is beyond it: aligning it with the plan would turn the robot around
         near = outlook.goal <= self._p.forward_point / self._cell
         self._weights["alignment"] = 0.0 if near else self._alignment
-        # behind a wall's end it would be drawn into the wall
+        # a goal behind a wall's end would attract the nose into the wall
         self._weights["front"] = 0.0 if outlook.aside > self._p.front_angle else self._front
         self._weights["goal_distance"] = outlook.goal if outlook.ended else math.inf
 
     def _turns(self, angle: float) -> bool:
-        """True if it turns on the spot now: from too large an angle on until it is half of that."""
+        """Return True if the robot turns on the spot: from `spot_angle` until half of it."""
         least = self._p.spot_angle * (0.5 if self._turning else 1.0)
         return abs(angle) > least
 
     def _body(self, here: Pose) -> Floats:
-        """x and y in the window, cells, and heading, rad."""
+        """Return x and y in the window, cells, and heading, rad."""
         corner = self._local.corner
         return np.array([here.x / self._cell - corner.column, here.y / self._cell - corner.row, here.heading])
 
     def _motion(self, here: Pose, estimate: Pose) -> Floats:
-        """From the map frame to the window: see `cut`."""
+        """Return the transformation from the map frame to the window; see `cut`."""
         turn = wrap(here.heading - estimate.heading)
         c, s = cos_sin(turn)
         x = here.x - (c * estimate.x - s * estimate.y)
@@ -194,7 +194,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
 
 
 def _ahead(goal: tuple[int, int], dx: float, dy: float, nose: float, side: int) -> tuple[int, int]:
-    """The cell `nose` cells beyond the goal in the direction (dx, dy), or the window's last on the way."""
+    """Return the cell `nose` cells beyond the goal along (dx, dy), or the last one in the window."""
     apart = hypot(dx, dy)
     row, column = goal
     if apart == 0.0:

@@ -1,11 +1,11 @@
-"""Kernel of the dynamic window approach as ROS Indigo has it: which velocity within reach costs least.
+"""Kernel of the dynamic window approach of ROS Indigo: the cheapest velocity of the dynamic window.
 
 Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", IEEE Robotics & Automation Magazine
-4(1), 1997, as ros-planning/navigation computes it, branch indigo-devel: dwa_planner.cpp of dwa_local_planner,
-and {simple_trajectory_generator,map_grid_cost_function,obstacle_cost_function,costmap_model}.cpp of
-base_local_planner. Lengths are in cells of the window here, positions count from its south-west corner;
-speeds are in m/s and, with the turn rates, of 32 bits, as there: whether a trajectory has a step more depends
-on that.
+4(1), 1997, as implemented by ros-planning/navigation, branch indigo-devel: dwa_planner.cpp of
+dwa_local_planner, and {simple_trajectory_generator,map_grid_cost_function,obstacle_cost_function,
+costmap_model}.cpp of base_local_planner. Lengths are in cells of the window, positions relative to its
+south-west corner; speeds, m/s, and turn rates have 32 bits as in the original, since the number of a
+trajectory's steps depends on them.
 """
 
 import math
@@ -21,19 +21,20 @@ from actors.robot.navigation.map_grid import Waves
 from actors.robot.navigation.ray_tracing import cost_below
 
 _ROUNDING: Final = 1e-3
-"""So near to a border of its cell, cells, a point that was not made step by step may be in another one."""
+"""Distance from its cell's border, cells, within which a point computed in closed form may be in another
+cell."""
 
 
 @kernel
 def count_of(speed: float, turn: float, w: Any) -> int:
-    """How many points a trajectory has; `w`: of `dwa.CRITICS`, here as below."""
+    """Return the number of points of a trajectory; `w`: of `dwa.CRITICS`, also below."""
     count = math.ceil(max(abs(speed) * w.horizon / w.stride, abs(turn) * w.horizon / w.turn_stride))
     return int(count)
 
 
 @kernel
 def start_of(pose: Floats) -> Floats:
-    """Cosine and sine of the heading with which all trajectories begin; `pose` as for `cheapest`."""
+    """Return cosine and sine of the initial heading of all trajectories; `pose` as for `cheapest`."""
     c, s = cos_sin(float(np.float32(pose[2])))
     return np.array([c, s])
 
@@ -42,9 +43,9 @@ def start_of(pose: Floats) -> Floats:
 def foresee(
     point: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Int32s, w: Any
 ) -> bool:
-    """Write where a trajectory will end into `point`: x, y, cosine and sine; True if that can be relied on.
+    """Write a trajectory's end into `point`: x, y, cosine and sine; return True if its cell is certain.
 
-    Not so near to a border of its cell, and not where centre or nose are off the window.
+    False near the border of a cell, and if centre or nose are outside the window.
     """
     count = count_of(speed, turn, w)
     step = w.horizon / count
@@ -68,13 +69,13 @@ def foresee(
 
 @kernel
 def _is_clear(place: float) -> bool:
-    """True away from the borders of cells."""
+    """Return True away from the borders of cells."""
     return abs(place - math.floor(place + 0.5)) > _ROUNDING
 
 
 @kernel
 def _is_inside(point: Floats, path: Int32s, nose: float) -> bool:
-    """True if centre and nose are in the window."""
+    """Return True if centre and nose are in the window."""
     x, y = point[0], point[1]
     nose_x, nose_y = x + nose * point[2], y + nose * point[3]
     rows, columns = path.shape
@@ -86,10 +87,10 @@ def _is_inside(point: Floats, path: Int32s, nose: float) -> bool:
 def drive(
     points: Floats, pose: Floats, start: Floats, speed: float, turn: float, waves: Waves, w: Any
 ) -> int:
-    """Write a trajectory's points, each x, y, cosine and sine; how many they are.
+    """Write a trajectory's points, each x, y, cosine and sine; return their number.
 
-    0 if one or its nose is off the window, or if one cannot reach path or goal; then the points mean nothing
-    (MapGridCostFunction::scoreTrajectory).
+    0 if a point or its nose is outside the window, or if a point is unreachable from path or goal; then the
+    points are meaningless (MapGridCostFunction::scoreTrajectory).
     """
     path, goal = waves.path, waves.goal
     count = count_of(speed, turn, w)
@@ -98,7 +99,7 @@ def drive(
     x, y, heading = np.float32(pose[0]), np.float32(pose[1]), np.float32(pose[2])
     exact, c, s = float(heading), start[0], start[1]
     for k in range(count):
-        # the heading's rounding, a millionth of a radian, to first order
+        # correct the heading's rounding error, 1e-6 rad, to first order
         off = float(heading) - exact
         rounded_c, rounded_s = c - s * off, s + c * off
         point = points[k]
@@ -118,44 +119,44 @@ def drive(
 
 
 INVALID: Final = -1.0
-"""Cost of a trajectory that must not be driven."""
+"""Cost of an invalid trajectory."""
 _NEARLY: Final = 1e-4
-"""So little less than the least speed still is that speed (SimpleTrajectoryGenerator::generateTrajectory)."""
+"""Tolerance of the least speed (SimpleTrajectoryGenerator::generateTrajectory)."""
 _BEYOND: Final = 2.7
-"""A marked cell is no part of an outline whose corners are by so many cells nearer: half a diagonal to the
-middle of the robot's cell, the same to that of a corner's, and the way a line of cells strays."""
+"""Distance of a mark from the outline's corners, cells, beyond which they cannot meet: half a diagonal to the
+centre of the robot's cell, the same for a corner's cell, and the deviation of a line of cells."""
 
 _PARAMETERS: Final = (
     "obstacle", "front", "alignment", "path", "goal", "nose", "cell", "horizon", "stride", "turn_stride",
     "least_speed", "least_turn", "most_speed",
 )  # fmt: skip
 CRITICS: Final = np.dtype([(name, np.float64) for name in _PARAMETERS], align=True)
-"""The critics' scales, and what a trajectory is made with.
+"""Scales of the critics, and parameters of a trajectory.
 
-`nose`: so far ahead of the centre the nose is, cells. `cell`: m. `horizon`: a trajectory takes so long, s;
-its points are `stride`, m, or `turn_stride`, rad, apart at most. It is at least as fast as `least_speed`,
-m/s, or turns at least as fast as `least_turn`, rad/s; `most_speed`, m/s, is the highest.
+`nose`: distance of the nose from the centre, cells. `cell`: m. `horizon`: duration, s. `stride`, m,
+`turn_stride`, rad: maximum spacing of points. `least_speed`, m/s, or `least_turn`, rad/s, is reached;
+`most_speed`, m/s, is the highest speed.
 """
 
 
 class CheapestVelocity(NamedTuple):
-    """The cheapest trajectory."""
+    """Velocity of the cheapest trajectory."""
 
     speed: float
-    """m/s."""
+    """Speed, m/s."""
     turn: float
-    """rad/s."""
+    """Turn rate, rad/s."""
     cost: float
-    """INVALID if there is no valid one; then speed and turn are 0."""
+    """INVALID if there is no valid trajectory; then speed and turn are 0."""
 
 
 def example() -> tuple[Int16s, Octets, Floats, NDArray[np.void]]:
-    """For fingerprints: squared distances of a window, costs by them, a body's outline, and critics."""
+    """Return inputs for fingerprints: squared distances of a window, costs by them, outline, and critics."""
     row, column = np.indices((40, 40))
     squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
     table = np.maximum(100 - np.arange(101), 0).astype(np.uint8)
     table[0], table[1:5] = 254, 253
-    table.setflags(write=False)  # as the cost map's: the kernel is compiled for that
+    table.setflags(write=False)  # like that of the cost map, for which the kernel is compiled
     numbers = (0.05, 1.2, 3.2, 3.2, 1.2, 3.3, 0.1, 3.0, 0.05, 0.1, 0.1, 0.4, 0.5)
     corners = np.array([(2.0, 0.0), (0.0, 2.0), (-2.0, 0.0), (0.0, -2.0)])
     return squared, table, corners, np.array([numbers], CRITICS)
@@ -175,7 +176,7 @@ def fingerprint() -> bytes:
 
 @kernel
 def samples(low: float, high: float, count: int) -> Singles:
-    """`count` values evenly from `low` to `high`, both of 32 bits, and 0 if it lies between two.
+    """Return `count` equidistant values from `low` to `high`, of 32 bits, plus 0 if it is between two.
 
     One value if both are equal (velocity_iterator.h of base_local_planner).
     """
@@ -198,7 +199,7 @@ def samples(low: float, high: float, count: int) -> Singles:
 
 @kernel
 def _is_barred(speed: float, turn: float, barred: Flags, w: Any) -> bool:
-    """True for none, one that is too slow or too fast, or that would be the other half of an oscillation."""
+    """Return True for no motion, one that is too slow or too fast, or one that would be an oscillation."""
     if speed == 0.0 and turn == 0.0:
         return True
     if abs(speed) + _NEARLY < w.least_speed and abs(turn) + _NEARLY < w.least_turn:
@@ -212,7 +213,7 @@ def _is_barred(speed: float, turn: float, barred: Flags, w: Any) -> bool:
 def _collides(
     points: Floats, count: int, far: float, squared: Int16s, table: Octets, outline: Floats
 ) -> bool:
-    """True if the body's outline meets a mark at some of the first `count` points: x, y, cosine and sine."""
+    """Return True if the body's outline meets a mark at one of the first `count` points."""
     for k in range(count):
         x, y = points[k, 0], points[k, 1]
         inside = far <= min(x, y) and max(x, y) < squared.shape[0] - far
@@ -225,7 +226,7 @@ def _collides(
 
 @kernel
 def _cost(obstacle: float, point: Floats, waves: Waves, w: Any) -> float:
-    """What the critics say together of a trajectory by its last point, summed in the original's order."""
+    """Return the sum of the critics' costs at a trajectory's last point, in the original's order."""
     x, y = point[0], point[1]
     row, column = int(y), int(x)
     ahead, beside = int(y + w.nose * point[3]), int(x + w.nose * point[2])
@@ -250,13 +251,13 @@ def cheapest(
     outline: Floats,
     critics: NDArray[np.void],
 ) -> tuple[float, float, float]:
-    """The valid trajectory of the lowest cost; of several the first, speeds in the outer loop.
+    """Return the fields of `CheapestVelocity`: the valid trajectory of the lowest cost, the first of equals.
 
-    Given are the fields of `CheapestVelocity`. `pose`: x and y, m, and heading, rad, of the body; x and y, m,
-    of the window's corner. `speeds`, `turns`: tried are all pairs, m/s and rad/s. `barred`: (4,), True if
-    forward, backward, left turn, right turn must not be. `squared`: (rows, columns), squared distance to the
-    nearest marked cell, cells². `table`: cost by squared distance. `outline`: (n, 2),
-    corners of the body in its frame, cells. `critics`: (1,) of CRITICS.
+    `pose`: x and y, m, and heading, rad, of the body; x and y, m, of the window's corner. `speeds`, `turns`:
+    samples, m/s and rad/s; all pairs are tried, speeds in the outer loop. `barred`: (4,), True if forward,
+    backward, left turn, right turn is barred. `squared`: (rows, columns), squared distance to the nearest
+    mark, cells². `table`: cost by squared distance. `outline`: (n, 2), corners of the body in its frame,
+    cells. `critics`: (1,) of CRITICS.
     """
     w = critics[0]
     start = start_of(pose)
@@ -274,7 +275,7 @@ def cheapest(
             speed, turn = float(speed_sample), float(turn_sample)
             if _is_barred(speed, turn, barred, w):
                 continue
-            # the centre costs no more than the outline will: most trajectories need not be driven
+            # the centre's cost is a lower bound: skip most trajectories without simulating them
             if lowest >= 0.0 and foresee(points[0], pose, start, speed, turn, waves.path, w):
                 centre = table[squared[int(points[0, 1]), int(points[0, 0])]]
                 if _cost(centre, points[0], waves, w) >= lowest:

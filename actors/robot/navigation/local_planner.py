@@ -1,9 +1,8 @@
-"""Drives along a plan as dwa_local_planner of ROS Indigo: by `dwa` up to the goal, then it turns to its
-heading.
+"""Local planner of preset `chapter`: dwa_local_planner of ROS Indigo.
 
-As DWAPlannerROS::computeVelocityCommands (dwa_planner_ros.cpp), DWAPlanner (dwa_planner.cpp) and
-LatchedStopRotateController (base_local_planner/src/latched_stop_rotate_controller.cpp) of
-ros-planning/navigation, branch indigo-devel.
+Drives to the goal with `dwa`, then turns to its heading. As DWAPlannerROS::computeVelocityCommands
+(dwa_planner_ros.cpp), DWAPlanner (dwa_planner.cpp) and LatchedStopRotateController
+(base_local_planner/src/latched_stop_rotate_controller.cpp) of ros-planning/navigation, branch indigo-devel.
 """
 
 import math
@@ -34,7 +33,7 @@ from deeco.knowledge import new_tuple
 
 @kernel
 def _part(way: Floats, robot: Floats, reach: float) -> tuple[int, int]:
-    """Indices of the first point of it and of the one after its last."""
+    """Return the index of the path's first point in the window and of the first point after it."""
     first = 0
     while first < way.shape[0]:
         dx, dy = robot[0] - way[first, 0], robot[1] - way[first, 1]
@@ -52,9 +51,9 @@ def _part(way: Floats, robot: Floats, reach: float) -> tuple[int, int]:
 
 @kernel
 def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Int32s) -> int:
-    """Write the cells of the points, m, and of others between them if they are more than a cell apart.
+    """Write the cells of points, m, interpolated if they are more than a cell apart; return their number.
 
-    From the first that is in the window to the last before one that is not; given is how many.
+    From the first point in the window to the last one before the path leaves it.
     """
     count = 0
     for k in range(points.shape[0]):
@@ -80,7 +79,7 @@ def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Int32s
 
 @kernel
 def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
-    """The points in the odometry frame."""
+    """Return the points in the odometry frame."""
     c, s = cos_sin(here[2] - estimate[2])
     x = here[0] - (c * estimate[0] - s * estimate[1])
     y = here[1] - (s * estimate[0] + c * estimate[1])
@@ -95,11 +94,11 @@ def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
 def local_plan(
     way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
 ) -> tuple[Int32s, Int32s, Int32s, bool]:
-    """Return the part of `way` from its first point within half a window of the robot to the first beyond.
+    """Return the part of `path` from its first point within half a window of the robot to the first beyond.
 
-    As rows and columns: (k, 2) cells that it leads through; (1, 2) the last of them, and that of a plan which
-    is longer by the nose; and whether its end is farther than the nose. For k = 0 the rest is meaningless.
-    `way`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: pose in the map frame and in the odometry frame;
+    As rows and columns: (k, 2) cells of the part; (1, 2) its last cell; (1, 2) the last cell if the plan is
+    extended by the nose; and whether its end is farther than the nose. For k = 0 the rest is meaningless.
+    `path`: (n, 2), n ≥ 1, m, map frame. `estimate`, `here`: pose in the map frame and in the odometry frame;
     `corner`: of the window in the latter, m. `side`: of the window, cells. `nose`: distance from the centre,
     m.
     """
@@ -136,23 +135,23 @@ def chosen(
     critics: NDArray[np.void],
     alignment: float,
 ) -> tuple[float, float, float]:
-    """Return the fields of `CheapestVelocity`; no trajectory is valid if nothing of `way` is in the window.
+    """Return the fields of `CheapestVelocity`; no trajectory is valid if `path` is outside the window.
 
     `state`, (12,): pose in the map frame and in the odometry frame; corner of the window in the latter, m;
-    least and greatest speed, m/s, and turn rate, rad/s, within reach. `counts`: of speeds and turn rates.
-    `alignment`: weight of that critic while the plan's end is farther than the nose. Else as for
-    `local_plan`, `wavefront` and `cheapest`.
+    lowest and highest speed, m/s, and turn rate, rad/s, of the dynamic window. `counts`: number of speeds and
+    turn rates. `alignment`: weight of that critic while the plan's end is farther than the nose. Other
+    parameters as for `local_plan`, `wavefront` and `cheapest`.
     """
     cells, goal, front, far = local_plan(
         way, state[0:3], state[3:6], state[6:8], critics[0].cell, squared.shape[0], nose
     )
     if cells.shape[0] == 0:
         return 0.0, 0.0, INVALID
-    # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
+    # near the goal the nose is beyond it: aligning it with the plan would turn the robot around
     critics[0].alignment = alignment if far else 0.0
     to_path, to_goal = wavefront(squared, limit, cells), wavefront(squared, limit, goal)
     waves = Waves(to_path, to_goal, wavefront(squared, limit, front))
-    window = state[8:12].astype(np.float32).astype(np.float64)  # rounded to what the original has
+    window = state[8:12].astype(np.float32).astype(np.float64)  # 32 bits as in the original
     speeds = samples(window[0], window[1], counts[0])
     turns = samples(window[2], window[3], counts[1])
     return cheapest(state[3:8], speeds, turns, barred, squared, waves, table, outline, critics)
@@ -169,17 +168,17 @@ def fingerprint() -> bytes:
 
 
 _GOAL_HEADING: Final = 0.0
-"""The chapter's robots ask for it at every goal, rad, map frame: driveRobot of CleanerRobot in
+"""Heading of every goal of the chapter's robots, rad, map frame: driveRobot of CleanerRobot in
 d3scomp/deeco-adaptation-testbed sends the quaternion (0, 0, 0, 1)."""
 _ALL: Final = np.zeros(4, np.bool_)
-"""No direction is barred."""
+"""No barred direction."""
 
 
 class DwaLocalPlanner(BaseLocalPlanner):
     """The local planner of preset `chapter`."""
 
     def __init__(self, local: CostMap, limits: DriveParameters, parameters: DwaParameters) -> None:
-        """`local` is kept up to date by whoever owns it; `limits`: of the base."""
+        """Create a planner; the caller updates `local`. `limits`: of the base."""
         super().__init__(local, limits, parameters)
         p, cell = parameters, self._cell
         self._critics = self._record(
@@ -196,24 +195,24 @@ class DwaLocalPlanner(BaseLocalPlanner):
         self._alignment = float(self._critics["alignment"][0])
         self._outline = local.outline / cell
         self._end = 0.0, 0.0
-        """Of the plan, m, map frame."""
+        """End of the plan, m, map frame."""
         self._arrived = False
-        """It has been near enough to the plan's end since the plan was new."""
+        """True if the robot has been near the end of the current plan."""
 
     def begin(self) -> None:
-        """The robot is to go somewhere else now: forget the plan, the command, and how it came about."""
+        """Reset plan and oscillations for a new goal."""
         super().begin()
         self._arrived = False
 
     def follow(self, way: Floats) -> None:
-        """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame; nothing is barred at first."""
+        """Follow `path` from now on: (n, 2), n ≥ 1, m, map frame; no direction is barred initially."""
         super().follow(way)
         self._end = float(way[-1, 0]), float(way[-1, 1])
         self._oscillation.forget()
         self._arrived = False
 
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
-        """True if it has been near the plan's end, has the goal's heading, and stands."""
+        """Return True if the robot has been near the plan's end, has the goal's heading, and stands."""
         return (
             self._near_end(estimate)
             and abs(_astray(estimate)) <= self._p.heading_tolerance
@@ -230,9 +229,9 @@ class DwaLocalPlanner(BaseLocalPlanner):
         return abs(velocity.omega) <= self._p.stopped_turn and abs(velocity.vx) <= self._p.stopped_speed
 
     def dynamic_window(self, here: Pose, estimate: Pose, velocity: Twist, barred: Flags) -> CheapestVelocity:
-        """The choice among the velocities within reach, wherever the goal is; as for `steer`.
+        """Return the cheapest velocity of the dynamic window, for any goal; parameters as for `steer`.
 
-        `barred`: (4,), True if forward, backward, left turn, right turn must not be.
+        `barred`: (4,), True if forward, backward, left turn, right turn is barred.
         """
         return self._cheapest(here, estimate, self._window(velocity), barred)
 
@@ -248,7 +247,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
     def _cheapest(
         self, here: Pose, estimate: Pose, window: tuple[float, float, float, float], barred: Flags
     ) -> CheapestVelocity:
-        """Among velocities in `window`: least and greatest speed, m/s, and turn rate, rad/s."""
+        """Return the cheapest velocity in `window`: lowest and highest speed, m/s, and turn rate, rad/s."""
         local, p, cell = self._local, self._p, self._cell
         corner = local.corner
         found = chosen(
@@ -267,7 +266,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         return new_tuple(CheapestVelocity, found)
 
     def _window(self, velocity: Twist) -> tuple[float, float, float, float]:
-        """The least and greatest speed, m/s, and turn rate, rad/s, within reach.
+        """Return the dynamic window: lowest and highest speed, m/s, and turn rate, rad/s.
 
         As SimpleTrajectoryGenerator::initialise.
         """
@@ -278,7 +277,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         )
 
     def _finish(self, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
-        """Near the goal: stand, then turn to its heading (computeVelocityCommandsStopRotate)."""
+        """Stop near the goal, then turn to its heading (computeVelocityCommandsStopRotate)."""
         astray = _astray(estimate)
         if abs(astray) <= self._p.heading_tolerance:
             self._turning = False
@@ -289,13 +288,13 @@ class DwaLocalPlanner(BaseLocalPlanner):
         return self._checked(here, estimate, Twist(0.0, 0.0, self._turn(astray, velocity.omega)))
 
     def _slower(self, velocity: Twist) -> Twist:
-        """As slow as the base can be a period later."""
+        """Return the lowest velocity that the base can have a period later."""
         vx = max(0.0, abs(velocity.vx) - self._gain)
         omega = max(0.0, abs(velocity.omega) - self._turn_gain)
         return Twist(math.copysign(vx, velocity.vx), 0.0, math.copysign(omega, velocity.omega))
 
     def _turn(self, astray: float, omega: float) -> float:
-        """How fast to turn by that angle, rad/s: so that it can be stopped at its end (rotateToGoal)."""
+        """Return the turn rate for that angle, rad/s, with time to brake (rotateToGoal)."""
         least, gain = self._p.least_turn, self._turn_gain
         wanted = min(self._max_turn, max(least, abs(astray)))
         wanted = min(max(wanted, abs(omega) - gain), abs(omega) + gain)
@@ -303,7 +302,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         return math.copysign(min(self._max_turn, max(least, wanted)), astray)
 
     def _checked(self, here: Pose, estimate: Pose, twist: Twist) -> Steering:
-        """This velocity, if no critic refuses it; below both least speeds none looks (checkTrajectory)."""
+        """Return this velocity if its trajectory is valid; slow ones are not checked (checkTrajectory)."""
         self._oscillation.forget()
         slow = abs(twist.vx) < self._p.least_speed and abs(twist.omega) < self._p.least_turn
         if slow or twist == STILL:
@@ -315,5 +314,5 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
 
 def _astray(estimate: Pose) -> float:
-    """From the heading to that of the goal, rad."""
+    """Return the angle from the heading to that of the goal, rad."""
     return wrap(_GOAL_HEADING - estimate.heading)

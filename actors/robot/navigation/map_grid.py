@@ -1,7 +1,7 @@
-"""Kernels: how far the window's cells are from the plan or the local goal, round what is in the way.
+"""Kernels of path and goal distances in the window of the local cost map, around obstacles.
 
-As MapGrid of ros-planning/navigation, base_local_planner/src/map_grid.cpp: a wave goes from the cells that it
-starts in to their four neighbours, and on through cells that the robot's centre may be in.
+As MapGrid of ros-planning/navigation, base_local_planner/src/map_grid.cpp: a wave propagates from its start
+cells to their four neighbours, through cells that the robot's centre may occupy.
 """
 
 import math
@@ -25,27 +25,24 @@ def fingerprint() -> bytes:
     assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
     steps = wavefront(squared, 4.5, cells)
-    told = nearest, ended, goals, bearing(squared, 4.5, cells, body, 5.0), detour(steps, cells, body)
-    return repr(told).encode() + cells.tobytes() + steps.tobytes()
+    results = nearest, ended, goals, bearing(squared, 4.5, cells, body, 5.0), detour(steps, cells, body)
+    return repr(results).encode() + cells.tobytes() + steps.tobytes()
 
 
 class Waves(NamedTuple):
     """Steps from each cell of the window; see `wavefront`."""
 
     path: Int32s
-    """To the plan."""
+    """Steps to the plan."""
     goal: Int32s
-    """To the local goal."""
+    """Steps to the local goal."""
     front: Int32s
-    """To where the nose is drawn to."""
+    """Steps to the target of the nose."""
 
 
 @kernel
 def _ringed(squared: Int16s, limit: float, far: np.int32) -> Int32s:
-    """`far` where the wave may come to, -1 where it may not, and a ring of 0, which is not entered, around.
-
-    The ring saves asking where the window ends.
-    """
+    """Return `far` in free cells, -1 in others, and a ring of 0 around them, which replaces bounds checks."""
     rows, columns = squared.shape
     width = columns + 2
     known = np.full((rows + 2) * width, np.int32(0), np.int32)
@@ -59,11 +56,11 @@ def _ringed(squared: Int16s, limit: float, far: np.int32) -> Int32s:
 
 @kernel
 def wavefront(squared: Int16s, limit: float, starts: Int32s) -> Int32s:
-    """Steps from each cell to the nearest of `starts`: (rows, columns).
+    """Return the steps from each cell to the nearest of `starts`: (rows, columns).
 
-    rows · columns in a cell that the wave meets but may not enter, one more where it does not come to.
-    `squared`: (rows, columns), squared distance to what is marked; a wave goes through cells with more than
-    `limit`, but starts in any. `starts`: (n, 2), rows and columns within the window.
+    rows · columns in an occupied cell beside the wave, one more in an unreached cell. `squared`: (rows,
+    columns), squared distance to marks; a wave enters cells with more than `limit`, but may start in any.
+    `starts`: (n, 2), rows and columns within the window.
     """
     rows, columns = squared.shape
     far, barred, met = np.int32(rows * columns + 1), np.int32(-1), np.int32(-2)
@@ -77,7 +74,7 @@ def wavefront(squared: Int16s, limit: float, starts: Int32s) -> Int32s:
             known[cell] = 0
             queue[end] = cell
             end += 1
-    # unsigned, so that no index is asked whether it counts from the end
+    # unsigned, so that indices need no check for negative values
     done, queued, one, above = np.uintp(0), np.uintp(end), np.uintp(1), np.uintp(width)
     while done < queued:
         cell = np.uintp(queue[done])
@@ -95,7 +92,7 @@ def wavefront(squared: Int16s, limit: float, starts: Int32s) -> Int32s:
 
 @kernel
 def _distances(known: Int32s, rows: int, columns: int, far: np.int32) -> Int32s:
-    """What is within the ring; `far` where the wave may not come to, one less if it has met that."""
+    """Return the steps without the ring; `far` in unreached cells, one less in occupied cells beside it."""
     width = columns + 2
     distances = np.empty((rows, columns), np.int32)
     for row in range(rows):
@@ -108,7 +105,7 @@ def _distances(known: Int32s, rows: int, columns: int, far: np.int32) -> Int32s:
 
 @kernel
 def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
-    """Index of the nearest point to (x, y), from `first` on and within `along` of it along the way."""
+    """Return the index of the point nearest to (x, y), from `first` to `along` m further on the path."""
     nearest, least = first, math.inf
     gone = 0.0
     for k in range(first, way.shape[0]):
@@ -126,15 +123,16 @@ def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
 def cut(
     way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
 ) -> tuple[int, bool, Int32s]:
-    """Return the index of the point of `way` nearest to the body, whether the way is whole, and its cells.
+    """Return the index of the point of `path` nearest to the body, whether the path is complete, and cells.
 
     The cells are (k, 2) rows and columns from that point on, without gaps (MapGrid::adjustPlanResolution).
-    `way`: (n, 2), n ≥ 1, m. `first`: the last index; points within half of `reach` along the way from it are
-    tried. `motion`: cosine and sine of the angle from the way's frame to the window's, shift of x and y, m,
-    and cells per m. `body`: x and y, cells. `side`: of the window. `reach`: where the way is cut, cells.
+    `path`: (n, 2), n ≥ 1, m. `first`: the previous index; points up to half of `reach` further along the path
+    are tried. `motion`: cosine and sine of the angle from the path's frame to the window's, shift of x and y,
+    m, and cells per m. `body`: x and y, cells. `side`: of the window. `reach`: where the path is clipped,
+    cells.
     """
     c, s, scale = motion[0], motion[1], motion[4]
-    # where the body is in the way's frame
+    # the body in the path's frame
     dx, dy = body[0] / scale - motion[2], body[1] / scale - motion[3]
     nearest = _nearest(way, first, c * dx + s * dy, c * dy - s * dx, reach / scale / 2)
     cells = np.empty((side * side, 2), np.int32)
@@ -160,10 +158,9 @@ def cut(
 
 @kernel
 def steps_at(steps: Int32s, x: float, y: float) -> int:
-    """Steps of the cell around a point; of the best of the three others near it if that is out of reach.
+    """Return the steps of a point's cell; if unreached, of the best of the three other cells near it.
 
-    The point itself may be farther from what is marked than the centre of its cell. It lies at least half a
-    cell within the window.
+    The point may be farther from marks than its cell's centre. It is at least half a cell inside the window.
     """
     own = steps[np.uintp(y), np.uintp(x)]
     if own < steps.size:
@@ -175,9 +172,9 @@ def steps_at(steps: Int32s, x: float, y: float) -> int:
 
 @kernel
 def detour(steps: Int32s, cells: Int32s, body: Floats) -> int:
-    """How many more steps it is to the goal of `steps` from where the body is than through `cells`.
+    """Return the additional steps from the body to the goal of `steps`, compared with those through `cells`.
 
-    `steps`: of `wavefront`. `cells`: (k, 2), k ≥ 1. `body`: x and y, cells. 0 where the body is out of reach.
+    `steps`: of `wavefront`. `cells`: (k, 2), k ≥ 1. `body`: x and y, cells. 0 if the body is unreached.
     """
     here = steps_at(steps, body[0], body[1])
     if here >= steps.size:
@@ -190,10 +187,10 @@ def detour(steps: Int32s, cells: Int32s, body: Floats) -> int:
 
 @kernel
 def bearing(squared: Int16s, limit: float, cells: Int32s, body: Floats, ahead: float) -> float:
-    """At which angle from the body's heading it sees the first of `cells` that is `ahead`, or the last; rad.
+    """Return the angle from the heading to the first of `cells` at distance `ahead`, or to the last, rad.
 
-    0 where the centre cannot be in one of the cells before it. `squared`, `limit`: as for `wavefront`.
-    `cells`: (k, 2), k ≥ 1. `body`: x and y, cells, and heading, rad. `ahead`: cells.
+    0 if a cell before it is occupied. `squared`, `limit`: as for `wavefront`. `cells`: (k, 2), k ≥ 1. `body`:
+    x and y, cells, and heading, rad. `ahead`: cells.
     """
     dx, dy = 0.0, 0.0
     for k in range(cells.shape[0]):
@@ -208,10 +205,11 @@ def bearing(squared: Int16s, limit: float, cells: Int32s, body: Floats, ahead: f
 
 @kernel
 def free_goal(squared: Int16s, limit: float, cells: Int32s, slack: float) -> tuple[int, int]:
-    """Row and column of the last of `cells`, or, where the centre cannot be in it, of one that does instead.
+    """Return row and column of the last of `cells`, or of a free replacement.
 
-    With `slack` < 0 the last of `cells` in which it can be, otherwise the nearest cell within `slack`, cells.
-    If there is none it stays the last. `squared`, `limit`: as for `wavefront`; `cells`: (k, 2), k ≥ 1.
+    Replacement: with `slack` < 0 the last free one of `cells`, otherwise the nearest free cell within
+    `slack`, cells; without one, the last of `cells`. `squared`, `limit`: as for `wavefront`; `cells`: (k, 2),
+    k ≥ 1.
     """
     last_row, last_column = cells[-1, 0], cells[-1, 1]
     if squared[last_row, last_column] > limit:
@@ -229,6 +227,6 @@ def free_goal(squared: Int16s, limit: float, cells: Int32s, slack: float) -> tup
                 (row - last_row) * (row - last_row) + (column - last_column) * (column - last_column)
             )
             if squared[row, column] > limit and apart <= least:
-                # the later of two that are as near: any rule will do, if it is one
+                # of equally near cells the later one: an arbitrary rule
                 best_row, best_column, least = row, column, apart
     return best_row, best_column

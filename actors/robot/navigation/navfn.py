@@ -1,9 +1,9 @@
-"""Global planning as ROS's navfn does it, on its cost map: the plans of the original, point by point.
+"""Global planning like ROS's navfn: the plans of the original, point by point.
 
-By ros-planning/navigation: costmap_2d's static and inflation layers, and navfn_ros.cpp, unknown space not
-allowed. Every plan is a new wave from the robot, which ends as it comes to the goal; from there the way leads
-down to the robot. A robot whose four neighbouring cells are all too near to something has no plan. Points are
-cell number · resolution, as in the original: half a cell south-west of where their potential is.
+After ros-planning/navigation: costmap_2d's static and inflation layers, and navfn_ros.cpp without unknown
+space. Each plan is a new wave from the robot to the goal, followed by gradient descent back to the robot. A
+robot whose four neighbouring cells are all occupied has no plan. Points are cell number · resolution, as in
+the original: half a cell south-west of their potential.
 """
 
 import math
@@ -23,26 +23,26 @@ from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, wave, way_d
 from actors.robot.navigation.ray_tracing import check_reach, squared_within
 
 _NO_INFORMATION: Final = 255
-"""Cost of a cell of which the map says nothing, where nothing is near (costmap_2d)."""
+"""Cost of an unknown cell away from obstacles (costmap_2d)."""
 
 
 @dataclass(frozen=True, eq=False)
 class GlobalCosts:
-    """What it costs one robot's body to be somewhere on the floor plan."""
+    """Global cost map of a floor plan for one body."""
 
     plan: OccupancyGrid
     inflation: Inflation
     costs: Octets
-    """(rows, columns), read-only: of a step through each cell, as `potential.wave` takes it."""
+    """(rows, columns), read-only: cost of each cell for `potential.wave`."""
 
 
 _COSTS: Final = SharedCache[GlobalCosts]()
 
 
 def global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) -> GlobalCosts:
-    """The costs for a disc of `radius`, m: computed once per map and body, never changed, and shared.
+    """Return the costs for a disc of `radius`, m: computed once per map and body, and shared.
 
-    Raises ParameterError for an inflation that reaches too many cells.
+    Raises ParameterError for an inflation radius of too many cells.
     """
     content = plan.content, radius, parameters
     return _COSTS.get(content, lambda: _global_costs(plan, radius, parameters))
@@ -52,7 +52,7 @@ def _global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParame
     within = ray_tracing.inscribed(radius + parameters.allowance, parameters.padding)
     inflation = Inflation(within, parameters.inflation_radius, parameters.scaling)
     farthest = max(inflation.radius, within)
-    check_reach("planner: the reach of what is marked", farthest, plan.resolution)
+    check_reach("planner: the inflation radius", farthest, plan.resolution)
     costs = _cell_costs(static_costs(plan, inflation), parameters)
     costs[[0, -1]] = costs[:, [0, -1]] = IMPASSABLE
     costs.setflags(write=False)
@@ -60,20 +60,20 @@ def _global_costs(plan: OccupancyGrid, radius: float, parameters: PlanningParame
 
 
 def static_costs(plan: OccupancyGrid, inflation: Inflation) -> Octets:
-    """costmap_2d's costs of the floor plan alone: (rows, columns), 254 in a wall, 255 in unknown space."""
+    """Return costmap_2d's costs of the floor plan: (rows, columns), 254 in walls, 255 in unknown space."""
     costs = _inflated(plan.cells == OCCUPIED, inflation, plan.resolution)
     costs[(plan.cells == UNKNOWN) & (costs < INSCRIBED)] = _NO_INFORMATION
     return costs
 
 
 def _inflated(marked: NDArray[np.bool_ | np.uint8], inflation: Inflation, cell: float) -> Octets:
-    """Costs around marked cells of side `cell`, m."""
+    """Return the costs around marked cells of side `cell`, m."""
     squared = squared_within(marked.astype(np.uint8), inflation.reach(cell))
     return inflation.table(cell)[squared]
 
 
 def _cell_costs(costs: Octets, parameters: PlanningParameters) -> Octets:
-    """What a step through a cell costs that has these costs on the cost map."""
+    """Return navfn's costs of cells from their costs on the cost map."""
     weighed = np.minimum(np.floor(parameters.neutral + parameters.factor * np.arange(256.0)), HIGHEST)
     weighed[INSCRIBED:] = IMPASSABLE
     table: Octets = weighed.astype(np.uint8)
@@ -81,7 +81,7 @@ def _cell_costs(costs: Octets, parameters: PlanningParameters) -> Octets:
 
 
 def occupied(ground: GlobalCosts, marks: Floats, parameters: PlanningParameters) -> Octets:
-    """Return the costs with more things on the floor than its plan shows; see `with_marks`."""
+    """Return the costs with additional obstacles; see `with_marks`."""
     plan, inflation = ground.plan, ground.inflation
 
     def near(window: Window, marked: Octets) -> Octets:
@@ -93,32 +93,32 @@ def occupied(ground: GlobalCosts, marks: Floats, parameters: PlanningParameters)
 
 
 class NavfnPlanner:
-    """Finds ways on one floor plan by the method navfn; keeps the last one for a robot that stands."""
+    """Global planner with the method navfn; caches the last path for a standing robot."""
 
     def __init__(self, ground: GlobalCosts, parameters: PlanningParameters) -> None:
-        """`parameters`: those that the costs were made by."""
+        """Create a planner; `parameters` are those of `ground`."""
         self._ground = ground
         self._p = parameters
-        self._asked: tuple[Cell, Point] | None = None
+        self._query: tuple[Cell, Point] | None = None
         self._answer: Floats | None = None
-        """To that, without marks: a way follows from the robot's cell and the goal."""
+        """Path of `_query` without marks."""
 
     def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
-        """The way from `start` to `goal`, or to the nearest point within the tolerance; None without one.
+        """Return the path to `goal`, or to the nearest point within the tolerance; None if there is none.
 
-        (n, 2), n ≥ 2, m in the map frame: from the robot's cell, half a cell from point to point, beside what
-        cannot be passed up to a diagonal. The last is the goal itself where the body's centre may be in its
-        cell, else one of a raster around it. `marks`: (k, 2), m, map frame: what else is in the way.
+        (n, 2), n ≥ 2, m, map frame: from the robot's cell, spacing half a cell, up to a diagonal beside
+        obstacles. The last point is the goal if its cell is free, otherwise one of a raster around it.
+        `marks`: (k, 2), m, map frame: additional obstacles.
         """
         plan = self._ground.plan
         if marks is not None:
-            return self._way(occupied(self._ground, marks, self._p), plan.cell(start), goal)
-        asked = plan.cell(start), goal
-        if asked != self._asked:
-            self._asked, self._answer = asked, self._way(self._ground.costs, *asked)
+            return self._search(occupied(self._ground, marks, self._p), plan.cell(start), goal)
+        query = plan.cell(start), goal
+        if query != self._query:
+            self._query, self._answer = query, self._search(self._ground.costs, *query)
         return self._answer
 
-    def _way(self, costs: Octets, first: Cell, goal: Point) -> Floats | None:
+    def _search(self, costs: Octets, first: Cell, goal: Point) -> Floats | None:
         plan, last = self._ground.plan, self._ground.plan.cell(goal)
         if not (0 < first.row < plan.rows - 1 and 0 < first.column < plan.columns - 1):
             return None
@@ -134,9 +134,9 @@ class NavfnPlanner:
         return np.vstack((np.array(plan.origin) + points, np.array(end)))
 
     def _nearest(self, field: Singles, goal: Point) -> tuple[Point, Cell] | None:
-        """The point nearest to the goal in a cell that was reached, and the cell; None without one.
+        """Return the nearest raster point to the goal in a reached cell, and the cell; None if there is none.
 
-        Of the points that are a whole number of cells away from the goal less the tolerance, along both axes.
+        The raster has a spacing of one cell and begins at the goal less the tolerance, along both axes.
         """
         plan = self._ground.plan
         x, column = _raster(goal.x, self._p.tolerance, plan.origin.x, plan.resolution, plan.columns)
@@ -152,9 +152,9 @@ class NavfnPlanner:
 def _raster(
     middle: float, tolerance: float, origin: float, cell: float, count: int
 ) -> tuple[Floats, Indices]:
-    """Places a cell apart from `middle` less `tolerance`, up to as far beyond it, along one axis of a map.
+    """Return coordinates from `middle` - `tolerance` to `middle` + `tolerance`, and their cells.
 
-    And in which of its `count` cells each is: those outside are left out.
+    Spacing: one cell; along one axis of a map with `count` cells. Points outside the map are omitted.
     """
     begin = middle - tolerance
     low = max(0, math.floor((origin - begin) / cell))

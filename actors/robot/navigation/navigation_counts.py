@@ -1,4 +1,4 @@
-"""Navigation's report for the run's result: goals by outcome, intervals without a trajectory or a plan."""
+"""Navigation's report for the run's result: outcomes of goals, intervals without trajectory or plan."""
 
 from typing import Final, Literal
 
@@ -10,62 +10,62 @@ from actors.robot.behaviour.ports import AbortReason, GoalPhase, GoalStatus
 from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name
 
 _KEPT: Final = 1000
-"""Goals and intervals listed one by one; later ones are counted only."""
+"""Maximum number of listed goals and intervals; later ones are only counted."""
 
 Ending = Literal["itself", "abort", "order", "run"]
-"""End of an interval without a valid trajectory: a trajectory or a retreat; navigation gave the goal up; the
-behaviour's next order; the end of the run."""
+"""End of an interval without a valid trajectory: a trajectory or a retreat; an abort; the behaviour's next
+request; the end of the run."""
 
 
 class GivenGoal(msgspec.Struct, forbid_unknown_fields=True):
-    """One goal that a behaviour gave to navigation; instants in µs."""
+    """A goal requested by a behaviour; instants in µs."""
 
     begin: Count
-    """Start of the step in which it was given."""
+    """Start of the step of the request."""
     x: Metres
     y: Metres
     """Position, m, map frame."""
     end: Count | None = None
-    """Start of the step in which it ended; None: pursued at the end of the process."""
+    """Start of the step in which it ended; None: active at the end of the process."""
     how: Name = ""
-    """`succeeded`, `replaced`, `cancelled`, or the reason of its abort; empty while it is pursued."""
+    """`succeeded`, `replaced`, `cancelled`, or the reason of its abort; empty while active."""
 
 
 class NavigationReport(msgspec.Struct, forbid_unknown_fields=True):
-    """Counts of one robot's navigation over the life of its process; intervals as begin and end, µs."""
+    """Counts of one robot's navigation in one process; intervals as begin and end, µs."""
 
     goals: Count = 0
     succeeded: Count = 0
     cancelled: Count = 0
     recoveries: Count = 0
-    """Obstacle marks forgotten to try once more."""
+    """Number of recoveries: cleared marks."""
     retreats: Count = 0
-    """Movements backwards from what the bumper touched."""
+    """Number of times the robot backed away."""
     aborted: Counts = {}
-    """By reason."""
+    """Aborted goals by reason."""
     no_valid_trajectory: Listed[tuple[Count, Count, Ending]] = []
     """Intervals in which the local planner found no trajectory."""
     no_valid_trajectory_unlisted: Count = 0
     given: Listed[GivenGoal] = []
     given_unlisted: Count = 0
     without_plan: Listed[tuple[Count, Count]] = []
-    """Intervals in which no path to one goal after the other was found."""
+    """Intervals without a path to the goals."""
     paused: Listed[tuple[Count, Count | None]] = []
-    """Intervals in which the behaviour had paused navigation; None: to the end of the run."""
+    """Intervals in which the behaviour paused navigation; None: until the end of the run."""
 
 
 class NavigationCounts:
-    """Fills the report while navigation works."""
+    """Builder of the report during a run."""
 
     def __init__(self) -> None:
         self._report = NavigationReport(aborted={reason.value: 0 for reason in AbortReason})
         self._begun: Instant | None = None
         self._planless_since: Instant | None = None
         self.now = Instant(0)
-        """The start of the step, set by navigation."""
+        """Start of the step, set by navigation."""
 
     def begins(self, goal: Point | None) -> None:
-        """The behaviour has given a goal, or taken it back."""
+        """Record that the behaviour requests or cancels a goal."""
         report = self._report
         if goal is None:
             report.cancelled += 1
@@ -80,7 +80,7 @@ class NavigationCounts:
             report.given.append(GivenGoal(self.now, *goal))
 
     def plans(self, found: bool) -> None:
-        """A path to the goal was searched."""
+        """Record a search for a path."""
         if not found:
             self._planless_since = self.now if self._planless_since is None else self._planless_since
         elif self._planless_since is not None:
@@ -97,14 +97,14 @@ class NavigationCounts:
             intervals.append((self.now, None))
 
     def enters(self, phase: GoalPhase) -> None:
-        """The active goal has come into another phase."""
+        """Record a new phase of the active goal."""
         if phase is GoalPhase.OBSTRUCTED:
             self._begun = self.now if self._begun is None else self._begun
-        elif phase is not GoalPhase.PLANNING:  # a new plan is no trajectory yet
+        elif phase is not GoalPhase.PLANNING:  # a new plan is not a trajectory
             self._end("itself")
 
     def closes(self, status: GoalStatus, reason: AbortReason | None) -> None:
-        """The goal was reached or given up."""
+        """Record that the goal has succeeded or was aborted."""
         self._end("abort" if status is GoalStatus.ABORTED else "itself")
         self._close(GoalStatus.SUCCEEDED.value if reason is None else reason.value)
         if reason is None:
@@ -113,15 +113,15 @@ class NavigationCounts:
             self._report.aborted[reason.value] += 1
 
     def interrupted(self) -> None:
-        """The behaviour ends the pursuit of the goal."""
+        """Record that the behaviour ends the pursuit of the goal."""
         self._end("order")
 
     def recovers(self) -> None:
-        """Obstacle marks were forgotten to try once more."""
+        """Record a recovery."""
         self._report.recoveries += 1
 
     def retreats(self) -> None:
-        """The robot begins to back away from what it has touched."""
+        """Record that the robot begins to back away."""
         self._report.retreats += 1
 
     def report(self) -> NavigationReport:

@@ -1,4 +1,4 @@
-"""Goals, as in move_base: one at a time, active until it is reached, given up, replaced or cancelled."""
+"""Goals as in move_base: one at a time, active until succeeded, aborted, replaced or cancelled."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -31,14 +31,14 @@ from deeco.knowledge import new_tuple
 
 
 class PursuitState(Enum):
-    """What the cycles of a pursuit do."""
+    """State of a pursuit."""
 
     PLANNING = "planning"
-    """Look for a path; the robot stands."""
+    """Searching for a path; the robot stands."""
     CONTROLLING = "controlling"
-    """Ask the local planner for a command."""
+    """Following commands of the local planner."""
     CLEARING = "clearing"
-    """Recover, or give the goal up; the robot stands."""
+    """Recovering or aborting; the robot stands."""
 
 
 _DRIVES: Final = PursuitState.CONTROLLING
@@ -49,33 +49,32 @@ class Pursuit:
     """State of an active goal; a new goal resets it (MoveBase::executeCb)."""
 
     period: Duration
-    """Time from one cycle to the next; a command holds as long."""
+    """Time between cycles."""
     had_plan: Instant
-    """When a path was last found, a recovery was made or a cycle had no valid trajectory: patience counts
-    from there."""
+    """Time of the last path, recovery or cycle without valid trajectory: start of the planner's timeout."""
     had_trajectory: Instant
-    """When a cycle last had a valid trajectory; at first when the pursuit began."""
+    """Time of the last valid trajectory; initially the start of the pursuit."""
     progressed: Instant
-    """When the robot was last far enough from where it had been, or recovered."""
+    """Time of the last sufficient progress or recovery."""
     planned: Instant
-    """When a path was last looked for."""
+    """Time of the last search for a path."""
     state: PursuitState = PursuitState.PLANNING
     recoveries: int = 0
-    """Recoveries in a row before it gives up; the files list one recovery, the next."""
+    """Consecutive recoveries."""
     trigger: AbortReason = AbortReason.NO_PLAN
-    """Why it recovered last, or is about to."""
+    """Reason of the last or next recovery."""
     twist: Twist = STILL
     """Command of the last cycle."""
     _due: Instant | None = None
-    """When the next cycle is; None: at once."""
+    """Time of the next cycle; None: at once."""
 
     @classmethod
     def begin(cls, instant: Instant, period: Duration) -> "Pursuit":
-        """Return one whose clocks all start at `instant`."""
+        """Return a pursuit that starts at `instant`."""
         return cls(period, instant, instant, instant, instant)
 
     def cycle_begins(self, instant: Instant) -> bool:
-        """Return True once a period; in which step does not depend on the length of steps."""
+        """Return True once a period, independent of the length of steps."""
         if self._due is not None and instant < self._due:
             return False
         late = 0 if self._due is None else (instant - self._due) % self.period
@@ -83,13 +82,13 @@ class Pursuit:
         return True
 
     def give_up(self, reason: AbortReason) -> None:
-        """Let the next cycle recover for this reason, or end the pursuit."""
+        """Let the next cycle recover or abort for this reason."""
         self.state, self.trigger = PursuitState.CLEARING, reason
 
     def settle(self, reason: AbortReason) -> None:
-        """Allow all recoveries again if they were made for this reason, which no longer holds.
+        """Reset the count of recoveries if this was their reason.
 
-        A new plan settles NO_PLAN, a valid trajectory BLOCKED, and having moved NO_PROGRESS
+        A new plan settles NO_PLAN, a valid trajectory BLOCKED, and progress NO_PROGRESS
         (MoveBase::executeCycle, wherever it sets recovery_index_ to 0).
         """
         if self.trigger is reason:
@@ -97,28 +96,28 @@ class Pursuit:
 
 
 _SPACING: Final = 0.05
-"""Distance of the trail's points, m."""
+"""Spacing of the trail's points, m."""
 _LOOK_BACK: Final = 0.25
-"""The robot steers for the point of the trail so far behind, m: about one and a half radii of the body."""
+"""Look-ahead distance on the trail, m: about one and a half radii of the body."""
 _SPEED: Final = 0.2
-"""m/s; own choice, below half of the speed forward: the sensor may see nothing behind."""
+"""Speed of backing out, m/s; own choice, below half of the forward speed, since the rear may be unseen."""
 _TURN: Final = 1.0
-"""The highest turn rate, rad/s."""
+"""Highest turn rate of backing out, rad/s."""
 
 
 class Trail:
-    """The last few metres that a robot has driven, in the frame of its odometry."""
+    """The last metres that a robot has driven, in the odometry frame."""
 
     def __init__(self) -> None:
         self._points: deque[Point] = deque(maxlen=round(FARTHEST_BACK / _SPACING) + 1)
 
     def take(self, here: Point) -> None:
-        """Add the robot's present place."""
+        """Add the robot's position."""
         if not self._points or not self._points[-1].is_nearer(here, _SPACING):
             self._points.append(here)
 
     def behind(self, here: Point) -> Point | None:
-        """Return what to steer for on the way back, None at the trail's end; passed points are forgotten."""
+        """Return the target for backing out and drop passed points; None at the trail's end."""
         while self._points and self._points[-1].is_nearer(here, _LOOK_BACK):
             self._points.pop()
         return self._points[-1] if self._points else None
@@ -126,18 +125,18 @@ class Trail:
 
 @dataclass
 class Withdrawal:
-    """Backing out along the trail, ordered by the behaviour."""
+    """Backing out along the trail, requested by the behaviour."""
 
     left: float
     """Distance to go, m."""
     last: Point
-    """Where the robot was in the step before, odometry frame."""
+    """Position in the previous step, odometry frame."""
     ends: Instant
     """Deadline."""
 
 
 def backward(here: Pose, target: Point) -> Twist:
-    """Return the velocity that leads backward on an arc to `target` (pure pursuit), or turns round first."""
+    """Return the velocity backward on an arc to `target` (pure pursuit); turns first if it is not behind."""
     aim = here.relative(Pose(target.x, target.y, 0.0))
     if aim.x > -abs(aim.y):
         return Twist(0.0, 0.0, -_TURN if aim.y > 0 else _TURN)
@@ -146,39 +145,38 @@ def backward(here: Pose, target: Point) -> Twist:
 
 
 class NavigationParameters(Settings, frozen=True):
-    """When goals are planned for and given up; from d3scomp/ROSRemote, simulation/params/*.yaml."""
+    """Timeouts and recoveries of goals; from d3scomp/ROSRemote, simulation/params/*.yaml."""
 
     replanning: PositiveInterval = seconds(1)
-    """Time from one plan to the next (move_base planner_frequency 1 Hz)."""
+    """Time between plans (move_base planner_frequency 1 Hz)."""
     planner_patience: Interval = seconds(0.5)
-    """Time without any path after which navigation recovers, or gives up (move_base planner_patience; the
-    file says 5 s first and then this)."""
+    """Timeout without a path, after which navigation recovers or aborts (move_base planner_patience; the file
+    has 5 s first and then this)."""
     controller_patience: Interval = seconds(1)
-    """Time without a valid trajectory, the same (move_base controller_patience; the file says 3 s first)."""
+    """Timeout without a valid trajectory (move_base controller_patience; the file has 3 s first)."""
     oscillation_timeout: Interval = seconds(10)
-    """The same for a robot that stays this long ... (move_base oscillation_timeout)"""
+    """Timeout without progress by `oscillation_distance` (move_base oscillation_timeout)."""
     oscillation_distance: Positive = 0.2
-    """... within this distance, m (move_base oscillation_distance)."""
+    """Distance that counts as progress, m (move_base oscillation_distance)."""
     recoveries: Count = 1
-    """So often in a row navigation recovers before it gives up; the files list one recovery, the next."""
+    """Number of consecutive recoveries before an abort; the files list one."""
     reset_distance: NotNegative = 1000.0
-    """A recovery forgets marks outside of a square of this side round the robot, m. More than any window: the
-    files say 3 (clear_costmap_recovery reset_distance) for layers named `obstacles`, and theirs have other
-    names, so that it forgot nothing (clear_costmap_recovery.cpp)."""
+    """A recovery clears marks outside of a square of this side around the robot, m. The default exceeds any
+    window: the files have 3 (clear_costmap_recovery reset_distance) for layers named `obstacles`, but name
+    their layers differently, so that nothing is cleared (clear_costmap_recovery.cpp)."""
     mark_robots: bool = False
-    """Whether planning knows the marks of the local map that are not on the floor plan; off in the files. If
-    on, a cycle without a valid trajectory asks for no path: those round robots that pass lead astray. Own
-    choice."""
+    """Plan around marks of the local map that are not on the floor plan; off in the files. If on, a cycle
+    without a valid trajectory does not replan: paths around passing robots are misleading. Own choice."""
     back_off: bool = False
-    """A robot without a valid trajectory or progress backs off straight by `retreat` once it is free behind
-    it. Off, as in move_base, which never drives backward (min_vel_x 0)."""
+    """A robot without valid trajectory or progress backs off straight by `retreat` if the space behind it is
+    free. Off, as in move_base, which never drives backward (min_vel_x 0)."""
     retreat: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.15
-    """Distance backed away from what the bumper has touched, m: room to turn beside it. Own choice; move_base
-    knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
+    """Distance of backing away from a bumper contact, m: space to turn beside the obstacle. Own choice;
+    move_base does not use bumpers, and a Kobuki with a bumper contact blocks forward motion."""
     retreat_speed: Positive = 0.1
-    """m/s; slow, as it may not see what it backs into."""
+    """Speed of a retreat, m/s; slow, since the sensor may not cover the rear."""
     retreat_patience: Interval = seconds(3)
-    """Longest duration of a retreat; twice what it takes with free wheels."""
+    """Timeout of a retreat; twice its duration with free wheels."""
 
 
 _PATIENT: Final = NavigationParameters(
@@ -188,12 +186,12 @@ NAVIGATION_PRESETS: Final = {
     "chapter": NavigationParameters(),
     "robust": msgspec.structs.replace(_PATIENT, recoveries=2, mark_robots=True, back_off=True),
 }
-"""`chapter`: the original's. `robust`: the default; our own local planner; a recovery forgets what is marked
-farther away; other robots are planned around, waited for and backed off from."""
+"""`chapter`: the original's values. `robust`: the default; a recovery clears distant marks; plans lead around
+other robots; the robot waits for them and backs off."""
 
 
 class _Sensed(msgspec.Struct, frozen=True, gc=False):
-    """Where the robot is: arguments of `Navigator.advance`."""
+    """Arguments of `Navigator.advance`."""
 
     instant: Instant
     here: Pose
@@ -203,15 +201,15 @@ class _Sensed(msgspec.Struct, frozen=True, gc=False):
 
 @dataclass(frozen=True)
 class _Retreat:
-    """Backing away from what has been touched."""
+    """Backing away after a bumper contact."""
 
     begun: Instant
     touched: Point
-    """Where the robot was then, odometry frame."""
+    """Position of the robot at the contact, odometry frame."""
 
 
 class Navigator:
-    """Drives the robot to one goal after the other."""
+    """Navigation of one robot: goals, planning, control and recoveries."""
 
     def __init__(
         self,
@@ -225,15 +223,15 @@ class Navigator:
         self.local_planner = local_planner
         self._p = parameters
         self.goal: Goal | None = None
-        """The last goal with its state; None before the first and after it was cancelled."""
+        """The last goal and its state; None before the first and after a cancellation."""
         self.plan: Plan | None = None
-        """The way that it follows; None while there is none."""
+        """The current plan; None if there is none."""
         self._pursuit: Pursuit | None = None
         self._anchor: Point | None = None
-        """Where the robot last was far enough from the anchor before, map frame; new goals keep it."""
+        """Position of the last progress, map frame; kept by new goals."""
         self._retreat: _Retreat | None = None
         self._stuck = False
-        """The local planner did not get the robot away, and it has not backed off yet."""
+        """True if the robot is blocked and has not backed off yet."""
         self._paused = False
         self._trail = Trail()
         self._withdrawal: Withdrawal | None = None
@@ -242,24 +240,24 @@ class Navigator:
 
     @property
     def backing_out(self) -> bool:
-        """True while it backs out along the robot's trail."""
+        """True while the robot backs out along its trail."""
         return self._withdrawal is not None
 
     def report(self) -> NavigationReport:
-        """Return the goals so far, for the run's result."""
+        """Return the report so far, for the run's result."""
         return self._counts.report()
 
     def take(
         self, order: Point | GoalOrder, paused: bool | None = None, back_out: float | None = None
     ) -> None:
-        """Go to a new point, have no goal, or go on; stand, or do not; back out by so much, m."""
+        """Apply requests of a decision: goal, pause, and distance of backing out, m."""
         if paused is not None and paused is not self._paused:
             self._paused = paused
             self._counts.pauses(paused)
             self._begin_anew()
         if order is GoalOrder.CANCEL:
             self._withdrawal = None
-        if back_out is not None:  # for twice as long as it should take, and a turn
+        if back_out is not None:  # deadline: twice the usual duration, and time for a turn
             ends = Instant(self._now + seconds(3 + 2 * back_out / _SPEED))
             self._withdrawal = Withdrawal(back_out, self._here, ends)
             self._counts.retreats()
@@ -270,7 +268,7 @@ class Navigator:
         self.goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
     def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
-        """Take in the odometry's pose and a scan, if there is one."""
+        """Update the local map with the odometry's pose and a scan, if there is one."""
         self._local.take(instant, here, sweep)
         self._here, self._now = new_tuple(Point, here[:2]), instant
         self._counts.now = instant
@@ -280,10 +278,10 @@ class Navigator:
     def advance(
         self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist, bumped: bool = False
     ) -> Twist:
-        """Return the velocity to command from now on.
+        """Return the velocity command.
 
-        `here`: the robot's pose in the odometry frame; `estimate`: on the map; `velocity`: the base's own;
-        `bumped`: its bumper touches something.
+        `here`, `estimate`: the robot's pose in the odometry frame and in the map frame; `velocity`: of the
+        base; `bumped`: True during a bumper contact.
         """
         if self._withdrawal is not None and not self._paused:
             twist = self._back_out(self._withdrawal, instant, here)
@@ -302,7 +300,7 @@ class Navigator:
         return self._pursue(self.goal.point, _Sensed(instant, here, estimate, velocity))
 
     def _back_out(self, withdrawal: Withdrawal, instant: Instant, here: Pose) -> Twist | None:
-        """Return the velocity that leads back along the trail; None once that is over."""
+        """Return the velocity along the trail; None at the end of backing out."""
         withdrawal.left -= withdrawal.last.distance_to(here.point)
         withdrawal.last = here.point
         target = self._trail.behind(here.point)
@@ -316,9 +314,9 @@ class Navigator:
         return twist
 
     def _pursue(self, goal: Point, now: _Sensed) -> Twist:
-        """Return the command of the present cycle (MoveBase::executeCb and executeCycle, move_base.cpp).
+        """Return the command of the current cycle (MoveBase::executeCb and executeCycle, move_base.cpp).
 
-        There a new goal's path comes after a first cycle, in which the base keeps its last command.
+        In move_base the path of a new goal arrives after a first cycle, in which the base keeps its command.
         """
         pursuit = self._pursuit
         if pursuit is None:
@@ -337,7 +335,7 @@ class Navigator:
         return pursuit.twist
 
     def _cycle(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
-        """Do what the state asks for (MoveBase::executeCycle: its switch)."""
+        """Return the command of the state (MoveBase::executeCycle: its switch)."""
         if pursuit.state is PursuitState.CLEARING:
             return self._recover(pursuit, now.instant)
         if pursuit.state is _DRIVES:
@@ -347,10 +345,10 @@ class Navigator:
         return self._in_phase(GoalPhase.PLANNING, now.instant)
 
     def _control(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
-        """Let the local planner choose a trajectory; without a valid one stand, and plan anew at once.
+        """Return the local planner's command; without a valid trajectory stand and replan at once.
 
-        MoveBase::executeCycle, case CONTROLLING. So a robot without progress still gets a command in that
-        cycle, and does not recover yet if there is no valid trajectory in it.
+        MoveBase::executeCycle, case CONTROLLING: a robot without progress still receives a command in this
+        cycle, and a cycle without valid trajectory resets the state, so that it does not recover yet.
         """
         instant = now.instant
         if instant - pursuit.progressed > self._p.oscillation_timeout:
@@ -372,9 +370,9 @@ class Navigator:
         return self._in_phase(GoalPhase.OBSTRUCTED, instant)
 
     def _plan(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> None:
-        """Look for a path (MoveBase::planThread).
+        """Search for a path (MoveBase::planThread).
 
-        Without one a robot that drives follows the old one; a robot without one is patient for a while.
+        Without a new path, the robot follows the old one or waits for the timeout.
         """
         pursuit.planned = now.instant
         way = self._planner.path(now.estimate.point, goal, self._strangers(now.here, now.estimate))
@@ -391,7 +389,7 @@ class Navigator:
                 pursuit.give_up(AbortReason.NO_PLAN)
 
     def _strangers(self, here: Pose, estimate: Pose) -> Floats | None:
-        """Return the local map's marks in the map frame, if planning is to know of them."""
+        """Return the local map's marks in the map frame if planning uses them, otherwise None."""
         if not self._p.mark_robots:
             return None
         marks = self._local.marks()
@@ -400,9 +398,9 @@ class Navigator:
         return np.stack([x * c - y * s + estimate.x, x * s + y * c + estimate.y], axis=1)
 
     def _recover(self, pursuit: Pursuit, instant: Instant) -> Twist:
-        """Forget what is marked farther away and plan anew, or give the goal up.
+        """Clear distant marks and replan, or abort the goal.
 
-        MoveBase::executeCycle, case CLEARING. It plans in the next cycle, and drives in the one after it.
+        MoveBase::executeCycle, case CLEARING: plans in the next cycle and drives in the one after it.
         """
         self._stuck = self._p.back_off and pursuit.trigger is not AbortReason.NO_PLAN
         if pursuit.recoveries >= self._p.recoveries:
@@ -415,14 +413,14 @@ class Navigator:
         return self._in_phase(GoalPhase.PLANNING, instant)
 
     def _watch(self, pursuit: Pursuit, now: _Sensed) -> None:
-        """Note whether the robot moves on (MoveBase::executeCycle, at its begin, in every state)."""
+        """Detect progress (MoveBase::executeCycle, at its begin, in every state)."""
         place, distance = now.estimate.point, self._p.oscillation_distance
         if self._anchor is None or not self._anchor.is_nearer(place, distance):
             self._anchor, pursuit.progressed = place, now.instant
             pursuit.settle(AbortReason.NO_PROGRESS)
 
     def _retreats(self, instant: Instant, here: Pose, bumped: bool) -> bool:
-        """Return True while the robot has to back away."""
+        """Return True while the robot must back away."""
         stuck = self._stuck
         if self._retreat is None:
             if not (bumped or stuck) or not self._local.free_behind(here, self._p.retreat, touching=stuck):
@@ -437,7 +435,7 @@ class Navigator:
         return False
 
     def _in_phase(self, phase: GoalPhase, instant: Instant) -> Twist:
-        """Note the phase of the active goal; the robot stands."""
+        """Set the phase of the active goal; return STILL."""
         assert self.goal is not None
         if self.goal.phase is not phase:
             self.goal = self.goal._replace(phase=phase, since=instant)
@@ -445,13 +443,13 @@ class Navigator:
         return STILL
 
     def _begin_anew(self) -> None:
-        """Forget how the present goal was pursued."""
+        """Reset the pursuit of the current goal."""
         self._counts.interrupted()
         self._pursuit = self.plan = None
         self._retreat = None
 
     def _close(self, status: GoalStatus, reason: AbortReason | None = None) -> Twist:
-        """End the goal; the robot stands."""
+        """End the goal; return STILL."""
         assert self.goal is not None
         self.goal = Goal(self.goal.point, status, reason)
         self._counts.closes(status, reason)

@@ -1,4 +1,4 @@
-"""Global planning on the floor plan: ways that keep to the middle of doors, from one potential per goal."""
+"""Global planning on the floor plan: paths through the middle of doors, from one potential per goal."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -25,42 +25,42 @@ N = TypeVar("N", bound=np.generic)
 
 
 class PlanningParameters(Settings, frozen=True):
-    """How ways are planned; costs as in d3scomp/ROSRemote, simulation/params (navfn on a costmap of ROS)."""
+    """Global planner; costs as in d3scomp/ROSRemote, simulation/params (navfn on a ROS costmap)."""
 
     method: Literal["navfn", "grid"] = "navfn"
-    """"navfn": as ROS's navfn, on the map's own cells, by a new wave for every plan. "grid": our own, on a
-    coarser grid, by potentials from the goal that are kept; a behaviour's questions about the floor are
-    answered on it with both. A parameter that names a method holds for that only."""
+    """"navfn": as ROS's navfn, on the map's cells, with a new wave for each plan. "grid": our own, on a
+    coarser grid, with cached potentials of goals; also used for a behaviour's queries with both methods. A
+    parameter that names a method is used by that only."""
     cell: Positive = 0.05
     """grid: side of its cells, m: the smallest multiple of the map's that is at least this."""
     margin: NotNegative = 0.03
-    """grid: distance that the body keeps from walls, m; own choice: what the local planner may stray."""
+    """grid: distance of the body from walls, m; own choice: the local planner's deviation."""
     allowance: NotNegative = 0.003
     """navfn: added to the body's radius, m; the files' robot_radius is 0.18, the TurtleBot's is 0.177."""
     padding: NotNegative = 0.01
     """navfn: added to the coordinates of the outline's corners, m (costmap_2d)."""
     narrowest: NotNegative = 0.0
-    """grid: no plan leads through gaps narrower than this, m; 0: as `margin` has it. Own choice: what the
-    local planner is certain to pass."""
+    """grid: minimum width of gaps, m; 0: given by `margin`. Own choice: the local planner passes such gaps
+    reliably."""
     inflation_radius: NotNegative = 0.5
     """Distance from a wall at which its cost ends, m (costmap_2d inflation_radius)."""
     scaling: NotNegative = 10.0
-    """How fast the cost falls with the distance to a wall, 1/m (costmap_2d cost_scaling_factor)."""
+    """Decay rate of the cost with the distance to a wall, 1/m (costmap_2d cost_scaling_factor)."""
     neutral: PositiveCount = 50
     """Cost of a cell far from walls (navfn, COST_NEUTRAL)."""
     factor: NotNegative = 0.8
     """Weight of a cell's cost on the cost map, up to 252 (navfn, COST_FACTOR as compiled; navfn does not read
     the files' cost_factor 3.0)."""
     wall: NotNegative = 0.1
-    """Marks nearer to a wall of the map than this count as the wall, m; own choice: cells and errors of the
-    pose."""
+    """Distance from a wall of the map within which marks count as the wall, m; own choice: cell size and pose
+    error."""
     tolerance: NotNegative = 0.5
-    """A goal where the robot cannot stand becomes the nearest free point within this distance, m
-    (navfn default_tolerance); with the method grid also the start."""
+    """An occupied goal is replaced by the nearest free point within this distance, m (navfn
+    default_tolerance); with the method grid also the start."""
     cached: PositiveCount = 16
-    """grid: number of potentials that are kept, 0.5 MB each on the corridor map."""
+    """grid: number of cached potentials, 0.5 MB each on the corridor map."""
     cached_mb: Positive = 16.0
-    """grid: their size in memory, MB; one is always kept."""
+    """grid: size of the cache, MB; at least one potential is cached."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,51 +70,51 @@ class PlanningParameters(Settings, frozen=True):
 
 
 HIGHEST: Final = 253
-"""Cost of a cell in navfn, at most, that can be passed."""
+"""Highest cost of a free cell in navfn."""
 _IDLE: Final = {
     "navfn": ("cell", "margin", "narrowest", "cached", "cached_mb"),
     "grid": ("allowance", "padding"),
 }
-"""By method: parameters that it does not use."""
+"""Unused parameters by method."""
 _GRID: Final = PlanningParameters(method="grid", factor=3.0)
 PLANNER_PRESETS: Final[Mapping[str, PlanningParameters]] = MappingProxyType(
     {"chapter": PlanningParameters(), "robust": replace(_GRID, narrowest=0.56)}
 )
-"""As the presets of the table [navigation] are called."""
+"""Presets with the names of those of the table [navigation]."""
 
 
 class GlobalPlanner(Protocol):
-    """What finds ways."""
+    """A global planner."""
 
     def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
-        """The way from `start` to `goal`, or to a point near it; None without one.
+        """Return the path from `start` to `goal`, or to a point near it; None if there is none.
 
-        (n, 2), n ≥ 1, m in the map frame. `marks`: (k, 2), m, map frame: what else is in the way.
+        (n, 2), n ≥ 1, m, map frame. `marks`: (k, 2), m, map frame: additional obstacles.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The floor plan as one robot's body sees it: where its centre may be, and what that costs."""
+    """Planning grid of a floor plan for one robot's body."""
 
     grid: OccupancyGrid
-    """The planning grid; FREE where the body's centre may be."""
+    """Cells that are FREE for the body's centre."""
     clearance: Floats
-    """(rows, columns): at least so far is the nearest wall, m."""
+    """(rows, columns): lower bound of the distance to the nearest wall, m."""
     costs: Int32s
-    """(rows, columns), > 0; 0 where the body's centre may not be."""
+    """(rows, columns): > 0 in free cells, otherwise 0."""
     radius: float
-    """Of the body, m."""
+    """Radius of the body, m."""
     reach: float
-    """The clearance that the body's centre needs, m."""
+    """Required clearance of the body's centre, m."""
 
 
 _GROUNDS: Final = SharedCache[Ground]()
 
 
 def ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters = _GRID) -> Ground:
-    """The ground for a disc of `radius`, m: computed once per map and body, never changed, and shared."""
+    """Return the planning grid for a disc of `radius`, m: computed once per map and body, and shared."""
     content = plan.content, radius, parameters
     return _GROUNDS.get(content, lambda: _ground(plan, radius, parameters))
 
@@ -134,9 +134,9 @@ def _ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) 
 
 
 def narrowest_door(radius: float, parameters: PlanningParameters, resolution: float) -> float:
-    """Return the width, m, from which on a disc of `radius`, m, has a plan through any door of the map.
+    """Return the width of the narrowest door, m, with a plan for a disc of `radius`, m.
 
-    The door's jambs lie along the map's cells, of side `resolution`, m.
+    The door's jambs are aligned with the map's cells, of side `resolution`, m.
     """
     if parameters.method == "navfn":
         within = inscribed(radius + parameters.allowance, parameters.padding)
@@ -152,10 +152,10 @@ def _factor(parameters: PlanningParameters, resolution: float) -> int:
 
 
 def _wide_enough(plan: OccupancyGrid, reach: float, factor: int, narrowest: float) -> Flags | np.bool_:
-    """Return which planning cells lie in no gap between walls that is narrower than `narrowest`, m.
+    """Return which planning cells are outside of gaps between walls narrower than `narrowest`, m.
 
-    A cell beside a wall is near the middle of a wide gap; a cell in a narrow gap is not. The middle of a gap
-    is a cell, or the line between two.
+    A cell beside a wall counts as outside if it is near the middle of a wide gap. The middle of a gap is a
+    cell or the line between two.
     """
     if not narrowest:
         return np.True_
@@ -171,14 +171,14 @@ def _wide_enough(plan: OccupancyGrid, reach: float, factor: int, narrowest: floa
 
 
 def _costs(distance: Floats, radius: float, parameters: PlanningParameters) -> Int32s:
-    """What a cell costs so far from what it must not touch, m."""
+    """Return the costs of cells by distance from obstacles, m."""
     inflation = Inflation(radius, parameters.inflation_radius, parameters.scaling)
     cost_map = np.minimum(inflation.costs(distance), INSCRIBED - 1)
     return parameters.neutral + np.rint(parameters.factor * cost_map).astype(np.int32)
 
 
 def occupied(ground: Ground, marks: Floats, parameters: PlanningParameters = _GRID) -> Int32s:
-    """Return the ground's costs with more things on it than the floor plan shows; see `with_marks`."""
+    """Return the costs with additional obstacles; see `with_marks`."""
     cell, costs = ground.grid.resolution, ground.costs
     reach = math.ceil(max(parameters.inflation_radius, ground.reach) / cell)
 
@@ -202,11 +202,11 @@ def with_marks(
     reach: int,
     near: Callable[[Window, Octets], NDArray[N]],
 ) -> NDArray[N]:
-    """Return costs on a grid with marked cells, read-only; the very same without any.
+    """Return costs on a grid with marked cells, read-only; the same array if there are none.
 
-    `marks`: (k, 2), m, map frame; those nearer than `wall`, m, to a wall of the map, by `clearance`, m, are
-    taken for the wall. `near` gives the costs of the window within `reach` cells of the others, by what is
-    marked there: 1, elsewhere 0.
+    `marks`: (k, 2), m, map frame; those nearer than `wall`, m, to a wall of the map, by `clearance`, m, count
+    as the wall. `near` returns the costs of the window within `reach` cells of the others, from its marks (0
+    or 1).
     """
     column, row = np.floor((marks - np.array(grid.origin)) / grid.resolution).astype(np.intp).T
     inside = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
@@ -222,12 +222,12 @@ def with_marks(
     window = (slice(bottom, top), slice(left, right))
     changed = costs.copy()
     changed[window] = near(window, marked)
-    changed.setflags(write=False)  # as without marks: the kernels are compiled for that
+    changed.setflags(write=False)  # like costs without marks, for which the kernels are compiled
     return changed
 
 
 def blocks(fine: NDArray[N], factor: int) -> NDArray[N]:
-    """Return a grid as blocks, (rows, factor, columns, factor), with 0 beyond the north and east edges."""
+    """Return a grid as blocks, (rows, factor, columns, factor), padded with 0 in the north and east."""
     rows, columns = -(-fine.shape[0] // factor), -(-fine.shape[1] // factor)
     padded = np.zeros((rows * factor, columns * factor), fine.dtype)
     padded[: fine.shape[0], : fine.shape[1]] = fine
@@ -235,17 +235,17 @@ def blocks(fine: NDArray[N], factor: int) -> NDArray[N]:
 
 
 def _coarse(fine: Floats, factor: int) -> Floats:
-    """Return the least value of each block of factor × factor cells; beyond the edges all is 0."""
+    """Return the minimum of each block of factor × factor cells, padded with 0."""
     least: Floats = blocks(fine, factor).min(axis=(1, 3))
     return least
 
 
 class Planner:
-    """Finds ways on one ground by the method grid; keeps the potentials of the last goals."""
+    """Global planner with the method grid; caches the potentials of the last goals."""
 
     def __init__(self, ground: Ground, parameters: PlanningParameters = _GRID) -> None:
         farthest = max(parameters.inflation_radius, ground.reach)
-        check_reach("planner: the reach of what is marked", farthest, ground.grid.resolution)
+        check_reach("planner: the inflation radius", farthest, ground.grid.resolution)
         self._ground = ground
         self._parameters = parameters
         self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
@@ -254,10 +254,10 @@ class Planner:
         self._field = kept(lambda goal: potential(ground.costs, *goal))
 
     def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
-        """The way from `start` to `goal`, or to the nearest point within the tolerance; None without one.
+        """Return the path to `goal`, or to the nearest point within the tolerance; None if there is none.
 
-        (n, 2), n ≥ 1, m in the map frame: centres of neighbouring cells, but for the last point, which is
-        the goal itself where the body has room there. `marks`: (k, 2), m, map frame: what else is in the way.
+        (n, 2), n ≥ 1, m, map frame: centres of neighbouring cells; the last point is the goal if its cell is
+        free. `marks`: (k, 2), m, map frame: additional obstacles.
         """
         grid, ground = self._ground.grid, self._ground
         costs = ground.costs if marks is None else occupied(ground, marks, self._parameters)
@@ -278,7 +278,7 @@ class Planner:
         return way
 
     def _around(self, costs: Int32s, start: Cell) -> Flags:
-        """The floor that is connected to the start."""
+        """Return the floor that is connected to the start."""
         if costs is not self._ground.costs:
             return raster.flood(costs > 0, *start)
         if not self._region[start]:

@@ -1,9 +1,9 @@
-"""Kernels of global planning: how far every cell is from the goal, and the way down from a cell.
+"""Kernels of global planning: potentials of goals, and gradient descent.
 
-Dijkstra's algorithm with a queue of buckets (Dial, "Algorithm 360: Shortest-path forest with topological
-ordering", CACM 12(11), 1969), as all costs are small whole numbers. A step leads to one of eight neighbours
-and costs (5 straight, 7 diagonal) × (cost of the cell it leaves + cost of the cell it enters); diagonally
-only where both cells beside the step are passable.
+Dijkstra's algorithm with a bucket queue (Dial, "Algorithm 360: Shortest-path forest with topological
+ordering", CACM 12(11), 1969), since costs are small integers. A step leads to one of eight neighbours and
+costs (5 straight, 7 diagonal) × (cost of the cell it leaves + cost of the cell it enters); diagonal steps
+need both cells beside them to be free.
 """
 
 from typing import Final
@@ -15,7 +15,7 @@ from actors.array_types import Floats, Int32s, Octets, Singles
 from actors.kernels import kernel
 
 UNREACHABLE: Final = np.iinfo(np.int32).max
-"""The potential of a cell from which no way leads to the goal."""
+"""Potential of a cell without path to the goal."""
 STRAIGHT: Final = 5
 DIAGONAL: Final = 7
 """7/5 is within 1 % of √2."""
@@ -23,7 +23,7 @@ DIAGONAL: Final = 7
 
 @kernel
 def _is_step(costs: Int32s, row: int, column: int, down: int, right: int) -> bool:
-    """True if the step from a passable cell ends on the grid, on a passable cell, and cuts no corner."""
+    """Return True if the step from a free cell ends in a free cell of the grid and cuts no corner."""
     r, c = row + down, column + right
     if r < 0 or c < 0 or r >= costs.shape[0] or c >= costs.shape[1] or costs[r, c] == 0:
         return False
@@ -32,16 +32,16 @@ def _is_step(costs: Int32s, row: int, column: int, down: int, right: int) -> boo
 
 @kernel
 def potential(costs: Int32s, goal_row: int, goal_column: int) -> Int32s:
-    """Cost of the cheapest way from every cell to the goal cell: (rows, columns), UNREACHABLE without one.
+    """Return the cost of the cheapest path from each cell to the goal cell: (rows, columns), or UNREACHABLE.
 
-    `costs`: (rows, columns), > 0 of a passable cell, 0 of one that is not.
+    `costs`: (rows, columns), > 0 in free cells, otherwise 0.
     """
     rows, columns = costs.shape
     field = np.full((rows, columns), UNREACHABLE, np.int32)
     known = field.ravel()
     if costs[goal_row, goal_column] == 0:
         return field
-    # a cell waits in at most one bucket, a doubly linked list, so that a cheaper way can move it to another
+    # a cell is in at most one bucket, a doubly linked list, so that a cheaper path can move it to another
     buckets = np.full(2 * DIAGONAL * costs.max() + 1, -1, np.int32)
     after = np.full(rows * columns, -1, np.int32)
     before = np.full(rows * columns, -1, np.int32)
@@ -77,7 +77,7 @@ def potential(costs: Int32s, goal_row: int, goal_column: int) -> Int32s:
 
 @kernel
 def _link(buckets: Int32s, after: Int32s, before: Int32s, cell: int, slot: int) -> None:
-    """Put a cell into a bucket."""
+    """Insert a cell into a bucket."""
     head = buckets[slot]
     after[cell] = head
     before[cell] = -1
@@ -88,7 +88,7 @@ def _link(buckets: Int32s, after: Int32s, before: Int32s, cell: int, slot: int) 
 
 @kernel
 def _unlink(buckets: Int32s, after: Int32s, before: Int32s, cell: int, slot: int) -> None:
-    """Take a waiting cell out of its bucket."""
+    """Remove a cell from its bucket."""
     if before[cell] >= 0:
         after[before[cell]] = after[cell]
     else:
@@ -99,7 +99,7 @@ def _unlink(buckets: Int32s, after: Int32s, before: Int32s, cell: int, slot: int
 
 @kernel
 def descent(costs: Int32s, field: Int32s, row: int, column: int) -> Int32s:
-    """The cells from (row, column) to the goal, steepest way down the potential: (n, 2) rows and columns.
+    """Return the cells from (row, column) to the goal by steepest descent: (n, 2) rows and columns.
 
     The start's potential must not be UNREACHABLE.
     """
@@ -125,23 +125,23 @@ def descent(costs: Int32s, field: Int32s, row: int, column: int) -> Int32s:
 
 
 UNREACHED: Final = np.float32(1e10)
-"""The potential of a cell to which no wave came (POT_HIGH)."""
+"""Potential of an unreached cell (POT_HIGH)."""
 IMPASSABLE: Final = 254
-"""Cost of a cell that no wave enters (COST_OBS)."""
+"""Cost of an occupied cell (COST_OBS)."""
 _ASIDE: Final = 0.707106781
-"""A cell is looked at again if its potential is higher than a neighbour's by so much of its cost."""
+"""A cell is updated again if its potential exceeds a neighbour's by this share of its cost."""
 _WAITING: Final = np.uint8(255)
-"""Instead of its cost: the cell is in a block, and is not to get into another one."""
+"""Value instead of the cost of a cell that is already in a block."""
 _STEP: Final = 0.5
-"""Length of a step down, cells (pathStep)."""
+"""Length of a descent step, cells (pathStep)."""
 
 
 def wave(costs: Octets, root: tuple[int, int], neutral: int, until: tuple[int, int] | None = None) -> Singles:
-    """The potential of the cells, 0 at `root` (row, column): (rows, columns), UNREACHED where no wave came.
+    """Return the potential of the cells, 0 at `root` (row, column): (rows, columns), or UNREACHED.
 
-    `costs`: (rows, columns), of a step through each cell; IMPASSABLE or more all along the edge, where the
-    root must not be; its own cost does not matter. `neutral`: the lowest cost, of which thresholds are made.
-    The wave ends as it reaches the cell `until`: potentials near that are not yet as low as they can be.
+    `costs`: (rows, columns), of a step through each cell, ≥ IMPASSABLE along the edge; the root must not be
+    on the edge, and its cost is ignored. `neutral`: the lowest cost, used for thresholds. The wave ends at
+    the cell `until`; potentials near it may not be minimal.
     """
     rows, columns = costs.shape
     assert 0 < root[0] < rows - 1 and 0 < root[1] < columns - 1
@@ -151,10 +151,10 @@ def wave(costs: Octets, root: tuple[int, int], neutral: int, until: tuple[int, i
 
 
 def way_down(field: Singles, row: int, column: int, neutral: int) -> Floats:
-    """The steepest way from a cell that was reached to the potential's root: (n, 2), rows and columns.
+    """Return the path of steepest descent from a reached cell to the root: (n, 2), rows and columns.
 
-    They are in cells: a point in the middle of a cell has that cell's numbers. From one to the next it is
-    half a cell, beside what was not reached up to a diagonal. The first is the cell, the last the root.
+    Coordinates are in cells; the centre of a cell has its indices. Spacing: half a cell, up to a diagonal
+    beside unreached cells. The first point is the cell, the last the root.
     """
     columns = field.shape[1]
     most = 64 + int(4 * field[row, column] / neutral)
@@ -165,7 +165,7 @@ def way_down(field: Singles, row: int, column: int, neutral: int) -> Floats:
 def _front(
     left: np.float32, right: np.float32, down: np.float32, up: np.float32, cost: np.float32
 ) -> np.float32:
-    """A cell's potential from those of its four neighbours."""
+    """Return a cell's potential from those of its four neighbours."""
     lower, other = min(left, right), min(down, up)
     if other < lower:
         lower, other = other, lower
@@ -185,9 +185,9 @@ def _wake(
     block: NDArray[np.uint32],
     count: np.uint64,
 ) -> np.uint64:
-    """Put a neighbour whose potential one of `here` may lower into a block of `count` cells; its new count.
+    """Add a neighbour to a block of `count` cells if `here` may lower its potential; return the new count.
 
-    Without a branch, for no processor guesses which one it is: written it is in any case, behind the last.
+    Branchless, since the branch is unpredictable: the neighbour is always written behind the last cell.
     """
     cost = entrance[near]
     wakes = potential > np.float32(here + aside[cost])
@@ -198,7 +198,7 @@ def _wake(
 
 @kernel
 def _asides() -> Singles:
-    """By how much a potential must be higher than a neighbour's to be looked at again, by the cell's cost."""
+    """Return the difference of potentials above which a cell is updated again, by its cost."""
     aside = np.full(256, np.inf, np.float32)
     for cost in range(IMPASSABLE):
         aside[cost] = np.float32(_ASIDE * np.float64(cost))
@@ -207,10 +207,10 @@ def _asides() -> Singles:
 
 @kernel
 def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Singles:
-    # cells are counted without a sign: with one, each access asks whether it counts from the end
+    # unsigned, so that indices need no check for negative values
     field = np.full(costs.size, UNREACHED, np.float32)
     entrance, aside = costs.copy(), _asides()
-    # a cell waits in one block at most, so each may hold all of them, and one that does not wait
+    # a cell is in at most one block; each block has space for all cells and one that is not kept
     blocks = np.empty((3, costs.size + 1), np.uint32)
     now, soon, later = blocks[0], blocks[1], blocks[2]
     threshold = np.float32(IMPASSABLE)
@@ -250,7 +250,7 @@ def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Sin
 
 @kernel
 def _is_reached_around(field: Singles, columns: int, cell: int) -> bool:
-    """True if the cell and the eight around it have been reached."""
+    """Return True if the cell and its eight neighbours are reached."""
     for line in (cell - columns, cell, cell + columns):
         if max(field[line - 1], field[line], field[line + 1]) >= UNREACHED:
             return False
@@ -259,7 +259,7 @@ def _is_reached_around(field: Singles, columns: int, cell: int) -> bool:
 
 @kernel
 def _lowest_beside(field: Singles, columns: int, cell: int) -> int:
-    """The cell with the lowest potential of the nine; whole numbers decide, as in the original."""
+    """Return the cell with the lowest potential of the nine, compared as integers as in the original."""
     lowest, best = np.floor(field[cell]), cell
     for line in (cell - columns, cell, cell + columns):
         for near in (line - 1, line, line + 1):
@@ -270,7 +270,7 @@ def _lowest_beside(field: Singles, columns: int, cell: int) -> int:
 
 @kernel
 def _slope(field: Singles, columns: int, cell: int) -> tuple[float, float]:
-    """Direction, right and up, in which the potential falls at a reached cell: of length 1, or 0."""
+    """Return the direction, right and up, of descent at a reached cell: of length 1, or 0."""
     here, right, up = np.float64(field[cell]), 0.0, 0.0
     if field[cell - 1] < UNREACHED:
         right += field[cell - 1] - here
@@ -288,7 +288,7 @@ def _slope(field: Singles, columns: int, cell: int) -> tuple[float, float]:
 
 @kernel
 def _interpolated(field: Singles, columns: int, cell: int, right: float, up: float) -> tuple[float, float]:
-    """The slope beside the cell, from those of it and of its neighbours right and up."""
+    """Return the slope between the cell and its neighbours right and up, by bilinear interpolation."""
     a, b = _slope(field, columns, cell), _slope(field, columns, cell + 1)
     c, d = _slope(field, columns, cell + columns), _slope(field, columns, cell + columns + 1)
     x = (1.0 - up) * ((1.0 - right) * a[0] + right * b[0]) + up * ((1.0 - right) * c[0] + right * d[0])
@@ -298,13 +298,13 @@ def _interpolated(field: Singles, columns: int, cell: int, right: float, up: flo
 
 @kernel
 def _rounded(value: float) -> int:
-    """The nearest whole number, of two the one farther from 0."""
+    """Return the nearest integer, ties away from 0."""
     return int(value + 0.5) if value >= 0 else -int(0.5 - value)
 
 
 @kernel
 def _way_down(field: Singles, columns: int, cell: int, neutral: float, most: int) -> Floats:
-    # after `most` points, of which that many are enough, from cell to cell: each lower than the one before
+    # after `most` points, which are normally enough, go from cell to cell, each lower than the one before
     points = np.empty((2 * most, 2))
     right, up = 0.0, 0.0
     count = 0
@@ -350,7 +350,7 @@ def fingerprint() -> bytes:
     costs[[0, -1]] = costs[:, [0, -1]] = IMPASSABLE
     navfn = costs.astype(np.uint8)
     for shared in (ours, navfn):
-        shared.setflags(write=False)  # as those of the robot: this compiles the variants that it calls
+        shared.setflags(write=False)  # like those of the robot, to compile the variants that it calls
     field, near, goal = potential(ours, 9, 0), wave(navfn, (10, 4), 50, (12, 28)), wave(navfn, (10, 4), 50)
     parts = field, descent(ours, field, 9, 26), goal, way_down(goal, 10, 30, 50), near
     return b"".join(part.tobytes() for part in parts)

@@ -1,8 +1,8 @@
-"""Kernels: what one scan tells about the cells of a grid: which are marked, cleared, seen free.
+"""Kernels that mark and clear the cells of a grid by ray tracing of scans.
 
-The grid's cells are squares of side 1 in the units used here; (x, y) of a pose count from the grid's corner.
-As costmap_2d's obstacle layer (ros-planning/navigation, costmap_2d/plugins/obstacle_layer.cpp), but for two
-things: a ray's way is exact, not Bresenham's line between cells, and the cell that it ends in is not cleared.
+Lengths are in cells; positions are relative to the grid's corner. As costmap_2d's obstacle layer
+(ros-planning/navigation, costmap_2d/plugins/obstacle_layer.cpp) with two differences: rays are traced exactly
+instead of by Bresenham's line, and the cell in which a ray ends is not cleared.
 """
 
 import math
@@ -23,24 +23,24 @@ from actors.settings import ParameterError
 
 HALF_DIAGONAL: Final = math.sqrt(0.5)
 _ENDED: Final = 2
-"""What a cell holds in which a ray of the present scan ends, until the scan is taken in."""
+"""Temporary value of a cell in which a ray of the current scan ends."""
 
 
 class Rays(NamedTuple):
-    """A range sensor for the kernels; lengths in cells."""
+    """Geometry of a range sensor; lengths in cells."""
 
     directions: Floats
     """(n, 2): unit vectors in the sensor's frame."""
     fan: Floats
-    """Angle of the first ray in that frame, and the increment, rad."""
+    """Angle of the first ray in that frame and increment, rad."""
     limits: Floats
-    """Cells per mm; ranges of marking and of clearing; range from which rays without echo clear, inf if they
-    do not."""
+    """Cells per mm; maximum ranges of marking and of clearing; range from which rays without echo clear (inf:
+    never)."""
 
 
 @kernel
-def _free_stretch(range_mm: int, limits: Floats) -> tuple[float, float]:
-    """From where to where a ray shows that nothing is there, cells; from inf if nowhere."""
+def _free_segment(range_mm: int, limits: Floats) -> tuple[float, float]:
+    """Return the segment of a ray that is free, cells; begins at inf if there is none."""
     if range_mm == NO_ECHO_MM:
         return limits[3], limits[2]
     return 0.0, min(range_mm * limits[0], limits[2])
@@ -48,9 +48,9 @@ def _free_stretch(range_mm: int, limits: Floats) -> tuple[float, float]:
 
 @kernel
 def _crossing(x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
-    """Where a ray from the origin along (dx, dy) enters and leaves the unit square around (x, y).
+    """Return where a ray from the origin along (dx, dy) enters and leaves the unit square around (x, y).
 
-    It leaves before it enters if it misses the square.
+    The exit precedes the entry if the ray misses the square.
     """
     enter, leave = 0.0, math.inf
     for centre, along in ((x, dx), (y, dy)):
@@ -68,7 +68,7 @@ def _crossing(x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
 def _passed(
     x: float, y: float, ranges_mm: NDArray[np.uint16], rays: Rays, c: float, s: float, heading: float
 ) -> bool:
-    """True if some ray passes through the cell with its centre (x, y) away from the sensor."""
+    """Return True if a ray passes through the cell centred at (x, y) relative to the sensor."""
     directions, fan, limits = rays
     apart = hypot(x, y)
     if apart - HALF_DIAGONAL >= limits[2]:
@@ -77,7 +77,7 @@ def _passed(
     for turn in range(-1, 2):
         first, last = window(bearing, half, turn, fan[1], ranges_mm.size)
         for k in range(first, last):
-            begin, end = _free_stretch(ranges_mm[k], limits)
+            begin, end = _free_segment(ranges_mm[k], limits)
             if end < apart - HALF_DIAGONAL:
                 continue
             enter, leave = _crossing(
@@ -90,7 +90,7 @@ def _passed(
 
 @kernel
 def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -> None:
-    """Write `value` into the cells whose centres are within `radius` of the body's."""
+    """Write `value` into cells with centres within `radius` of the body's."""
     for row in range(max(int(body[1] - radius), 0), min(int(body[1] + radius) + 1, cells.shape[0])):
         for column in range(max(int(body[0] - radius), 0), min(int(body[0] + radius) + 1, cells.shape[1])):
             if hypot(column + 0.5 - body[0], row + 0.5 - body[1]) <= radius:
@@ -99,9 +99,9 @@ def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -
 
 @kernel
 def take_in(marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats) -> None:
-    """Clear cells that a ray passes through or that are below the body, mark those that a ray ends in.
+    """Clear cells passed by a ray or below the body, and mark cells in which a ray ends.
 
-    `marks`: (rows, columns), 0 or 1, changed. `ranges_mm`: (n,). `eye`: x, y, cells, and heading of the
+    `marks`: (rows, columns), 0 or 1, modified. `ranges_mm`: (n,). `eye`: x, y, cells, and heading of the
     sensor, rad. `body`: x, y and radius, cells.
     """
     directions, limits = rays.directions, rays.limits
@@ -116,7 +116,7 @@ def take_in(marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Float
             marks[row, column] = _ENDED
     for row in range(marks.shape[0]):
         for column in range(marks.shape[1]):
-            if marks[row, column] == _ENDED:  # most of what is marked: whether rays pass it does not matter
+            if marks[row, column] == _ENDED:  # stays marked even if other rays pass
                 marks[row, column] = 1
             elif marks[row, column]:
                 x, y = column + 0.5 - eye[0], row + 0.5 - eye[1]
@@ -129,17 +129,17 @@ def take_in(marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Float
 def stamp(
     stamps: Int64s, instant: int, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats
 ) -> None:
-    """Write `instant` into every cell that a ray passes through or that is below the body.
+    """Write `instant` into each cell passed by a ray or below the body.
 
-    `stamps`: (rows, columns), changed; the rest as for `take_in`. The traversal of Amanatides and Woo, "A
-    Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987, from cell to cell.
+    `stamps`: (rows, columns), modified; other parameters as for `take_in`. Grid traversal: Amanatides and
+    Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987.
     """
     _write_below(stamps, instant, body, body[2])
     rows, columns = stamps.shape
     directions, limits = rays.directions, rays.limits
     c, s = cos_sin(eye[2])
     for k in range(ranges_mm.size):
-        begin, end = _free_stretch(ranges_mm[k], limits)
+        begin, end = _free_segment(ranges_mm[k], limits)
         dx, dy = c * directions[k, 0] - s * directions[k, 1], s * directions[k, 0] + c * directions[k, 1]
         column, row = math.floor(eye[0]), math.floor(eye[1])
         east, north = (1 if dx >= 0 else -1), (1 if dy >= 0 else -1)
@@ -170,7 +170,7 @@ def note_arrivals(
     stamps: Int64s,
     oldest: int,
 ) -> None:
-    """Write `instant` into every cell that is marked, was not so `before`, and has a stamp from `oldest` on.
+    """Write `instant` into each cell that is marked, was not marked `before`, and has a stamp ≥ `oldest`.
 
     All arrays: (rows, columns).
     """
@@ -181,16 +181,16 @@ def note_arrivals(
 
 
 CORNERS: Final = 16
-"""makeFootprintFromRadius."""
+"""Number of corners of a footprint (makeFootprintFromRadius)."""
 _NEARLY_ZERO: Final = {4: (1.0, 1.0), 8: (-1.0, 1.0), 12: (-1.0, -1.0)}
-"""Which way the corners behind, left and right of the body are padded along the axis that they lie on: in
-double precision their cosines and sines are not 0, and costmap_2d asks for their signs."""
+"""Signs of the padding of the left, rear and right corners: in double precision their cosines and sines are
+not 0, and costmap_2d uses their signs."""
 
 
 def outline(radius: float, padding: float) -> Floats:
-    """(CORNERS, 2): corners of a disc of `radius`, m, body's frame, counter-clockwise from its front.
+    """Return the corners of a disc of `radius`, m: (CORNERS, 2), body's frame, counter-clockwise.
 
-    Each coordinate that is not 0 is `padding`, m, farther out (padFootprint).
+    The first is in front. Each coordinate that is not 0 is `padding`, m, farther out (padFootprint).
     """
     corners = np.array([portable_cos_sin(corner * math.tau / CORNERS)[:2] for corner in range(CORNERS)])
     outward = np.sign(corners)
@@ -202,7 +202,7 @@ def outline(radius: float, padding: float) -> Floats:
 
 
 def inscribed(radius: float, padding: float) -> float:
-    """Radius of the largest disc within that outline, m (calculateMinAndMaxDistances)."""
+    """Return the radius of the largest disc within that outline, m (calculateMinAndMaxDistances)."""
     return distance_to_border(tuple((float(x), float(y)) for x, y in outline(radius, padding)))
 
 
@@ -210,10 +210,10 @@ def inscribed(radius: float, padding: float) -> float:
 def cost_below(
     squared: Int16s, table: Octets, x: float, y: float, c: float, s: float, corners: Floats
 ) -> int:
-    """The highest cost below the outline of a body at (x, y), with its heading's cosine and sine.
+    """Return the highest cost below the outline of a body at (x, y) with the heading's cosine and sine.
 
-    -1 if that meets a mark or leaves the window. `squared`: (rows, columns), squared distance to what is
-    marked; `table`: cost by that. `corners`: (n, 2), cells, in the body's frame
+    -1 if the outline meets a mark or leaves the window. `squared`: (rows, columns), squared distance to
+    marks; `table`: cost by squared distance. `corners`: (n, 2), cells, body's frame
     (CostmapModel::footprintCost).
     """
     rows, columns = squared.shape
@@ -238,10 +238,10 @@ def cost_below(
 
 @kernel
 def _along(squared: Int16s, table: Octets, column: int, row: int, last_column: int, last_row: int) -> int:
-    """The highest cost along a line of cells, -1 if one is marked.
+    """Return the highest cost along a line of cells; -1 if one is marked.
 
-    Bresenham, "Algorithm for computer control of a digital plotter", IBM Systems Journal 4(1), 1965; half of
-    the longer axis is carried at first (base_local_planner/line_iterator.h).
+    Bresenham, "Algorithm for computer control of a digital plotter", IBM Systems Journal 4(1), 1965; the
+    initial remainder is half of the longer axis (base_local_planner/line_iterator.h).
     """
     right, up = abs(last_column - column), abs(last_row - row)
     east, north = (1 if last_column >= column else -1), (1 if last_row >= row else -1)
@@ -264,18 +264,18 @@ def _along(squared: Int16s, table: Octets, column: int, row: int, last_column: i
 
 
 MOST_REACH: Final = 126
-"""Cells; 2 (reach + 1)² must fit into int16."""
+"""Maximum distance of `squared_within`, cells; 2 (reach + 1)² must fit into int16."""
 
 
 def check_reach(what: str, reach: float, cell: float) -> None:
-    """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
+    """Raise ParameterError if `reach`, m, exceeds MOST_REACH cells of side `cell`, m."""
     if reach > MOST_REACH * cell:
         raise ParameterError(what, reach, f"at most {MOST_REACH} cells of {cell:g} m")
 
 
 @kernel
 def _along_columns(marks: Octets, reach: int) -> Int16s:
-    """How many rows each cell is from the nearest marked one of its column, at most reach + 1."""
+    """Return the distance in rows to the nearest mark of the same column, at most reach + 1."""
     away = np.empty(marks.shape, np.int16)
     far, one, zero = np.int16(reach + 1), np.int16(1), np.int16(0)
     before = np.full(marks.shape[1], far, np.int16)
@@ -297,14 +297,14 @@ def _along_columns(marks: Octets, reach: int) -> Int16s:
 
 @kernel
 def squared_within(marks: Octets, reach: int) -> Int16s:
-    """Squared distance from every cell to the nearest marked one, cells², at most (reach + 1)²; exact.
+    """Return the exact squared distance from each cell to the nearest mark, cells², at most (reach + 1)².
 
-    `marks`: (rows, columns), 0 where nothing is marked; the result has that shape. `reach`: 1 to MOST_REACH.
+    `marks`: (rows, columns), 0 in unmarked cells; the result has that shape. `reach`: 1 to MOST_REACH.
     """
     assert 1 <= reach <= MOST_REACH
     rows, columns = marks.shape
     away = _along_columns(marks, reach)
-    # one row with as many columns on both sides as a cell looks at: nothing is marked in them
+    # one row with `reach` unmarked columns on both sides
     height = np.full(columns + 2 * reach, np.int16((reach + 1) * (reach + 1)), np.int16)
     squared = np.empty((rows, columns), np.int16)
     for row in range(rows):
@@ -331,9 +331,8 @@ def half_gaps(
 ) -> Floats:
     """Return half of the gap to each moving mark, if below `farthest`, so that two robots stop in time.
 
-    (k, 3): the unit vector to the mark, and that half. `squared`: 0 in marked cells, of which those with
-    `arrivals` from `since` on move. `body`: x and y. `room`: distance that the centre keeps from marks.
-    Cells.
+    (k, 3): unit vector to the mark, and half of the gap. `squared`: 0 in marked cells; marks with `arrivals`
+    ≥ `since` are moving. `body`: x and y. `room`: distance of the centre from marks. Lengths in cells.
     """
     reach = room + 2.0 * farthest
     bottom, top = max(int(body[1] - reach), 0), min(int(body[1] + reach) + 1, squared.shape[0])
@@ -356,7 +355,7 @@ def half_gaps(
 def fingerprint() -> bytes:
     """Return the results of all kernels for fixed inputs; another processor may give others."""
     angles = np.linspace(-math.pi, math.pi, 90, endpoint=False)
-    # read-only, as what a message holds: so this compiles the very variant that the robot will call
+    # read-only like the data of a message, to compile the variant that the robot calls
     ranges = np.frombuffer((900 + 700 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")
     directions = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
     fan, limits = np.array([-math.pi, math.tau / 90]), np.array([0.02, 25.0, 30.0, 0.0])

@@ -1,4 +1,4 @@
-"""Routes on a floor: shortest ways over its regions, and the floor plan that strategies may ask."""
+"""Shortest paths, doors and regions on a floor, and the FloorPlan port of strategies."""
 
 import math
 from collections.abc import Sequence
@@ -18,15 +18,15 @@ from actors.robot.navigation.planning import Ground, blocks
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
 
 _TOLERANCE: Final = 0.5
-"""A point where the robot cannot be stands for the nearest one where it can, within so many m."""
+"""Distance within which an occupied point is replaced by the nearest free one, m."""
 _FIELDS: Final = 256
-"""So many goals are kept; 0.11 MB each on the corridor map."""
+"""Number of cached goals; 0.11 MB each on the corridor map."""
 _PAIRS: Final = 1 << 16
-"""So many pairs of cells whose doors are kept."""
+"""Number of cached results of `doors_between`."""
 
 
 class Routes:
-    """Lengths, ways and doors on one ground."""
+    """Path lengths, paths and doors on one floor."""
 
     def __init__(self, ground: Ground) -> None:
         self._ground = ground
@@ -37,8 +37,10 @@ class Routes:
         self._doors_between = lru_cache(_PAIRS)(self._find_doors)
 
     def length(self, start: Point, goal: Point) -> float | None:
-        """How far it is, m; None where no way leads. At most 8 % more than the shortest curve, for grids turn
-        by eighths."""
+        """Return the path length, m; None if there is no path.
+
+        At most 8 % more than the shortest curve, since paths on the grid turn by multiples of 45°.
+        """
         first, last = self._cell(start), self._cell(goal)
         if first is None or last is None:
             return None
@@ -46,7 +48,7 @@ class Routes:
         return None if steps == UNREACHABLE else steps * self._grid.resolution / (2 * STRAIGHT)
 
     def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
-        """The way of that length: centres of neighbouring cells; None without one."""
+        """Return the path as centres of neighbouring cells; None if there is none."""
         first, last = self._cell(start), self._cell(goal)
         if first is None or last is None or self._field(last)[first] == UNREACHABLE:
             return None
@@ -54,23 +56,23 @@ class Routes:
         return tuple(self._grid.centre(Cell(int(row), int(column))) for row, column in cells)
 
     def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
-        """Indices of the doors on that way, in order; None without one."""
+        """Return the indices of the doors on the path, in order; None if there is none."""
         first, last = self._cell(start), self._cell(goal)
         return None if first is None or last is None else self._doors_between(first, last)
 
     @cached_property
     def regions(self) -> Regions:
-        """The floor taken apart, on the ground's own grid."""
+        """Regions of the floor, on the planning grid."""
         ground = self._ground
         return regions(ground.grid, ground.costs > 0, ground.clearance)
 
     def region(self, point: Point) -> int | None:
-        """The number of the region around a point, from 1; None in a door, and where the robot cannot be."""
+        """Return the number of a point's region, from 1; None in a door and in occupied cells."""
         label = self._label(point)
         return label if 0 < label <= self.regions.count else None
 
     def door(self, point: Point) -> int | None:
-        """The index of the door around a point; None elsewhere."""
+        """Return the index of a point's door; None if there is none."""
         label = self._label(point)
         return label - self.regions.count - 1 if label > self.regions.count else None
 
@@ -99,7 +101,7 @@ class Routes:
 
     @cached_property
     def _coarse_labels(self) -> Int32s:
-        """(rows, columns) of the large cells; a cell with a door in it is one of that door."""
+        """(rows, columns): labels of the coarse cells; a cell that contains a door belongs to it."""
         labels: Int32s = blocks(self.regions.labels, self._factor).max(axis=(1, 3))
         return labels
 
@@ -108,41 +110,41 @@ _ROUTES: Final = SharedCache[Routes]()
 
 
 def routes(ground: Ground) -> Routes:
-    """The routes of a ground; shared by all robots of a process that have the same ground."""
+    """Return the routes of a floor; shared by all robots of a process with the same floor."""
     return _ROUTES.get(ground, lambda: Routes(ground))
 
 
 def _coarse(ground: Ground, factor: int) -> tuple[OccupancyGrid, Int32s]:
-    """The ground on larger cells, passable where one of their cells is; and costs of 1 there.
+    """Return a grid of larger cells, free if one of their cells is, and its costs of 1.
 
-    No wall vanishes: where the body's centre cannot be is everywhere wider than two large cells' diagonals.
+    No wall is lost: occupied space is everywhere wider than the diagonals of two large cells.
     """
     costs = blocks((ground.costs > 0).astype(np.int32), factor).max(axis=(1, 3))
-    costs.setflags(write=False)  # as the ground's: the kernels are compiled for that
+    costs.setflags(write=False)  # like those of the floor, for which the kernels are compiled
     cells = np.where(costs > 0, FREE, OCCUPIED).astype(np.uint8)
     return OccupancyGrid(cells, ground.grid.resolution * factor, ground.grid.origin), costs
 
 
 class _Tiles(NamedTuple):
-    """Rectangles that make up the floor where points are drawn, without overlaps."""
+    """Disjoint rectangles that cover the floor from which points are drawn."""
 
     ladder: Floats
-    """(n,): surface of the tiles up to and with each, m²."""
+    """(n,): cumulative area of the tiles, m²."""
     row: Indices
     column: Indices
-    """(n,): where each lies between the cuts."""
+    """(n,): index of each tile between the cuts."""
     x: Floats
     y: Floats
     """Cuts along each axis, at the edges of cells and areas, m."""
 
 
 class ReachableFloor:
-    """One robot's floor plan; what it needs for drawing it makes on the first draw."""
+    """Implementation of FloorPlan for one robot; data for random places is computed on first use."""
 
     def __init__(
         self, ground: Ground, radius: float, start: Point, areas: Sequence[Area], generator: Generator
     ) -> None:
-        """`radius` of the body's disc, m; without areas everything counts."""
+        """Create a floor plan. `radius`: of the body, m; `areas`: of random places, empty: everywhere."""
         self._ground = ground
         self._radius = radius
         self._start = start
@@ -150,10 +152,10 @@ class ReachableFloor:
         self._generator = generator
 
     def random_place(self) -> Point:
-        """A point at least `radius` from walls that the robot gets to from its start, uniform in the areas.
+        """Return a random point that is reachable from the start and at least `radius` from walls.
 
-        Where areas overlap it is no more likely than elsewhere. Takes three numbers from the generator.
-        Raises PlacementError where the robot gets to no point of the areas.
+        Uniform in the union of the areas. Uses three numbers of the generator. Raises PlacementError if no
+        point is reachable.
         """
         ladder, row, column, x, y = self._tiles
         which, east, north = self._generator.random(3).tolist()
@@ -163,32 +165,32 @@ class ReachableFloor:
         return Point(x0 + east * (x1 - x0), y0 + north * (y1 - y0))
 
     def is_free(self, point: Point) -> bool:
-        """True if planning lets the body's centre be there."""
+        """Return True if the body's centre may be at a point."""
         return self._ground.grid.is_free(point)
 
     def length(self, start: Point, goal: Point) -> float | None:
-        """Of the shortest way, m; None without one."""
+        """Return the length of the shortest path, m; None if there is none."""
         return self._routes.length(start, goal)
 
     def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
-        """The shortest way; None without one."""
+        """Return the shortest path; None if there is none."""
         return self._routes.path(start, goal)
 
     @property
     def doors(self) -> tuple[Door, ...]:
-        """The map's narrow places."""
+        """Doors of the map."""
         return self._routes.regions.doors
 
     def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
-        """Which doors the shortest way goes through; None without one."""
+        """Return the doors on the shortest path; None if there is none."""
         return self._routes.doors_between(start, goal)
 
     def door(self, point: Point) -> int | None:
-        """The door around a point; None in none."""
+        """Return the index of a point's door; None if there is none."""
         return self._routes.door(point)
 
     def region(self, point: Point) -> int | None:
-        """The region around a point; None in none."""
+        """Return the number of a point's region; None if there is none."""
         return self._routes.region(point)
 
     @cached_property
@@ -210,27 +212,27 @@ class ReachableFloor:
         if not row.size:
             where = f" of {', '.join(repr(area.name) for area in self._areas)}" if self._areas else ""
             raise PlacementError(
-                f"a robot that starts at ({self._start.x:.2f}, {self._start.y:.2f}) gets to no point{where}"
-                f" at least {self._radius:g} m from walls; there must be one to draw"
+                f"a robot that starts at ({self._start.x:.2f}, {self._start.y:.2f}) can reach no point{where}"
+                f" at least {self._radius:g} m from walls; change its start or the areas"
             )
         ladder = np.cumsum(np.diff(x)[column] * np.diff(y)[row])
         return _Tiles(ladder, row, column, x, y)
 
     @property
     def _admitted(self) -> Flags:
-        """Cells that the robot gets to and of which every point is far enough from walls.
+        """Cells that are reachable and whose points are all far enough from walls.
 
-        A robot may stand where planning, which keeps a margin, would not let it.
+        A robot may stand within the margin of the planner.
         """
         ground, grid = self._ground, self._ground.grid
         half_diagonal = grid.resolution * math.sqrt(0.5)
-        begin = nearest_cell(grid, grid.free, self._start) or Cell(0, 0)  # any, where nothing is free
+        begin = nearest_cell(grid, grid.free, self._start) or Cell(0, 0)  # any cell if none is free
         region = raster.flood(grid.free, *begin)
         admitted: Flags = region & (ground.clearance >= self._radius + half_diagonal)
         return admitted
 
     def _inside(self, east: Floats, north: Floats) -> Flags:
-        """(len(north), len(east)): whether points lie in an area."""
+        """Return which points are in an area: (len(north), len(east))."""
         inside = np.full((north.size, east.size), not self._areas)
         for area in self._areas:
             wide, high = (area.x0 < east) & (east < area.x1), (area.y0 < north) & (north < area.y1)
@@ -239,12 +241,12 @@ class ReachableFloor:
 
 
 def _cuts(origin: float, resolution: float, count: int, edges: Sequence[float]) -> Floats:
-    """The edges of all cells along one axis, and of the areas as far as they lie on the map."""
+    """Return the edges of all cells along one axis, and of the areas on the map."""
     cells = origin + np.arange(count + 1) * resolution
     cuts: Floats = np.unique(np.concatenate([cells, np.clip(edges, cells[0], cells[-1])]))
     return cuts
 
 
 def _cells(middles: Floats, origin: float, resolution: float, count: int) -> Indices:
-    """In which cell along one axis each tile lies."""
+    """Return the cell of each tile along one axis."""
     return np.clip(((middles - origin) / resolution).astype(np.intp), 0, count - 1)
