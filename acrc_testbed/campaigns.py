@@ -85,7 +85,7 @@ def campaign(
     from acrc_testbed.experiments.campaign import CampaignOptions, carry_out
     from acrc_testbed.experiments.draws import StudyOptions, check, study_of
     from acrc_testbed.results.seal import seal
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from actors.runtime.isolation.sandbox import choose
     from deploy.run import out_folder
 

@@ -16,8 +16,8 @@ from acrc_testbed.results.result import RunResult
 from acrc_testbed.shipped import file_of
 from actors.instant import Instant, milliseconds
 from actors.messages import Drive
-from actors.robot.behaviour.foreign import permit_of
-from actors.robot.behaviour.loading import entry_function, look_in
+from actors.robot.behaviour.code_permit import permit_of
+from actors.robot.behaviour.loading import entry_function, set_folders
 from actors.runtime.errors import AcrcError
 from actors.task.task import PlaceReport, Task
 from cleaning.strategies import entry
@@ -67,7 +67,7 @@ def check_strategy(
         folder = Path(name)
         options = RunOptions(folder / "first", bus="memory", json=True)
         prepared = prepare_run(file_of("scenarios", scenario), overrides, options, permit)
-        look_in(prepared.options.modules)
+        set_folders(prepared.options.modules)
         if findings := [*_function_findings(strategy)]:
             return findings
         return [*_run_findings(prepared, folder)]

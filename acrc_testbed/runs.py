@@ -91,7 +91,7 @@ def run(
     of your own is a module in the working directory or in a folder of `modules`.
     """
     from acrc_testbed.recordings.topics import RunState, run_state
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.run.options import RunOptions, folder_name
     from deploy.run.start import claimed, prepare_run, start_run
     from deploy.scenario.scenario_file import Overrides

@@ -7,7 +7,7 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
-from cleaning.place import Assignment, Takeover, assignments, since
+from cleaning.place import Assignment, Takeover, assignments, assignments_since
 from cleaning.robot import CleaningRobot
 from cleaning.settings import SettingsError, from_settings
 
@@ -27,6 +27,6 @@ __all__ = [
     "Takeover",
     "Unblock",
     "assignments",
+    "assignments_since",
     "from_settings",
-    "since",
 ]

@@ -17,7 +17,7 @@ _PEER_AGE: Final[Duration] = seconds(3)
 """Age at which peers are dropped: three publications."""
 
 
-class HeardPeer(NamedTuple):
+class PeerPosition(NamedTuple):
     """Last received position of another robot."""
 
     id: str
@@ -40,7 +40,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     """Destination at each unblocking since the last visit of a place; empty if it never gives up."""
     adopted_at: Instant | None = None
     """Time of the last adoption."""
-    peers: tuple[HeardPeer, ...] = ()
+    peers: tuple[PeerPosition, ...] = ()
     """Nearby robots whose echoes are ignored; see `peer_mask`."""
 
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
@@ -82,7 +82,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         positioning.disregard([peer.position for peer in peers])
         return replace(self, peers=peers)
 
-    def with_peer(self, peer: HeardPeer) -> Self:
+    def with_peer(self, peer: PeerPosition) -> Self:
         """Return the robot with an updated peer."""
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 

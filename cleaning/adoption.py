@@ -19,7 +19,7 @@ it again. A restarted robot loses its adopted places and claims its own places a
 """
 
 from actors.robot.behaviour import FloorPlan
-from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
+from cleaning.adaptive import AdaptiveCleaningRobot, PeerPosition
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from deeco import Duration, Instant, ensemble, milliseconds, seconds
@@ -59,7 +59,7 @@ class PeerMask:
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, now: Instant
     ) -> AdaptiveCleaningRobot:
         """Store the coordinator's position."""
-        return member.with_peer(HeardPeer(coordinator.id, coordinator.position, now))
+        return member.with_peer(PeerPosition(coordinator.id, coordinator.position, now))
 
 
 @ensemble(every=seconds(3), max_age=seconds(5))

@@ -91,7 +91,7 @@ def assignments(start: Start) -> tuple[Assignment, ...]:
     return tuple(Assignment(start.robot, index, point, term) for index, point in enumerate(start.places))
 
 
-def since(tasks: TaskList, robot: str, known: int) -> tuple[Assignment, ...]:
+def assignments_since(tasks: TaskList, robot: str, known: int) -> tuple[Assignment, ...]:
     """Return the assignments that were added after the first `known` places, in order."""
     term = tasks.epoch * RESTART_TERM
     new = tasks.places[known:]

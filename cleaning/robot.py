@@ -20,11 +20,11 @@ from actors.robot.behaviour import (
 from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
-from cleaning.place import Assignment, Takeover, assignments, since
+from cleaning.place import Assignment, Takeover, assignments, assignments_since
 from deeco import Instant, Knowledge, component, milliseconds, periodic, replace, seconds
 
 
-class OrderedGoal(NamedTuple):
+class RequestedGoal(NamedTuple):
     """A goal sent to navigation."""
 
     point: Point
@@ -46,7 +46,7 @@ class CleaningRobot(Cleaner):
     """Number of places added since the start."""
     attempt: int = 0
     """Number of the navigation attempt; an increment sends the goal again."""
-    ordered: OrderedGoal | None = None
+    ordered: RequestedGoal | None = None
     """The goal sent to navigation last."""
     no_plans: int = 0
     """Consecutive aborts because of `no plan`."""
@@ -107,7 +107,7 @@ class CleaningRobot(Cleaner):
     @periodic(every=milliseconds(500), order=0)
     def take_on(self, tasks: TaskList) -> Self:
         """Append places that were added during the run to the route."""
-        new = since(tasks, self.id, tasks.at_start + self.more)
+        new = assignments_since(tasks, self.id, tasks.at_start + self.more)
         return replace(self, route=self.route + new, more=self.more + len(new)) if new else self
 
     @periodic(every=milliseconds(500), order=1)
@@ -131,7 +131,7 @@ class CleaningRobot(Cleaner):
 
         A robot that has visited its last place drives on to its centre; one that lost its destination stops.
         """
-        ordered = None if self.target is None else OrderedGoal(self.target, self.attempt)
+        ordered = None if self.target is None else RequestedGoal(self.target, self.attempt)
         if ordered is None:
             if self.ordered is None or self.ordered.attempt == self.attempt:
                 return self
@@ -149,7 +149,7 @@ class CleaningRobot(Cleaner):
         return self
 
     def _after_abort(
-        self, ordered: OrderedGoal, navigation: Navigation, monitor: PlaceMonitor, now: Instant
+        self, ordered: RequestedGoal, navigation: Navigation, monitor: PlaceMonitor, now: Instant
     ) -> Self:
         """Return the robot after an aborted goal: retries, or gives the place up at the limit."""
         goal, p = navigation.goal, self.parameters

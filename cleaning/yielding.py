@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Final, Self
 
 from actors.geometry import Point
-from actors.robot.behaviour import FARTHEST_BACK, FloorPlan, Navigation
+from actors.robot.behaviour import MAX_BACK_OUT, FloorPlan, Navigation
 from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import Cleaner, State
@@ -17,7 +17,7 @@ from cleaning.parameters import AdaptationParameters
 from deeco import Duration, Instant, adaptation, component, ensemble, periodic, replace, seconds
 
 _DRAWS: Final = 8
-"""Number of random places from which `aside` chooses the nearest."""
+"""Number of random places from which `place_aside` chooses the nearest."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class YieldingParameters(AdaptationParameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("back_out", "back_out_of_door"):
-            check_range(f"strategy.{name}", getattr(self, name), 0.0, FARTHEST_BACK)
+            check_range(f"strategy.{name}", getattr(self, name), 0.0, MAX_BACK_OUT)
 
 
 @component
@@ -73,7 +73,7 @@ class YieldingRobot(AdaptiveCleaningRobot):
         """Leave a door if the robot has no target."""
         if self.target is not None or floor.door(self.position) is None:
             return self
-        return self.sent_to(aside(self.position, floor))
+        return self.sent_to(place_aside(self.position, floor))
 
     def yielding(self, floor: FloorPlan, now: Instant) -> Self:
         """Return the robot with a request to back out."""
@@ -126,10 +126,10 @@ class SteppingAside:
 
     def at_member(self, coordinator: Cleaner, member: YieldingRobot, floor: FloorPlan) -> YieldingRobot:
         """Send the member to a place nearby."""
-        return member.sent_to(aside(member.position, floor))
+        return member.sent_to(place_aside(member.position, floor))
 
 
-def aside(here: Point, floor: FloorPlan) -> Point:
+def place_aside(here: Point, floor: FloorPlan) -> Point:
     """Return a place outside of doors: the nearest of a few random places, m."""
     drawn = [floor.random_place() for _ in range(_DRAWS)]
     out = [place for place in drawn if floor.door(place) is None and place.distance_to(here) > 1.0] or drawn

@@ -12,7 +12,7 @@ import pytest
 
 from acrc_testbed.command_line import app
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.loading import look_in
+from actors.robot.behaviour.loading import set_folders
 
 
 def acrc(
@@ -37,7 +37,7 @@ def acrc(
             code = leave.code if isinstance(leave.code, int) else int(leave.code is not None)
         finally:
             gc.set_threshold(*threshold)
-            look_in(())  # no folder of modules is searched any more
+            set_folders(())  # no folder of modules is searched any more
             _unload_foreign(loaded)
     return subprocess.CompletedProcess([*map(str, words)], code, out.getvalue(), err.getvalue())
 

@@ -24,7 +24,7 @@ from actors.messages import NO_ECHO_MM, Scan
 from actors.randomness import generator
 from actors.robot.localisation import PRESETS as PARAMETERS
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
-from actors.robot.sweep import Sweeps
+from actors.robot.sweep import OdometryBuffer
 from actors.robot_model import RangeSensor
 from actors.runtime.errors import AcrcError
 from actors.settings import decode
@@ -254,7 +254,7 @@ def _field(grid: OccupancyGrid, max_distance: float) -> LikelihoodField:
 
 def replay(course: Course, localisation: Localisation) -> EstimatedTrack:
     """Feed the whole course: per odometry pose one call, with the newest scan since the previous call."""
-    sweeps = Sweeps(course.sensor)
+    sweeps = OdometryBuffer(course.sensor)
     newest = np.searchsorted(course.stamps, course.instants, side="right") - 1
     poses = course.odometry.tolist()
     track = np.empty((len(poses), 13))

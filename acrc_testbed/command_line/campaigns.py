@@ -42,7 +42,7 @@ from actors.console import screen
 from actors.installation.usage import OptionError, typed, wrong_value
 from actors.installation.version import software
 from actors.processes.signals import Interrupted
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.code_permit import Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose

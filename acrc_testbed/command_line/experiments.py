@@ -86,7 +86,7 @@ def campaign(
     from acrc_testbed.command_line import campaigns
     from acrc_testbed.experiments.campaign import CampaignOptions
     from acrc_testbed.experiments.draws import StudyOptions
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
 
     wishes = StudyOptions(
         study=study,

@@ -144,7 +144,7 @@ def onboard(
 ) -> None:
     """Be a robot: drive the plugged-in TurtleBot and radio board."""
     from actors.processes.kernels import compile_kernels
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import onboard_run
     from deploy.fleet.fleet_file import load_fleet
     from deploy.run import out_folder
@@ -174,7 +174,7 @@ def bundle(
     The archive holds wheels, program, map, fleet file and the robot's keys. Only you can read it. Faults of
     fleet file, map and keys that `acrc fleet doctor` would report are refused.
     """
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import bundle as robot_bundle
     from deploy.fleet.fleet_file import load_fleet
 
@@ -217,7 +217,7 @@ def units(
     and of the fleet file, the rules hold the serial numbers of the devices. It installs nothing, and prints
     the commands that do.
     """
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import units as unit_files
     from deploy.fleet.fleet_file import load_fleet
     from deploy.fleet.units import usb_ports
@@ -300,7 +300,7 @@ def doctor(
     With a fleet file and a robot it also checks the robot's ports, map and keys. It changes nothing, except
     that it compiles numeric kernels. The exit code is 1 if anything is wrong.
     """
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet.doctor import consult
 
     if not consult(fleet, robot, permit_of(modules), json=json):

@@ -265,7 +265,7 @@ def scenario(
     created once, as for a run, to check its module and its settings.
     """
     from actors.floor import offices
-    from actors.robot.behaviour.foreign import admitted, permit_of
+    from actors.robot.behaviour.code_permit import permit_of, permitted_folders
     from actors.robot_model import load_model
     from deploy.run.swarm import preflight_here
     from deploy.scenario import survey
@@ -286,7 +286,7 @@ def scenario(
     overrides = Overrides(robots, seed, settings=parse_settings(setting or ()))
     settled = resolve(load_scenario(file, overrides))
     _answer_survey(survey.survey(settled), png, json=json)
-    folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
+    folders = permitted_folders(file, settled.behaviour, module_folders(settled.scenario), permit)
     preflight_here(settled, folders)
 
 

@@ -14,7 +14,7 @@ from actors.installation.usage import OptionError, wrong_value
 
 if TYPE_CHECKING:
     from acrc_testbed.recordings.record_replay import ReplayReport
-    from actors.robot.behaviour.foreign import Permit
+    from actors.robot.behaviour.code_permit import Permit
 
 
 def replay(
@@ -47,7 +47,7 @@ def replay(
 
     --robot replays one actor alone.
     """
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
 
     alone = {
         "--isolate": isolate, "--from": begin, "--to": end, "--pdb": pdb or None, "--debugpy": debugpy,
@@ -105,8 +105,8 @@ def _watched(
     from acrc_testbed.recordings import record_replay
     from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
     from acrc_testbed.recordings.sandboxed_replay import check_trust
-    from actors.robot.behaviour.foreign import admitted
-    from actors.robot.behaviour.loading import look_in
+    from actors.robot.behaviour.code_permit import permitted_folders
+    from actors.robot.behaviour.loading import set_folders
     from actors.runtime.errors import AcrcError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
@@ -115,8 +115,8 @@ def _watched(
     if strategy is None:
         folders = check_trust(out, robot, permit) or ()
     else:
-        folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
-    look_in(folders, any_content=permit.trust)
+        folders = permitted_folders(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
+    set_folders(folders, any_content=permit.trust)
     pdb, port = debugger
     stop = None if port is None else record_replay.debugpy_breakpoint(port)
     if pdb:
@@ -158,7 +158,7 @@ def explain(
     It replays the robot, in a sandbox where the machine has one.
     """
     from acrc_testbed.explanation import explainer as explanation
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from actors.runtime.errors import printable
     from actors.runtime.isolation.sandbox import choose, warn
 

@@ -148,9 +148,9 @@ def run(
     ] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
-    from actors.robot.behaviour import foreign
+    from actors.robot.behaviour import code_permit
 
-    permit = foreign.permit_of(modules, trust=trust)
+    permit = code_permit.permit_of(modules, trust=trust)
     from deploy.hosts.address import plain
     from deploy.run.options import RunOptions, folder_name
     from deploy.run.start import claimed, prepare_run, start_run
@@ -258,7 +258,7 @@ def branch(
 
     Without a change the branch equals the run.
     """
-    from actors.robot.behaviour.foreign import permit_of
+    from actors.robot.behaviour.code_permit import permit_of
     from deploy.run.branching import continue_run
 
     permit = permit_of(modules, trust=trust)

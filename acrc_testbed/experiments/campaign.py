@@ -80,7 +80,7 @@ class CampaignOptions:
     on: str | None = None
     """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
     modules: tuple[Path, ...] = ()
-    """Folders with the user's strategies, admitted by `actors.robot.behaviour.foreign`."""
+    """Folders with the user's strategies, permitted by `actors.robot.behaviour.code_permit`."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from actors.geometry import Point
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.randomness import generator
-from actors.robot.behaviour.foreign import Permit, admitted
+from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot_model import OdometryKind, load_model
 from actors.settings import plain
 from cleaning.place import GOLDEN
@@ -358,7 +358,7 @@ def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str],
 
     Gives what a person should know about places and starts, a sentence each, and the folders in which
     strategies are to be looked for. `source`: the study's file; None: the command line itself names the
-    strategies. Raises as `actors.robot.behaviour.foreign.admitted` does.
+    strategies. Raises as `actors.robot.behaviour.code_permit.permitted_folders` does.
     """
     said, modules = dict[str, None](), dict[Path, None]()
     for trial in study.trials_of(study.first_seed):
@@ -367,7 +367,9 @@ def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str],
         scenario = load_scenario(Path(study.scenario), overrides)
         named = entry(trial.strategy)
         own_permit = permit if source is not None else replace(permit, typed=named)
-        folders = admitted(source or Path(study.scenario), named, module_folders(scenario), own_permit)
+        folders = permitted_folders(
+            source or Path(study.scenario), named, module_folders(scenario), own_permit
+        )
         modules |= dict.fromkeys(folders)
         alike = same_for_all_seeds(scenario)
         said |= dict.fromkeys(close_places(scenario)) | ({alike: None} if alike else {})

@@ -20,7 +20,7 @@ from acrc_testbed.explanation.trace_replay import BOUNDS, trace
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.recordings.sandboxed_replay import ProgramLimits
 from actors.instant import in_seconds
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.code_permit import Permit
 from actors.runtime.errors import AcrcError, printable
 
 _SAME_S: Final = 0.0501

@@ -22,7 +22,7 @@ from acrc_testbed.recordings import sandboxed_replay
 from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.recordings.sandboxed_replay import ProgramLimits, run_program
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.code_permit import Permit
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError

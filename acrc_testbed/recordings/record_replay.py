@@ -23,7 +23,7 @@ from actors.instant import Instant, seconds
 from actors.radio.program import part as radio_part
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.loading import RecordedModules, expect, look_in
+from actors.robot.behaviour.loading import RecordedModules, expect_hashes, set_folders
 from actors.robot.program import part_of
 from actors.runtime import failure
 from actors.runtime.core import Core, Inputs, Output
@@ -130,7 +130,7 @@ class ReplayOptions:
 def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOptions()) -> ReplayReport:
     """Run one actor on its recorded inputs. Raises ReplayError at the first output that differs.
 
-    Code is loaded from this process's search path (`look_in`), not from the recorded one. Raises
+    Code is loaded from this process's search path (`set_folders`), not from the recorded one. Raises
     RecordingError without a recording, AcrcError for a module that differs from the recorded one.
     """
     files = all_recordings(out)
@@ -239,7 +239,7 @@ def replay_all(argv: Sequence[str]) -> int:
     """
     die_with_parent(os.getppid())
     count, *words = argv
-    look_in([Path(folder) for folder in words[: int(count)]])
+    set_folders([Path(folder) for folder in words[: int(count)]])
     out, *actors = words[int(count) :]
     importlib.import_module("actors.processes.preload")
     for result in _replay_parallel(Path(out), actors):

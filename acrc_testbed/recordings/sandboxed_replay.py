@@ -31,8 +31,8 @@ from actors.processes.launch import Program, launcher, scratch_folder
 from actors.processes.robot_logs import said, show
 from actors.robot import assembly
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.foreign import Permit, admitted
-from actors.robot.behaviour.loading import look_in
+from actors.robot.behaviour.code_permit import Permit, permitted_folders
+from actors.robot.behaviour.loading import set_folders
 from actors.runtime import failure, prints
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import print_traceback
@@ -65,7 +65,7 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
         return None
     run = read_run_note(files[actor])
     entry = decode_setup(files[actor], run, RobotSetup, "a robot").behaviour
-    folders = admitted(files[actor], entry, code_folders(out), permit)
+    folders = permitted_folders(files[actor], entry, code_folders(out), permit)
     if folders and run.code is None and not permit.trust:
         warn_unhashed(files[actor])
     return folders
@@ -177,7 +177,7 @@ def replay(
     choice = choose(isolate)
     warn(choice.warning)
     if isolate is False:
-        look_in(folders, any_content=permit.trust)
+        set_folders(folders, any_content=permit.trust)
         return replay_actor(out, actor)  # in this process, for debuggers
     report_damage(all_recordings(out)[actor])
     outcome = run_program(out, _PROGRAM, actor, (), bounds, permit=permit, isolate=choice.isolate)
@@ -224,7 +224,7 @@ def open_answer(options: Namespace, file_mb: int) -> Iterator[FileIO]:
         else:
             die_with_parent(parent)
         failure.hold(options.own)
-        look_in(options.path, any_content=options.any_content)
+        set_folders(options.path, any_content=options.any_content)
         enforce(ProcessLimits(file_mb=file_mb), isolated=options.isolate)
         yield answer
 

@@ -24,11 +24,11 @@ from actors.robot.navigation.disc_local_planner import DiscLocalPlanner
 from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navfn import GlobalCosts, NavfnPlanner, global_costs
 from actors.robot.navigation.navigator import Navigator
-from actors.robot.navigation.planning import GlobalPlanner, Ground, Planner, ground
+from actors.robot.navigation.planning import GlobalPlanner, GridPlanner, PlanningGrid, planning_grid
 from actors.robot.navigation.routes import ReachableFloor
 from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.stack import Adaptation, Stack
-from actors.robot.sweep import Sweeps
+from actors.robot.sweep import OdometryBuffer
 from actors.robot_model import RobotDescription, RobotModel
 from actors.runtime.process_setup import RecordDetail
 from actors.runtime.processor import fingerprints
@@ -75,33 +75,33 @@ class RobotSetup(RobotDescription, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, eq=False)
-class CommonGround:
+class SharedMapData:
     """Data derived from map, model and stack, shared by all robots with equal ones."""
 
     plan: OccupancyGrid
-    floor: Ground
+    floor: PlanningGrid
     field: LikelihoodField | None
     """None without localisation."""
     costs: GlobalCosts | None
     """None unless the planner is navfn."""
 
 
-def common_ground(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> CommonGround:
-    """Return the data shared by robots of this model and stack, cached weakly (`SharedCache`)."""
+def shared_map_data(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> SharedMapData:
+    """Return the data shared by robots of this model and stack; cached while referenced, see `SharedCache`."""
     field, costs = None, None
     if stack.localisation is not None:
         field = likelihood_field(plan, stack.localisation.max_distance)
     if stack.planner.method == "navfn":
         costs = global_costs(plan, model.footprint.circumradius, stack.planner)
-    return CommonGround(plan, floor(plan, model, stack), field, costs)
+    return SharedMapData(plan, floor(plan, model, stack), field, costs)
 
 
-def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Ground:
+def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> PlanningGrid:
     """Return the floor plan for the model's body; may be shared by all robots of a process."""
-    return ground(plan, model.footprint.circumradius, stack.planner)
+    return planning_grid(plan, model.footprint.circumradius, stack.planner)
 
 
-def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
+def start(setup: RobotSetup, model: RobotModel, floor: PlanningGrid) -> Start:
     """Return the initial data of the robot's behaviour."""
     own, adaptation = generator(setup.seed, "behaviour", setup.id, setup.epoch), setup.adaptation
     return Start(
@@ -120,20 +120,22 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
 def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCore:
     """Return the core of a robot with this floor plan. Raises AcrcError for invalid parts."""
     stack = setup.stack
-    common = common_ground(plan, model, stack)
+    common = shared_map_data(plan, model, stack)
     localisation, navigation = _localisation(setup, model, common.field), navigator(common, model, stack)
     introspector = None
     if setup.detail == "full":
         introspector = Introspector(setup.id, localisation, navigation)
     with nullcontext() if introspector is None else observing_nodes(introspector):
         behaviour = behaviour_of(setup.behaviour, start(setup, model, common.floor))
-    parts = RobotParts(Sweeps(model.sensor), localisation, navigation, behaviour, introspector=introspector)
+    parts = RobotParts(
+        OdometryBuffer(model.sensor), localisation, navigation, behaviour, introspector=introspector
+    )
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us
     )
 
 
-def navigator(common: CommonGround, model: RobotModel, stack: Stack) -> Navigator:
+def navigator(common: SharedMapData, model: RobotModel, stack: Stack) -> Navigator:
     """Return the navigation of a robot with this model and stack."""
     local = CostMap(model.sensor, model.footprint.circumradius, stack.local_map)
     return Navigator(_planner(common, stack), local, _local_planner(local, model, stack), stack.navigation)
@@ -145,10 +147,10 @@ def _local_planner(local: CostMap, model: RobotModel, stack: Stack) -> BaseLocal
     return DiscLocalPlanner(local, model.footprint.circumradius, model.drive, stack.dwa)
 
 
-def _planner(common: CommonGround, stack: Stack) -> GlobalPlanner:
+def _planner(common: SharedMapData, stack: Stack) -> GlobalPlanner:
     if common.costs is not None:
         return NavfnPlanner(common.costs, stack.planner)
-    return Planner(common.floor, stack.planner)
+    return GridPlanner(common.floor, stack.planner)
 
 
 def _localisation(setup: RobotSetup, model: RobotModel, field: LikelihoodField | None) -> Localisation:

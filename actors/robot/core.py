@@ -29,7 +29,7 @@ from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.introspection import Introspector
 from actors.robot.localisation import Localisation
 from actors.robot.navigation.navigator import Navigator
-from actors.robot.sweep import Sweeps
+from actors.robot.sweep import OdometryBuffer
 from actors.runtime.core import Address, Inputs, Output, at
 from actors.runtime.errors import AcrcError
 from deeco.knowledge import new_tuple
@@ -53,7 +53,7 @@ def _is_moving(velocity: Twist) -> bool:
 class RobotParts:
     """Components of a robot."""
 
-    sweeps: Sweeps
+    sweeps: OdometryBuffer
     localisation: Localisation
     navigation: Navigator
     behaviour: Behaviour

@@ -29,7 +29,7 @@ from actors.introspection import (
     StepRecord,
     ValueChange,
 )
-from actors.robot.behaviour.decisions import Deciding
+from actors.robot.behaviour.decisions import DecisionSource
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.ports import Behaviour, Goal, GoalPhase, GoalStatus, Plan
 from actors.robot.localisation import Estimate, Localisation
@@ -298,7 +298,7 @@ class Introspector:
         self._plan = plan
         if plan is None:
             return b""
-        return np.concatenate((plan.way[::_PLAN_STRIDE], plan.way[-1:])).astype(np.float32).tobytes()
+        return np.concatenate((plan.path[::_PLAN_STRIDE], plan.path[-1:])).astype(np.float32).tobytes()
 
     def _window(self) -> CostWindow | None:
         planner = self._planner
@@ -372,7 +372,7 @@ def decision(commit: Commit) -> DecisionRecord | None:
     """Return the decision of a commit, as in `actors.robot.behaviour.decisions`; None if there is none."""
     before: Any = commit.before
     after: Any = commit.after
-    if not (commit.adaptation and isinstance(after, Deciding)):
+    if not (commit.adaptation and isinstance(after, DecisionSource)):
         return None
     words = after.decided_since(before)
     if not words:

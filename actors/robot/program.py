@@ -6,7 +6,7 @@ import msgspec
 
 from actors.floor.map_file import load_map
 from actors.messages import READY, Ready
-from actors.robot.assembly import CommonGround, RobotSetup, common_ground, kernels, robot
+from actors.robot.assembly import RobotSetup, SharedMapData, kernels, robot, shared_map_data
 from actors.robot.behaviour import loading
 from actors.robot.core import RobotCore
 from actors.robot.stack import Stack
@@ -48,13 +48,13 @@ def build(setup: RobotSetup, folder: Path) -> RobotCore:
     return robot(setup, model, load_map(folder / setup.map))
 
 
-def share(map_file: str, model: str, sensor: str, stack: str) -> CommonGround:
+def share(map_file: str, model: str, sensor: str, stack: str) -> SharedMapData:
     """Compute the data shared by robots with this map, model, sensor ("": the model's) and stack (JSON).
 
     While the result is referenced, robots created in this process or its forks reuse it. Raises AcrcError.
     """
     parameters = msgspec.json.decode(stack, type=Stack)
-    common = common_ground(load_map(map_file), load_model(model, sensor or None), parameters)
+    common = shared_map_data(load_map(map_file), load_model(model, sensor or None), parameters)
     if common.field is not None:
         _ = common.field.anywhere, common.field.grid
     return common
@@ -63,7 +63,7 @@ def share(map_file: str, model: str, sensor: str, stack: str) -> CommonGround:
 def part(program: RobotProgram, folder: Path) -> ActorProcess:
     """Return the process of a robot whose files are in `folder`. Raises AcrcError for invalid parts."""
     process = program.process
-    loading.look_in([folder / path for path in process.code])
+    loading.set_folders([folder / path for path in process.code])
     return part_of(program.actor, folder, Path(process.record).stem, process.commit)
 
 
@@ -71,7 +71,7 @@ def part_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorPro
     """Return a robot's process with a recording of that name, without changing the module folders."""
     core, prints = build(setup, folder), kernels()
     run = run_note(name, setup, commit, seed=setup.seed, kernels=prints)
-    run = msgspec.structs.replace(run, code=loading.FOLDERS.hashes() or None)
+    run = msgspec.structs.replace(run, code=loading.FINDER.hashes() or None)
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
     return ActorProcess(
         core=core,
@@ -79,5 +79,5 @@ def part_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorPro
         run=run,
         ready=ready,
         outcome=core.outcome,
-        code=loading.FOLDERS.hashes,
+        code=loading.FINDER.hashes,
     )

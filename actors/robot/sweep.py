@@ -26,7 +26,7 @@ class Sweep(msgspec.Struct, frozen=True, gc=False):
     """Pose of the body at the time of the scan, m and rad, odometry frame."""
 
 
-class Sweeps:
+class OdometryBuffer:
     """Buffer of odometry poses that interpolates the pose of each scan."""
 
     def __init__(self, sensor: RangeSensor) -> None:

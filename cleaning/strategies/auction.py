@@ -14,7 +14,7 @@ from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.place import Assignment
 from cleaning.settings import from_settings
-from cleaning.strategies.tour import Ways
+from cleaning.strategies.tour import PathCosts
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
 from deeco import Instant, Resolution, adaptation, component, ensemble, periodic, replace, role, seconds
 
@@ -80,8 +80,8 @@ class BiddingRobot(YieldingRobot, Bidder):
         """Order the places in a short tour and publish the next bids."""
         stuck_for = self.stuck_for + 1 if self.is_blocked() else self.stuck_for
         robot = replace(self, stuck_for=stuck_for)
-        ways = Ways(floor, self.parameters.door_charge)
-        return robot._ordered(ways)._with_bids(ways)
+        costs = PathCosts(floor, self.parameters.door_charge)
+        return robot._ordered(costs)._with_bids(costs)
 
     def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
         """Return also places that the peer holds, by its bids, with a higher term."""
@@ -98,13 +98,13 @@ class BiddingRobot(YieldingRobot, Bidder):
     def bidding(self, peer: Bidder, floor: FloorPlan, now: Instant) -> Self:
         """Return the robot with those of the peer's places that reduce the sum of squared loads."""
         robot, p = self, self.parameters
-        ways, theirs = Ways(floor, p.door_charge), peer.load
-        load = ways.tour(self.position, self.route) + p.stuck_charge * self.stuck_for
+        costs, theirs = PathCosts(floor, p.door_charge), peer.load
+        load = costs.tour(self.position, self.route) + p.stuck_charge * self.stuck_for
         for bid in peer.bids:
             offered = bid.assignment
             if robot.holds(offered.key) or robot.has_settled(offered.key):
                 continue
-            added, index = ways.insertion(robot.position, robot.route, offered.point)
+            added, index = costs.insertion(robot.position, robot.route, offered.point)
             left = max(0.0, theirs - bid.saving)
             before, after = theirs * theirs + load * load, left * left + (load + added) * (load + added)
             if after + 2 * p.margin * max(theirs, load + added) >= before:
@@ -114,29 +114,30 @@ class BiddingRobot(YieldingRobot, Bidder):
                 robot, load, theirs = taken, load + added, left
         return robot
 
-    def _ordered(self, ways: Ways) -> Self:
+    def _ordered(self, costs: PathCosts) -> Self:
         """Return the robot with its places in a short tour; prefers to keep the destination first."""
         if not self.route or self.waypoint is not None:
             return self
-        route = ways.shortened(self.position, self.route)
+        route = costs.shortened(self.position, self.route)
         mine = self.destination
         if mine is None or mine == route[0]:
             return replace(self, route=route)
         first = (mine, *(place for place in self.route if place != mine))
-        kept = ways.shortened(self.position, first, fixed=1)
-        there, here = ways.tour(self.position, route), ways.tour(self.position, kept)
+        kept = costs.shortened(self.position, first, fixed=1)
+        there, here = costs.tour(self.position, route), costs.tour(self.position, kept)
         if self.is_blocked() or here - there < self.parameters.commitment:
             return replace(self, route=kept)
         return replace(self.heading_for(route[0]), route=route)
 
-    def _with_bids(self, ways: Ways) -> Self:
+    def _with_bids(self, costs: PathCosts) -> Self:
         """Return the robot with its load and next bids."""
         p, count = self.parameters, len(self.route)
         stuck = p.stuck_charge * self.stuck_for
-        load = ways.tour(self.position, self.route) + stuck
+        load = costs.tour(self.position, self.route) + stuck
         indices = [(self.next_bid + step) % count for step in range(min(p.most_bids, count))]
         bids = tuple(
-            Bid(self.route[index], ways.saving(self.position, self.route, index) + stuck) for index in indices
+            Bid(self.route[index], costs.saving(self.position, self.route, index) + stuck)
+            for index in indices
         )
         return replace(self, load=load, bids=bids, next_bid=(self.next_bid + p.most_bids) % max(1, count))
 

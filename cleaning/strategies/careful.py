@@ -9,7 +9,7 @@ drives on after a timeout. Settings: `CarefulParameters`.
 from dataclasses import dataclass, field
 from typing import Self
 
-from actors.robot.behaviour import FARTHEST_BACK, Behaviour, Navigation, Positioning, Start, host
+from actors.robot.behaviour import MAX_BACK_OUT, Behaviour, Navigation, Positioning, Start, host
 from actors.settings import check_range
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import exchanges
@@ -36,7 +36,7 @@ class CarefulParameters(AdaptationParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_range("strategy.back_out", self.back_out, 0.0, FARTHEST_BACK)
+        check_range("strategy.back_out", self.back_out, 0.0, MAX_BACK_OUT)
         check_range("strategy.lost_above", self.lost_above, 0.0, 1.0)
 
 
@@ -58,12 +58,12 @@ class CarefulRobot(AdaptiveCleaningRobot):
         """Stop, back out and relocalise when lost; continue when located or after the timeout."""
         p, since = self.parameters, self.lost_since
         if since is None:
-            if positioning.is_lost <= p.lost_above or now < self.trusts_until:
+            if positioning.lost_probability <= p.lost_above or now < self.trusts_until:
                 return self
             navigation.stop()
             navigation.back_out(p.back_out)
             return replace(self, lost_since=now, looked=False)
-        if positioning.is_lost < p.found_below or now - since > p.lost_patience:
+        if positioning.lost_probability < p.found_below or now - since > p.lost_patience:
             again = Instant(now + p.lost_patience)
             return replace(self, lost_since=None, attempt=self.attempt + 1, trusts_until=again)
         if now - since > p.look_after and not self.looked:

@@ -61,7 +61,7 @@ def giving_up(start: Start) -> Behaviour:
 
 def mute(start: Start) -> Behaviour:
     """Run `chapter` without radio, to measure the value of communication."""
-    return Mute(behaviour(start))
+    return SilentBehaviour(behaviour(start))
 
 
 def _adaptive(start: Start, kind: type[AdaptationParameters]) -> Behaviour:
@@ -72,7 +72,7 @@ def _adaptive(start: Start, kind: type[AdaptationParameters]) -> Behaviour:
     return host(start, AdaptiveCleaningRobot.at_start(start, p), *exchanges(p), *further)
 
 
-class Mute:
+class SilentBehaviour:
     """A behaviour without radio."""
 
     def __init__(self, hosted: Behaviour) -> None:

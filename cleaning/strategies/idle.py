@@ -4,7 +4,7 @@ from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View
 
 
-class Idle:
+class IdleBehaviour:
     """A behaviour that does nothing."""
 
     def advance(self, view: View, until: Instant) -> Decision:
@@ -14,4 +14,4 @@ class Idle:
 
 def behaviour(start: Start) -> Behaviour:
     """Return the behaviour."""
-    return Idle()
+    return IdleBehaviour()

@@ -14,7 +14,7 @@ from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
 from actors.runtime.errors import AcrcError
 from cleaning.settings import from_settings
 from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, Outbid
-from cleaning.strategies.chapter import Mute
+from cleaning.strategies.chapter import SilentBehaviour
 from cleaning.yielding import SteppingAside, Yielding
 from deeco import Instant, adaptation, component, periodic, replace, seconds
 
@@ -79,4 +79,4 @@ def behaviour(start: Start) -> Behaviour:
         _boards[:] = [_Board()]
     _boards[-1].members.add(start.robot)
     robot = OracleRobot.at_start(start, from_settings(OracleParameters, start.settings))
-    return Mute(host(start, robot))
+    return SilentBehaviour(host(start, robot))

@@ -62,7 +62,7 @@ def entry(strategy: str) -> str:
         first, turns = handover.split(strategy)
     except BehaviourError as error:
         raise StrategyError(str(error)) from None
-    return handover.joined(_entry(first), [turn._replace(name=_entry(turn.name)) for turn in turns])
+    return handover.join(_entry(first), [turn._replace(name=_entry(turn.name)) for turn in turns])
 
 
 def _entry(strategy: str) -> str:

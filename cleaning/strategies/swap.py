@@ -17,7 +17,7 @@ from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
 from cleaning.settings import from_settings
-from cleaning.strategies.tour import Ways
+from cleaning.strategies.tour import PathCosts
 from deeco import Duration, Instant, component, ensemble, replace, role, seconds
 
 
@@ -67,9 +67,9 @@ class SwappingRobot(AdaptiveCleaningRobot, Swapper):
 
     def worth(self, give: Assignment, want: Assignment, peer: Cleaner, floor: FloorPlan) -> bool:
         """Return True if the swap shortens the sum of both robots' paths by more than the margin."""
-        ways = Ways(floor)
-        now = ways.cost(self.position, give.point) + ways.cost(peer.position, want.point)
-        then = ways.cost(self.position, want.point) + ways.cost(peer.position, give.point)
+        costs = PathCosts(floor)
+        now = costs.cost(self.position, give.point) + costs.cost(peer.position, want.point)
+        then = costs.cost(self.position, want.point) + costs.cost(peer.position, give.point)
         return then + self.parameters.margin < now
 
     def offering(self, peer: Cleaner, floor: FloorPlan, now: Instant) -> Self:

@@ -26,7 +26,7 @@ _GAIN: Final = 1e-6
 """Minimum gain of a change, m: above the rounding error of sums of lengths."""
 
 
-class Ways:
+class PathCosts:
     """Path costs, m: length plus a charge for each door."""
 
     def __init__(self, floor: FloorPlan, door_charge: float = 0.0) -> None:
@@ -133,9 +133,9 @@ class TouringRobot(AdaptiveCleaningRobot):
         """Order the places in a short tour; the destination stays first."""
         if len(self.route) < 2:
             return self
-        ways, mine = Ways(floor, self.parameters.door_charge), self.destination
+        costs, mine = PathCosts(floor, self.parameters.door_charge), self.destination
         route = self.route if mine is None else (mine, *(one for one in self.route if one != mine))
-        return replace(self, route=ways.shortened(self.position, route, 0 if mine is None else 1))
+        return replace(self, route=costs.shortened(self.position, route, 0 if mine is None else 1))
 
 
 def behaviour(start: Start) -> Behaviour:

@@ -14,8 +14,8 @@ from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError, wrong_value
 from actors.installation.version import COMMIT, MINORS, requirements, software
 from actors.processes.launch import scratch_folder
-from actors.robot.behaviour.foreign import Permit
-from actors.robot.behaviour.loading import FOLDERS
+from actors.robot.behaviour.code_permit import Permit
+from actors.robot.behaviour.loading import FINDER
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
@@ -130,7 +130,7 @@ def _own_code(fleet: Fleet, permit: Permit) -> _Files:
     if len(folders) > 1:
         both = " and ".join(map(str, folders))
         raise AcrcError(f"{fleet.path}: strategies are in {both}; a bundle needs them in one folder")
-    loaded: Sequence[str] = tuple(FOLDERS.hashes())
+    loaded: Sequence[str] = tuple(FINDER.hashes())
     return {
         f"modules/{path.relative_to(folder)}": (regular_file.content(path), 0o644)
         for folder in folders

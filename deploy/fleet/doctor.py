@@ -31,8 +31,8 @@ from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.kernels import cache_folder
 from actors.robot import assembly
-from actors.robot.behaviour.foreign import INSTALLED, Permit
-from actors.robot.behaviour.loading import look_in
+from actors.robot.behaviour.code_permit import INSTALLED, Permit
+from actors.robot.behaviour.loading import set_folders
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
@@ -304,7 +304,7 @@ def _places(robot: FleetRobot, grid: OccupancyGrid) -> str:
 def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
     """Check that the robot can be created with its strategy, whose code runs once."""
     try:
-        look_in(own_code(fleet, permit))
+        set_folders(own_code(fleet, permit))
         with contextlib.redirect_stdout(sys.stderr):  # keep --json output clean
             alone = fleet.swarm(robot)
             setup = robot_setup(alone, alone.world.robots[0])

@@ -16,7 +16,7 @@ from actors import settings
 from actors.installation.usage import OptionError
 from actors.instant import milliseconds
 from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.foreign import Permit, admitted
+from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot_model import Model, RobotDescription, SensorName, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import located_model
@@ -223,6 +223,6 @@ def _located(file: _FleetFile, path: Path) -> Fleet:
 
 
 def own_code(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
-    """Return the folders of the user's strategy; none if it is installed. Raises as `foreign.admitted`."""
+    """Return the folders of the user's strategy; none if it is installed. Raises as `code_permit.permitted_folders`."""
     hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
-    return admitted(fleet.path, entry(fleet.run.strategy), hints, permit)
+    return permitted_folders(fleet.path, entry(fleet.run.strategy), hints, permit)

@@ -23,7 +23,7 @@ from actors.installation.version import software
 from actors.processes.launch import Child, Launcher, launcher
 from actors.processes.robot_logs import last_lines
 from actors.processes.signals import signals_as_interrupts
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.code_permit import Permit
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose

@@ -18,7 +18,7 @@ from actors.console import screen
 from actors.installation.usage import OptionError, typed
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
-from actors.robot.behaviour.foreign import Permit, admitted
+from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import StrategyError, entry
@@ -89,7 +89,9 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         )
     chosen = change.strategy is not None or bool(change.settings)
     branched = changed(scenario, change) if chosen else scenario
-    modules = admitted(origin / SCENARIO, entry(branched.run.strategy), module_folders(branched), permit)
+    modules = permitted_folders(
+        origin / SCENARIO, entry(branched.run.strategy), module_folders(branched), permit
+    )
     options = replace(options, modules=modules)
     anew = control_of(scenario, change) if chosen else None
 

@@ -76,7 +76,7 @@ class RunOptions:
     followed: tuple[str, ...] = ()
     """Robots that the view looks into; none named: as many as it does by itself."""
     modules: tuple[Path, ...] = ()
-    """Folders in which a strategy of one's own is looked for, as `foreign.admitted` has found them."""
+    """Folders with modules of user strategies, from `code_permit.permitted_folders`."""
     recorded: RecordedModules | None = None
     """Required modules in these folders, for a run in memory; None: any."""
 

@@ -102,7 +102,7 @@ class RunPlan(Swarm):
     """A run that is ready to be laid out."""
 
     options: RunOptions
-    """As they were asked for; `modules`: as was admitted."""
+    """As they were asked for; `modules`: as permitted."""
     scenario: ScenarioCopy
     """The resolved scenario, as it lies beside the result."""
     commit: str

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.foreign import Permit, admitted
+from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from cleaning.strategies import StrategyError, entry
 from deploy.run import out_folder
 from deploy.run.options import RunOptions, checked
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # importing what a run needs takes a second; a wrong option i
 
 
 class PreparedRun(NamedTuple):
-    """A scenario and checked options, with the folders of the strategy's admitted code."""
+    """A scenario and checked options, with the folders of the strategy's permitted code."""
 
     scenario: Scenario
     options: RunOptions
@@ -44,7 +44,7 @@ def prepare_run(
     except StrategyError as error:
         raise OptionError(f"--strategy: {error}") if typed else error from None
     permit = replace(permit, typed=behaviour if typed else "")
-    modules = admitted(file, behaviour, module_folders(scenario), permit)
+    modules = permitted_folders(file, behaviour, module_folders(scenario), permit)
     return PreparedRun(scenario, replace(options, modules=modules))
 
 

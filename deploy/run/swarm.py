@@ -32,7 +32,7 @@ from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.processes.watchdog import guarded
 from actors.robot import assembly
 from actors.robot.behaviour.handover import dry_run
-from actors.robot.behaviour.loading import expect, look_in
+from actors.robot.behaviour.loading import expect_hashes, set_folders
 from actors.robot_model import load_model
 from actors.runtime import typed_json
 from actors.runtime.core import at
@@ -185,7 +185,7 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
     floor = assembly.floor(load_map(settled.world.map), model, told.stack)
     start = assembly.start(told, model, floor)
     # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
-    look_in(modules)
+    set_folders(modules)
     with contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():
         try:
             dry_run(settled.behaviour, start)
@@ -304,7 +304,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
         debug=_debugged(settled, options),
     )
     if options.bus == "memory":
-        expect(options.recorded)
+        expect_hashes(options.recorded)
         with guarded(planned.timeout.step_s) if planned.own_code else nullcontext():
             preflight_here(settled, options.modules)
     return planned

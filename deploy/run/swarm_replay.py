@@ -18,7 +18,7 @@ from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Tr
 from actors.processes.launch import scratch_folder
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.foreign import Permit, admitted
+from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.codec import decode
 from actors.runtime.recording import Entry, read_recording
@@ -60,7 +60,9 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
         raise ReplayError(f"{out}: contains no {SCENARIO}; give the folder of a simulated run")
     told = check(out, strict=False)
     scenario = load_scenario(out / SCENARIO)
-    modules = admitted(out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit)
+    modules = permitted_folders(
+        out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit
+    )
     files = all_recordings(out)
     missing = [actor for actor in INFRA if actor not in files]
     if missing:

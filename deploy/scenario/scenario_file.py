@@ -16,8 +16,8 @@ from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, typed, wrong_value
 from actors.robot.behaviour import handover
-from actors.robot.behaviour.foreign import is_installed
-from actors.robot.behaviour.loading import located
+from actors.robot.behaviour.code_permit import is_installed
+from actors.robot.behaviour.loading import module_file
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.robot.stack import IMPROVED_REMOVED
 from actors.runtime.errors import AcrcError

@@ -28,11 +28,11 @@ from actors.floor.map_file import load_map, map_warnings
 from actors.geometry import STILL, Point, Pose
 from actors.instant import Instant
 from actors.radio.radio_model import needed_dbm, radio_model, reach
-from actors.robot.assembly import common_ground, navigator
+from actors.robot.assembly import navigator, shared_map_data
 from actors.robot.behaviour.ports import GoalStatus
 from actors.robot.navigation.cost_map import room_needed
 from actors.robot.navigation.navfn import global_costs
-from actors.robot.navigation.planning import ground, narrowest_door
+from actors.robot.navigation.planning import narrowest_door, planning_grid
 from actors.robot.navigation.potential import IMPASSABLE, descent, potential
 from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, load_model
@@ -113,7 +113,7 @@ class _Floor:
         if stack.planner.method == "navfn":
             passable = global_costs(grid, radius, stack.planner).costs < IMPASSABLE
         else:
-            coarse = ground(grid, radius, stack.planner)
+            coarse = planning_grid(grid, radius, stack.planner)
             factor = round(coarse.grid.resolution / grid.resolution)
             passable = (coarse.costs > 0).repeat(factor, axis=0).repeat(factor, axis=1)
             passable = passable[: grid.rows, : grid.columns]
@@ -185,7 +185,7 @@ def _can_drive_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, f
     """Return whether the robot's navigation finds a first command towards its first place."""
     model, grid = floor.model(robot.model, robot.sensor), floor.resolved.grid
     stack = msgspec.structs.replace(floor.resolved.stack, localisation=None)
-    driver = navigator(common_ground(grid, model, stack), model, stack)
+    driver = navigator(shared_map_data(grid, model, stack), model, stack)
     sensors = RangeSensors(grid, [model], [np.random.default_rng(0)])
     (ranges,) = sensors.scan([0], np.array([start]), np.zeros((0, 3)))
     ranges.setflags(write=False)

@@ -17,7 +17,7 @@ from actors.installation.usage import OptionError
 from actors.instant import in_seconds, milliseconds
 from actors.messages import RECEIVED
 from actors.orders import Lose
-from actors.robot.behaviour.foreign import INSTALLED
+from actors.robot.behaviour.code_permit import INSTALLED
 from actors.runtime.errors import AcrcError
 from deploy.run.branching import Branched, branch
 from deploy.run.change import BranchEvent, Change, event, strategy_settings

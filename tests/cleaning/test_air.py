@@ -44,20 +44,28 @@ from deeco.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleRegistry
-from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment
+from tests.cleaning.fakes import (
+    FakeNavigation,
+    FakePlaceMonitor,
+    FakePositioning,
+    FakeTaskList,
+    OpenFloor,
+    adaptive,
+    assignment,
+)
 from tests.deeco.fake_link import FakeLink, everywhere
 from tests.recorded_runs import record
 
 ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
 
 
-def node(robot: CleaningRobot, ways: Ways, number: int) -> Node:
+def node(robot: CleaningRobot, navigation: FakeNavigation, number: int) -> Node:
     ports = {
-        Positioning: Base(Pose(*robot.position, 0.0)),
-        Navigation: ways,
-        TaskList: Tasks(),
-        PlaceMonitor: Notes(),
-        FloorPlan: Floor(),
+        Positioning: FakePositioning(Pose(*robot.position, 0.0)),
+        Navigation: navigation,
+        TaskList: FakeTaskList(),
+        PlaceMonitor: FakePlaceMonitor(),
+        FloorPlan: OpenFloor(),
         Generator: generator(1, "behaviour", robot.id, 0),
     }
     ensembles = ENSEMBLES if isinstance(robot, AdaptiveCleaningRobot) else ()
@@ -70,23 +78,26 @@ def route_of(air: FakeLink, robot: str) -> list[PlaceKey]:
     return [assignment.key for assignment in knowledge.route]
 
 
-def test_two_that_stand_head_to_head_turn_round_with_each_others_destinations() -> None:
+def test_two_robots_head_on_turn_around_and_exchange_destinations() -> None:
     r1, r2 = adaptive("r1", 0.0, 5.0), adaptive("r2", 1.0, -5.0)
-    ways = {"r1": Ways(), "r2": Ways()}
-    air = FakeLink({one.id: node(one, ways[one.id], number) for number, one in enumerate((r1, r2), start=1)})
+    navigation = {"r1": FakeNavigation(), "r2": FakeNavigation()}
+    air = FakeLink({one.id: node(one, navigation[one.id], number) for number, one in enumerate((r1, r2), start=1)})
     air.run(seconds(9.5))
     assert route_of(air, "r1") == [PlaceKey("r2", 0)] and route_of(air, "r2") == [PlaceKey("r1", 0)]
-    assert ways["r1"].orders == [Point(5.0, 0.0), Point(-5.0, 0.0)]
-    assert ways["r2"].orders == [Point(-5.0, 0.0), Point(5.0, 0.0)]
+    assert navigation["r1"].orders == [Point(5.0, 0.0), Point(-5.0, 0.0)]
+    assert navigation["r2"].orders == [Point(-5.0, 0.0), Point(5.0, 0.0)]
 
 
-def test_who_has_not_been_heard_of_for_long_takes_no_part() -> None:
-    """In the released code a robot that has long gone goes on being blocked for ever."""
+def test_old_replicas_take_no_part_in_adoptions() -> None:
+    """In the released code a robot that disappeared counts as blocked forever."""
     for audible, expected in ((True, PlaceKey("r2", 0)), (False, PlaceKey("r1", 0))):
         ghost = CleaningRobot(
             id="r2", position=Point(1.0, 0.0), state=State.BLOCKED, route=(assignment(9.0, owner="r2"),)
         )
-        nodes = {"r1": node(adaptive("r1", 0.0, 5.0), Ways(), 1), "r2": node(ghost, Ways(), 2)}
+        nodes = {
+            "r1": node(adaptive("r1", 0.0, 5.0), FakeNavigation(), 1),
+            "r2": node(ghost, FakeNavigation(), 2),
+        }
         air = FakeLink(nodes)
         air.run(seconds(0.5))
         air.reach = everywhere if audible else lambda sender, receiver: None
@@ -94,11 +105,11 @@ def test_who_has_not_been_heard_of_for_long_takes_no_part() -> None:
         knowledge = nodes["r1"].knowledge("r1")
         assert isinstance(knowledge, Cleaner) and knowledge.destination is not None
         assert knowledge.destination.key == expected
-        assert [one.id for one in nodes["r1"].replicas] == ["r2"], "the node itself has not forgotten it"
+        assert [one.id for one in nodes["r1"].replicas] == ["r2"], "the node still has its replica"
 
 
 LONGEST = Assignment("r500", 999, Point(-123.456, 123.456), 2000)
-"""More than any scenario has."""
+"""Larger than in any scenario."""
 
 
 def packet(robot: AdaptiveCleaningRobot) -> bytes:
@@ -131,8 +142,8 @@ def test_with_ten_adopted_two_frames_and_three_after_restarts() -> None:
     assert len(Fragmenter(1).frames([packet(robot(0, assignment))])) == 1
 
 
-def test_a_restarted_robots_packets_have_other_numbers_than_those_it_sent_just_before() -> None:
-    """Else peers would take what is left of a packet for a part of the next epoch's."""
+def test_a_restarted_robot_does_not_reuse_packet_numbers() -> None:
+    """Otherwise peers would combine fragments of two epochs."""
     frames = [_first_frame(epoch) for epoch in range(20)]
     assert len({frame.tag for frame in frames}) == 20 and max(frame.tag for frame in frames) < 2**63
     first = [HEADER.unpack_from(frame.data)[3] for frame in frames]
@@ -148,7 +159,7 @@ def _first_frame(epoch: int) -> Outgoing:
 
 
 @pytest.mark.parametrize(("rssi_dbm", "relays"), [(-79.0, 0), (-81.0, 1)])
-def test_what_the_scenario_says_of_relaying_reaches_the_node(rssi_dbm: float, relays: int) -> None:
+def test_relay_settings_of_the_scenario_reach_the_node(rssi_dbm: float, relays: int) -> None:
     exchange = ExchangeSettings(relay=True, relay_below=-80.0)
 
     def hosted(robot: str, address: int) -> Behaviour:
@@ -170,7 +181,7 @@ PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
 
 
 def said() -> set[str]:
-    """Every name in backticks, without the blocks of code."""
+    """Return every name in backticks outside of code blocks."""
     text = re.sub(r"^```.*?^```$", "", PAGE, flags=re.MULTILINE | re.DOTALL)
     return {word for quoted in re.findall(r"`([^`]+)`", text) for word in re.findall(r"\w+", quoted)}
 
@@ -193,7 +204,7 @@ def test_every_field_and_every_public_name_is_on_the_page() -> None:
     assert wanted - {GoalOrder.__name__, "BehaviourError"} - said() == set()
 
 
-def test_the_clocks_are_those_of_the_processes() -> None:
+def test_documented_periods_are_those_of_the_processes() -> None:
     rows = re.findall(r"^\| `(\w+)` \| (\d+) (ms|s) \| (\d) \|$", PAGE, re.MULTILINE)
     told = {
         name: (int(every) / (1000 if unit == "ms" else 1), int(order)) for name, every, unit, order in rows

@@ -1,4 +1,4 @@
-"""Whatever happens to messages and in whatever order robots act, somebody still means to visit each place.
+"""Some robot holds each open place, whatever happens to messages and in whatever order robots act.
 
 A message is what a robot published at some time; any robot may hear any of them at any time, any number of
 times, or never: that is loss, delay, repetition and reordering, all at once.
@@ -17,24 +17,24 @@ from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.place import Assignment
-from tests.cleaning.equipment import Act, Floor, Story, Ways, published
+from tests.cleaning.fakes import Action, FakeNavigation, OpenFloor, ScriptedSwarm, published
 
 POINTS = tuple(Point(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0))
-"""So few that places lie on one another, and that robots come by them."""
+"""Few points, so that places coincide and robots pass them."""
 IMPATIENT = AdaptationParameters(
     attempts=2, no_plan_attempts=1, blocked_checks=0, still_checks=0, most_adopted=1
 )
 PRESETS = (AdaptationParameters(), ReleasedParameters(), IMPATIENT, replace(IMPATIENT, exchange=False))
 
 
-class Swarm(Story[AdaptiveCleaningRobot]):
+class Swarm(ScriptedSwarm[AdaptiveCleaningRobot]):
     def __init__(self, robots: int, places: int, parameters: AdaptationParameters) -> None:
         made = AdaptiveCleaningRobot(id="", position=Point(9.0, 9.0), parameters=parameters)
         names = [f"r{number}" for number in range(robots)]
         routes = [[Assignment(name, n, POINTS[n % 4]) for n in range(places)] for name in names]
         robots_ = [replace(made, id=name, route=tuple(own)) for name, own in zip(names, routes, strict=True)]
         super().__init__(robots_)
-        self.ways = {robot.id: Ways() for robot in self.robots}
+        self.navigation = {robot.id: FakeNavigation() for robot in self.robots}
         self._adoption = DestinationAdoption(
             parameters.adoption_distance, parameters.adoption_checks, parameters.adoption_backoff
         )
@@ -60,14 +60,14 @@ class Swarm(Story[AdaptiveCleaningRobot]):
         return self.remove.at_member(peer, robot, self.now)
 
     def _adopt(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
-        """Without asking who is blocked: as any strategy might."""
+        """Adopt without checking who is blocked, as any strategy might."""
         peer = self.message(robot, number)
         if peer is None or peer.destination is None:
             return robot
         return robot.adopting(peer.destination, self.now)
 
     def _choose(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
-        """Head for any place of the route: as any strategy might."""
+        """Choose any destination of the route, as any strategy might."""
         return robot.heading_for(robot.route[number % len(robot.route)]) if robot.route else robot
 
     def _move(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
@@ -80,19 +80,19 @@ class Swarm(Story[AdaptiveCleaningRobot]):
         return replace(robot, state=State.BLOCKED, blocked_for=1 + number % 9, still_for=9)
 
     def _set_destination(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
-        return robot.set_destination(self.notes, self.now)
+        return robot.set_destination(self.monitor, self.now)
 
     def _detect_blocked(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         return robot.detect_blocked()
 
     def _auto_unblock(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
-        return robot.auto_unblock(Floor(), self._generator, self.notes, self.now)
+        return robot.auto_unblock(OpenFloor(), self._generator, self.monitor, self.now)
 
     def _drive(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
-        ways = self.ways[robot.id]
-        if ways.goal is not None and number % 4 < 2:
-            ways.abort((AbortReason.NO_PLAN, AbortReason.BLOCKED)[number % 2])
-        return robot.drive(ways, self.notes, self.now)
+        navigation = self.navigation[robot.id]
+        if navigation.goal is not None and number % 4 < 2:
+            navigation.abort((AbortReason.NO_PLAN, AbortReason.BLOCKED)[number % 2])
+        return robot.drive(navigation, self.monitor, self.now)
 
     def check(self) -> None:
         super().check()
@@ -104,7 +104,7 @@ class Swarm(Story[AdaptiveCleaningRobot]):
 OFTEN = ("publish", "hear", "drop", "adopt", "choose", "set_destination")
 SELDOM = ("move", "leave", "block", "detect_blocked", "auto_unblock", "drive")
 acts = st.builds(
-    Act,
+    Action,
     st.sampled_from(OFTEN * 3 + SELDOM),
     st.integers(0, 4),
     st.one_of(st.integers(0, 3), st.integers(0, 60)),
@@ -112,9 +112,9 @@ acts = st.builds(
 
 
 THERE_AND_BACK = [
-    *(Act("set_destination", robot, 0) for robot in (0, 1)), Act("publish", 0, 0), Act("adopt", 1, 0),
-    Act("publish", 1, 0), Act("drop", 0, 0), Act("adopt", 0, 0), Act("publish", 0, 0), Act("drop", 1, 0),
-    Act("drop", 0, 0), Act("drop", 1, 1),
+    *(Action("set_destination", robot, 0) for robot in (0, 1)), Action("publish", 0, 0),
+    Action("adopt", 1, 0), Action("publish", 1, 0), Action("drop", 0, 0), Action("adopt", 0, 0),
+    Action("publish", 0, 0), Action("drop", 1, 0), Action("drop", 0, 0), Action("drop", 1, 1),
 ]  # fmt: skip
 
 
@@ -124,24 +124,24 @@ THERE_AND_BACK = [
 )
 @example(2, 1, PRESETS[0], THERE_AND_BACK)
 def test_no_place_is_lost(
-    robots: int, places: int, parameters: AdaptationParameters, story: list[Act]
+    robots: int, places: int, parameters: AdaptationParameters, script: list[Action]
 ) -> None:
-    Swarm(robots, places, parameters).play(story)
+    Swarm(robots, places, parameters).play(script)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(2, 5), st.sampled_from(PRESETS), st.lists(acts, min_size=20, max_size=60))
-def test_in_the_end_each_place_is_held_once(
-    robots: int, parameters: AdaptationParameters, story: list[Act]
+def test_finally_each_place_is_held_once(
+    robots: int, parameters: AdaptationParameters, script: list[Action]
 ) -> None:
-    swarm = Swarm(robots, 1, replace(parameters, most_adopted=10)).play(story)
+    swarm = Swarm(robots, 1, replace(parameters, most_adopted=10)).play(script)
     swarm.remove = AdoptedDestinationRemove(exchange=False)
-    for _ in range(2 * robots):  # nobody acts any more, and all messages arrive
+    for _ in range(2 * robots):  # no further actions, and all messages arrive
         swarm.published.clear()
         for index in range(robots):
-            swarm.act(Act("publish", index, 0))
+            swarm.act(Action("publish", index, 0))
         for index in range(robots):
             for number in range(robots):
-                swarm.act(Act("drop", index, number))
+                swarm.act(Action("drop", index, number))
         swarm.check()
     swarm.check_held_once()

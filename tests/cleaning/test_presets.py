@@ -34,7 +34,7 @@ START = Start(
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_each_shipped_strategy_can_be_made_and_says_in_a_line_what_it_does(name: str) -> None:
+def test_each_shipped_strategy_can_be_created_and_has_a_short_description(name: str) -> None:
     made = load_behaviour(entry(name), START)
     if name == "chapter-giving-up":
         assert made._component.parameters.attempts == 5  # type: ignore[attr-defined]
@@ -45,7 +45,7 @@ def test_each_shipped_strategy_can_be_made_and_says_in_a_line_what_it_does(name:
     assert first.endswith(".") and len(first) < 110
 
 
-def test_the_presets_differ_in_what_text_and_code_differ_in() -> None:
+def test_presets_differ_as_text_and_code_do() -> None:
     text, code = AdaptationParameters(), ReleasedParameters()
     differing = {
         one.name: (getattr(text, one.name), getattr(code, one.name))
@@ -75,18 +75,18 @@ def test_wrong_settings(kind: type[CleaningParameters], name: str, value: int, w
         from_settings(kind, {name: value})
 
 
-def test_a_restarted_robot_takes_its_places_anew_with_a_word_later_than_all_before() -> None:
+def test_a_restarted_robot_claims_its_places_with_a_higher_term() -> None:
     assert assignments(START) == (
         Assignment("r1", 0, Point(5.0, 0.0), 0),
         Assignment("r1", 1, Point(9.0, 0.0), 0),
     )
     assert [assignment.term for assignment in assignments(replace(START, epoch=2))] == [2 * RESTART_TERM] * 2
-    assert RESTART_TERM > 24 * 3600 // 3, "exchanges of a day"
+    assert RESTART_TERM > 24 * 3600 // 3, "more than the adoptions of a day"
 
 
 @pytest.mark.parametrize("name", ["none", "none-original", "none-giving-up", "random"])
-def test_the_baselines_differ_in_what_follows_once_navigation_has_given_up(name: str) -> None:
-    """Ten times in a row, and every two seconds they see it."""
+def test_baselines_differ_after_an_aborted_goal(name: str) -> None:
+    """Navigation aborts each goal; strategies check every 2 s."""
     hosted, start = load_behaviour(entry(name), START), Pose(1.0, 2.0, 0.0)
     orders, given_up = 0, 0
     goal: Goal | None = None
@@ -101,7 +101,7 @@ def test_the_baselines_differ_in_what_follows_once_navigation_has_given_up(name:
     assert (orders, given_up) == expected[name]
 
 
-def test_a_mute_robot_sends_nothing_and_hears_nothing() -> None:
+def test_a_robot_without_radio_neither_sends_nor_receives() -> None:
     loud, mute = (load_behaviour(entry(name), START) for name in ("chapter", "chapter-mute"))
     view, until = View(Instant(0), Pose(1.0, 2.0, 0.0), False, None, ()), Instant(2_000_000)
     frames = loud.advance(view, until).frames
@@ -111,7 +111,7 @@ def test_a_mute_robot_sends_nothing_and_hears_nothing() -> None:
     assert mute.advance(later, Instant(3_000_000)).frames == ()
 
 
-def test_an_unknown_strategy_is_one_sentence() -> None:
+def test_an_unknown_strategy_gives_one_sentence() -> None:
     assert entry("my_study.adoption:behaviour") == "my_study.adoption:behaviour"
     with pytest.raises(StrategyError, match="unknown strategy 'barter'; choose from auction, "):
         entry("barter")
@@ -201,11 +201,11 @@ def test_each_kind_of_field_is_set() -> None:
         ),
     ],
 )
-def test_what_does_not_fit_is_one_sentence(settings: Mapping[str, Setting], sentence: str) -> None:
+def test_an_invalid_setting_gives_one_sentence(settings: Mapping[str, Setting], sentence: str) -> None:
     assert refusal(Parameters, settings) == sentence
 
 
-def test_what_has_no_default_must_be_there() -> None:
+def test_a_field_without_default_is_required() -> None:
     assert refusal(Needy, {}).startswith("strategy.deadline is missing, but must be a number of seconds, at ")
     assert refusal(Needy, {"share": 2.0, "deadline": 1}).endswith(
         "is 2.0: it should be above 0 and at most 1"
@@ -218,7 +218,7 @@ def test_what_has_no_default_must_be_there() -> None:
     some.booleans(), some.integers(), some.floats(), some.text(max_size=5)
 )))  # fmt: skip
 @settings(deadline=None, derandomize=True)
-def test_it_is_parameters_or_one_sentence(wanted: Mapping[str, Setting]) -> None:
+def test_settings_give_parameters_or_one_sentence(wanted: Mapping[str, Setting]) -> None:
     try:
         made = from_settings(Parameters, wanted)
     except SettingsError as error:
@@ -241,10 +241,10 @@ def commit(
     return Commit("AdaptiveCleaningRobot.auto_unblock", at, before, after, adaptation)
 
 
-def test_a_decision_is_told_with_its_cause_and_goals() -> None:
+def test_a_decision_is_logged_with_cause_and_targets() -> None:
     log = DecisionLog(ROBOT)
     log.take(commit(ROBOT.adopting(OTHERS, NOW))._replace(peer="r2", heard=Instant(seconds(9))))
-    log.take(commit(ROBOT.sent_to(THERE), adaptation=False))  # no decision of the adaptation
+    log.take(commit(ROBOT.sent_to(THERE), adaptation=False))  # not a decision of the adaptation
     log.take(commit(replace(ROBOT, blocked_for=2)))
     by, goals = "AdaptiveCleaningRobot.auto_unblock", ((1.0, 2.0), (5.0, 2.0))
     assert log.report().decisions == [
@@ -252,7 +252,7 @@ def test_a_decision_is_told_with_its_cause_and_goals() -> None:
     ]
 
 
-def test_every_kind_of_decision_has_its_words() -> None:
+def test_every_kind_of_decision_has_a_description() -> None:
     both = ROBOT.adopting(OTHERS, NOW)
     cases = {
         "turns elsewhere": (ROBOT, ROBOT.sent_to(THERE)),
@@ -265,14 +265,14 @@ def test_every_kind_of_decision_has_its_words() -> None:
         assert after.decided_since(before) == words
 
 
-def test_spells_of_being_blocked_are_told_and_the_last_may_be_open() -> None:
+def test_blocked_intervals_are_logged_and_the_last_may_be_open() -> None:
     log, blocked = DecisionLog(ROBOT), replace(ROBOT, state=State.BLOCKED)
     for at_s, robot in ((1, ROBOT), (4, blocked), (5, blocked), (7, ROBOT), (9, blocked)):
         log.take(commit(robot, at=Instant(seconds(at_s))))
     assert log.report().blocked == [(seconds(4), seconds(7)), (seconds(9), None)]
 
 
-def test_the_list_is_bounded_and_says_what_it_leaves_out() -> None:
+def test_the_list_is_bounded_and_counts_omitted_decisions() -> None:
     log = DecisionLog(ROBOT)
     for _ in range(1002):
         log.take(commit(ROBOT.sent_to(THERE)))
@@ -285,7 +285,7 @@ class _Reporting(CleaningRobot):
         return {"held": len(self.route), "deeco": "not mine"}
 
 
-def test_a_component_may_have_results_of_its_own() -> None:
+def test_a_component_may_have_an_outcome() -> None:
     start = Start("r1", 1, 0, Pose(1.0, 2.0, 0.0), (Point(3.0, 1.0),), np.random.default_rng(1))
     made = host(start, _Reporting(id="r1", position=Point(1.0, 2.0), route=assignments(start)))
     told = made.outcome()  # type: ignore[attr-defined]

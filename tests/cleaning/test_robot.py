@@ -1,4 +1,4 @@
-"""Cleaning robots: places and navigation, detection of being blocked, and the ensembles of two robots."""
+"""Cleaning robots: places and navigation, detection of blocking, and ensembles of two robots."""
 
 from collections import Counter
 from dataclasses import replace
@@ -11,20 +11,20 @@ from actors.instant import Instant, seconds
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason
 from actors.task.task import PlaceKey
-from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
+from cleaning.adaptive import AdaptiveCleaningRobot, PeerPosition
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay, PeerMask
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
 from cleaning.place import RESTART_TERM, Takeover
 from cleaning.robot import CleaningRobot
-from tests.cleaning.equipment import (
+from tests.cleaning.fakes import (
     NOW,
     SOMEWHERE,
-    Base,
-    Floor,
-    Notes,
-    Tasks,
-    Ways,
+    FakeNavigation,
+    FakePlaceMonitor,
+    FakePositioning,
+    FakeTaskList,
+    OpenFloor,
     adaptive,
     assignment,
     plain,
@@ -41,30 +41,30 @@ def at(robot: CleaningRobot, x: float) -> CleaningRobot:
     return replace(robot, position=Point(x, 0.0))
 
 
-def test_it_takes_its_places_in_order() -> None:
-    notes = Notes()
-    robot = plain(5.0, 10.0).set_destination(notes, NOW)
-    assert robot.destination == assignment(5.0) and notes.visits == []
-    plain(5.0, 10.0).report_status(notes)
-    assert notes.left == tuple(keys(0, 1))
-    assert at(robot, 4.5).set_destination(notes, NOW) == at(robot, 4.5), "0.5 m away is not there"
-    robot = at(robot, 4.51).set_destination(notes, NOW)
-    assert robot.destination == assignment(10.0, 1) and notes.visits == keys(0)
+def test_places_are_visited_in_order() -> None:
+    monitor = FakePlaceMonitor()
+    robot = plain(5.0, 10.0).set_destination(monitor, NOW)
+    assert robot.destination == assignment(5.0) and monitor.visits == []
+    plain(5.0, 10.0).report_status(monitor)
+    assert monitor.left == tuple(keys(0, 1))
+    assert at(robot, 4.5).set_destination(monitor, NOW) == at(robot, 4.5), "0.5 m is not within reach"
+    robot = at(robot, 4.51).set_destination(monitor, NOW)
+    assert robot.destination == assignment(10.0, 1) and monitor.visits == keys(0)
     assert robot.route == (assignment(10.0, 1),) and robot.has_settled(PlaceKey("r1", 0))
-    robot = at(robot, 10.49).set_destination(notes, NOW)
-    assert (robot.destination, robot.route, notes.visits) == (None, (), keys(0, 1))
+    robot = at(robot, 10.49).set_destination(monitor, NOW)
+    assert (robot.destination, robot.route, monitor.visits) == (None, (), keys(0, 1))
 
 
-def test_places_it_passes_are_visited_too_and_the_destination_stays() -> None:
-    notes = Notes()
-    robot = plain(5.0, 10.0, 2.0).set_destination(notes, NOW)
-    robot = at(robot, 2.2).set_destination(notes, NOW)
-    assert notes.visits == keys(2)
+def test_passed_places_are_visited_and_the_destination_stays() -> None:
+    monitor = FakePlaceMonitor()
+    robot = plain(5.0, 10.0, 2.0).set_destination(monitor, NOW)
+    robot = at(robot, 2.2).set_destination(monitor, NOW)
+    assert monitor.visits == keys(2)
     assert robot.destination == assignment(5.0) and robot.route == (assignment(5.0), assignment(10.0, 1))
 
 
-def test_places_that_it_is_given_come_last_in_its_route_and_once() -> None:
-    tasks = Tasks((Point(5.0, 0.0),), at_start=1)
+def test_added_places_are_appended_to_the_route_once() -> None:
+    tasks = FakeTaskList((Point(5.0, 0.0),), at_start=1)
     robot = plain(5.0)
     assert robot.take_on(tasks) is robot
     tasks.places += (Point(8.0, 0.0), Point(9.0, 0.0))
@@ -73,82 +73,82 @@ def test_places_that_it_is_given_come_last_in_its_route_and_once() -> None:
     assert robot.take_on(tasks) is robot
     tasks.places += (Point(3.0, 0.0),)
     assert robot.take_on(tasks).route[3:] == (assignment(3.0, 3),)
-    robot = plain().take_on(Tasks((Point(8.0, 0.0),), at_start=0, epoch=2))
-    assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),), "restarted: by a later word"
+    robot = plain().take_on(FakeTaskList((Point(8.0, 0.0),), at_start=0, epoch=2))
+    assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),), "restarted: with a higher term"
 
 
 @pytest.mark.parametrize(("retry", "orders"), [(True, 3), (False, 2)])
-def test_navigation_is_told_once_per_attempt_and_again_when_it_gave_up(retry: bool, orders: int) -> None:
-    ways, notes = Ways(), Notes()
+def test_the_goal_is_sent_once_per_attempt_and_again_after_an_abort(retry: bool, orders: int) -> None:
+    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
     robot = replace(plain(5.0), parameters=CleaningParameters(retry=retry))
-    robot = robot.sense(Base(Pose(3.0, 4.0, 1.0))).set_destination(notes, NOW)
+    robot = robot.sense(FakePositioning(Pose(3.0, 4.0, 1.0))).set_destination(monitor, NOW)
     assert robot.position == Point(3.0, 4.0)
-    robot = robot.drive(ways, notes, NOW).drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0)]
-    robot = robot.heading_for(robot.route[0]).drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0)] * 2
-    ways.abort()
-    robot.drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0)] * orders
+    robot = robot.drive(navigation, monitor, NOW).drive(navigation, monitor, NOW)
+    assert navigation.orders == [Point(5.0, 0.0)]
+    robot = robot.heading_for(robot.route[0]).drive(navigation, monitor, NOW)
+    assert navigation.orders == [Point(5.0, 0.0)] * 2
+    navigation.abort()
+    robot.drive(navigation, monitor, NOW)
+    assert navigation.orders == [Point(5.0, 0.0)] * orders
 
 
-def test_after_its_last_place_it_drives_up_to_it() -> None:
-    ways, notes = Ways(), Notes()
-    robot = plain(5.0).set_destination(notes, NOW).drive(ways, notes, NOW)
-    robot = at(robot, 4.6).set_destination(notes, NOW).drive(ways, notes, NOW)
-    assert robot.target is None and ways.orders == [Point(5.0, 0.0)]
+def test_after_the_last_visit_it_drives_on_to_the_place() -> None:
+    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    robot = plain(5.0).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
+    robot = at(robot, 4.6).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
+    assert robot.target is None and navigation.orders == [Point(5.0, 0.0)]
 
 
-def test_who_is_told_to_head_for_nothing_stops_once() -> None:
-    ways, notes = Ways(), Notes()
-    robot = plain(5.0).set_destination(notes, NOW).drive(ways, notes, NOW)
-    robot = robot.heading_for(None).drive(ways, notes, NOW).drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0), None]
-    robot.set_destination(notes, NOW).drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0), None, Point(5.0, 0.0)]
+def test_a_robot_without_target_stops_once() -> None:
+    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    robot = plain(5.0).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
+    robot = robot.heading_for(None).drive(navigation, monitor, NOW).drive(navigation, monitor, NOW)
+    assert navigation.orders == [Point(5.0, 0.0), None]
+    robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
+    assert navigation.orders == [Point(5.0, 0.0), None, Point(5.0, 0.0)]
 
 
-def test_sent_anywhere_it_goes_there_first_and_has_no_destination_to_publish() -> None:
-    ways, notes = Ways(), Notes()
-    robot = plain(5.0).set_destination(notes, NOW).sent_to(SOMEWHERE)
-    robot = robot.set_destination(notes, NOW).drive(ways, notes, NOW)
-    assert robot.destination is None and ways.orders == [SOMEWHERE]
-    robot = replace(robot, position=SOMEWHERE).set_destination(notes, NOW)
+def test_a_waypoint_comes_first_and_no_destination_is_published() -> None:
+    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    robot = plain(5.0).set_destination(monitor, NOW).sent_to(SOMEWHERE)
+    robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
+    assert robot.destination is None and navigation.orders == [SOMEWHERE]
+    robot = replace(robot, position=SOMEWHERE).set_destination(monitor, NOW)
     assert robot.destination == assignment(5.0) and robot.waypoint is None
 
 
 def test_a_place_given_up_leaves_the_route_and_is_never_a_destination_again() -> None:
-    notes = Notes()
-    robot = plain(5.0, 10.0).set_destination(notes, NOW)
-    robot = robot.given_up(robot.route[0], "the door is shut", notes, NOW)
-    assert notes.gone == [(PlaceKey("r1", 0), "the door is shut")]
+    monitor = FakePlaceMonitor()
+    robot = plain(5.0, 10.0).set_destination(monitor, NOW)
+    robot = robot.given_up(robot.route[0], "the door is shut", monitor, NOW)
+    assert monitor.gone == [(PlaceKey("r1", 0), "the door is shut")]
     assert robot.destination is None and robot.route == (assignment(10.0, 1),)
     assert robot.has_settled(PlaceKey("r1", 0)) and not robot.holds(PlaceKey("r1", 0))
-    other = plain(5.0, 10.0).set_destination(notes, NOW)
-    other = other.given_up(other.route[1], "the door is shut", notes, NOW)
+    other = plain(5.0, 10.0).set_destination(monitor, NOW)
+    other = other.given_up(other.route[1], "the door is shut", monitor, NOW)
     assert other.destination == assignment(5.0) and other.attempt == 0
 
 
 @pytest.mark.parametrize("attempts", [0, 1, 3])
-def test_a_place_to_which_there_is_no_way_is_given_up_after_so_many_attempts(attempts: int) -> None:
-    ways, notes = Ways(), Notes()
+def test_an_unreachable_place_is_given_up_after_the_limit(attempts: int) -> None:
+    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
     robot = replace(plain(5.0), parameters=CleaningParameters(no_plan_attempts=attempts))
-    robot = robot.set_destination(notes, NOW).drive(ways, notes, NOW)
-    if attempts == 3:  # another reason begins the count anew
+    robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
+    if attempts == 3:  # another reason resets the count
         for reason in (AbortReason.NO_PLAN, AbortReason.BLOCKED):
-            ways.abort(reason)
-            robot = robot.drive(ways, notes, NOW)
+            navigation.abort(reason)
+            robot = robot.drive(navigation, monitor, NOW)
         assert robot.no_plans == 0
-        ways.orders.clear()
-        ways.orders.append(Point(5.0, 0.0))
+        navigation.orders.clear()
+        navigation.orders.append(Point(5.0, 0.0))
     for _ in range(5):
-        if ways.goal is not None:
-            ways.abort(AbortReason.NO_PLAN)
-        robot = robot.set_destination(notes, NOW).drive(ways, notes, NOW)
+        if navigation.goal is not None:
+            navigation.abort(AbortReason.NO_PLAN)
+        robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     tries = {0: "", 1: "1 times in a row", 3: "3 times in a row"}[attempts]
     expected = [(PlaceKey("r1", 0), f"navigation found no way to it, {tries}")] if attempts else []
-    assert notes.gone == expected
-    assert sum(order is not None for order in ways.orders) == (attempts or 6)
+    assert monitor.gone == expected
+    assert sum(order is not None for order in navigation.orders) == (attempts or 6)
 
 
 NEAR, FAR = adaptive("r2", 3.0), adaptive("r3", 30.0)
@@ -157,26 +157,26 @@ NEAR, FAR = adaptive("r2", 3.0), adaptive("r3", 30.0)
 MASKING = replace(adaptive("r1", 0.0), parameters=AdaptationParameters(peer_mask=True))
 
 
-def test_peers_within_the_distance_are_noted_the_newest_word_of_each() -> None:
+def test_peers_within_the_distance_are_stored_with_their_newest_position() -> None:
     mask, robot = PeerMask(6.5), MASKING
     assert mask.membership(NEAR, robot) and not mask.membership(FAR, robot)
     robot = mask.at_member(NEAR, robot, NOW)
     later = replace(NEAR, position=Point(2.5, 0.0))
     robot = mask.at_member(later, mask.at_member(FAR, robot, NOW), Instant(NOW + seconds(1)))
     assert robot.peers == (
-        HeardPeer("r3", FAR.position, NOW),
-        HeardPeer("r2", Point(2.5, 0.0), Instant(NOW + seconds(1))),
+        PeerPosition("r3", FAR.position, NOW),
+        PeerPosition("r2", Point(2.5, 0.0), Instant(NOW + seconds(1))),
     )
 
 
-def test_the_localiser_is_told_and_old_word_is_forgotten() -> None:
-    base = Base()
+def test_peers_reach_the_localiser_and_old_positions_are_dropped() -> None:
+    base = FakePositioning()
     robot = PeerMask(6.5).at_member(NEAR, MASKING, NOW)
     robot = robot.disregard_peers(base, Instant(NOW + seconds(3)))
     assert base.peers == [NEAR.position] and robot.peers
     robot = robot.disregard_peers(base, Instant(NOW + seconds(3.5)))
     assert base.peers == [] and robot.peers == ()
-    base = Base()
+    base = FakePositioning()
     adaptive("r1", 0.0).disregard_peers(base, NOW)
     assert base.peers is None, "without the mask"
 
@@ -185,9 +185,11 @@ RNG = generator(5, "behaviour", "r1", 0)
 WHOLE = AdaptationParameters()
 
 
-def checked(robot: AdaptiveCleaningRobot, times: int, notes: Notes | None = None) -> AdaptiveCleaningRobot:
+def checked(
+    robot: AdaptiveCleaningRobot, times: int, monitor: FakePlaceMonitor | None = None
+) -> AdaptiveCleaningRobot:
     for _ in range(times):
-        robot = robot.detect_blocked().auto_unblock(Floor(), RNG, notes or Notes(), NOW)
+        robot = robot.detect_blocked().auto_unblock(OpenFloor(), RNG, monitor or FakePlaceMonitor(), NOW)
     return robot
 
 
@@ -198,7 +200,7 @@ def stuck(parameters: AdaptationParameters = WHOLE, *xs: float) -> AdaptiveClean
     return robot
 
 
-def test_it_is_blocked_at_the_fourth_still_second_after_the_first_look() -> None:
+def test_it_is_blocked_at_the_fourth_still_second() -> None:
     states = [checked(adaptive("r1", 0.0, 5.0), seconds).state for seconds in range(7)]
     assert states == [State.FREE] * 5 + [State.BLOCKED] * 2
     assert checked(adaptive("r1", 0.0, 5.0).sent_to(SOMEWHERE), 5).is_blocked(), "on its way to any point"
@@ -214,26 +216,26 @@ def test_a_centimetre_per_second_is_moving() -> None:
     assert robot.state is State.BLOCKED
 
 
-def test_who_has_arrived_or_wants_nowhere_is_not_blocked() -> None:
+def test_a_robot_at_or_without_a_target_is_not_blocked() -> None:
     assert checked(adaptive("r1", 4.6, 5.0), 9).state is State.FREE
     idle = replace(adaptive("r1", 0.0), state=State.BLOCKED, still_for=9, blocked_for=3)
     assert idle.detect_blocked().state is State.FREE
 
 
-def test_after_seven_blocked_seconds_it_turns_to_a_place_of_its_queue() -> None:
+def test_after_seven_blocked_seconds_it_chooses_a_place_of_its_route() -> None:
     turned = checked(stuck(), 1)
     assert turned.attempt == 1 and turned.destination in turned.route and turned.waypoint is None
     assert (turned.state, turned.blocked_for, turned.still_for) == (State.FREE, 0, 0)
     states = [checked(stuck(), seconds).state for seconds in range(1, 6)]
-    assert states == [State.FREE] * 4 + [State.BLOCKED], "watched from the beginning"
+    assert states == [State.FREE] * 4 + [State.BLOCKED], "counted from the start"
 
 
-def test_every_place_of_the_queue_is_as_likely_the_present_one_too() -> None:
+def test_all_places_of_the_route_are_equally_likely() -> None:
     chosen = Counter(checked(stuck(WHOLE, 5.0, 7.0, 9.0), 1).destination for _ in range(300))
     assert len(chosen) == 3 and min(chosen.values()) > 70  # 100 ± 8 each
 
 
-def test_by_the_code_it_mostly_turns_to_any_point_and_is_blocked_again_within_a_second() -> None:
+def test_released_code_mostly_chooses_a_random_point_and_is_blocked_within_a_second() -> None:
     turned = checked(stuck(ReleasedParameters()), 1)
     assert (turned.state, checked(turned, 1).state) == (State.FREE, State.BLOCKED)
     turns = Counter(checked(stuck(ReleasedParameters()), 1).waypoint for _ in range(300))
@@ -242,7 +244,7 @@ def test_by_the_code_it_mostly_turns_to_any_point_and_is_blocked_again_within_a_
 
 
 @pytest.mark.parametrize("unblock", Unblock)
-def test_an_empty_route_is_no_crash(unblock: Unblock) -> None:
+def test_an_empty_route_does_not_crash(unblock: Unblock) -> None:
     robot = replace(
         adaptive("r1", 0.0).sent_to(Point(5.0, 5.0)), parameters=AdaptationParameters(unblock=unblock)
     )
@@ -251,23 +253,23 @@ def test_an_empty_route_is_no_crash(unblock: Unblock) -> None:
     assert (turned.waypoint, turned.attempt, turned.state) == (there, 2, State.FREE)
 
 
-def test_it_gives_a_place_up_after_so_many_attempts_and_goes_on_with_the_next() -> None:
-    notes = Notes()
+def test_a_place_is_given_up_after_the_limit_of_attempts() -> None:
+    monitor = FakePlaceMonitor()
     robot = replace(adaptive("r1", 0.0, 5.0), parameters=AdaptationParameters(attempts=3))
-    robot = checked(robot, 40, notes)
-    assert notes.gone == [
+    robot = checked(robot, 40, monitor)
+    assert monitor.gone == [
         (PlaceKey("r1", 0), "blocked on the way to it, 3 times without visiting any place meanwhile")
     ]
     assert (robot.route, robot.destination, robot.state) == ((), None, State.FREE)
 
 
-def test_visiting_any_place_is_progress() -> None:
-    notes = Notes()
+def test_visiting_a_place_resets_attempts() -> None:
+    monitor = FakePlaceMonitor()
     robot = replace(stuck(AdaptationParameters(attempts=2)), destination=assignment(5.0))
-    robot = checked(robot, 1, notes)
+    robot = checked(robot, 1, monitor)
     assert len(robot.tried) == 1
-    robot = replace(robot, position=Point(9.0, 0.0)).set_destination(notes, NOW)
-    assert robot.tried == () and notes.visits == [PlaceKey("r1", 1)]
+    robot = replace(robot, position=Point(9.0, 0.0)).set_destination(monitor, NOW)
+    assert robot.tried == () and monitor.visits == [PlaceKey("r1", 1)]
 
 
 seen = partial(published, role=Cleaner)
@@ -324,7 +326,7 @@ def test_it_adopts_once_in_ten_seconds() -> None:
     assert adopts(again, other, Instant(NOW + seconds(10))).destination == assignment(-6.0, 1, "r2", 1)
 
 
-def test_after_adopting_it_is_free_until_the_outcome_is_seen() -> None:
+def test_an_adoption_resets_the_blocked_state() -> None:
     r1 = adopts(replace(R1, still_for=9, blocked_for=4), seen(R2))
     assert (r1.state, r1.blocked_for, r1.still_for) == (State.FREE, 0, 0)
     code = replace(R1, parameters=ReleasedParameters(), still_for=9, blocked_for=4)
@@ -332,10 +334,10 @@ def test_after_adopting_it_is_free_until_the_outcome_is_seen() -> None:
     assert (r1.state, r1.blocked_for, r1.still_for) == (State.BLOCKED, 0, 9)
 
 
-def test_who_is_late_gets_the_others_destination_in_exchange_all_the_same() -> None:
+def test_a_late_robot_still_receives_the_other_destination() -> None:
     r1 = adopts(R1, seen(R2))
     r2 = adopts(R2, seen(r1))
-    assert r2 == R2, "r1 shows r2's own destination by now, and is not blocked any more"
+    assert r2 == R2, "r1 already has r2's destination and is no longer blocked"
     r2 = removes(r2, seen(r1))
     assert r2.destination == assignment(5.0, term=1) and r2.former is None
     assert r2.route == (assignment(-6.0, 1, "r2"), assignment(5.0, term=1))
@@ -345,7 +347,7 @@ def test_who_is_late_gets_the_others_destination_in_exchange_all_the_same() -> N
     )
 
 
-def test_what_the_other_left_is_taken_from_nobody_else() -> None:
+def test_a_former_destination_is_exchanged_only_with_its_holder() -> None:
     r1 = adopts(R1, seen(R2))
     third = replace(
         adaptive("r3", 0.0), route=route(-5.0, owner="r2"), destination=assignment(3.0, owner="r3")
@@ -356,10 +358,10 @@ def test_what_the_other_left_is_taken_from_nobody_else() -> None:
     assert removes(R2, elsewhere).destination == assignment(-6.0, 1, "r2")
 
 
-def test_who_is_done_makes_way_for_who_is_blocked_near_by() -> None:
+def test_a_finished_robot_makes_way_for_a_blocked_one() -> None:
     ensemble, idle = MakingWay(1.5), adaptive("r2", 1.0)
     assert ensemble.membership(seen(R1), idle)
-    assert ensemble.at_member(seen(R1), idle, Floor()).waypoint == SOMEWHERE
+    assert ensemble.at_member(seen(R1), idle, OpenFloor()).waypoint == SOMEWHERE
     for peer, member in (
         (replace(seen(R1), state=State.FREE), idle),
         (replace(seen(R1), position=Point(-0.6, 0.0)), idle),
@@ -369,32 +371,32 @@ def test_who_is_done_makes_way_for_who_is_blocked_near_by() -> None:
         assert not ensemble.membership(peer, member)
 
 
-def test_a_place_that_goes_there_and_back_is_not_lost() -> None:
-    """There, what was adopted once takes a place off everybody's route for ever, its adopter's too."""
+def test_a_place_adopted_back_is_not_lost() -> None:
+    """In the original, one adoption removes a place from all routes forever, including the adopter's."""
     r1, r2 = adopts(R1, seen(R2)), adopts(R2, seen(R1))
     r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
     r1 = replace(r1, state=State.BLOCKED, blocked_for=1, adopted_at=None)
     r1 = adopts(r1, replace(seen(r2), state=State.BLOCKED))
-    assert r1.destination == assignment(5.0, term=2), "r1 takes back what was its own"
+    assert r1.destination == assignment(5.0, term=2), "r1 adopts its own place back"
     r2 = removes(r2, seen(r1))
     for _ in range(3):
         r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
     assert r1.holds(PlaceKey("r1", 0)) and not r2.holds(PlaceKey("r1", 0))
 
 
-def test_what_it_has_cleaned_or_given_up_itself_is_not_adopted() -> None:
+def test_settled_places_are_not_adopted() -> None:
     for destination in (None, R1.destination, replace(R1.route[1], term=5)):
         assert adopts(R1, replace(seen(R2), destination=destination)) == R1
-    notes = Notes()
-    r1 = replace(R1, position=Point(5.0, 0.0)).set_destination(notes, NOW)
+    monitor = FakePlaceMonitor()
+    r1 = replace(R1, position=Point(5.0, 0.0)).set_destination(monitor, NOW)
     r1 = replace(r1, position=Point(0.0, 0.0))
     assert adopts(r1, replace(seen(R2), destination=assignment(5.0, term=1))) == r1
-    gone = R1.given_up(R1.route[0], "the door is shut", notes, NOW)
+    gone = R1.given_up(R1.route[0], "the door is shut", monitor, NOW)
     gone = replace(gone, state=State.BLOCKED, blocked_for=1)
     assert adopts(gone, replace(seen(R2), destination=assignment(5.0, term=1))) == gone
 
 
-def test_the_later_word_counts_and_of_two_the_greater_id() -> None:
+def test_the_higher_term_wins_and_then_the_greater_id() -> None:
     r3 = replace(seen(adaptive("r3", 0.0)), adopted=(Takeover("r1", 0, 2),))
     mine = {term: replace(R2, route=(assignment(5.0, term=term),), destination=None) for term in (1, 2, 3)}
     assert [bool(mine[term].taken_by(r3)) for term in (1, 2, 3)] == [True, True, False]
@@ -402,8 +404,8 @@ def test_the_later_word_counts_and_of_two_the_greater_id() -> None:
     assert not other.taken_by(r3)
 
 
-def test_a_term_that_nobody_can_come_to_is_not_adopted_and_breaks_nothing() -> None:
-    """From the air: one more than the greatest number of 64 bits has no form to be published in."""
+def test_an_impossible_term_is_not_adopted() -> None:
+    """Received terms may be so large that the next one does not fit the wire format."""
     r1 = seen(R2)
     for term in (2**63 - 1, 2**64 - 1):
         assert adopts(R1, replace(r1, destination=assignment(-5.0, owner="r2", term=term))) == R1

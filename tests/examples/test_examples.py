@@ -16,7 +16,15 @@ from deeco.knowledge import role_view
 from examples.contention import contend
 from examples.convoy import drive
 from examples.courteous import CourteousRobot, GivingWay, HandOver, Offering
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, assignment, route
+from tests.cleaning.fakes import (
+    NOW,
+    SOMEWHERE,
+    FakeNavigation,
+    FakePlaceMonitor,
+    OpenFloor,
+    assignment,
+    route,
+)
 
 
 def test_more_load_delivers_a_smaller_share() -> None:
@@ -36,7 +44,7 @@ def test_the_gaps_converge(seed: int) -> None:
     assert len(rows) == 12
     # In the last half minute, with a fifth of the frames lost: within 5 cm.
     assert rows[-4:] == [pytest.approx([20.0, 20.0, 20.0], abs=0.05)] * 4
-    assert min(gap for row in rows for gap in row) > 19.9, "nobody came nearer than that on the way"
+    assert min(gap for row in rows for gap in row) > 19.9, "never nearer before"
 
 
 @pytest.mark.parametrize("off", [{"loss": 1.0}, {"reach": 0.0}], ids=str)
@@ -45,7 +53,7 @@ def test_without_radio_they_do_not(off: dict[str, float]) -> None:
     assert last == pytest.approx(ALONE, abs=0.2)  # motion goes in steps of 0.1 s
 
 
-def test_out_of_reach_of_the_radio_only_those_in_reach_close_up() -> None:
+def test_only_vehicles_within_radio_range_close_up() -> None:
     last = list(drive(reach=70.0))[-1]
     assert last[:2] == pytest.approx([20.0, 20.0], abs=0.05)
     assert last[2] > 95.0
@@ -79,29 +87,29 @@ def test_it_reorders_the_queue() -> None:
     assert robot("r1", 0.0, 9.0).reorder().offered is None
 
 
-def test_it_pauses_the_robot_and_lets_it_go_on() -> None:
-    ways, notes = Ways(), Notes()
-    r1 = robot("r1", 0.0, 5.0).drive(ways, notes, NOW)
+def test_it_pauses_and_resumes_the_robot() -> None:
+    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    r1 = robot("r1", 0.0, 5.0).drive(navigation, monitor, NOW)
     r1 = replace(r1, waits_until=Instant(NOW + seconds(2)))
     for later in (0, 1):
-        r1 = r1.wait(ways, Instant(NOW + seconds(later))).drive(ways, notes, NOW)
-    assert ways.orders == [Point(5.0, 0.0), None, None] and ways.goal is None
-    r1.wait(ways, Instant(NOW + seconds(2))).drive(ways, notes, NOW)
-    assert ways.orders[-1] == Point(5.0, 0.0)
+        r1 = r1.wait(navigation, Instant(NOW + seconds(later))).drive(navigation, monitor, NOW)
+    assert navigation.orders == [Point(5.0, 0.0), None, None] and navigation.goal is None
+    r1.wait(navigation, Instant(NOW + seconds(2))).drive(navigation, monitor, NOW)
+    assert navigation.orders[-1] == Point(5.0, 0.0)
 
 
-def test_who_is_in_the_way_stands_or_is_sent_anywhere() -> None:
+def test_a_blocked_robot_waits_or_drives_to_a_random_place() -> None:
     r1, r2 = (replace(robot(name, 0.0, 5.0), state=State.BLOCKED) for name in ("r1", "r2"))
     ensemble, chance = GivingWay(1.5), generator(1, "behaviour", "r1", 0)
     assert ensemble.membership(role_view(r2, Cleaner), r1)  # type: ignore[arg-type]  # it is a Cleaner
-    made = [ensemble.at_member(r2, r1, Floor(), chance, NOW) for _ in range(20)]
+    made = [ensemble.at_member(r2, r1, OpenFloor(), chance, NOW) for _ in range(20)]
     assert {(one.waypoint, one.waits_until) for one in made} == {(SOMEWHERE, None), (None, NOW + seconds(3))}
-    ways = Ways()
-    next(one for one in made if one.waypoint).drive(ways, Notes(), NOW)
-    assert ways.orders == [SOMEWHERE]
+    navigation = FakeNavigation()
+    next(one for one in made if one.waypoint).drive(navigation, FakePlaceMonitor(), NOW)
+    assert navigation.orders == [SOMEWHERE]
 
 
-def test_it_hands_a_place_over_to_who_has_none() -> None:
+def test_it_hands_a_place_over_to_a_finished_robot() -> None:
     r1, r2 = robot("r1", 0.0, 9.0, 2.0).reorder(), robot("r2", 30.0)
     hand_over, remove = HandOver(), AdoptedDestinationRemove(exchange=False)
     offering = role_view(r1, Offering)
@@ -115,10 +123,10 @@ def test_it_hands_a_place_over_to_who_has_none() -> None:
     assert not left.holds(PlaceKey("r1", 0)) and left.destination == assignment(2.0, 1)
 
 
-def test_it_gives_up_what_is_left_at_closing_time() -> None:
-    notes = Notes()
+def test_remaining_places_are_given_up_at_closing_time() -> None:
+    monitor = FakePlaceMonitor()
     r1 = robot("r1", 0.0, 5.0, 9.0)
-    assert r1.close(notes, Instant(START + seconds(579))) == r1
-    r1 = r1.close(notes, Instant(START + seconds(580)))
-    assert notes.gone == [(PlaceKey("r1", index), "it was closing time") for index in (0, 1)]
+    assert r1.close(monitor, Instant(START + seconds(579))) == r1
+    r1 = r1.close(monitor, Instant(START + seconds(580)))
+    assert monitor.gone == [(PlaceKey("r1", index), "it was closing time") for index in (0, 1)]
     assert (r1.route, r1.destination) == ((), None)

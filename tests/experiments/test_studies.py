@@ -34,7 +34,7 @@ from acrc_testbed.experiments.verdicts import rules_for, verdicts
 from acrc_testbed.experiments.verdicts import tests_of as count_tests
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.code_permit import Permit
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import STRATEGIES
 from deploy.scenario.resolve import resolve

@@ -16,7 +16,7 @@ from actors.robot.behaviour.node_host import ensembles_of, node_of
 from cleaning.strategies import STRATEGIES, entry
 from deeco.explain.analysis import ComponentPart, ensemble_part, processes
 from deeco.explain.command import main
-from tests.cleaning.equipment import Floor
+from tests.cleaning.fakes import Floor
 from tests.documentation.markdown import MarkdownPage
 
 EXPLAINED = Path(__file__).parent / "explained"

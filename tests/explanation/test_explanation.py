@@ -16,7 +16,7 @@ from acrc_testbed.explanation.explainer import (
     sentences,
 )
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.code_permit import Permit
 from tests.in_process import acrc
 from tests.recorded_runs import record
 

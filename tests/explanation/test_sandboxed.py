@@ -10,7 +10,7 @@ from acrc_testbed.explanation.explainer import Explainer, ExplanationError
 from acrc_testbed.explanation.trace_replay import traced
 from acrc_testbed.recordings.sandboxed_replay import ProgramLimits, replay
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.code_permit import Permit
 from actors.runtime.isolation import sandbox
 from actors.runtime.replay_bus import ReplayError
 from tests.recorded_runs import record

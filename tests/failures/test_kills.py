@@ -9,7 +9,7 @@ import pytest
 
 from acrc_testbed.recordings.record_replay import replay_actor
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.foreign import INSTALLED
+from actors.robot.behaviour.code_permit import INSTALLED
 from actors.runtime.isolation.sandbox import ProcessLimits
 from deploy.run.options import RunOptions, checked, limits
 from deploy.run.swarm_replay import replay_swarm

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from actors.robot.behaviour.foreign import INSTALLED, Permit
+from actors.robot.behaviour.code_permit import INSTALLED, Permit
 from deploy.fleet import doctor
 from deploy.fleet.doctor import DoctorFinding
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet

@@ -22,7 +22,7 @@ from acrc_testbed.recordings import record_replay
 from actors.installation import version
 from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.foreign import INSTALLED, Permit
+from actors.robot.behaviour.code_permit import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
 from deploy.fleet import bundle, keys
 from deploy.fleet.bundle import RobotBundle

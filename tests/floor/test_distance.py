@@ -18,7 +18,7 @@ from actors.floor.map_file import load_map
 from actors.floor.raster import bearing_to, equal_squares, free_squares, half_width, window
 from actors.geometry import Point
 from actors.robot.localisation import likelihood_field
-from actors.robot.navigation.planning import PLANNER_PRESETS, ground
+from actors.robot.navigation.planning import PLANNER_PRESETS, planning_grid
 from tests.floor.maps import plan, random_plan
 
 
@@ -161,10 +161,10 @@ def test_every_copy_of_a_map_is_one_grid(tmp_path: Path) -> None:
 def test_equal_grids_have_one_ground_and_one_field_for_equal_parameters() -> None:
     grid = load_map(CORRIDOR)
     twin = OccupancyGrid(grid.cells, grid.resolution, grid.origin)
-    floor, field = ground(grid, 0.2, PLANNER_PRESETS["robust"]), likelihood_field(grid, 2.0)
-    assert ground(twin, 0.2, PLANNER_PRESETS["robust"]) is floor
+    floor, field = planning_grid(grid, 0.2, PLANNER_PRESETS["robust"]), likelihood_field(grid, 2.0)
+    assert planning_grid(twin, 0.2, PLANNER_PRESETS["robust"]) is floor
     assert likelihood_field(twin, 2.0) is field
-    assert ground(twin, 0.25) is not floor
-    assert ground(twin, 0.2, replace(PLANNER_PRESETS["robust"], margin=0.04)) is not floor
+    assert planning_grid(twin, 0.25) is not floor
+    assert planning_grid(twin, 0.2, replace(PLANNER_PRESETS["robust"], margin=0.04)) is not floor
     assert likelihood_field(twin, 1.0) is not field
     assert not any(part.flags.writeable for part in (floor.clearance, floor.costs, field.levels, field.floor))

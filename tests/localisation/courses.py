@@ -27,7 +27,7 @@ from actors.geometry import Point, Pose, wrap
 from actors.installation.repository import REPOSITORY
 from actors.instant import Duration
 from actors.randomness import generator
-from actors.robot.navigation.planning import Planner, ground
+from actors.robot.navigation.planning import GridPlanner, planning_grid
 from actors.robot_model import DriveParameters, RobotModel, load_model
 from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
@@ -66,7 +66,7 @@ class Setup:
 
 
 GOAL_CLEARANCE: Final = 0.3
-"""Goals and starts are at least so far from walls, m."""
+"""Minimum distance of goals and starts from walls, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,17 +75,17 @@ class Site:
     model: RobotModel
 
     @cached_property
-    def planner(self) -> Planner:
-        return Planner(ground(self.grid, self.model.footprint.circumradius))
+    def planner(self) -> GridPlanner:
+        return GridPlanner(planning_grid(self.grid, self.model.footprint.circumradius))
 
     @cached_property
     def _cells(self) -> Indices:
-        """(n, 2) row and column of the cells where goals may lie."""
+        """(n, 2): row and column of cells that may contain goals."""
         region = largest_region(self.grid, self.model.footprint.circumradius + 0.05)
         return np.argwhere(region & (self.grid.clearance >= GOAL_CLEARANCE))
 
     def point(self, generator: Generator) -> Point:
-        """A point that the robot gets to, uniform over the cells with GOAL_CLEARANCE. Takes three numbers."""
+        """Return a reachable point, uniform over cells with GOAL_CLEARANCE; uses three random numbers."""
         which, east, north = generator.random(3).tolist()
         row, column = self._cells[int(which * len(self._cells))].tolist()
         x, y = self.grid.origin
@@ -94,14 +94,14 @@ class Site:
 
 @lru_cache(maxsize=8)
 def site(plan: str, sensor: str) -> Site:
-    """That map file with a TurtleBot 2 with that sensor, made once per process. Raises MapError."""
+    """Return a map file with a TurtleBot 2 with that sensor; cached. Raises MapError."""
     return Site(load_map(plan), load_model("turtlebot2", sensor))
 
 
 SUBSTEP: Final = 0.01
-"""Of the motion, s; the odometry's."""
+"""Sub-step of motion and odometry, s."""
 CONTROLS: Final = 10
-"""Sub-steps from one decision of the follower to the next, and from one scan to the next."""
+"""Sub-steps between decisions of the follower, and between scans."""
 
 
 # Pure pursuit (Coulter, CMU-RI-TR-92-01) on the true pose; own choices for smooth driving.
@@ -114,26 +114,26 @@ BRAKING: Final = 0.5
 TURNING: Final = 2.0
 """Turn rate per angle when turning on the spot, 1/s."""
 SPOT: Final = 1.0
-"""Beyond this angle to the path the robot turns on the spot, rad."""
+"""Angle to the path above which the robot turns on the spot, rad."""
 PURSUED: Final = (0.45, 0.3, 0.2, 0.1)
-"""Distances of the pursued point ahead, m: the first to which the straight line is free."""
+"""Look-ahead distances, m: the first with a free straight line is used."""
 ARRIVED: Final = 0.05
-"""At this distance from a goal the next one is drawn, m."""
+"""Distance from a goal at which the next one is drawn, m."""
 
 
 class WanderingRoute:
-    """One robot on its way; the same generator gives the same route."""
+    """A driving robot; equal generators give equal routes."""
 
     def __init__(self, site: Site, start: Pose, generator: Generator) -> None:
         self._site = site
         self._generator = generator
         self._radius = site.model.footprint.circumradius
         self._pose, self._speed, self._turn = start, 0.0, 0.0
-        self._way: Floats = np.empty((0, 2))
+        self._path: Floats = np.empty((0, 2))
         self._passed = 0
 
     def advance(self) -> tuple[Floats, Floats]:
-        """One decision and its sub-steps: (CONTROLS, 3) poses after each, and (3,) the velocity at the end.
+        """Simulate a decision and its sub-steps: (CONTROLS, 3) poses, and (3,) the velocity at the end.
 
         m, rad, m/s, rad/s, map frame. Raises RuntimeError if the body touches a wall.
         """
@@ -148,7 +148,7 @@ class WanderingRoute:
 
     def relocate(self, pose: Pose) -> None:
         self._pose, self._speed, self._turn = pose, 0.0, 0.0
-        self._way, self._passed = np.empty((0, 2)), 0
+        self._path, self._passed = np.empty((0, 2)), 0
 
     def _moved(self, speed: float, turn: float) -> Pose:
         drive: DriveParameters = self._site.model.drive
@@ -178,23 +178,23 @@ class WanderingRoute:
         return speed, speed * curvature
 
     def _set_out(self) -> None:
-        """Draw goals until one can be gone to that is not right here."""
+        """Draw goals until one is reachable and more than 1 m away."""
         for _ in range(100):
-            way = self._site.planner.path(self._pose.point, self._site.point(self._generator))
-            if way is not None and math.dist(way[-1], self._pose[:2]) > 1.0:
-                self._way, self._passed = way, 0
+            path = self._site.planner.path(self._pose.point, self._site.point(self._generator))
+            if path is not None and math.dist(path[-1], self._pose[:2]) > 1.0:
+                self._path, self._passed = path, 0
                 return
-        raise RuntimeError(f"no way leads on from ({self._pose.x:.2f}, {self._pose.y:.2f}) on this map")
+        raise RuntimeError(f"no path leads on from ({self._pose.x:.2f}, {self._pose.y:.2f}) on this map")
 
     def _remaining(self) -> float:
-        """How far the end of the way is, m; also moves on to the point of the way that is nearest."""
-        if not len(self._way):
+        """Return the distance to the end of the path, m; advances to the nearest point of the path."""
+        if not len(self._path):
             return 0.0
-        near = self._way[self._passed : self._passed + 12]
+        near = self._path[self._passed : self._passed + 12]
         self._passed += int(np.argmin(np.hypot(near[:, 0] - self._pose.x, near[:, 1] - self._pose.y)))
-        if self._passed < len(self._way) - 20:
+        if self._passed < len(self._path) - 20:
             return math.inf
-        rest = self._way[self._passed :]
+        rest = self._path[self._passed :]
         along = float(np.hypot(*np.diff(rest, axis=0).T).sum())
         return (
             along + math.dist(rest[0], self._pose[:2])
@@ -203,7 +203,7 @@ class WanderingRoute:
         )
 
     def _aim(self) -> Point:
-        rest = self._way[self._passed :]
+        rest = self._path[self._passed :]
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rest, axis=0).T))])
         for ahead in PURSUED:
             aim = Point(*rest[min(int(np.searchsorted(along, ahead)), len(rest) - 1)].tolist())
@@ -212,7 +212,7 @@ class WanderingRoute:
         return aim
 
     def _is_clear(self, aim: Point) -> bool:
-        """True if the body can go straight to that point."""
+        """Return True if the straight line to that point is free."""
         grid, here = self._site.grid, self._pose
         count = max(2, math.ceil(here.point.distance_to(aim) / grid.resolution))
         shares = np.linspace(0, 1, count)
@@ -226,25 +226,25 @@ def _limited(value: float, most: float) -> float:
 
 
 _HEADINGS: Final = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
-"""By how much a peer turns off the straight line to where it wants to be, degrees; tried in this order."""
+"""Angles between a peer's motion and the direction to its target, degrees, in order of preference."""
 
 
 NEAREST: Final = 0.45
-"""Least distance between the centres of the robot and a peer, m."""
+"""Minimum distance between the centres of the robot and a peer, m."""
 FARTHEST: Final = 2.0
-"""Largest distance between the two, m; a peer that was left behind enters again."""
+"""Maximum distance between the two, m; peers beyond it enter again."""
 RADIUS: Final = 0.177
-"""Of a peer's body, m: a TurtleBot 2."""
+"""Radius of a peer's body, m: a TurtleBot 2."""
 PEER_SPEED: Final = 0.7
 """Highest speed of a peer, m/s: a Kobuki's."""
 CIRCLING: Final = 0.25
-"""Largest rate at which a peer's target circles the robot, rad/s."""
+"""Highest rate at which a peer's target circles the robot, rad/s."""
 WHIM: Final = 0.02
-"""Chance per step that a peer changes its distance and direction."""
+"""Probability per step that a peer changes its distance and direction."""
 NEAR, EVERY = 15.0, 60.0
-"""With `at_times` the others are near for so long of every period, s."""
+"""Time per period for which the others are near with `at_times`, s."""
 TRIES: Final = 60
-"""Places that an entering peer tries before it waits for the next step."""
+"""Number of places tried by an entering peer per step."""
 
 
 @dataclass
@@ -254,11 +254,11 @@ class _Peer:
     bearing: float
     rate: float
     side: float
-    """1 to turn off to its left first, else the opposite."""
+    """1: prefers turning left; otherwise right."""
 
 
 class Crowd:
-    """The others. Which places they take depends on the generator and on where the robot drives, only."""
+    """The other robots. Their positions depend only on the generator and on the robot's path."""
 
     def __init__(
         self,
@@ -268,7 +268,7 @@ class Crowd:
         *,
         at_times: bool = False,
     ) -> None:
-        """`at_times`: the realistic dose, else they are near all the time."""
+        """Create the peers; `at_times`: near for part of the time, otherwise always."""
         self._grid = grid
         self._generator = generator
         self._begin = generator.uniform(0.0, EVERY - NEAR) if at_times else 0.0
@@ -278,7 +278,7 @@ class Crowd:
         self._peers = [self._born() for _ in range(count)]
 
     def advance(self, time: float, robot: Point, step: float) -> Floats:
-        """Where the peers are at that time, s, when the robot is there: (n, 2) m, NaN for one that is away.
+        """Return the positions of the peers at a time, s: (n, 2), m, NaN for distant ones.
 
         `step`: since the call before, s.
         """
@@ -311,7 +311,7 @@ class Crowd:
             peer.at = self._entrance(peer, robot)
 
     def _stepped(self, peer: _Peer, here: Point, robot: Point, step: float) -> Point | None:
-        """Where a peer goes next; None if it is hemmed in or left behind."""
+        """Return the next position of a peer; None if it is enclosed or left behind."""
         x = robot.x + peer.distance * math.cos(peer.bearing)
         y = robot.y + peer.distance * math.sin(peer.bearing)
         apart = math.hypot(x - here.x, y - here.y)
@@ -322,7 +322,7 @@ class Crowd:
         for turn in _HEADINGS:
             if turn == 120.0 and self._has_room(here, robot, peer):
                 return here
-            # who gives way does so at full speed, however near the wish is
+            # a peer that gives way moves at full speed, however near its target is
             length = way if turn <= 90.0 else PEER_SPEED * step
             for side in (peer.side, -peer.side):
                 angle = direction + side * math.radians(turn)
@@ -332,7 +332,7 @@ class Crowd:
         return None
 
     def _entrance(self, peer: _Peer, robot: Point) -> Point | None:
-        """A random place in the robot's sight for a peer to come in at; None if none was found."""
+        """Return a random visible place for a peer to enter; None if none was found."""
         for _ in range(TRIES):
             distance, angle = self._generator.random(2).tolist()
             distance = NEAREST + distance * (FARTHEST - NEAREST)
@@ -344,7 +344,7 @@ class Crowd:
         return None
 
     def _has_room(self, there: Point, robot: Point, peer: _Peer) -> bool:
-        """True if the peer can stand there: within its distances from the robot, off walls and the others."""
+        """Return True if a peer can stand there: within its distances, free of walls and others."""
         apart = there.distance_to(robot)
         if not NEAREST <= apart <= FARTHEST or not self._on(self._free, there):
             return False
@@ -356,7 +356,7 @@ class Crowd:
         return True
 
     def _sees(self, one: Point, other: Point) -> bool:
-        """True if no wall stands between the two; looked at every 5 cm."""
+        """Return True if no wall is between two points; sampled every 5 cm."""
         count = math.ceil(one.distance_to(other) / 0.05)
         return all(
             self._on(
@@ -378,7 +378,7 @@ def drive(setup: Setup) -> Course:
     place = mapped = site(setup.plan, setup.view)
     chance = generator(setup.seed, "localisation/uncertainty", ROBOT)
     solid, visible = draw_floor(mapped.grid, setup.dose, chance, ())
-    if setup.dose != _NONE:  # else the way over it is known already
+    if setup.dose != _NONE:  # otherwise the floor is the map
         place = replace(mapped, grid=solid)
     steps = round(setup.seconds * 1e6 / STEP_US)
     route = generator(setup.seed, "localisation/route", ROBOT)
@@ -460,7 +460,7 @@ def _scans(setup: Setup, place: Site, truth: Floats, peers: Floats) -> NDArray[n
 
 
 _WHEN: Final = (1980, 1, 1, 0, 0, 0)
-"""Stands in every archive, so that equal courses give equal files."""
+"""Time stamp in archives, so that equal courses give equal files."""
 _MAP: Final = (
     "image: map.png\nresolution: {resolution!r}\norigin: [{x!r}, {y!r}, 0.0]\nnegate: 0\n"
     "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -490,7 +490,7 @@ def _map_members(grid: OccupancyGrid) -> dict[str, str | bytes]:
 
 
 def _image(grid: OccupancyGrid) -> bytes:
-    """As ROS map_saver: free 254, unknown 205, occupied 0, the north on top."""
+    """Return an image as of ROS map_saver: free 254, unknown 205, occupied 0, north on top."""
     grey = np.zeros(grid.cells.shape, np.uint8)
     grey[grid.cells == FREE] = 254
     grey[grid.cells == UNKNOWN] = 205
@@ -500,7 +500,7 @@ def _image(grid: OccupancyGrid) -> bytes:
 
 
 def _table(header: str, times: Int64s, values: NDArray[Any]) -> str:
-    """CSV; numbers as Python writes them, which reads back to the same bits."""
+    """Return CSV with numbers as Python writes them, which are read back exactly."""
     rows = zip(times.tolist(), values.tolist(), strict=True)
     return "\n".join([header, *(f"{time},{','.join(map(repr, row))}" for time, row in rows), ""])
 

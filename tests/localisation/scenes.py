@@ -1,4 +1,4 @@
-"""Floors, sensors and drives for tests of localisation: truth, odometry and scans of a robot under way."""
+"""Floors, sensors and drives for tests of localisation: ground truth, odometry and scans."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,7 +16,7 @@ from actors.floor.map_file import load_map
 from actors.geometry import ORIGIN, Point, Pose, wrap
 from actors.messages import NO_ECHO_MM
 from actors.robot.localisation import Amcl, AmclParameters, LikelihoodField, likelihood_field, measurement
-from actors.robot.navigation.planning import Ground, Planner, ground
+from actors.robot.navigation.planning import GridPlanner, PlanningGrid, planning_grid
 from actors.robot.sweep import Sweep
 from actors.robot_model import load_model
 from actors.world.sensing import RangeSensors
@@ -25,14 +25,14 @@ TURTLEBOT: Final = load_model("turtlebot2", "chapter")
 CAMERA: Final = load_model("turtlebot2", "kinect")
 APARTMENT: Final = load_map(Path(__file__).parents[2] / "maps" / "apartment.yaml")
 _MARGIN: Final = 1.0
-"""How far the map goes on behind the room's walls, m: maps that were made by a robot do."""
+"""Margin of unknown cells around the room, m, as on maps made by robots."""
 BEAMS: Final = measurement.beams(TURTLEBOT.sensor, 60)
 STEP: Final = 0.1
-"""s from one scan to the next."""
+"""Time between scans, s."""
 
 
 def room(walls: Sequence[tuple[float, float, float, float]] = (), size: float = 8.0) -> OccupancyGrid:
-    """A square room of cells of 5 cm with walls x0, y0, x1, y1 in it, m; around it nothing is known."""
+    """Return a square room of cells of 5 cm with walls x0, y0, x1, y1, m, surrounded by unknown cells."""
     cells = np.full((round(size / 0.05),) * 2, FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     for x0, y0, x1, y1 in walls:
@@ -42,15 +42,15 @@ def room(walls: Sequence[tuple[float, float, float, float]] = (), size: float = 
 
 
 ROOM: Final = room(((2.0, 0.0, 2.3, 3.0), (5.0, 5.0, 8.0, 5.2), (4.0, 2.5, 4.5, 3.0)))
-"""8 m by 8 m, with three walls that make every place unlike the others."""
+"""8 m by 8 m, with three walls that make all places distinguishable."""
 FIELD: Final = likelihood_field(ROOM, 2.0)
 NOBODY: Final = np.empty((0, 3))
 APART: Final = 6.0
-"""The middle of a twin room is so far from the other's, m."""
+"""Distance between the centres of the equal rooms, m."""
 
 
 def twins(shorter: float = 0.0) -> OccupancyGrid:
-    """Two rooms of 6 m by 6 m, west and east, without a door; turned by half a turn the whole is the same.
+    """Return two rooms of 6 m by 6 m, west and east, without a door, symmetric under rotation by π.
 
     `shorter`: the eastern room ends so much sooner, m, at its south; what is behind is not known.
     """
@@ -69,8 +69,8 @@ def twin_of(pose: Pose) -> Pose:
 
 
 @cache
-def ground_of(plan: OccupancyGrid) -> Ground:
-    return ground(plan, TURTLEBOT.footprint.circumradius)
+def ground_of(plan: OccupancyGrid) -> PlanningGrid:
+    return planning_grid(plan, TURTLEBOT.footprint.circumradius)
 
 
 def place(plan: OccupancyGrid, rng: np.random.Generator) -> Point:
@@ -81,7 +81,7 @@ def place(plan: OccupancyGrid, rng: np.random.Generator) -> Point:
 
 @dataclass
 class Drive:
-    """A robot that drives from place to place; its odometry is exact."""
+    """A drive of a robot with exact odometry."""
 
     plan: OccupancyGrid
     start: Pose
@@ -90,7 +90,7 @@ class Drive:
     """Discs on the floor: x, y, radius, m."""
 
     def sweeps(self, seconds: float) -> Iterator[tuple[Pose, Sweep]]:
-        """The true pose, and the scan made there, with the odometry's pose."""
+        """Return the true pose and the scan there, with the odometry pose."""
         sensors = RangeSensors(self.plan, [TURTLEBOT], [np.random.default_rng(self.seed)])
         obstacles = np.array(self.others, np.float64).reshape(-1, 3)
         poses = self._poses()
@@ -100,8 +100,8 @@ class Drive:
             yield pose, Sweep(frozen(ranges), self.start.relative(pose))
 
     def _poses(self) -> Iterator[Pose]:
-        """One per scan: 0.5 m/s ahead, or 1 rad/s on the spot."""
-        rng, planner = np.random.default_rng([self.seed, 1]), Planner(ground_of(self.plan))
+        """Return one pose per scan: 0.5 m/s forward, or 1 rad/s on the spot."""
+        rng, planner = np.random.default_rng([self.seed, 1]), GridPlanner(ground_of(self.plan))
         pose = self.start
         while True:
             path = planner.path(pose.point, place(self.plan, rng))
@@ -127,7 +127,7 @@ def blind() -> NDArray[np.uint16]:
 
 
 def counted(track: Iterable[tuple[Pose, Sweep]]) -> Iterator[tuple[Pose, Sweep]]:
-    """Those that a filter looks at: after every 0.25 m, or 0.2 rad."""
+    """Return the scans that a filter uses: after each 0.25 m or 0.2 rad."""
     last: Pose | None = None
     for truth, sweep in track:
         made = Pose(math.inf, 0.0, 0.0) if last is None else last.relative(sweep.pose)
@@ -148,7 +148,7 @@ def apartment() -> LikelihoodField:
 
 
 def ends(ranges: NDArray[np.uint16]) -> Floats:
-    """(b, 2): where the beams of a scan end, m, body's frame."""
+    """Return the end points of a scan's beams: (b, 2), m, body's frame."""
     return measurement.ends(ranges, BEAMS, ORIGIN, np.empty((0, 2)), 0.0).points
 
 

@@ -1,4 +1,4 @@
-"""The filter as a whole: what it tracks, finds and finds again, and that it does the same each time."""
+"""The particle filter: tracking, covariance, reproducibility and parameters."""
 
 import json
 import math
@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from actors.geometry import Point, Pose, wrap
 from actors.robot.localisation import PRESETS, Amcl, AmclParameters, DeadReckoning, Estimate
-from actors.robot.localisation.amcl import Recovery
-from actors.robot.localisation.motion import parts_of
+from actors.robot.localisation.amcl import RecoveryAverages
+from actors.robot.localisation.motion import step_count
 from actors.robot.sweep import Sweep
 from actors.settings import ParameterError
 from tests.localisation.scenes import ROOM, Drive, amcl, blind, error, scan
@@ -39,7 +39,7 @@ def rmse(poses: Sequence[Pose], track: Track) -> float:
 
 
 def normalised(found: Estimate, truth: Pose) -> float:
-    """The squared error in units of the covariance."""
+    """Return the squared error in units of the covariance."""
     pose = found.pose
     wrong = np.array([pose.x - truth.x, pose.y - truth.y, wrap(pose.heading - truth.heading)])
     return float(wrong @ np.linalg.solve(np.array(found.covariance).reshape(3, 3), wrong))
@@ -63,8 +63,8 @@ def test_keeps_track(parameters: AmclParameters) -> None:
     assert thinned.outcome()["resamplings"] == thinned.outcome()["updates"] // 3  # type: ignore[operator]
 
 
-def test_puts_a_drifting_odometry_right() -> None:
-    """Its wheels are 5 % too large and it turns 1° too far each second: dead reckoning ends metres away."""
+def test_corrects_odometry_drift() -> None:
+    """With wheels 5 % too large and 1°/s of drift, dead reckoning ends metres away."""
     localiser, reckoning = amcl(ROBUST, START), DeadReckoning(START)
     told = before = Pose(0.0, 0.0, 0.0)
     for number, (_, sweep) in enumerate(drive(seconds=60.0)):
@@ -78,8 +78,8 @@ def test_puts_a_drifting_odometry_right() -> None:
     assert error(reckoning.update(told, None).pose, truth) > 1.0
 
 
-def test_where_the_odometry_begins_makes_no_difference() -> None:
-    """The drive's steps are just as long as what counts for the presets: here rounding decides nothing."""
+def test_the_origin_of_the_odometry_is_irrelevant() -> None:
+    """The drive's steps equal the presets' update distance; rounding must not matter."""
     parameters = replace(ROBUST, update_distance=0.23, update_angle=0.19)
     far = Pose(1000.0, -500.0, 2.0)
     near, away = amcl(parameters, START), amcl(parameters, START, origin=far)
@@ -114,7 +114,7 @@ def test_other_robots_do_not_distract(parameters: AmclParameters) -> None:
     assert isinstance(dropped, int) and dropped > 100
 
 
-def test_masked_peers_are_not_believed_until_the_mask_goes() -> None:
+def test_beams_at_masked_peers_are_ignored_until_the_mask_is_removed() -> None:
     peer = Point(1.6, 5.2)
     crowd = list(Drive(ROOM, START, others=[(*peer, 0.18)]).sweeps(10.0))
     localiser = amcl(CHAPTER, START)
@@ -127,7 +127,7 @@ def test_masked_peers_are_not_believed_until_the_mask_goes() -> None:
     assert localiser.outcome()["beams_masked"] == masked
 
 
-def test_the_first_scan_counts_and_then_those_after_some_motion() -> None:
+def test_the_first_scan_is_used_and_then_those_after_some_motion() -> None:
     localiser = amcl(CHAPTER, START)
     ranges = scan(ROOM, START)
     steps = [
@@ -172,7 +172,7 @@ def test_same_inputs_give_the_same_bytes_whatever_the_step() -> None:
 
 
 @BOTH
-def test_blind_it_goes_by_the_odometry_and_grows_unsure(parameters: AmclParameters) -> None:
+def test_without_echoes_it_follows_odometry_with_growing_covariance(parameters: AmclParameters) -> None:
     localiser = amcl(replace(parameters, start_spread=0.02, start_turn_spread=0.02), START)
     unsure = []
     for _, sweep in drive()[:80]:
@@ -206,8 +206,8 @@ def test_dead_reckoning_composes_start_and_odometry_and_needs_no_scan() -> None:
 
 
 @BOTH
-def test_what_was_driven_before_the_first_scan_is_no_motion(parameters: AmclParameters) -> None:
-    """As after a restart: the base has driven 3 m, and its odometry is as true as one is."""
+def test_motion_before_the_first_scan_is_not_sampled(parameters: AmclParameters) -> None:
+    """As after a restart: the base has driven 3 m with realistic odometry."""
     localiser, odometry = amcl(parameters, START), Pose(3.0, 0.0, 0.0)
     localiser.update(odometry, Sweep(blind(), odometry))
     particles = localiser.particles
@@ -217,9 +217,9 @@ def test_what_was_driven_before_the_first_scan_is_no_motion(parameters: AmclPara
     assert np.std(particles, axis=0) == pytest.approx([spread, spread, spread], rel=0.1)
 
 
-def test_short_steps_are_taken_whole() -> None:
-    assert parts_of(Pose(1.0, 2.0, 0.3), Pose(1.4, 2.4, 3.0), CHAPTER) == 1
-    assert parts_of(Pose(0.0, 0.0, 0.0), Pose(3.0, 0.0, 0.0), CHAPTER) == 12
+def test_short_steps_are_not_divided() -> None:
+    assert step_count(Pose(1.0, 2.0, 0.3), Pose(1.4, 2.4, 3.0), CHAPTER) == 1
+    assert step_count(Pose(0.0, 0.0, 0.0), Pose(3.0, 0.0, 0.0), CHAPTER) == 12
 
 
 @pytest.mark.parametrize("fast", [0.1, 0.05])
@@ -244,13 +244,13 @@ def test_the_long_average_has_to_be_the_slower_one(fast: float) -> None:
         ("max_distance", float("nan"), "be a number above 0"),
     ],
 )
-def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, value: Any, right: str) -> None:
+def test_an_invalid_value_is_rejected_with_a_sentence(field: str, value: Any, right: str) -> None:
     with pytest.raises(ParameterError) as raised:
         AmclParameters(**{field: value})
     assert str(raised.value) == f"AmclParameters.{field} is {json.dumps(value)}, but must {right}"
 
 
 @pytest.mark.parametrize(("slow", "fast"), [(0.0, 0.0), (0.0, 0.1), (0.001, 0.0)])
-def test_recovery_is_off_where_an_average_stands_still(slow: float, fast: float) -> None:
-    recovery = Recovery(AmclParameters(recovery_slow=slow, recovery_fast=fast))
+def test_recovery_is_off_if_an_average_is_constant(slow: float, fast: float) -> None:
+    recovery = RecoveryAverages(AmclParameters(recovery_slow=slow, recovery_fast=fast))
     assert [recovery.injection(fit) for fit in (1.0, 0.0, 0.0, 0.5)] == [0.0] * 4

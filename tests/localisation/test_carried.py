@@ -50,11 +50,11 @@ START = Pose(1.0, 4.5, 0.0)
 WEST = Pose(3.0, 1.0, 0.5)
 TWINS = twins()
 Told = list[tuple[Pose, Estimate]]
-"""The truth and the estimate, one per scan."""
+"""Ground truth and estimate per scan."""
 
 
-def test_finds_itself_from_anywhere(full: bool) -> None:
-    """At least 9 of 10 within a minute; lost until then, and then no more."""
+def test_localises_globally(full: bool) -> None:
+    """At least 9 of 10 within a minute; lost until then, and not afterwards."""
     found, seeds = 0, 10 if full else 3
     for seed in range(seeds):
         localiser = amcl(ROBUST, None, apartment(), seed)
@@ -71,7 +71,7 @@ def test_finds_itself_from_anywhere(full: bool) -> None:
 
 @cache
 def carried(parameters: AmclParameters, seed: int) -> tuple[Told, Told]:
-    """A robot that somebody carries to another place in the apartment: before and a minute after."""
+    """Return the filter and track of a robot carried to another place: before and a minute after."""
     here, there = anywhere(seed, 0), anywhere(seed, 1)
     localiser = amcl(parameters, here, apartment(), seed)
     before, after = [], []
@@ -86,7 +86,7 @@ def carried(parameters: AmclParameters, seed: int) -> tuple[Told, Told]:
 
 @pytest.mark.parametrize("seed", sampled(range(6), every_day=range(2)))
 def test_a_carried_robot_reports_that_it_is_lost_and_finds_itself_by_a_search(seed: int) -> None:
-    """Without a search it may meet its pose by chance; else it stays lost, with a covariance of the floor."""
+    """Without a search it finds its pose only by chance, or stays lost with a map-wide covariance."""
     found, floor = [], apartment().anywhere
     for parameters in (ROBUST, UNSEARCHED):
         before, after = carried(parameters, seed)
@@ -103,7 +103,7 @@ def test_a_carried_robot_reports_that_it_is_lost_and_finds_itself_by_a_search(se
 
 @BOTH
 def test_in_a_crowd_it_is_never_reported_lost(parameters: AmclParameters) -> None:
-    """Bodies make beams shorter, and only longer ones speak against a pose."""
+    """Bodies shorten beams, and only longer beams contradict a pose."""
     crowd = [(*place(ROOM, np.random.default_rng([0, i])), 0.18) for i in range(8)]
     localiser = amcl(parameters, START)
     for truth, sweep in Drive(ROOM, START, 0, crowd).sweeps(40.0):
@@ -113,8 +113,8 @@ def test_in_a_crowd_it_is_never_reported_lost(parameters: AmclParameters) -> Non
 
 
 @pytest.mark.parametrize("seed", sampled(range(4), every_day=(0,)))
-def test_in_one_of_two_rooms_that_are_alike_it_stays_lost(seed: int) -> None:
-    """It turns on the spot for 20 s; no scan says in which of the two rooms it is."""
+def test_in_one_of_two_equal_rooms_it_stays_lost(seed: int) -> None:
+    """It turns on the spot for 20 s; scans cannot distinguish the two rooms."""
     localiser = amcl(ROBUST, None, likelihood_field(TWINS, 2.0), seed)
     for number in range(round(20.0 / STEP)):
         odometry = Pose(0.0, 0.0, wrap(STEP * number))
@@ -123,7 +123,7 @@ def test_in_one_of_two_rooms_that_are_alike_it_stays_lost(seed: int) -> None:
 
 TRUTH = Pose(3.2, 4.5, 0.6)
 HERE = Pose(40.0, -7.0, 2.0)
-"""What the odometry says; its origin is far away, as after a long drive."""
+"""Odometry pose; its origin is far away, as after a long drive."""
 
 
 def stand(believed: Pose, doubt: float, preset: str, seed: int, scans: int = 60) -> tuple[int | None, Pose]:
@@ -143,7 +143,7 @@ def stand(believed: Pose, doubt: float, preset: str, seed: int, scans: int = 60)
 
 @pytest.mark.parametrize(("preset", "seed"), [("chapter", 0), ("robust", 1)])
 def test_a_standing_robot_is_located_near_its_last_pose_only(preset: str, seed: int) -> None:
-    """Rooms are alike: a robot that was carried far has to be told where it is."""
+    """Rooms are similar: a robot that was carried far needs a new start pose."""
     believed = Pose(TRUTH.x + 0.3, TRUTH.y - 0.25, TRUTH.heading + 0.25)
     scans, pose = stand(believed, 0.3, preset, seed)
     assert scans is not None
@@ -151,7 +151,7 @@ def test_a_standing_robot_is_located_near_its_last_pose_only(preset: str, seed: 
     assert stand(Pose(6.8, 1.5, -2.0), 0.3, preset, seed)[0] is None
 
 
-def test_it_has_particles_everywhere_says_that_it_is_lost_and_comes_back() -> None:
+def test_relocalising_spreads_particles_reports_lost_and_recovers() -> None:
     here = anywhere(1, 0)
     robot = amcl(ROBUST, here, apartment(), 1)
     drive = list(Drive(APARTMENT, here, 1).sweeps(60.0))
@@ -169,13 +169,13 @@ def test_it_has_particles_everywhere_says_that_it_is_lost_and_comes_back() -> No
 ELSEWHERE = Pose(6.5, 1.0, 2.0)
 TWIN_FIELD = likelihood_field(TWINS, 2.0)
 SAMPLE = (0,)
-"""The seed of every day, of searches that each come to the same."""
+"""Seed of the daily run; all seeds give the same outcome."""
 Scans = list[tuple[Pose, Floats, Pose]]
 
 
 @dataclass
 class Found:
-    """Places that a search gave, true poses then, number of scans before, and the hypotheses."""
+    """Accepted poses of a search, true poses, number of scans before, and hypotheses."""
 
     places: list[Pose] = field(default_factory=list)
     truths: list[Pose] = field(default_factory=list)
@@ -195,7 +195,7 @@ def scans(
     others: Sequence[tuple[float, float, float]] = (),
     seconds: float = 20.0,
 ) -> Scans:
-    """The truth, the ends of the beams and the odometry of every scan that counts on a drive."""
+    """Return true pose, end points of beams and odometry of each used scan of a drive."""
     drive = Drive(plan, start, seed, others).sweeps(seconds)
     return [(truth, ends(sweep.ranges_mm), sweep.pose) for truth, sweep in counted(drive)]
 
@@ -203,7 +203,7 @@ def scans(
 def searched(
     plan: LikelihoodField, made: Scans, estimate: Pose, seed: int = 0, poses: int = 3000, moves: bool = False
 ) -> Found:
-    """`moves`: the estimate follows the odometry, of which it is the start; what was found always does."""
+    """Run a search on a drive; `moves`: the estimate follows the odometry from its start."""
     search = Search(plan, BEAMS.mount, np.random.default_rng(seed), poses)
     found = Found()
     frame = estimate if moves else None
@@ -224,34 +224,34 @@ def test_it_finds_the_robot_in_few_scans(seed: int, others: int) -> None:
     rng = np.random.default_rng(seed)
     crowd = [(*place(ROOM, rng), 0.18) for _ in range(others)]
     found = searched(FIELD, scans(ROOM, START, seed, crowd, 8.0), ELSEWHERE, seed)
-    assert found.right[0] and 5 < found.scans[0] <= 20, "however well a place explains one scan"
+    assert found.right[0] and 5 < found.scans[0] <= 20, "independent of the fit of a single scan"
     if not others:
         found = searched(apartment(), scans(APARTMENT, anywhere(seed), seed), anywhere(seed, 1), seed)
         assert found.right[0] and found.scans[0] <= 40
 
 
 @pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
-def test_it_leaves_a_right_estimate_alone(seed: int) -> None:
+def test_it_keeps_a_correct_estimate(seed: int) -> None:
     assert searched(FIELD, scans(ROOM, START, seed), START, seed, moves=True).scans == []
 
 
 @pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
-def test_of_two_rooms_that_are_alike_it_takes_neither(seed: int) -> None:
+def test_of_two_equal_rooms_it_accepts_neither(seed: int) -> None:
     made = scans(TWINS, WEST, seed)
     assert len(made) > 40
     assert searched(TWIN_FIELD, made, ELSEWHERE, seed).scans == []
 
 
 @pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
-def test_a_place_that_walls_contradict_is_never_given(seed: int) -> None:
-    """The robot sees farther than the other room, which is else like its own, is long."""
+def test_a_pose_that_walls_contradict_is_never_accepted(seed: int) -> None:
+    """The sensor's range exceeds the length of the other room, which is otherwise equal."""
     plan = twins(shorter=1.0)
     found = searched(likelihood_field(plan, 2.0), scans(plan, WEST, seed), twin_of(WEST), seed)
     assert found.right and all(found.right)
 
 
 @pytest.mark.parametrize("seed", sampled(range(3), SAMPLE))
-def test_off_its_map_it_gives_hardly_anything_and_nothing_that_walls_contradict(seed: int) -> None:
+def test_outside_its_map_it_rarely_accepts_a_pose_and_none_that_walls_contradict(seed: int) -> None:
     for plan, here in (
         (FIELD, scans(APARTMENT, anywhere(seed), seed)),
         (apartment(), scans(ROOM, START, seed)),

@@ -1,4 +1,4 @@
-"""Localisation error of the particle filter on simulated courses, and that the courses are as described."""
+"""Localisation error of the particle filter on simulated courses, and properties of the courses."""
 
 import math
 from collections.abc import Callable, Sequence

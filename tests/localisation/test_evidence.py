@@ -1,4 +1,4 @@
-"""What a scan says of a pose: strangers, walls that agree, and walls that were passed."""
+"""Classification of beams at a pose: strangers, agreeing beams, and beams through walls."""
 
 import math
 from collections import Counter
@@ -13,7 +13,7 @@ from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.geometry import Point, Pose
 from actors.messages import NO_ECHO_MM
 from actors.robot.localisation import PRESETS, LikelihoodField, measurement
-from actors.robot.localisation.confidence import AGREES, Judgement, explain, judge, worth
+from actors.robot.localisation.confidence import AGREES, BeamClasses, beam_scores, classify_beams, explain
 from actors.robot.localisation.measurement import Beams, Ends
 from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, scan_angles
@@ -39,12 +39,12 @@ PLACES = pytest.mark.parametrize(
 )
 
 
-def judged(points: Floats, pose: Pose = HERE, margin: float = 0.12) -> Judgement:
-    return judge(FIELD.grid, points, BEAMS.mount, pose, margin)
+def judged(points: Floats, pose: Pose = HERE, margin: float = 0.12) -> BeamClasses:
+    return classify_beams(FIELD.grid, points, BEAMS.mount, pose, margin)
 
 
 def to_wall(point: Point) -> float:
-    """From a point to the nearest wall, m, as the field has it."""
+    """Return the distance from a point to the nearest wall by the field, m."""
     row, column = np.clip(np.add(ROOM.cell(point), 1), 0, np.subtract(FIELD.levels.shape, 1))
     return float(FIELD.distances[FIELD.levels[row, column]])
 
@@ -55,12 +55,12 @@ def is_wall(point: Point) -> bool:
 
 
 def passes(eye: Point, end: Point) -> bool:
-    """Whether a wall lies before the end of a beam: by fine steps instead of leaps."""
+    """Return True if a wall is before the end of a beam, by small steps."""
     shares = np.arange(0.0, 1.0, 0.005 / eye.distance_to(end)).tolist()
     return any(is_wall(Point(eye.x + s * (end.x - eye.x), eye.y + s * (end.y - eye.y))) for s in shares)
 
 
-def twin(points: Floats, pose: Pose, margin: float) -> Judgement:
+def twin(points: Floats, pose: Pose, margin: float) -> BeamClasses:
     known, count = [], Counter[str]()
     eye = pose.compose(TURTLEBOT.sensor.mount).point
     for forward, left in points.tolist():
@@ -73,7 +73,7 @@ def twin(points: Floats, pose: Pose, margin: float) -> Judgement:
         if not stranger:
             known.append((forward, left))
     found = np.array(known).reshape(-1, 2)
-    return Judgement(found, count["strangers"], count["agreeing"], count["beyond"])
+    return BeamClasses(found, count["strangers"], count["agreeing"], count["beyond"])
 
 
 def crowd(plan: OccupancyGrid, rng: np.random.Generator, count: int) -> Floats:
@@ -89,21 +89,21 @@ def about_here(seed: int) -> tuple[Floats, Pose]:
 
 @pytest.mark.parametrize("margin", [0.12, 0.5, math.inf])
 @pytest.mark.parametrize("seed", range(3))
-def test_judge_is_its_twin(seed: int, margin: float) -> None:
+def test_classify_beams_equals_the_reference(seed: int, margin: float) -> None:
     points, pose = about_here(seed)
     found, expected = judged(points, pose, margin), twin(points, pose, margin)
     assert found.agreeing == expected.agreeing
-    assert abs(found.strangers - expected.strangers) <= 1  # a leap may clip a corner of a cell that a step
-    assert abs(found.beyond - expected.beyond) <= 1  # does not, and the other way round
+    assert abs(found.strangers - expected.strangers) <= 1  # sphere tracing may clip a cell's corner that
+    assert abs(found.beyond - expected.beyond) <= 1  # small steps miss, and vice versa
     if found.strangers == expected.strangers:
         assert found.known == pytest.approx(expected.known)
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_explain_is_judge_for_each_pose_and_numpy_for_the_score(seed: int) -> None:
+def test_explain_equals_classify_beams_and_a_numpy_score(seed: int) -> None:
     points, _ = about_here(seed)
     poses = np.random.default_rng([seed, 1]).uniform((-2.0, -2.0, -3.0), (10.0, 10.0, 3.0), (40, 3)).T
-    table = worth(FIELD, 0.1)
+    table = beam_scores(FIELD, 0.1)
     assert table == pytest.approx(np.exp(-0.5 * (np.linspace(0.0, 2.0, 256) / 0.1) ** 2))
     found = explain(FIELD.grid, points, BEAMS.mount, poses, table)
     for i, pose in enumerate(Pose(*column) for column in poses.T.tolist()):
@@ -125,17 +125,17 @@ def test_no_beam_passes_a_wall_from_the_true_pose_and_some_do_from_most_others(
             at = place(plan, rng)
             pose = Pose(at.x, at.y, rng.uniform(-math.pi, math.pi))
             points = ends(scan(plan, pose, crowd(plan, rng, others)))
-            found = judge(field.grid, points, BEAMS.mount, pose, 0.12)
+            found = classify_beams(field.grid, points, BEAMS.mount, pose, 0.12)
             assert found.beyond == 0
             strangers[others > 0] += found.strangers
-            wrong = explain(field.grid, points, BEAMS.mount, field.poses(rng, 40), worth(field, 0.1))
+            wrong = explain(field.grid, points, BEAMS.mount, field.poses(rng, 40), beam_scores(field, 0.1))
             passing.append(float((wrong.beyond > 0).mean()))
     assert strangers[0] == 0 < strangers[1]
     assert np.mean(passing) > 0.9
 
 
-def test_a_beam_that_reaches_through_a_wall_is_no_stranger() -> None:
-    """Seen from a pose on a wall's other side: that the beam passes it speaks against the pose."""
+def test_a_beam_through_a_wall_is_not_a_stranger() -> None:
+    """At a pose behind the wall, the beam passes through it, which contradicts the pose."""
     ranges = np.full(640, NO_ECHO_MM, np.uint16)
     ranges[BEAMS.rays[15]] = 2000
     direction = math.atan2(BEAMS.directions[15, 1], BEAMS.directions[15, 0])
@@ -147,7 +147,7 @@ def test_a_beam_that_reaches_through_a_wall_is_no_stranger() -> None:
     assert (len(found.known), *found[1:]) == (0, 1, 0, 0)
 
 
-def test_if_every_beam_is_a_stranger_none_is_believed_and_the_scan_is_blind() -> None:
+def test_if_every_beam_is_a_stranger_the_scan_is_blind() -> None:
     ranges = frozen(np.full(640, 700, np.uint16))
     found = judged(ends(ranges))
     assert (len(found.known), *found[1:]) == (0, 60, 0, 0)
@@ -163,7 +163,7 @@ def test_a_pose_may_be_off_the_map(pose: Pose) -> None:
     points = ends(scan(ROOM, HERE))
     found = judged(points, pose)
     assert len(found.known) + found.strangers == len(points) >= found.agreeing + found.beyond
-    score = explain(FIELD.grid, points, BEAMS.mount, np.array([pose]).T, worth(FIELD, 0.1)).score
+    score = explain(FIELD.grid, points, BEAMS.mount, np.array([pose]).T, beam_scores(FIELD, 0.1)).score
     assert -2.0 <= score[0] <= 1.0
 
 
@@ -206,7 +206,7 @@ def test_beams_lie_at_equal_angles_over_the_whole_view(model: RobotModel, view: 
         assert chosen.rays[0] == 0 and chosen.rays[-1] == model.sensor.rays - 1
 
 
-def test_beams_without_an_echo_or_at_full_range_say_nothing() -> None:
+def test_beams_without_an_echo_or_at_full_range_are_ignored() -> None:
     ranges = np.full(640, 1000, np.uint16)
     ranges[BEAMS.rays[:10]] = NO_ECHO_MM
     ranges[BEAMS.rays[10:15]] = 6500
@@ -216,7 +216,7 @@ def test_beams_without_an_echo_or_at_full_range_say_nothing() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_kernel_is_its_twin(seed: int) -> None:
+def test_kernel_equals_the_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     peers = [Point(*at) for at in rng.uniform(1, 7, (2, 2)).tolist()]
     ranges = scan(ROOM, HERE, np.array([(*peer, 0.2) for peer in peers]))

@@ -61,7 +61,7 @@ def changed(file: Path, to: Path, **changes: Change) -> Path:
     return to
 
 
-def test_a_log_is_read_to_the_last_bit(written: Path, tmp_path: Path) -> None:
+def test_a_log_is_read_exactly(written: Path, tmp_path: Path) -> None:
     course, back = drive(SETUP), tracking.read(written)
     assert (course.sensor, course.start) == (back.sensor, back.start)
     np.testing.assert_array_equal(course.grid.cells, back.grid.cells)
@@ -123,7 +123,7 @@ FAULTS: list[tuple[str, Change, str]] = [
 
 
 @pytest.mark.parametrize(("member", "change", "sentence"), FAULTS, ids=[said[:30] for *_, said in FAULTS])
-def test_a_faulty_log_gets_one_sentence(
+def test_a_faulty_log_gives_one_sentence(
     written: Path, tmp_path: Path, member: str, change: Change, sentence: str
 ) -> None:
     bad = changed(written, tmp_path / "bad.zip", **{member: change})
@@ -132,7 +132,7 @@ def test_a_faulty_log_gets_one_sentence(
     assert str(caught.value).startswith(f"{bad}: ") and "\n" not in str(caught.value)
 
 
-def test_a_table_may_have_so_many_bytes(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_size_of_a_table_is_limited(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracking, "TEXT_BYTES", 1000)
     with pytest.raises(CourseLogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
         tracking.read(written)
@@ -233,7 +233,7 @@ def test_nees_of_errors_drawn_from_the_covariance_is_chi_squared() -> None:
     assert nees(np.zeros((3, 3)), singular).tolist() == [math.inf] * 3
 
 
-def test_errors_are_those_to_the_truth_the_short_way_round() -> None:
+def test_errors_use_the_shorter_arc() -> None:
     truth = np.array([[0.0, 0.0, 3.1], [1.0, 0.0, 3.1]])
     poses = np.array([[0.3, 0.4, -3.1], [1.0, 1.2, 3.0]])
     lost, costs = np.array([0.2, 0.96]), np.array([1e-4, 2e-4])
@@ -248,7 +248,7 @@ def test_errors_are_those_to_the_truth_the_short_way_round() -> None:
     assert np.flatnonzero(weighed(drawn, corrected)).tolist() == [0, 20]
 
 
-def test_lost_spells_last_3_s_and_false_announcements_are_5_s_from_any_error() -> None:
+def test_lost_intervals_last_3_s_and_false_alarms_are_5_s_from_any_error() -> None:
     errors = [0.1] * 20 + [1.2] * 30 + [0.1] * 20 + [1.2] * 29 + [0.1] + [2.0] * 40
     assert run_with(errors, announced=(19, 50, 60, 80, 139)).spells == [False, True]
     errors = [0.1] * 100 + [0.6] + [0.1] * 100
@@ -256,7 +256,7 @@ def test_lost_spells_last_3_s_and_false_announcements_are_5_s_from_any_error() -
     assert [run_with([3.0, 0.6, 0.4]).found(step) for step in (0, 1, 2, 99)] == [False, False, True, True]
 
 
-def test_the_error_of_all_runs_has_an_honest_interval() -> None:
+def test_the_error_of_all_runs_has_a_confidence_interval() -> None:
     runs = [run_with([0.1, 0.1]), run_with([0.1, 0.7]), run_with([0.1, 1.1])]
     rmse, row = root_mean_square(runs), table_row(runs)
     assert rmse.value == pytest.approx(math.sqrt((4 * 0.01 + 0.49 + 1.21) / 6), rel=1e-6)

@@ -1,4 +1,4 @@
-"""The map as the filter sees it."""
+"""Likelihood field and measurement model."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_distances_are_those_between_the_centres_of_cells() -> None:
         assert found == pytest.approx(min(nearest, 1.0), abs=0.5 * 1.0 / 255 + 1e-12)
 
 
-def test_beyond_the_map_is_nothing() -> None:
+def test_distances_outside_the_map_are_maximal() -> None:
     field = likelihood_field(_plan(), 1.0)
     assert field.levels.shape == (32, 42)
     assert (field.levels[[0, -1]] == 255).all() and (field.levels[:, [0, -1]] == 255).all()
@@ -37,11 +37,11 @@ def test_beyond_the_map_is_nothing() -> None:
     assert not any(shared.flags.writeable for shared in (field.levels, field.frame, field.floor))
 
 
-def test_what_is_unknown_is_no_wall() -> None:
+def test_unknown_cells_are_not_walls() -> None:
     cells = np.full((30, 40), FREE, np.uint8)
     cells[10:12] = UNKNOWN
     field = likelihood_field(OccupancyGrid(cells, 0.1, Point(0.0, 0.0)), 1.0)
-    assert (field.levels == 255).all(), "where nothing is occupied every wall is far"
+    assert (field.levels == 255).all(), "without walls all distances are maximal"
     cells[20] = OCCUPIED
     field = likelihood_field(OccupancyGrid(cells, 0.1, Point(0.0, 0.0)), 1.0)
     assert field.distances[field.levels[12, 5]] == pytest.approx(0.9, abs=0.002)
@@ -61,7 +61,7 @@ def test_poses_are_drawn_evenly_over_the_free_floor() -> None:
     assert heading.min() > -np.pi and heading.max() <= np.pi
 
 
-def test_a_map_without_floor_and_a_distance_of_nothing_are_refused() -> None:
+def test_a_map_without_floor_and_a_distance_of_0_are_rejected() -> None:
     with pytest.raises(AcrcError, match="max_distance 0 m; it must be above 0 m"):
         likelihood_field(_plan(), 0.0)
     with pytest.raises(AcrcError) as raised:
@@ -81,13 +81,13 @@ def scan_ends(others: Floats = NOBODY) -> Floats:
 
 
 def cloud(spread: float, count: int, seed: int = 0) -> Floats:
-    """(3, count) poses about HERE."""
+    """Return poses around HERE: (3, count)."""
     noise = np.random.default_rng(seed).standard_normal((3, count))
     return np.array(HERE)[:, np.newaxis] + spread * noise
 
 
 def distances(points: Floats, poses: Floats) -> Floats:
-    """(n, b): from each beam's end, seen from each particle, to the nearest wall, as the field has it."""
+    """Return the distance of each beam's end to the nearest wall for each particle, by the field: (n, b)."""
     c, s = np.cos(poses[2])[:, np.newaxis], np.sin(poses[2])[:, np.newaxis]
     x = poses[0][:, np.newaxis] + c * points[:, 0] - s * points[:, 1]
     y = poses[1][:, np.newaxis] + s * points[:, 0] + c * points[:, 1]
@@ -100,7 +100,7 @@ def distances(points: Floats, poses: Floats) -> Floats:
 def weighed(
     parameters: AmclParameters, points: Floats, poses: Floats, together: bool = True
 ) -> tuple[Floats, float, int]:
-    """The weights of all but the last of some particles of different weights, the fit, and skipped beams."""
+    """Return the weights of all particles but the last, the fit, and the number of skipped beams."""
     count = poses.shape[1] - 1
     weights = before(poses.shape[1])
     directions = np.empty_like(poses[:2])
@@ -149,13 +149,13 @@ def test_beams_that_few_particles_agree_with_are_skipped(seed: int) -> None:
     weights, fit, skipped = weighed(SKIPPING, points, poses)
     assert skipped == (~kept).sum() > 0
     assert weights == pytest.approx(expected / expected.sum())
-    assert fit == pytest.approx((d[:, kept] < 0.5).mean())  # or a crowd would look like a wrong pose
+    assert fit == pytest.approx((d[:, kept] < 0.5).mean())  # otherwise a crowd would look like a wrong pose
     assert weighed(SKIPPING, points, poses, together=False)[2] == 0
     poses[:2] += 100.0
     assert weighed(SKIPPING, points, poses)[2] == 0, "nearly all would be skipped"
 
 
-def test_random_measurements_spread_over_the_sensor_s_own_range() -> None:
+def test_random_measurements_cover_the_sensors_range() -> None:
     far = likelihoods(FIELD, 6.5, CUBES)[-1]
     assert far == pytest.approx(0.5 / 6.5) and likelihoods(FIELD, 12.0, CUBES)[-1] < far
     assert likelihoods(FIELD, 6.5, CUBES)[0] == pytest.approx(0.5 + 0.5 / 6.5)
@@ -168,8 +168,8 @@ def test_a_scan_without_beams_leaves_the_weights_in_proportion(parameters: AmclP
     assert (fit, skipped) == (0.0, 0)
 
 
-def test_a_particle_of_no_weight_does_not_starve_the_others() -> None:
-    """Its fit is so much better than theirs that exp() of the difference is 0."""
+def test_a_particle_of_weight_0_does_not_affect_the_others() -> None:
+    """Its fit exceeds theirs so much that exp() of the difference is 0."""
     poses = cloud(0.0, 3)
     poses[:2, 1:] += 100.0
     weights = np.array([0.0, 0.5, 0.5])

@@ -1,4 +1,4 @@
-"""The motion model: how a step is split, how uncertain its parts are, and what particles make of it."""
+"""Motion model and resampling: parts of a step, their noise, KLD-sampling and clusters."""
 
 import math
 from collections import Counter
@@ -23,20 +23,20 @@ poses = st.builds(Pose, st.floats(-20, 20), st.floats(-20, 20), angles)
 
 
 def moved(poses: Floats, made: OdometryStep, noise: StepSpread, normals: Floats) -> Floats:
-    """The twin of the kernel: table 5.6, lines 5 to 10, with noise added."""
-    turn, way, last = (part + sigma * n for part, sigma, n in zip(made, noise, normals, strict=True))
-    x = poses[0] + way * np.cos(poses[2] + turn)
-    y = poses[1] + way * np.sin(poses[2] + turn)
+    """Return the reference of the kernel: table 5.6, lines 5 to 10, with noise added."""
+    turn, distance, last = (part + sigma * n for part, sigma, n in zip(made, noise, normals, strict=True))
+    x = poses[0] + distance * np.cos(poses[2] + turn)
+    y = poses[1] + distance * np.sin(poses[2] + turn)
     heading = poses[2] + turn + last
     return np.stack((x, y, np.arctan2(np.sin(heading), np.cos(heading))))
 
 
 @settings(deadline=None)  # the first example compiles
 @given(before=poses, after=poses)
-def test_without_noise_a_particle_at_the_odometry_s_pose_follows_it(before: Pose, after: Pose) -> None:
+def test_without_noise_a_particle_follows_the_odometry(before: Pose, after: Pose) -> None:
     particle = np.array(before).reshape(3, 1)
     move(particle, 1, step(before, after), StepSpread(0.0, 0.0, 0.0), np.ones((3, 1)))
-    near = before.point.distance_to(after.point) < 0.01  # then it goes straight ahead
+    near = before.point.distance_to(after.point) < 0.01  # then the step is straight
     assert particle[:2, 0] == pytest.approx(after[:2], abs=0.02 if near else 1e-9)
     assert math.cos(particle[2, 0] - after.heading) == pytest.approx(1.0)
     assert -math.pi <= particle[2, 0] <= math.pi
@@ -50,12 +50,12 @@ def test_without_noise_a_particle_at_the_odometry_s_pose_follows_it(before: Pose
         (Pose(0.2, 0.2, math.pi / 2), OdometryStep(math.pi / 4, math.sqrt(0.08), math.pi / 4)),
         (Pose(0.0, 0.009, 0.3), OdometryStep(0.0, 0.009, 0.3)),
     ],
-    ids=["ahead", "backward", "an arc", "on the spot: the way's direction says nothing"],
+    ids=["ahead", "backward", "an arc", "on the spot: the direction is meaningless"],
 )
 def test_how_a_step_is_split(to: Pose, made: OdometryStep) -> None:
     here = Pose(3.0, -2.0, 0.7)
     split = step(here, here.compose(to))
-    assert split.way == pytest.approx(made.way)
+    assert split.distance == pytest.approx(made.distance)
     for part, expected in ((split.turn, made.turn), (split.last_turn, made.last_turn)):
         assert math.cos(part - expected) == pytest.approx(1.0)
 
@@ -66,21 +66,23 @@ def test_ros_1_takes_the_variance_for_the_deviation() -> None:
     assert spread(ahead, CORRECTED) == pytest.approx((math.sqrt(0.0125),) * 3)  # 0.11 rad
 
 
-@given(turn=angles, way=st.floats(0, 2), last=angles)
-def test_deviations_are_those_of_the_book_and_alike_backward(turn: float, way: float, last: float) -> None:
+@given(turn=angles, distance=st.floats(0, 2), last=angles)
+def test_deviations_are_those_of_the_book_and_alike_backward(
+    turn: float, distance: float, last: float
+) -> None:
     parameters = replace(CORRECTED, alpha1=0.1, alpha2=0.2, alpha3=0.3, alpha4=0.4)
     first, second = (min(abs(a), math.pi - abs(a)) for a in (turn, last))
     expected = (
-        math.sqrt(0.1 * first**2 + 0.2 * way**2),
-        math.sqrt(0.3 * way**2 + 0.4 * first**2 + 0.4 * second**2),
-        math.sqrt(0.1 * second**2 + 0.2 * way**2),
+        math.sqrt(0.1 * first**2 + 0.2 * distance**2),
+        math.sqrt(0.3 * distance**2 + 0.4 * first**2 + 0.4 * second**2),
+        math.sqrt(0.1 * second**2 + 0.2 * distance**2),
     )
-    assert spread(OdometryStep(turn, way, last), parameters) == pytest.approx(expected, abs=1e-7)
-    back = spread(OdometryStep(turn - math.copysign(math.pi, turn), way, last), parameters)
+    assert spread(OdometryStep(turn, distance, last), parameters) == pytest.approx(expected, abs=1e-7)
+    back = spread(OdometryStep(turn - math.copysign(math.pi, turn), distance, last), parameters)
     assert back == pytest.approx(expected, abs=1e-7)
 
 
-def test_kernel_is_its_twin() -> None:
+def test_kernel_equals_the_reference() -> None:
     rng = np.random.default_rng(0)
     before = rng.uniform(-3, 3, (3, 200))
     normals = rng.standard_normal((3, 200))
@@ -118,7 +120,7 @@ def twin(
     least: int,
     error: float,
 ) -> list[int]:
-    """Which columns of `poses` are drawn: Fox 2003, figure 3, in plain Python."""
+    """Return the drawn columns of `poses`: Fox 2003, figure 3, in plain Python."""
     sums = np.cumsum(weights)
     bin_of = histogram(poses, poses.shape[1]).bin_of
     chosen: list[int] = []
@@ -153,7 +155,7 @@ def test_bound_is_the_quantile_of_chi_square(bins: int, error: float, probabilit
     injection=st.sampled_from([0.0, 0.2, 0.9]),
     least=st.integers(1, 50),
 )
-def test_resampling_kernel_is_its_twin(seed: int, count: int, injection: float, least: int) -> None:
+def test_resampling_kernel_equals_the_reference(seed: int, count: int, injection: float, least: int) -> None:
     rng = RNG(seed)
     poses = rng.uniform(-2, 2, (3, count + 150))
     weights = rng.random(count) * (rng.random(count) < 0.8) + 1e-9
@@ -174,7 +176,7 @@ Bin = tuple[int, int, int]
 
 
 def bins(poses: Floats) -> list[Bin]:
-    """Each pose's bin of 0.5 m by 0.5 m by 10°."""
+    """Return the bin of each pose: 0.5 m by 0.5 m by 10°."""
     turns = np.floor((poses[2] + math.pi) / math.radians(10)).astype(int) % 36
     x, y = np.floor(poses[:2] / 0.5).astype(int)
     return list(zip(x.tolist(), y.tolist(), turns.tolist(), strict=True))
@@ -186,7 +188,7 @@ def touch(a: Bin, b: Bin) -> bool:
 
 
 def clusters(occupied: list[Bin]) -> dict[Bin, Bin]:
-    """The first bin of each bin's cluster, by merging sets."""
+    """Return the first bin of each bin's cluster, by merging sets."""
     sets: list[list[Bin]] = []
     for one in dict.fromkeys(occupied):
         near = [group for group in sets if any(touch(one, other) for other in group)]
@@ -241,6 +243,6 @@ def test_heaviest_cluster_is_that_of_merged_sets(poses: Floats, seed: int) -> No
     assert found.covariance == pytest.approx(tuple(((share * off) @ off.T).ravel()), abs=1e-12)
 
 
-def test_of_two_as_heavy_the_first_is_taken() -> None:
+def test_of_two_equal_clusters_the_first_is_chosen() -> None:
     poses = np.array([[5.2, 0.2], [0.2, 5.2], [0.1, 0.1]])
     assert heaviest(poses, np.array([0.5, 0.5])).pose == pytest.approx((5.2, 0.2, 0.1))

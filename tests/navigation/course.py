@@ -1,4 +1,4 @@
-"""Robots that drive by the dynamic window approach on drawn floors, each seeing the others as discs."""
+"""Closed-loop drives by the dynamic window approach on drawn floors; robots see each other as discs."""
 
 import math
 from dataclasses import dataclass, field
@@ -12,9 +12,9 @@ from actors.messages import Drive
 from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
 from actors.robot.navigation.disc_local_planner import DiscLocalPlanner
 from actors.robot.navigation.local_planner import DwaLocalPlanner
-from actors.robot.navigation.planning import Planner, ground
+from actors.robot.navigation.planning import GridPlanner, planning_grid
 from actors.robot.navigation.steering import DWA_PRESETS, BaseLocalPlanner, DwaParameters, Steering
-from actors.robot.sweep import Sweeps
+from actors.robot.sweep import OdometryBuffer
 from actors.robot_model import DriveParameters
 from tests.robot.base import FakeBase, at_step, model
 
@@ -25,25 +25,25 @@ LOCAL_MAPS = {
     **LOCAL_MAP_PRESETS,
     "disc": CostMapParameters(body="disc", allowance=0.0, padding=0.045, inf_is_valid=True),
 }
-"""The presets, and "disc": our own rules with the chapter's numbers."""
+"""The presets, and "disc": own rules with the chapter's values."""
 DISC = DWA["disc"]
 ROBUST = DWA_PRESETS["robust"]
 
 
 def hall(length: float, width: float) -> Flags:
-    """Walls round a hall of that size, m, in cells of 0.04 m."""
+    """Return walls around a hall of that size, m, in cells of 0.04 m."""
     walls = np.ones((round(width / CELL) + 8, round(length / CELL) + 8), np.bool_)
     walls[4:-4, 4:-4] = False
     return walls
 
 
 def floor(walls: Flags) -> OccupancyGrid:
-    """The floor plan with these walls; the hall's corner is at (0.16, 0.16)."""
+    """Return the floor plan with these walls; the hall's corner is at (0.16, 0.16)."""
     return OccupancyGrid(np.where(walls, OCCUPIED, FREE).astype(np.uint8), CELL)
 
 
 def neck(width: float) -> OccupancyGrid:
-    """Two rooms of 3 m by 3.2 m, joined by a neck 2 m long: x = 3.16 to 5.16, round y = 1.76."""
+    """Return two rooms of 3 m by 3.2 m, joined by a passage of 2 m: x = 3.16 to 5.16, around y = 1.76."""
     walls = hall(8.0, 3.2)
     walls[:, 79:129] = True
     free = round(width / CELL)
@@ -53,7 +53,7 @@ def neck(width: float) -> OccupancyGrid:
 
 CELL = 0.04
 DOOR = neck(0.88)
-"""As the necks between the corridor and the offices of the testbed."""
+"""Width as of the passages between corridor and offices of the testbed."""
 HALL = floor(hall(7.0, 3.2))
 
 
@@ -70,7 +70,7 @@ class Record:
     poses: list[Pose] = field(default_factory=list)
     steerings: list[Steering] = field(default_factory=list)
     gap: float = math.inf
-    """The least distance to walls and others so far, m."""
+    """Minimum distance to walls and others so far, m."""
     arrived: bool = False
 
     @property
@@ -84,7 +84,7 @@ class Record:
 
 
 class Pilot:
-    """One robot with its planners, on the way to one goal."""
+    """A robot with its planners and one goal."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class Pilot:
         parameters: DwaParameters | None = None,
         noise: np.random.Generator | None = None,
     ) -> None:
-        """`noise` makes the estimate in the map frame jump by 5 cm and 0.02 rad (σ) from step to step."""
+        """Create a robot; `noise`: the estimate jumps by 5 cm and 0.02 rad (σ) in each step."""
         self.base = FakeBase(floor, KIND, start)
         self.goal = goal
         self.fixed: list[tuple[Point, float]] = []
@@ -104,8 +104,8 @@ class Pilot:
         self.local_planner = local_planner(self.local, parameters or DWA[preset])
         self.record = Record()
         self._start = start
-        self._sweeps = Sweeps(KIND.sensor)
-        self._planner = Planner(ground(floor, RADIUS))
+        self._sweeps = OdometryBuffer(KIND.sensor)
+        self._planner = GridPlanner(planning_grid(floor, RADIUS))
         self._noise = noise
 
     def step(self, step: int) -> None:
@@ -115,9 +115,9 @@ class Pilot:
         self.local.take(instant, here, self._sweeps.take(instant, here, senses.scan))
         estimate = self._estimate(here)
         if step % 10 == 0:
-            way = self._planner.path(estimate.point, self.goal)
-            assert way is not None
-            self.local_planner.follow(way)
+            path = self._planner.path(estimate.point, self.goal)
+            assert path is not None
+            self.local_planner.follow(path)
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
         self.record.arrived |= self.local_planner.reached(estimate, velocity)
         steering = self.record.steerings[-1] if step % 2 else Steering(STILL, True)

@@ -1,4 +1,4 @@
-"""The rolling window: marks stay where they were seen, until something is seen through them."""
+"""The local cost map: marks keep their positions until they are cleared."""
 
 import math
 
@@ -24,8 +24,14 @@ from actors.robot.navigation.cost_map import (
     Inflation,
 )
 from actors.robot.navigation.navigator import NavigationParameters
-from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, ground
-from actors.robot.navigation.ray_tracing import MOST_REACH, Rays, squared_within, stamp, take_in
+from actors.robot.navigation.planning import PLANNER_PRESETS, GridPlanner, planning_grid
+from actors.robot.navigation.ray_tracing import (
+    MOST_REACH,
+    Rays,
+    mark_and_clear,
+    squared_within,
+    stamp_free_cells,
+)
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
 from actors.settings import ParameterError
@@ -41,7 +47,7 @@ SILENCE = np.full(360, NO_ECHO_MM, np.uint16)
 
 
 def sweep(pose: Pose, *, only: dict[int, int] | None = None, sensor: RangeSensor = ALL_ROUND) -> Sweep:
-    """A scan in which the rays pointing at these degrees in the sensor's frame give these ranges, mm."""
+    """Return a scan with these ranges, mm, of rays at these angles, degrees, sensor's frame."""
     ranges = np.full(sensor.rays, NO_ECHO_MM, np.uint16)
     for degrees, range_mm in (only or {}).items():
         offset = math.radians(degrees) - sensor.first_angle
@@ -68,7 +74,7 @@ def test_an_echo_marks_the_cell_it_comes_from() -> None:
     assert costs[40, 60] == LETHAL and costs[40, 57] == INSCRIBED and 0 < costs[40, 56] < INSCRIBED
     later = CostMap(ALL_ROUND, RADIUS)
     later.take(START, Pose(0.3, 0.2, 1.0), sweep(ORIGIN, only={0: 1130}))
-    assert rounded(later.marks()) == [(1.025, 0.025)], "from where the scan was made"
+    assert rounded(later.marks()) == [(1.025, 0.025)], "relative to the pose of the scan"
 
 
 @settings(max_examples=60, deadline=None)
@@ -96,13 +102,13 @@ def test_rolling_keeps_every_mark_that_stays_in_the_window(
 
 
 @pytest.mark.parametrize(("valid", "left"), [(True, 0), (False, 1)])
-def test_whether_silence_clears_is_a_parameter(valid: bool, left: int) -> None:
+def test_clearing_by_rays_without_echo_is_a_parameter(valid: bool, left: int) -> None:
     parameters = replace(CostMapParameters(), inf_is_valid=valid)
     local = mapped(sweep(ORIGIN, only={0: 1130}), sweep(ORIGIN), parameters=parameters)
     assert len(local.marks()) == left
 
 
-def test_silence_does_not_clear_where_the_sensor_is_blind_and_as_far_again() -> None:
+def test_rays_without_echo_do_not_clear_below_twice_the_shortest_range() -> None:
     local = CostMap(CAMERA, RADIUS, replace(CostMapParameters(), inf_is_valid=True))
     local.take(START, ORIGIN, sweep(ORIGIN, only={-10: 600, 10: 1200}, sensor=CAMERA))
     assert len(local.marks()) == 2
@@ -111,7 +117,7 @@ def test_silence_does_not_clear_where_the_sensor_is_blind_and_as_far_again() -> 
     assert np.hypot(*local.marks()[0]) < 0.7
 
 
-def test_recovery_forgets_what_is_outside_of_a_square() -> None:
+def test_recovery_clears_marks_outside_of_a_square() -> None:
     local = mapped(sweep(ORIGIN, only={0: 1130, 90: 1800, 180: 1700, 45: 2300}))
     assert len(local.marks()) == 4
     local.clear(3.0)
@@ -119,7 +125,7 @@ def test_recovery_forgets_what_is_outside_of_a_square() -> None:
     assert local.costs()[40, 60] == LETHAL and local.costs()[76, 38] == 0
 
 
-def test_its_age_is_that_of_the_last_scan() -> None:
+def test_the_age_is_that_of_the_last_scan() -> None:
     local = CostMap(ALL_ROUND, RADIUS)
     assert local.age(START) == math.inf
     local.take(Instant(1_000_000), ORIGIN, sweep(ORIGIN))
@@ -135,10 +141,10 @@ def test_free_floor_is_remembered_for_a_while_if_at_all() -> None:
     assert not local.trusted(Instant(seconds(3) + 1)).any()
 
 
-def test_what_is_marked_where_the_floor_was_seen_free_is_an_arrival() -> None:
+def test_a_new_mark_on_observed_free_floor_is_stamped() -> None:
     wall, robot = dict.fromkeys(range(360), 800), dict.fromkeys(range(-5, 6), 500)
     local = mapped(sweep(ORIGIN, only=wall), parameters=LOCAL_MAP_PRESETS["robust"])
-    assert (local.arrivals < START).all(), "a wall that comes into view does not move"
+    assert (local.arrivals < START).all(), "a newly visible wall does not count as moving"
     seen = Instant(100_000)
     local.take(seen, ORIGIN, sweep(ORIGIN, only=wall | robot))
     cells = np.argwhere(local.arrivals == seen)
@@ -160,7 +166,7 @@ def test_a_robot_backs_off_no_nearer_to_a_wall_than_the_local_planner_may_drive(
     assert local.free_behind(Pose(near.x, near.y, math.pi), 0.15, touching=True)
 
 
-def test_nothing_is_free_where_the_map_does_not_reach() -> None:
+def test_space_outside_the_map_is_not_free() -> None:
     with pytest.raises(ParameterError, match=r"retreat is 1.5, but must be a number above 0 and at most 1"):
         NavigationParameters(retreat=1.5)
     here = Pose(0.0, 0.0, 2.0)
@@ -196,7 +202,7 @@ def test_the_largest_reach_does_not_overflow() -> None:
     assert (squared_within(marks, MOST_REACH) == (MOST_REACH + 1) ** 2).all()
 
 
-def test_parameters_beyond_it_are_refused_at_the_start() -> None:
+def test_parameters_beyond_the_reach_are_rejected() -> None:
     sensor, wide = load_model("turtlebot2").sensor, CostMapParameters(body="disc", allowance=0.0, padding=7.0)
     with pytest.raises(ParameterError) as raised:
         CostMap(sensor, 0.177, wide)
@@ -204,7 +210,7 @@ def test_parameters_beyond_it_are_refused_at_the_start() -> None:
         "local_map: the radius of the body with its padding is 7.177, but must be at most 126 cells of 0.05 m"
     )
     with pytest.raises(ParameterError) as raised:
-        Planner(ground(TWO_ROOMS, 0.177), replace(PLANNER_PRESETS["robust"], inflation_radius=6.4))
+        GridPlanner(planning_grid(TWO_ROOMS, 0.177), replace(PLANNER_PRESETS["robust"], inflation_radius=6.4))
     assert str(raised.value) == (
         "planner: the inflation radius is 6.4, but must be at most 126 cells of 0.05 m"
     )
@@ -236,7 +242,7 @@ def test_the_table_gives_the_cost_of_every_distance_between_cells(cell: float) -
 
 
 def outline(radius: float, padding: float) -> list[complex]:
-    """The corners as costmap_2d makes and pads them, with the sines and cosines of the C library."""
+    """Return the corners as costmap_2d computes and pads them, with sines and cosines of the C library."""
 
     def padded(value: float) -> float:
         return value + math.copysign(padding, value) if value else 0.0
@@ -260,7 +266,7 @@ FAR_AWAY = np.array([-100.0, -100.0, 1.0])
 
 
 class View:
-    """A sensor with so many rays over a field of view, rad, and what the kernels need of it."""
+    """A sensor with a number of rays over a field of view, rad, and its data for kernels."""
 
     def __init__(self, rays: int, field: float, silent: float = 0.0, raytrace: float = 12.0) -> None:
         full = field == math.tau
@@ -273,7 +279,7 @@ class View:
 
 
 def through(x: float, y: float, dx: float, dy: float, row: int, column: int) -> tuple[float, float] | None:
-    """Where the ray enters and leaves a cell, in small steps of algebra: clipping to four half planes."""
+    """Return where the ray enters and leaves a cell, by clipping to four half planes."""
     enter, leave = 0.0, math.inf
     for at, along, low in ((x, dx, column), (y, dy, row)):
         if abs(along) < 1e-15:
@@ -286,7 +292,7 @@ def through(x: float, y: float, dx: float, dy: float, row: int, column: int) -> 
 
 
 def passed(view: View, ranges: NDArray[np.uint16], eye: Floats) -> Flags:
-    """(SIDE, SIDE): which cells some ray passes through."""
+    """Return which cells are passed by a ray: (SIDE, SIDE)."""
     cells = np.zeros((SIDE, SIDE), np.bool_)
     c, s = math.cos(eye[2]), math.sin(eye[2])
     for k in range(len(ranges)):
@@ -303,7 +309,7 @@ def passed(view: View, ranges: NDArray[np.uint16], eye: Floats) -> Flags:
 
 
 def ends(view: View, ranges: NDArray[np.uint16], eye: Floats) -> set[tuple[int, int]]:
-    """The cells that echoes within the obstacle range come from."""
+    """Return the cells of echoes within the obstacle range."""
     angle = view.first + view.increment * np.arange(len(ranges)) + eye[2]
     apart = ranges / CELL_MM
     near = (ranges != NO_ECHO_MM) & (apart < view.limits[1])
@@ -313,7 +319,7 @@ def ends(view: View, ranges: NDArray[np.uint16], eye: Floats) -> set[tuple[int, 
 
 
 scans = arrays(np.uint16, 30, elements=st.one_of(st.just(NO_ECHO_MM), st.integers(20, 900)))
-# anywhere but on the lines between cells and along them, where the two ways of rounding may differ
+# not on the lines between cells, where the two methods may round differently
 eyes = st.integers(0, 10**6).map(
     lambda seed: np.random.default_rng(seed).uniform((8, 8, -3.1), (16, 16, 3.1))
 )
@@ -327,13 +333,13 @@ eyes = st.integers(0, 10**6).map(
     silent=st.sampled_from([0.0, 6.0, math.inf]),
     raytrace=st.sampled_from([5.0, 12.0]),
 )
-def test_cells_that_a_ray_passes_are_cleared_and_stamped_and_those_where_one_ends_marked(
+def test_passed_cells_are_cleared_and_stamped_and_end_cells_marked(
     ranges: NDArray[np.uint16], eye: Floats, field: float, silent: float, raytrace: float
 ) -> None:
     view = View(len(ranges), field, silent, raytrace)
     marks, stamps = np.ones((SIDE, SIDE), np.uint8), np.zeros((SIDE, SIDE), np.int64)
-    take_in(marks, ranges, view.seen, eye, FAR_AWAY)
-    stamp(stamps, 5, ranges, view.seen, eye, FAR_AWAY)
+    mark_and_clear(marks, ranges, view.seen, eye, FAR_AWAY)
+    stamp_free_cells(stamps, 5, ranges, view.seen, eye, FAR_AWAY)
     cleared = passed(view, ranges, eye)
     assert np.array_equal(stamps, 5 * cleared)
     for cell in ends(view, ranges, eye):
@@ -347,7 +353,7 @@ def test_the_body_clears_the_cells_that_lie_wholly_below_it(radius: float) -> No
     marks = np.ones((SIDE, SIDE), np.uint8)
     silence = np.full(4, NO_ECHO_MM, np.uint16)
     body = np.array([12.3, 11.8, radius])
-    take_in(marks, silence, view.seen, np.array([12.0, 12.0, 0.0]), body)
+    mark_and_clear(marks, silence, view.seen, np.array([12.0, 12.0, 0.0]), body)
     for row in range(SIDE):
         for column in range(SIDE):
             corners = [(x, y) for x in (column, column + 1) for y in (row, row + 1)]

@@ -1,4 +1,4 @@
-"""Whole drives: round corners, through doors, past what stands about, or not."""
+"""Complete drives around corners, through doors, and past obstacles."""
 
 import math
 
@@ -16,7 +16,7 @@ from tests.robot.base import plan
 
 ROW, WALL = "#                  #", "##########         #"
 CORNERS = plan("\n".join(["#" * 20, *[ROW] * 5, WALL, WALL, *[ROW] * 6, "#" * 20]))
-"""4.5 m by 3 m; a wall reaches in from the west."""
+"""4.5 m by 3 m, with a wall from the west."""
 MAZE = load_map(SHIPPED / "maps" / "maze.yaml")
 NARROWEST = neck(narrowest_door(RADIUS, PLANNER_PRESETS["robust"], CELL))
 SIDE_DOOR, FAR = Pose(0.8, 0.8, 1.0), Point(7.5, 2.7)
@@ -28,7 +28,7 @@ SIDE_DOOR, FAR = Pose(0.8, 0.8, 1.0), Point(7.5, 2.7)
         ("disc", CORNERS, Pose(0.8, 2.6, 0.0), Point(3.4, 0.8), 0.01),
         ("robust", CORNERS, Pose(0.8, 2.6, 0.0), Point(0.8, 0.8), 0.01),
         ("robust", NARROWEST, Pose(2.4, 1.5, 0.8), Point(6.0, 1.76), 0.0),
-        # The goal's pull on the nose would hold it at the end of the wall, turning to and fro.
+        # attracting the nose to the goal would hold it at the wall's end, oscillating
         ("robust", MAZE, Pose(2.63, 7.67, -2.62), Point(2.1257, 7.1375), 0.01),
         *((preset, DOOR, SIDE_DOOR, FAR, 0.0) for preset in ("chapter", "disc", "robust")),
     ],
@@ -53,15 +53,15 @@ def test_before_a_blocked_door_it_stands_without_a_trajectory(preset: str) -> No
     assert 0.3 < pilot.base.pose.x < 3.9 and pilot.record.gap > 0.1
 
 
-def test_robust_goes_round_an_obstacle_in_the_open() -> None:
+def test_robust_drives_around_an_obstacle_on_open_floor() -> None:
     pilot = Pilot(HALL, Pose(0.6, 1.76, 0.0), Point(6.4, 1.76), preset="robust")
     pilot.fixed = [(Point(3.2, 1.76), RADIUS)]
     drive(pilot, steps=250)
     assert pilot.record.arrived and pilot.record.gap > 0.01
 
 
-def test_two_robots_that_meet_in_the_open_pass() -> None:
-    """Without any offset the two are mirror images, and only the navigator's recovery parts them."""
+def test_two_robots_pass_each_other_on_open_floor() -> None:
+    """Without an offset the two are mirror images, and only a recovery separates them."""
     east = Pilot(HALL, Pose(0.6, 1.76, 0.0), Point(6.4, 1.76), preset="robust")
     west = Pilot(HALL, Pose(6.4, 1.77, math.pi), Point(0.6, 1.77), preset="robust")
     drive(east, west, steps=300)
@@ -69,7 +69,7 @@ def test_two_robots_that_meet_in_the_open_pass() -> None:
     assert min(east.record.gap, west.record.gap) > 0.01
 
 
-def test_half_of_a_gap_is_left_to_what_moves() -> None:
+def test_a_robot_leaves_half_of_the_gap_to_a_moving_obstacle() -> None:
     squared, arrivals = np.full((40, 40), 100, np.int16), np.zeros((40, 40), np.int64)
     squared[20, [10, 30]], arrivals[20, 30] = 0, 7
     bounds = half_gaps(squared, arrivals, 7, np.array([20.5, 20.5]), 4.0, 5.0)
@@ -89,7 +89,7 @@ def test_it_comes_to_rest_at_the_goal_without_passing_it(preset: str, aside: flo
 
 
 def test_the_originals_goal_is_reached_once_it_stands_there_with_the_goals_heading() -> None:
-    """It turns on the spot to heading 0 once it is near, whatever way it came."""
+    """It turns on the spot to heading 0 near the goal, whatever its path."""
     pilot = Pilot(HALL, Pose(5.0, 1.76, 2.5), Point(2.5, 2.06), preset="chapter")
     drive(pilot, steps=300)
     assert pilot.record.arrived and pilot.base.velocity == STILL
@@ -100,7 +100,7 @@ def test_the_originals_goal_is_reached_once_it_stands_there_with_the_goals_headi
     assert all(twist.vx == 0.0 and abs(twist.omega) >= 0.4 for twist in last)
 
 
-def test_beside_a_wall_the_original_has_no_trajectory_for_ever() -> None:
+def test_beside_a_wall_the_original_never_finds_a_trajectory() -> None:
     start, goal = Pose(0.16 + 0.19, 1.76, 1.57), Point(3.0, 1.76)
     pilots = {preset: Pilot(HALL, start, goal, preset=preset) for preset in ("chapter", "robust")}
     for pilot in pilots.values():

@@ -1,4 +1,4 @@
-"""The kernel against its twin, and what a choice must be like whatever stands around."""
+"""The kernel compared with a reference, and properties of its choices."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from actors.array_types import Flags, Floats, Int32s
-from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, best
+from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, best_velocity
 from actors.robot.navigation.map_grid import Waves, wavefront
 from actors.robot.navigation.ray_tracing import squared_within
 
@@ -22,14 +22,14 @@ class Trajectory:
     speed: float
     turn: float
     points: list[tuple[float, float]]
-    """cells; up to where it was given up."""
+    """Distance until it became invalid, cells."""
     score: float
     room: float = 0.0
-    """cells; by how much it keeps farther off than it must, where it comes nearest."""
+    """Smallest excess over the required distance, cells."""
 
 
 def squared_at(marks: Flags, x: float, y: float, most: float) -> float:
-    """Squared distance from a point to the nearest marked cell's centre, at most `most`."""
+    """Return the squared distance from a point to the nearest mark's centre, at most `most`."""
     rows, columns = np.nonzero(marks)
     if not rows.size:
         return most
@@ -133,7 +133,7 @@ BASE: Numbers = {
     "scaling_speed": 2.5, "scaling_range": 2.5, "scaling_factor": 0.2, "least_speed": 1.0, "least_turn": 0.4,
     "goal_distance": math.inf, "escape": 0.0,
 }  # fmt: skip
-"""The chapter's numbers on cells twice as large."""
+"""The chapter's values on cells twice as large."""
 FORWARD = np.array([0.0, 5.0, -1.0, 1.0])
 FREE = np.zeros(4, np.bool_)
 BOUNDLESS = np.empty((0, 3))
@@ -146,7 +146,7 @@ class Choice(NamedTuple):
 
 
 class Scene:
-    """A window with some marked cells, a plan to the east and a robot."""
+    """A window with marks, a plan to the east and a robot."""
 
     def __init__(self, seed: int, obstacles: int = 12) -> None:
         rng = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ class Scene:
     ) -> Choice:
         packed = np.array([tuple(weights[name] for name in WEIGHTS.names or ())], WEIGHTS)
         fields = self.fields(trusted=trusted)
-        found = best(np.array(self.pose), window, counts, barred, bounds, fields, self.table, packed)
+        found = best_velocity(np.array(self.pose), window, counts, barred, bounds, fields, self.table, packed)
         return Choice(*found)
 
 
@@ -189,7 +189,7 @@ class Scene:
     goal_distance=st.sampled_from([math.inf, 6.3]),
     slowest=st.sampled_from([0.0, -2.0]),
 )
-def test_the_choice_is_the_twins(seed: int, goal_distance: float, slowest: float) -> None:
+def test_the_choice_equals_the_reference(seed: int, goal_distance: float, slowest: float) -> None:
     scene = Scene(seed)
     weights = {**BASE, "goal_distance": goal_distance}
     window = np.array([slowest, 5.0, -1.0, 1.0])
@@ -199,8 +199,8 @@ def test_the_choice_is_the_twins(seed: int, goal_distance: float, slowest: float
     if not valid:
         assert choice == (0.0, 0.0, INVALID)
         return
-    # the kernel's distances are never greater than the twin's, but may be less between two marked cells, so
-    # that it may refuse what the twin only just lets pass
+    # the kernel's distances are lower bounds of the reference's between two marks, so that it may reject what
+    # the reference barely accepts
     clear = [t.score for t in valid if t.room > 0.5]
     if choice == (0.0, 0.0, INVALID):
         assert not clear
@@ -247,7 +247,7 @@ def test_after_a_choice_the_body_can_stop_within_its_bounds(seed: int, side: flo
 
 
 def near(gap: float, heading: float = 0.0) -> Scene:
-    """A robot so far from the middle of a marked cell that lies to its east, facing at an angle from it."""
+    """Return a robot at a distance west of a marked cell's centre, with a heading relative to it."""
     scene = Scene(1, 0)
     scene.marks[20, 20] = 1
     scene.pose = (20.5 - gap, 20.5, heading)

@@ -1,4 +1,4 @@
-"""The kernel against its twin and the original, and what a choice must be like whatever stands around."""
+"""The kernel compared with a reference and with recordings of the original."""
 
 import math
 from collections.abc import Iterator
@@ -68,7 +68,7 @@ class Twin:
         return (int(y), int(x)) if 0 <= x < columns and 0 <= y < rows else None
 
     def _below(self, x: float, y: float, heading: float) -> int | None:
-        """The highest cost below the outline; None if that is lethal, or off the window."""
+        """Return the highest cost below the outline; None if it is lethal or outside the window."""
         c, s = math.cos(heading), math.sin(heading)
         corners = [self._cell(x + a * c - b * s, y + a * s + b * c) for a, b in self.outline]
         highest = 0
@@ -84,7 +84,7 @@ def line(here: Cell, there: Cell) -> list[Cell]:
     length = max(abs(up), abs(right))
     cells = []
     for k in range(length + 1):
-        # so often is the shorter axis stepped along in k steps, with half of the longer carried at first
+        # number of steps along the shorter axis in k steps, with an initial remainder of half of the longer
         across = (length // 2 + k * min(abs(up), abs(right))) // max(length, 1)
         along_row, along_column = (across, k) if abs(right) >= abs(up) else (k, across)
         up_now, right_now = math.copysign(along_row, up), math.copysign(along_column, right)
@@ -105,7 +105,7 @@ ROWS = Path(__file__).parent / "original"
 
 
 class Scene:
-    """A window with some marked cells, a plan to the east and a robot; its corner is the frame's origin."""
+    """A window with marks, a plan to the east and a robot; its corner is the frame's origin."""
 
     def __init__(self, seed: int, obstacles: int = 12) -> None:
         rng = np.random.default_rng(seed)
@@ -151,7 +151,7 @@ class Scene:
     turn=st.tuples(st.floats(-2, 2), st.floats(0, 1)),
     barred=st.just([False] * 4) | st.lists(st.booleans(), min_size=4, max_size=4),
 )
-def test_the_choice_is_the_twins(
+def test_the_choice_equals_the_reference(
     seed: int, obstacles: int, speed: tuple[float, float], turn: tuple[float, float], barred: list[bool]
 ) -> None:
     scene, signs = Scene(seed, obstacles), np.array(barred)
@@ -181,7 +181,7 @@ def test_samples_are_even_and_hold_both_ends_and_zero(low: float, span: float, c
 
 @pytest.mark.claim("navigation")
 def test_it_chooses_as_the_original_chose() -> None:
-    """Ninety cycles of three of its logs; what differs is a point or two on the border between two cells."""
+    """Ninety cycles of three recordings; differences are single points on the border of two cells."""
     found = original.check(ROWS).figures
     assert found["all"]["cycles"] == 90 and found["inflation"]["cells"] == 89_600
     assert found["all"]["same"] >= 0.97 and found["all"]["within_one"] >= 0.98
@@ -203,7 +203,7 @@ def refused(folder: Path) -> str:
     return str(caught.value)
 
 
-def test_rows_of_something_else_are_refused(tmp_path: Path) -> None:
+def test_other_rows_are_rejected(tmp_path: Path) -> None:
     assert refused(tmp_path) == f"{tmp_path}: holds no local_*.npz; must be a folder of rows of the original"
     name, whole = tmp_path / "local_a.npz", (ROWS / "local_maze_1_s3.npz").read_bytes()
     flipped = bytes(255 - byte if k == 20_000 else byte for k, byte in enumerate(whole))

@@ -1,4 +1,4 @@
-"""Robots with navigation `robust` reach random goals on three maps and touch nothing."""
+"""Robots with navigation `robust` reach random goals on three maps without contact."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,13 +21,13 @@ from tests.recorded_runs import record
 
 MODEL = "turtlebot2"
 MARGIN = 0.1
-"""Goals and starts lie at least so far beyond the body's radius from walls, m."""
+"""Minimum distance of goals and starts from walls beyond the body's radius, m."""
 PATIENCE = 120.0
-"""Simulated time per goal after which a run ends, s: more than twice the longest way on these maps."""
+"""Timeout per goal, simulated s: more than twice the time of the longest path on these maps."""
 
 
 class Errands:
-    """Drive to the places in turn and report each; then go on without reports, in the way of the others."""
+    """Visit and report the places in order; then continue without reports, as an obstacle for others."""
 
     def __init__(self, start: Start) -> None:
         self._start = start

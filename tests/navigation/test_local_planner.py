@@ -1,4 +1,4 @@
-"""What the local planner commands in single situations, and when it thinks again."""
+"""Commands of the local planners in single situations, oscillation critic, and map grids."""
 
 import itertools
 import math
@@ -17,7 +17,7 @@ from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot.navigation.cost_map import CostMap
-from actors.robot.navigation.map_grid import bearing, cut, detour, free_goal, wavefront
+from actors.robot.navigation.map_grid import bearing, clip_path, detour, free_goal, wavefront
 from actors.robot.navigation.steering import BaseLocalPlanner, OscillationCritic, Steering
 from actors.robot.sweep import Sweep
 from tests.navigation.course import DISC, DWA, KIND, LOCAL_MAPS, RADIUS, ROBUST, local_planner
@@ -104,14 +104,14 @@ def test_no_command_exceeds_the_limits(
 
 
 @PRESETS
-def test_the_bases_limits_hold_where_they_are_lower(preset: str) -> None:
+def test_lower_limits_of_the_base_apply(preset: str) -> None:
     slow = replace(KIND.drive, speed=0.15, acceleration=0.5, turn_rate=0.5)
     local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
     made = local_planner(local, DWA[preset], slow)
     made.follow(EAST)
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).twist.vx == pytest.approx(0.1)
-    # of the samples that end in the same cells the original takes the first, not the fastest
+    # of samples that end in the same cells the original chooses the first, not the fastest
     fast = made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.15, 0, 0)).twist.vx
     assert fast == pytest.approx(0.15) if preset != "chapter" else 0.13 < fast <= 0.15 + 1e-7
 
@@ -125,8 +125,8 @@ def test_the_bases_limits_hold_where_they_are_lower(preset: str) -> None:
         ("robust", ROBUST.escape, True),
     ],
 )
-def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: bool) -> None:
-    """Its front touches what is 18 cm from its centre: the chapter's robot is stuck, another may get away."""
+def test_too_near_to_a_mark(preset: str, escape: float, valid: bool) -> None:
+    """Its front touches an obstacle at 18 cm: the chapter's robot is stuck, another may escape."""
     ranges = SILENCE.copy()
     ranges[KIND.sensor.rays // 2 - 1] = 280
     local = CostMap(KIND.sensor, RADIUS, LOCAL_MAPS[preset])
@@ -140,7 +140,7 @@ def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: b
 
 
 def test_without_least_speeds_standing_is_no_trajectory_but_a_command_at_the_goal() -> None:
-    """The samples hold 0 in both: it takes no step, and a time by no steps is no number."""
+    """The samples include 0 for both: a trajectory without steps must not divide by 0."""
     free = replace(DWA["chapter"], least_speed=0.0, least_turn=0.0)
     local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
@@ -174,7 +174,7 @@ def critic(*motions: tuple[float, float]) -> OscillationCritic:
         ([(0.0, 1.0), (0.5, 0.0), (0.0, -1.0)], [2]),
     ],
 )
-def test_what_is_barred_after_which_motions(motions: list[tuple[float, float]], barred: list[int]) -> None:
+def test_barred_directions_after_motions(motions: list[tuple[float, float]], barred: list[int]) -> None:
     assert critic(*motions).barred.nonzero()[0].tolist() == barred
 
 
@@ -232,25 +232,25 @@ def test_waves_are_those_of_a_breadth_first_search(
     assert np.array_equal(wavefront(squared, limit, starts), searched(squared, limit, starts))
 
 
-def straight(way: Floats, body: tuple[float, float], side: int = 40) -> tuple[int, bool, list[list[int]]]:
-    """`cut` without any motion between the frames, cells of 0.1 m."""
+def straight(path: Floats, body: tuple[float, float], side: int = 40) -> tuple[int, bool, list[list[int]]]:
+    """Call `clip_path` with equal frames and cells of 0.1 m."""
     motion = np.array([1.0, 0.0, 0.0, 0.0, 10.0])
-    nearest, ended, found = cut(way, 0, motion, np.array([*body, 0.0]), side, side / 2)
+    nearest, ended, found = clip_path(path, 0, motion, np.array([*body, 0.0]), side, side / 2)
     return nearest, ended, found.tolist()
 
 
 def test_a_plan_begins_where_it_is_nearest_and_has_no_gaps() -> None:
-    way = np.array([[0.55, 2.05], [1.05, 2.05], [1.55, 2.05], [2.05, 2.35]])
-    nearest, ended, found = straight(way, (10.0, 20.0))
+    path = np.array([[0.55, 2.05], [1.05, 2.05], [1.55, 2.05], [2.05, 2.35]])
+    nearest, ended, found = straight(path, (10.0, 20.0))
     assert (nearest, ended) == (1, True)
     assert found[:6] == [[20, 10], [20, 11], [20, 12], [20, 13], [20, 14], [20, 15]]
     assert found[-1] == [23, 20]
     assert all(max(abs(a - c), abs(b - d)) == 1 for (a, b), (c, d) in itertools.pairwise(found))
 
 
-def test_a_plan_is_cut_at_half_the_windows_side() -> None:
-    way = np.column_stack((np.linspace(0.5, 9.0, 80), np.full(80, 2.05)))
-    _, ended, found = straight(way, (8.0, 20.0))
+def test_a_plan_is_clipped_at_half_the_windows_side() -> None:
+    path = np.column_stack((np.linspace(0.5, 9.0, 80), np.full(80, 2.05)))
+    _, ended, found = straight(path, (8.0, 20.0))
     assert not ended and found[-1] == [20, 27]
     assert straight(np.array([[9.0, 9.0]]), (10.0, 20.0)) == (0, False, []), "a plan elsewhere"
 
@@ -258,31 +258,31 @@ def test_a_plan_is_cut_at_half_the_windows_side() -> None:
 @settings(max_examples=50, deadline=None)
 @given(turn=st.floats(-3, 3), x=st.floats(-5, 5), y=st.floats(-5, 5))
 def test_a_plan_is_the_same_whatever_frame_it_is_given_in(turn: float, x: float, y: float) -> None:
-    way = np.column_stack((np.linspace(1.02, 3.03, 30), 1.53 + 0.4 * np.sin(np.linspace(0, 3, 30))))
+    path = np.column_stack((np.linspace(1.02, 3.03, 30), 1.53 + 0.4 * np.sin(np.linspace(0, 3, 30))))
     c, s = math.cos(turn), math.sin(turn)
-    elsewhere = (way - [x, y]) @ np.array([[c, -s], [s, c]])
+    elsewhere = (path - [x, y]) @ np.array([[c, -s], [s, c]])
     body = np.array([14.0, 17.0, 0.0])
-    here = cut(way, 0, np.array([1.0, 0.0, 0.0, 0.0, 10.0]), body, 40, 20.0)
-    there = cut(elsewhere, 0, np.array([c, s, x, y, 10.0]), body, 40, 20.0)
+    here = clip_path(path, 0, np.array([1.0, 0.0, 0.0, 0.0, 10.0]), body, 40, 20.0)
+    there = clip_path(elsewhere, 0, np.array([c, s, x, y, 10.0]), body, 40, 20.0)
     assert here[:2] == there[:2]
     assert np.abs(here[2][[0, -1]] - there[2][[0, -1]]).max() <= 1
     assert abs(len(here[2]) - len(there[2])) <= 3
 
 
-def test_what_has_been_passed_stays_behind_and_the_plan_does_not_jump_to_where_it_comes_back() -> None:
+def test_passed_points_are_not_followed_again_where_the_plan_returns() -> None:
     out = np.column_stack((np.linspace(0.5, 3.5, 61), np.full(61, 2.0)))
     back = np.column_stack((np.linspace(3.5, 0.5, 61), np.full(61, 2.2)))
-    way = np.concatenate([out, back])
+    path = np.concatenate([out, back])
     motion = np.array([1.0, 0.0, 0.0, 0.0, 10.0])
-    nearest, _, _ = cut(way, 0, motion, np.array([10.0, 21.9, 0.0]), 40, 20.0)
+    nearest, _, _ = clip_path(path, 0, motion, np.array([10.0, 21.9, 0.0]), 40, 20.0)
     assert nearest == 10
-    nearest, _, _ = cut(way, 60, motion, np.array([34.0, 20.1, 0.0]), 40, 20.0)
+    nearest, _, _ = clip_path(path, 60, motion, np.array([34.0, 20.1, 0.0]), 40, 20.0)
     assert nearest >= 60
 
 
 @settings(max_examples=150, deadline=None)
 @given(squared=squares, slack=st.sampled_from([-1.0, 1.0, 2.9]), data=st.data())
-def test_the_goal_is_the_plans_last_cell_or_one_that_does_instead(
+def test_the_goal_is_the_plans_last_cell_or_a_free_replacement(
     squared: Int16s, slack: float, data: st.DataObject
 ) -> None:
     rows, columns = squared.shape
@@ -302,7 +302,7 @@ def test_the_goal_is_the_plans_last_cell_or_one_that_does_instead(
         assert goal == last if apart.min() > slack else apart[goal] == apart.min()
 
 
-def test_a_detour_is_what_a_way_is_longer_than_the_plan() -> None:
+def test_a_detour_is_the_length_beyond_the_plan() -> None:
     squared = np.full((20, 20), 9, np.int16)
     squared[0:15, 10] = 0
     plan = cells(*((5, column) for column in range(2, 19)))

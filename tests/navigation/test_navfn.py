@@ -1,4 +1,4 @@
-"""Plans as the original's, point by point; and what every plan must be like."""
+"""Plans of navfn, compared with the original's point by point, and their properties."""
 
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,10 @@ from actors.floor import raster
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.robot.assembly import common_ground
+from actors.robot.assembly import shared_map_data
 from actors.robot.navigation.navfn import NavfnPlanner, global_costs, static_costs
-from actors.robot.navigation.planning import PLANNER_PRESETS, Planner, PlanningParameters, ground
-from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, wave, way_down
+from actors.robot.navigation.planning import PLANNER_PRESETS, GridPlanner, PlanningParameters, planning_grid
+from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, steepest_descent, wave
 from actors.robot.stack import Stack, stack
 from actors.robot_model import load_model
 from actors.settings import ParameterError
@@ -30,20 +30,20 @@ CHAPTER = PLANNER_PRESETS["chapter"]
 MAPS = Path(__file__).parents[2] / "maps"
 ROWS = Path(__file__).parent / "original"
 START, GOAL = Point(1.0, 1.75), Point(8.0, 1.75)
-DOOR = np.array([[4.7, 1.75], [4.75, 1.5], [4.75, 2.0]])  # of a robot that stands in it
+DOOR = np.array([[4.7, 1.75], [4.75, 1.5], [4.75, 2.0]])  # marks of a robot in the door
 
 
 def planner(floor: OccupancyGrid, parameters: PlanningParameters = CHAPTER) -> NavfnPlanner:
     return NavfnPlanner(global_costs(floor, RADIUS, parameters), parameters)
 
 
-def length(way: Floats) -> float:
-    return float(np.hypot(*np.diff(way, axis=0).T).sum())
+def length(path: Floats) -> float:
+    return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
-def is_on_free_cells(floor: OccupancyGrid, way: Floats) -> bool:
+def is_on_free_cells(floor: OccupancyGrid, path: Floats) -> bool:
     costs = global_costs(floor, RADIUS, CHAPTER).costs
-    column, row = np.rint((way - np.array(floor.origin)) / floor.resolution).astype(int).T[:, 1:-1]
+    column, row = np.rint((path - np.array(floor.origin)) / floor.resolution).astype(int).T[:, 1:-1]
     return bool((costs[row, column] < IMPASSABLE).all())
 
 
@@ -60,15 +60,15 @@ def test_costs_potentials_and_plans_are_the_originals(rows: dict[str, NDArray[An
     theirs = np.split(rows["plan_points"].astype(np.float64), rows["plan_start"][1:-1])
     assert len(theirs) == 6
     pairs = zip(rows["starts"].tolist(), rows["goals"].tolist(), strict=True)
-    for (start, goal), way, potential in zip(pairs, theirs, rows["potential"], strict=True):
+    for (start, goal), path, potential in zip(pairs, theirs, rows["potential"], strict=True):
         ours, there = on.path(Point(*start), Point(*goal)), floor.cell(Point(*goal))
-        assert ours is not None and ours.shape == way.shape
-        assert np.abs(ours - way).max() < 1e-5
+        assert ours is not None and ours.shape == path.shape
+        assert np.abs(ours - path).max() < 1e-5
         assert wave(field.costs, floor.cell(Point(*start)), CHAPTER.neutral, there)[there] == potential
 
 
 def gap(cells: int, resolution: float) -> OccupancyGrid:
-    """Two rooms of 2 m by 2 m, and between them a wall of a cell with a gap of so many."""
+    """Return two rooms of 2 m by 2 m, separated by a wall of one cell with a gap of some cells."""
     side = round(2.0 / resolution)
     walls = np.ones((side + 2, 2 * side + 3), dtype=bool)
     walls[1:-1, 1 : side + 1] = walls[1:-1, side + 2 : -1] = False
@@ -79,12 +79,12 @@ def gap(cells: int, resolution: float) -> OccupancyGrid:
 @pytest.mark.parametrize(("resolution", "least"), [(0.05, 7), (0.03125, 11)])
 def test_gaps_from_35_centimetres_on_are_passed(resolution: float, least: int) -> None:
     start, goal = Point(1.0, 1.0), Point(3.2, 1.0)
-    way = planner(gap(least, resolution)).path(start, goal)
-    assert way is not None and tuple(way[-1]) == goal
-    assert length(way) == pytest.approx(2.2, rel=0.05)
+    path = planner(gap(least, resolution)).path(start, goal)
+    assert path is not None and tuple(path[-1]) == goal
+    assert length(path) == pytest.approx(2.2, rel=0.05)
     assert planner(gap(least - 1, resolution)).path(start, goal) is None
     assert (
-        Planner(ground(gap(least, resolution), RADIUS)).path(start, goal) is None
+        GridPlanner(planning_grid(gap(least, resolution), RADIUS)).path(start, goal) is None
     )  # the other method's limit
 
 
@@ -98,31 +98,31 @@ shares = st.floats(0.05, 0.95)
 
 @settings(max_examples=80, deadline=None)
 @given(cells=maps, ends=st.tuples(shares, shares, shares, shares))
-def test_a_way_leads_over_free_cells_from_the_robot_to_the_goal(
+def test_a_path_leads_over_free_cells_from_the_robot_to_the_goal(
     cells: Octets, ends: tuple[float, float, float, float]
 ) -> None:
     floor = OccupancyGrid(cells, 0.1, Point(-1.0, 2.0))
     wide, high = floor.columns * 0.1, floor.rows * 0.1
     start, goal = (Point(-1.0 + x * wide, 2.0 + y * high) for x, y in (ends[:2], ends[2:]))
     on = planner(floor)
-    way, back = on.path(start, goal), on.path(goal, start)
-    if way is None:
+    path, back = on.path(start, goal), on.path(goal, start)
+    if path is None:
         return
     own, there = floor.cell(start), floor.cell(goal)
-    assert way[0] == pytest.approx((-1.0 + own.column * 0.1, 2.0 + own.row * 0.1))
-    end = Point(*way[-1])
-    assert is_on_free_cells(floor, way)
-    assert np.hypot(*np.diff(way[:-1], axis=0).T).max(initial=0) < 0.1 * 2**0.5 + 1e-9
-    assert length(way) >= Point(*way[0]).distance_to(end) - 1e-9
+    assert path[0] == pytest.approx((-1.0 + own.column * 0.1, 2.0 + own.row * 0.1))
+    end = Point(*path[-1])
+    assert is_on_free_cells(floor, path)
+    assert np.hypot(*np.diff(path[:-1], axis=0).T).max(initial=0) < 0.1 * 2**0.5 + 1e-9
+    assert length(path) >= Point(*path[0]).distance_to(end) - 1e-9
     if end != goal:
         assert end.distance_to(goal) <= 0.5 * 2**0.5 + 1e-9
         assert global_costs(floor, RADIUS, CHAPTER).costs[there] == IMPASSABLE or there != floor.cell(end)
     elif back is not None and Point(*back[-1]) == start:
-        # each wave counts the cells that it enters; and a way to a corner of a cell may be a cell longer
-        assert length(way) == pytest.approx(length(back), rel=0.35, abs=0.4)
+        # each wave counts entered cells, and a path to a cell's corner may be a cell longer
+        assert length(path) == pytest.approx(length(back), rel=0.35, abs=0.4)
 
 
-def test_a_way_leads_around_a_mark_and_not_through_its_inflation() -> None:
+def test_a_path_leads_around_a_mark_and_not_through_its_inflation() -> None:
     on = planner(TWO_ROOMS)
     straight, mark = on.path(START, GOAL), np.array([[2.5, 1.75]])
     diverted = on.path(START, GOAL, mark)
@@ -140,13 +140,13 @@ def test_a_way_leads_around_a_mark_and_not_through_its_inflation() -> None:
 def test_a_goal_in_a_wall_beyond_it_or_on_a_mark_becomes_the_nearest_free_point(
     goal: Point, end: Point
 ) -> None:
-    way = planner(TWO_ROOMS).path(START, goal)
-    assert way is not None and tuple(way[-1]) == pytest.approx(end)
-    way = planner(TWO_ROOMS).path(START, GOAL, np.array([GOAL]))
-    assert way is not None and Point(*way[-1]).distance_to(GOAL) == pytest.approx(0.2, abs=0.05)
+    path = planner(TWO_ROOMS).path(START, goal)
+    assert path is not None and tuple(path[-1]) == pytest.approx(end)
+    path = planner(TWO_ROOMS).path(START, GOAL, np.array([GOAL]))
+    assert path is not None and Point(*path[-1]).distance_to(GOAL) == pytest.approx(0.2, abs=0.05)
 
 
-def test_where_there_is_no_way() -> None:
+def test_unreachable_goals_have_no_path() -> None:
     on = planner(TWO_ROOMS)
     for start in (Point(-3.0, 1.0), Point(0.3, 1.0), Point(9.99, 3.49)):
         assert on.path(start, GOAL) is None
@@ -158,11 +158,11 @@ def test_where_there_is_no_way() -> None:
     assert planner(OccupancyGrid(cells, 0.05)).path(START, GOAL) is None
 
 
-def test_a_robot_with_room_beside_it_comes_away_from_the_wall() -> None:
-    way = planner(TWO_ROOMS).path(Point(0.38, 1.0), GOAL)  # in the last cell that is too near
+def test_a_robot_with_a_free_neighbour_cell_leaves_the_wall() -> None:
+    path = planner(TWO_ROOMS).path(Point(0.38, 1.0), GOAL)  # in the last cell that is too near
     assert global_costs(TWO_ROOMS, RADIUS, CHAPTER).costs[20, 7] == IMPASSABLE
-    assert way is not None and tuple(way[0]) == pytest.approx((0.35, 1.0))
-    assert is_on_free_cells(TWO_ROOMS, way)
+    assert path is not None and tuple(path[0]) == pytest.approx((0.35, 1.0))
+    assert is_on_free_cells(TWO_ROOMS, path)
 
 
 def test_costs_are_computed_once_per_map_and_body() -> None:
@@ -181,9 +181,9 @@ def test_marks_at_walls_and_beyond_the_map_change_nothing() -> None:
 
 def test_robots_have_the_costs_of_the_method_that_they_plan_by() -> None:
     model = load_model("turtlebot2", "chapter")
-    chapter = common_ground(TWO_ROOMS, model, stack({"navigation": {"preset": "chapter"}}))
+    chapter = shared_map_data(TWO_ROOMS, model, stack({"navigation": {"preset": "chapter"}}))
     assert chapter.costs is global_costs(TWO_ROOMS, model.footprint.circumradius, CHAPTER)
-    assert common_ground(TWO_ROOMS, model, Stack(planner=PLANNER_PRESETS["robust"])).costs is None
+    assert shared_map_data(TWO_ROOMS, model, Stack(planner=PLANNER_PRESETS["robust"])).costs is None
 
 
 IDLE = ', but must be absent where planner.method is "{}", which does not use it'
@@ -199,7 +199,7 @@ IDLE = ', but must be absent where planner.method is "{}", which does not use it
         ({"method": "grid", "allowance": 0.0}, "allowance is 0.0" + IDLE.format("grid")),
     ],
 )
-def test_what_is_wrong_among_the_parameters_is_said(change: dict[str, Any], fault: str) -> None:
+def test_invalid_parameters_are_reported(change: dict[str, Any], fault: str) -> None:
     with pytest.raises(ParameterError) as raised:
         replace(CHAPTER, **change)
     assert str(raised.value) == f"PlanningParameters.{fault}"
@@ -224,7 +224,7 @@ navfn_potential_maps = (
 
 @settings(max_examples=100, deadline=None)
 @given(costs=navfn_potential_maps, data=st.data())
-def test_a_wave_reaches_every_connected_cell_and_a_way_leads_down_from_each(
+def test_a_wave_reaches_every_connected_cell_and_a_path_descends_from_each(
     costs: Octets, data: st.DataObject
 ) -> None:
     rows, columns = costs.shape
@@ -241,21 +241,21 @@ def test_a_wave_reaches_every_connected_cell_and_a_way_leads_down_from_each(
         # from 0.704, where the front comes diagonally, to 1.0046, as the fit has it where it comes straight
         assert low + 0.7039 * cost <= field[row, column] <= low + 1.0047 * cost
     row, column = data.draw(st.sampled_from(np.argwhere(field < UNREACHED).tolist()))
-    way = way_down(field, row, column, 50)
-    assert tuple(way[0]) == (row, column) and tuple(way[-1]) == root
-    row, column = np.rint(way).astype(int).T
+    path = steepest_descent(field, row, column, 50)
+    assert tuple(path[0]) == (row, column) and tuple(path[-1]) == root
+    row, column = np.rint(path).astype(int).T
     assert (field[row, column] < UNREACHED).all()
 
 
-def test_a_way_longer_than_the_original_follows_is_followed_to_its_end() -> None:
+def test_a_path_longer_than_the_originals_limit_is_complete() -> None:
     costs = closed(np.full((43, 12), 50, np.uint8))
     for wall in range(2, 41, 4):
         costs[wall, 1:-2] = costs[wall + 2, 2:-1] = IMPASSABLE
-    way = way_down(wave(costs, (1, 1), 50), 41, 1, 50)
-    assert tuple(way[-1]) == (1, 1) and len(way) > 4 * 12
+    path = steepest_descent(wave(costs, (1, 1), 50), 41, 1, 50)
+    assert tuple(path[-1]) == (1, 1) and len(path) > 4 * 12
 
 
-def test_a_wave_ends_as_it_comes_to_a_cell() -> None:
+def test_a_wave_ends_at_a_given_cell() -> None:
     costs = closed(np.full((61, 61), 50, np.uint8))
     field = wave(costs, (30, 30), 50, (30, 40))
     assert field[30, 40] < UNREACHED

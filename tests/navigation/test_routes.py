@@ -1,4 +1,4 @@
-"""Ways between points of the own map, and the doors and regions on it."""
+"""Paths, doors and regions on a robot's map, and its random places."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -12,31 +12,31 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import Area, PlacementError
 from actors.geometry import Point
 from actors.randomness import generator
-from actors.robot.navigation.planning import ground
+from actors.robot.navigation.planning import planning_grid
 from actors.robot.navigation.routes import ReachableFloor, Routes, routes
 from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177
 CORRIDOR_PLAN = load_map(Path(__file__).parents[2] / "maps" / "corridor.yaml")
-CORRIDOR = ground(CORRIDOR_PLAN, RADIUS)
-ROOMS = ground(TWO_ROOMS, RADIUS)
+CORRIDOR = planning_grid(CORRIDOR_PLAN, RADIUS)
+ROOMS = planning_grid(TWO_ROOMS, RADIUS)
 WEST, EAST, DOOR = Point(2.0, 1.7), Point(8.0, 1.7), Point(4.87, 1.75)
 APART = plan("#########\n#   #   #\n#   #   #\n#   #   #\n#   #   #\n#########")
 
 
-def test_the_length_is_that_of_the_way_and_at_most_eight_percent_too_long() -> None:
+def test_the_length_is_that_of_the_path_and_at_most_eight_percent_too_long() -> None:
     on = routes(ROOMS)
-    length, way = on.length(WEST, EAST), on.path(WEST, EAST)
-    assert length is not None and way is not None
+    length, path = on.length(WEST, EAST), on.path(WEST, EAST)
+    assert length is not None and path is not None
     assert length == pytest.approx(6.0, abs=0.2)
-    assert way[0].distance_to(WEST) < 0.1 and way[-1].distance_to(EAST) < 0.1
-    steps = sum(a.distance_to(b) for a, b in pairwise(way))
+    assert path[0].distance_to(WEST) < 0.1 and path[-1].distance_to(EAST) < 0.1
+    steps = sum(a.distance_to(b) for a, b in pairwise(path))
     assert length == pytest.approx(steps, rel=0.011)
     aslant = on.length(Point(1.0, 0.6), Point(3.0, 1.4))
     assert aslant is not None and 1.0 <= aslant / Point(1.0, 0.6).distance_to(Point(3.0, 1.4)) < 1.15
 
 
-def test_it_is_as_far_there_as_back() -> None:
+def test_lengths_are_symmetric() -> None:
     on, numbers = routes(CORRIDOR), generator(3, "test", "ways")
     floor = ReachableFloor(CORRIDOR, RADIUS, Point(12.0, 5.0), (), numbers)
     points = [floor.random_place() for _ in range(12)]
@@ -47,8 +47,8 @@ def test_it_is_as_far_there_as_back() -> None:
             assert there is not None and back is not None and sorted(there) == sorted(back)
 
 
-def test_where_no_way_leads_there_is_none() -> None:
-    on = routes(ground(APART, RADIUS))
+def test_unreachable_points_have_no_length() -> None:
+    on = routes(planning_grid(APART, RADIUS))
     west, east = Point(0.75, 0.75), Point(1.75, 0.75)
     assert on.length(west, east) is None and on.path(west, east) is None
     assert on.doors_between(west, east) is None
@@ -66,7 +66,7 @@ def test_two_rooms_have_a_door_between_them() -> None:
     assert on.door(WEST) is None and on.region(Point(0.0, 0.0)) is None and on.door(Point(99.0, 0.0)) is None
 
 
-def test_a_way_goes_through_a_door_begins_in_it_ends_in_it_or_passes_it_by() -> None:
+def test_doors_of_a_path_include_those_at_its_ends() -> None:
     on = routes(ROOMS)
     assert (
         on.doors_between(WEST, EAST) == on.doors_between(DOOR, EAST) == on.doors_between(WEST, DOOR) == (0,)
@@ -75,7 +75,7 @@ def test_a_way_goes_through_a_door_begins_in_it_ends_in_it_or_passes_it_by() -> 
     assert on.doors_between(Point(4.2, 0.8), Point(4.2, 2.7)) == ()
 
 
-def test_the_corridor_has_two_offices_four_halls_and_five_narrow_places() -> None:
+def test_the_corridor_has_two_offices_four_halls_and_five_doors() -> None:
     on = routes(CORRIDOR)
     assert on.regions.count == 6
     assert sorted(door.regions for door in on.regions.doors) == [(1, 4), (2, 5), (3, 4), (4, 5), (5, 6)]
@@ -99,7 +99,7 @@ def test_robots_of_one_process_share_a_bounded_number_of_fields(monkeypatch: pyt
 COARSE = OccupancyGrid(
     np.kron(TWO_ROOMS.cells[::5, ::5], np.ones((2, 2), dtype=np.uint8)), TWO_ROOMS.resolution * 5
 )
-"""The same rooms twice as large, of cells as wide as a robot."""
+"""The same rooms twice as large, with cells as wide as a robot."""
 WESTERN = Area("west", 1.0, 1.0, 3.0, 2.0)
 NORTH = Area("north", 2.0, 1.5, 4.0, 2.5)
 """Shares 1 m by 0.5 m with WESTERN."""
@@ -109,7 +109,7 @@ START = Point(1.0, 1.0)
 def floor(
     grid: OccupancyGrid, *areas: Area, start: Point = START, robot: str = "r1", radius: float = RADIUS
 ) -> ReachableFloor:
-    return ReachableFloor(ground(grid, radius), radius, start, areas, generator(5, "behaviour", robot))
+    return ReachableFloor(planning_grid(grid, radius), radius, start, areas, generator(5, "behaviour", robot))
 
 
 def draws(of: ReachableFloor, count: int) -> list[Point]:
@@ -137,9 +137,9 @@ def test_the_robot_can_stand_and_get_there(grid: OccupancyGrid, start: Point, ra
 
 
 def test_points_are_uniform_over_the_union_of_areas() -> None:
-    # the overlap is 0.5 of 3.5 m², in no way more likely for lying in two areas
+    # the overlap is 0.5 of 3.5 m², no more likely for lying in two areas
     places = draws(floor(TWO_ROOMS, WESTERN, NORTH), 3500)
-    assert draws(floor(TWO_ROOMS, NORTH, WESTERN), 50) == places[:50], "whatever the order of the areas"
+    assert draws(floor(TWO_ROOMS, NORTH, WESTERN), 50) == places[:50], "independent of the order of areas"
     assert draws(floor(TWO_ROOMS, WESTERN, NORTH, robot="r2"), 50) != places[:50]
     counts = [0, 0, 0]
     for place in places:
@@ -160,7 +160,7 @@ def test_without_areas_all_reachable_floor_counts_and_no_more() -> None:
     assert min(both) < 4.0 and max(both) > 6.0
 
 
-def test_areas_out_of_reach_are_one_sentence() -> None:
+def test_unreachable_areas_give_one_sentence() -> None:
     wall = Area("wall", 0.0, 0.0, 0.4, 0.4)
     with pytest.raises(PlacementError) as caught:
         floor(TWO_ROOMS, wall).random_place()
@@ -170,6 +170,6 @@ def test_areas_out_of_reach_are_one_sentence() -> None:
     )
 
 
-def test_a_start_where_planning_would_not_let_it_stand_is_as_good_as_the_nearest_that_would() -> None:
+def test_an_occupied_start_is_replaced_by_the_nearest_free_cell() -> None:
     places = draws(floor(TWO_ROOMS, WESTERN, start=Point(0.25 + RADIUS, 1.0)), 3)
     assert all(within(WESTERN, place) for place in places)

@@ -17,7 +17,7 @@ from acrc_testbed.run_model.simulated_runs import read_run
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.foreign import INSTALLED, Permit
+from actors.robot.behaviour.code_permit import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
 from actors.runtime.replay_bus import ReplayError
 from deploy.run import swarm

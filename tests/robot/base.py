@@ -1,4 +1,4 @@
-"""A base for closed loops in tests: follows commands within limits, and casts rays by small strides."""
+"""Simulated base for closed-loop tests: follows commands within limits, and casts rays in small steps."""
 
 import math
 

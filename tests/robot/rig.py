@@ -1,4 +1,4 @@
-"""Behaviours, right and wrong, for tests to load by their entry strings."""
+"""Fakes and behaviours, valid and invalid, for tests of the robot."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -17,9 +17,9 @@ from actors.robot.localisation import DeadReckoning
 from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters, Navigator
-from actors.robot.navigation.planning import Planner, ground
+from actors.robot.navigation.planning import GridPlanner, planning_grid
 from actors.robot.navigation.steering import BaseLocalPlanner, DwaParameters, Steering
-from actors.robot.sweep import Sweep, Sweeps
+from actors.robot.sweep import OdometryBuffer, Sweep
 from actors.runtime.core import Output
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
@@ -56,7 +56,7 @@ def keeper(start: Start) -> Behaviour:
     return Scripted(Decision(GoalOrder.KEEP))
 
 
-FLOOR = ground(TWO_ROOMS, 0.177)
+FLOOR = planning_grid(TWO_ROOMS, 0.177)
 START = Pose(1.0, 1.0, 0.0)
 LIMITS = RobotLimits()
 HEARD = Heard(90, 2, -60.0, 255, b"hello")
@@ -87,9 +87,9 @@ class Robot:
         self.base = FakeBase(TWO_ROOMS, kind, START)
         local = CostMap(kind.sensor, 0.177)
         local_planner = DwaLocalPlanner(local, kind.drive, DwaParameters())
-        navigation = Navigator(Planner(FLOOR), local, local_planner)
+        navigation = Navigator(GridPlanner(FLOOR), local, local_planner)
         self.localisation = Masked(START)
-        parts = RobotParts(Sweeps(kind.sensor), self.localisation, navigation, self.behaviour)
+        parts = RobotParts(OdometryBuffer(kind.sensor), self.localisation, navigation, self.behaviour)
         self.core = RobotCore(
             "r1", parts, entry="my.study:behaviour", first_step=first_step, step_us=100_000, limits=limits
         )
@@ -114,7 +114,7 @@ def refusal(robot: Robot, **messages: Message) -> str:
 
 
 WEST, FAR = Point(1.0, 1.0), Point(9.0, 3.0)
-NOWHERE = Point(30.0, 1.0)
+NO_COMMAND = Point(30.0, 1.0)
 AHEAD = Twist(0.5, 0.0, 0.0)
 CHAPTER, CLEARING = NAVIGATION_PRESETS["chapter"], NavigationParameters(reset_distance=3.0)
 ACTIVE, SUCCEEDED, ABORTED = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.ABORTED
@@ -123,7 +123,7 @@ SHIFT = Pose(-3.0, 2.0, 1.0)
 """The map's origin in the odometry frame."""
 
 
-class Told(Planner):
+class Told(GridPlanner):
     def __init__(self) -> None:
         super().__init__(FLOOR)
         self.finds = True
@@ -139,7 +139,7 @@ class Obedient:
 
     def __init__(self) -> None:
         self.valid = True
-        self.ways: list[Floats] = []
+        self.paths: list[Floats] = []
         self.begun = 0
         self.asked: list[Instant] = []
         self.found = self.arrives = True
@@ -147,11 +147,11 @@ class Obedient:
     def begin(self) -> None:
         self.begun += 1
 
-    def follow(self, way: Floats) -> None:
-        self.ways.append(way)
+    def follow(self, path: Floats) -> None:
+        self.paths.append(path)
 
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
-        return self.arrives and estimate.point.distance_to(Point(*self.ways[-1][-1])) <= 0.15
+        return self.arrives and estimate.point.distance_to(Point(*self.paths[-1][-1])) <= 0.15
 
     def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         self.asked.append(instant)
@@ -166,7 +166,7 @@ class Memory:
         self.behind = True
 
     def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
-        """Needs no scan."""
+        """Do nothing: scans are not used."""
 
     def clear(self, beyond: float) -> None:
         self.cleared.append(beyond)
@@ -179,7 +179,7 @@ class Memory:
 
 
 def navigator(
-    planner: Planner, local: Memory, local_planner: Obedient, parameters: NavigationParameters = CHAPTER
+    planner: GridPlanner, local: Memory, local_planner: Obedient, parameters: NavigationParameters = CHAPTER
 ) -> Navigator:
     return Navigator(planner, cast(CostMap, local), cast(BaseLocalPlanner, local_planner), parameters)
 
@@ -199,9 +199,9 @@ class Trip:
         self.navigation.sense(at_step(self.step), here, None)
         twist = self.navigation.advance(at_step(self.step), here, estimate, STILL, bumped)
         if self.drifts and twist == AHEAD:
-            way = self.local_planner.ways[-1]
-            nearest = int(np.hypot(*(way - np.array(self.place)).T).argmin())
-            self.place = Point(*way[min(nearest + 1, len(way) - 1)].tolist())
+            path = self.local_planner.paths[-1]
+            nearest = int(np.hypot(*(path - np.array(self.place)).T).argmin())
+            self.place = Point(*path[min(nearest + 1, len(path) - 1)].tolist())
         self.step += 1
         return twist
 

@@ -1,4 +1,4 @@
-"""The robot's core: which messages it awaits, what it answers, and what it refuses."""
+"""The robot's core: inputs, outputs, and rejected messages."""
 
 import math
 from typing import Any
@@ -28,7 +28,7 @@ from actors.messages import (
 from actors.robot.behaviour.decisions import RobotLimits
 from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.ports import Decision, Goal, GoalOrder, GoalPhase, GoalStatus, View
-from actors.robot.sweep import Sweeps
+from actors.robot.sweep import OdometryBuffer
 from actors.runtime.core import Output, at, to
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message
@@ -37,7 +37,7 @@ from tests.robot.base import model
 from tests.robot.rig import HEARD, START, Robot, Scripted, refusal
 
 
-def test_it_awaits_senses_and_then_received_only_if_there_are_events() -> None:
+def test_received_is_awaited_only_if_senses_counts_events() -> None:
     robot = Robot()
     assert robot.core.listens() == (at(SENSES, "r1"), at(RECEIVED, "r1"))
     assert robot.core.missing({}) == (at(SENSES, "r1"),)
@@ -48,13 +48,13 @@ def test_it_awaits_senses_and_then_received_only_if_there_are_events() -> None:
     assert robot.core.missing(both) == ()
 
 
-def test_a_quiet_step_gives_one_drive() -> None:
+def test_a_step_without_frames_outputs_one_drive() -> None:
     robot = Robot()
     assert robot.take_step() == (to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 0, pose=START), "r1"),)
     assert robot.core.step == 1 and not robot.core.finished
 
 
-def test_frames_go_out_before_drive_which_counts_them_and_carries_the_word_on_places() -> None:
+def test_frames_precede_drive_which_counts_them_and_carries_reports() -> None:
     frames = (Outgoing(5, 0, b"a"), Outgoing(6, 99_999, bytes(FRAME_DATA_LIMIT)))
     reports = (PlaceReport("r1", 4, 50_000),)
     given_up = (PlaceGivenUp("r1", 3, 60_000, "door shut"),)
@@ -66,7 +66,7 @@ def test_frames_go_out_before_drive_which_counts_them_and_carries_the_word_on_pl
     )
 
 
-def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_robot() -> None:
+def test_view_has_pose_motion_goal_and_radio_and_goal_moves_the_robot() -> None:
     goal = Point(3.0, 1.0)
     robot = Robot(Decision(goal))
     robot.take_step(HEARD, Sent(95, 1))
@@ -87,7 +87,7 @@ def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_r
 
 
 @pytest.mark.parametrize("events", [(), (HEARD,)])
-def test_halt_is_taken_in_without_an_answer(events: tuple[Heard, ...]) -> None:
+def test_halt_has_no_answer(events: tuple[Heard, ...]) -> None:
     robot = Robot()
     senses = Senses(0, 0, len(events), Odometry(0, 0, 0, 0, 0, 0), 0, None, halt=True)
     inputs: dict[str, Message] = {"swarm/down/r1/senses": senses}
@@ -97,7 +97,7 @@ def test_halt_is_taken_in_without_an_answer(events: tuple[Heard, ...]) -> None:
     assert robot.core.finished and robot.behaviour.views == []
 
 
-def test_messages_of_another_step_or_sensor_are_refused() -> None:
+def test_messages_of_another_step_or_sensor_are_rejected() -> None:
     robot = Robot(first_step=7)
     assert refusal(robot, senses=robot.base.senses(6)) == (
         "step 7: r1 received Senses of step 6; it should be of step 7 or later"
@@ -114,7 +114,7 @@ def test_messages_of_another_step_or_sensor_are_refused() -> None:
     )
 
 
-def test_a_robot_that_was_frozen_goes_on_with_the_step_that_the_world_is_in() -> None:
+def test_a_frozen_robot_continues_with_the_worlds_step() -> None:
     robot = Robot()
     robot.take_step()
     inputs = {
@@ -144,7 +144,7 @@ def test_pausing_and_peers_reach_navigation_and_localisation() -> None:
     assert not robot.localisation.told
 
 
-def test_backing_out_and_looking_for_itself_reach_navigation_and_localisation() -> None:
+def test_backing_out_and_relocalising_reach_navigation_and_localisation() -> None:
     robot = Robot(Decision(Point(3.0, 1.0)))
     for _ in range(20):
         robot.take_step()
@@ -162,7 +162,7 @@ def test_backing_out_and_looking_for_itself_reach_navigation_and_localisation() 
     assert not view.backing_out and view.plan is None and robot.base.pose.x < there - 0.1
 
 
-def test_an_error_in_a_behaviour_is_passed_on_with_a_note_of_where() -> None:
+def test_an_error_in_a_behaviour_is_passed_on_with_its_location() -> None:
     robot = Robot(KeyError("mine"), first_step=4)
     with pytest.raises(KeyError) as caught:
         robot.take_step()
@@ -174,9 +174,9 @@ class Talkative(Scripted):
         return self.decision
 
 
-def test_a_behaviour_may_say_something_about_its_run() -> None:
+def test_a_behaviour_may_have_an_outcome() -> None:
     robot = Robot()
-    assert list(robot.core.outcome()) == ["localisation", "navigation"]  # it need not
+    assert list(robot.core.outcome()) == ["localisation", "navigation"]  # optional
     outcome = Robot(behaviour=Talkative({"study": {"detours": 3}})).core.outcome()
     assert list(outcome) == ["localisation", "navigation", "study"]
     assert outcome["study"] == {"detours": 3}
@@ -193,7 +193,7 @@ def test_a_behaviour_may_say_something_about_its_run() -> None:
         ({"navigation": {}}, "returned an outcome with the reserved name 'navigation'; choose another name"),
     ],
 )  # fmt: skip
-def test_an_outcome_that_cannot_be_kept_is_named(said: object, fault: str) -> None:
+def test_an_invalid_outcome_is_reported(said: object, fault: str) -> None:
     robot = Robot(behaviour=Talkative(said), first_step=4)
     with refused(f"step 4: behaviour 'my.study:behaviour' of r1 {fault}", BehaviourError):
         robot.core.outcome()
@@ -211,7 +211,7 @@ def test_equal_inputs_give_equal_outputs() -> None:
 
 WHERE = "step 4 (0.4 s): behaviour 'my.study:behaviour' of r1 "
 ANY: Any = Decision
-"""Takes arguments of wrong types, too."""
+"""Decision without type checks of its arguments."""
 GOAL = "it should be a Point of finite numbers or a GoalOrder"
 WITHIN = "from 400000 to 499999 µs"
 DATA = Outgoing(0, 450_000, b"x")
@@ -272,7 +272,7 @@ def frame(**changed: object) -> Decision:
         (ANY(peers=(Point(1.0, 2.0),) * 4), "returned 4 peers; at most 3 are allowed"),
     ],
 )  # fmt: skip
-def test_what_a_behaviour_must_not_ask_for_is_named(decision: object, fault: str) -> None:
+def test_an_invalid_decision_is_reported(decision: object, fault: str) -> None:
     limits = RobotLimits(frames=3, reports=2, given_up=2, route=4, peers=3)
     robot = Robot(decision, first_step=4, limits=limits)
     with refused(WHERE + fault, BehaviourError):
@@ -283,8 +283,8 @@ KIND = model(rays=8)
 RANGES = bytes(range(16))
 
 
-def _sweeps(*poses: tuple[int, float, float]) -> Sweeps:
-    sweeps = Sweeps(KIND.sensor)
+def _sweeps(*poses: tuple[int, float, float]) -> OdometryBuffer:
+    sweeps = OdometryBuffer(KIND.sensor)
     for instant, x, heading in poses:
         assert sweeps.take(Instant(instant), Pose(x, 0.0, heading), None) is None
     return sweeps
@@ -303,7 +303,7 @@ def test_pose_is_that_of_the_stamp(stamp: int, x: float) -> None:
     assert sweep.ranges_mm.tobytes() == RANGES
 
 
-def test_heading_goes_the_short_way_round() -> None:
+def test_heading_is_interpolated_along_the_shorter_arc() -> None:
     sweeps = _sweeps((0, 0.0, math.pi - 0.1))
     sweep = sweeps.take(Instant(100), Pose(0.0, 0.0, 0.1 - math.pi), Scan(75, RANGES))
     assert sweep is not None
@@ -313,4 +313,4 @@ def test_heading_goes_the_short_way_round() -> None:
     assert latest is not None and latest.pose.x == 2.0
     assert sweeps.placed(Scan(150, RANGES)).pose.x == 1.5
     with refused("received a scan of 18 bytes; the robot's range sensor with 8 rays should send 16"):
-        Sweeps(KIND.sensor).take(Instant(0), Pose(0.0, 0.0, 0.0), Scan(0, RANGES + b"12"))
+        OdometryBuffer(KIND.sensor).take(Instant(0), Pose(0.0, 0.0, 0.0), Scan(0, RANGES + b"12"))

@@ -1,4 +1,4 @@
-"""Stories of goals: reached, replaced, cancelled, paused, retreated from."""
+"""Goals: reached, replaced, cancelled, paused, aborted, with retreats."""
 
 from typing import cast
 
@@ -16,7 +16,19 @@ from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.sweep import Sweep
 from tests.robot.base import at_step, model
-from tests.robot.rig import ABORTED, ACTIVE, AHEAD, CHAPTER, FAR, HERE, NOWHERE, SHIFT, SUCCEEDED, WEST, Trip
+from tests.robot.rig import (
+    ABORTED,
+    ACTIVE,
+    AHEAD,
+    CHAPTER,
+    FAR,
+    HERE,
+    NO_COMMAND,
+    SHIFT,
+    SUCCEEDED,
+    WEST,
+    Trip,
+)
 
 
 def test_a_goal_is_followed_to_within_the_tolerance() -> None:
@@ -31,14 +43,14 @@ def test_a_goal_is_followed_to_within_the_tolerance() -> None:
     assert (trip.count("goals"), trip.count("succeeded")) == (1, 1)
 
 
-def test_the_way_is_planned_anew_every_second() -> None:
+def test_the_path_is_replanned_every_second() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(41)
     assert len(trip.local_planner.ways) == 5 and trip.local_planner.begun == 1
 
 
 @pytest.mark.parametrize("preset", NAVIGATION_PRESETS)
-def test_who_drives_goes_on_along_the_old_way_while_there_is_no_new_one(preset: str) -> None:
+def test_the_old_path_is_followed_while_there_is_no_new_one(preset: str) -> None:
     trip = Trip(NAVIGATION_PRESETS[preset]).goes_to(FAR)
     trip.take_step()
     plan = trip.navigation.plan
@@ -50,7 +62,7 @@ def test_who_drives_goes_on_along_the_old_way_while_there_is_no_new_one(preset: 
     assert trip.navigation.goal == Goal(FAR, SUCCEEDED) and trip.count("recoveries") == 0
 
 
-def test_a_spell_ends_with_the_run_or_with_the_order_that_cancels_the_goal() -> None:
+def test_an_interval_ends_with_the_run_or_with_a_cancellation() -> None:
     trip = Trip().goes_to(FAR)
     trip.local_planner.valid = False
     trip.steps(4)
@@ -61,7 +73,7 @@ def test_a_spell_ends_with_the_run_or_with_the_order_that_cancels_the_goal() -> 
     assert trip.count("cancelled") == 1
 
 
-def test_the_local_planner_says_when_the_goal_is_reached_and_is_not_asked_for_a_command_then() -> None:
+def test_no_command_is_requested_once_the_local_planner_has_reached_the_goal() -> None:
     trip = Trip().goes_to(FAR)
     trip.local_planner.arrives = False
     trip.steps(250)
@@ -72,7 +84,7 @@ def test_the_local_planner_says_when_the_goal_is_reached_and_is_not_asked_for_a_
     assert len(trip.local_planner.asked) == asked
 
 
-def test_a_goal_is_not_reached_before_there_is_a_way_to_it() -> None:
+def test_a_goal_is_not_reached_before_there_is_a_path() -> None:
     trip = Trip().goes_to(WEST)
     trip.planner.finds = False
     trip.steps(3)
@@ -82,7 +94,7 @@ def test_a_goal_is_not_reached_before_there_is_a_way_to_it() -> None:
     assert trip.navigation.goal == Goal(WEST, SUCCEEDED)
 
 
-def test_a_new_goal_has_all_patience_and_recoveries_and_a_way_at_once() -> None:
+def test_a_new_goal_resets_timeouts_and_recoveries_and_plans_at_once() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
@@ -106,7 +118,7 @@ def test_keeping_changes_nothing_and_a_new_point_replaces_the_goal() -> None:
     assert Point(*trip.local_planner.ways[-1][-1]) == near and trip.local_planner.begun == 2
 
 
-def test_a_paused_robot_stands_for_as_long_as_it_takes_and_then_goes_on() -> None:
+def test_a_paused_robot_stands_without_timeout_until_resumed() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(3)
     trip.navigation.take(GoalOrder.KEEP, True)
@@ -119,7 +131,7 @@ def test_a_paused_robot_stands_for_as_long_as_it_takes_and_then_goes_on() -> Non
     assert trip.count("paused") == [(at_step(2), at_step(502)), (at_step(503), None)]
 
 
-def test_a_goal_given_to_a_paused_robot_waits_and_saying_it_twice_changes_nothing() -> None:
+def test_a_goal_of_a_paused_robot_waits_and_repeated_pauses_have_no_effect() -> None:
     trip = Trip()
     trip.navigation.take(FAR, True)
     assert trip.take_step() == STILL and trip.phase is GoalPhase.PAUSED
@@ -131,10 +143,10 @@ def test_a_goal_given_to_a_paused_robot_waits_and_saying_it_twice_changes_nothin
     assert trip.navigation.goal == Goal(near, ACTIVE, None, GoalPhase.CONTROLLING, at_step(2))
     trip.navigation.take(GoalOrder.KEEP, False)
     trip.take_step()
-    assert trip.navigation.goal.since == at_step(2), "not begun anew"
+    assert trip.navigation.goal.since == at_step(2), "not restarted"
 
 
-def test_marks_reach_the_plan_in_the_frame_of_the_map_if_it_is_to_know_them() -> None:
+def test_marks_reach_the_planner_in_the_map_frame_if_enabled() -> None:
     door = np.array([[4.7, 1.75], [4.75, 1.6], [4.75, 1.9]])
     for marking, status in ((False, ACTIVE), (True, ABORTED)):
         trip = Trip(NavigationParameters(mark_robots=marking)).goes_to(FAR)
@@ -143,14 +155,14 @@ def test_marks_reach_the_plan_in_the_frame_of_the_map_if_it_is_to_know_them() ->
         assert trip.status is status
 
 
-def test_somebody_in_a_far_door_stops_nobody_who_is_on_the_way_to_it() -> None:
+def test_a_robot_in_a_distant_door_does_not_stop_one_that_approaches_it() -> None:
     trip = Trip(NAVIGATION_PRESETS["robust"]).goes_to(FAR)
     trip.take_step()
     trip.map.marked = np.array([SHIFT.compose(Pose(4.7, y, 0.0))[:2] for y in (1.4, 1.6, 1.75, 1.9, 2.1)])
     assert trip.steps(60) == [AHEAD] * 60
 
 
-def test_a_robot_that_touches_something_backs_away_and_goes_on() -> None:
+def test_a_robot_backs_away_after_a_contact_and_continues() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(3)
     backward = Twist(-0.1, 0.0, 0.0)
@@ -162,7 +174,7 @@ def test_a_robot_that_touches_something_backs_away_and_goes_on() -> None:
     assert trip.count("retreats") == 1
 
 
-def test_a_retreat_ends_in_time_and_does_not_begin_with_something_behind() -> None:
+def test_a_retreat_has_a_timeout_and_needs_free_space_behind() -> None:
     trip = Trip().goes_to(FAR)
     trip.take_step(bumped=True)
     assert [twist.vx < 0 for twist in trip.steps(35)] == [True] * 29 + [False] * 6
@@ -176,7 +188,7 @@ def test_a_robot_without_a_goal_stands_and_does_not_retreat() -> None:
     assert (trip.take_step(), trip.take_step(bumped=True), trip.navigation.goal) == (STILL, STILL, None)
 
 
-def test_every_goal_is_listed_with_what_became_of_it() -> None:
+def test_every_goal_is_listed_with_its_outcome() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(3)
     trip.goes_to(WEST).steps(2)
@@ -189,10 +201,10 @@ def test_every_goal_is_listed_with_what_became_of_it() -> None:
     ]
 
 
-def test_without_a_way_the_spell_lasts_through_further_attempts() -> None:
-    trip = Trip().goes_to(NOWHERE)
+def test_an_interval_without_path_spans_further_attempts() -> None:
+    trip = Trip().goes_to(NO_COMMAND)
     trip.steps(30)
-    trip.goes_to(NOWHERE).steps(30)
+    trip.goes_to(NO_COMMAND).steps(30)
     (spell,) = cast(list[tuple[int, int]], trip.count("without_plan"))
     assert spell[1] - spell[0] > seconds(5)
     trip.goes_to(FAR).steps(2)
@@ -201,7 +213,7 @@ def test_without_a_way_the_spell_lasts_through_further_attempts() -> None:
 
 
 @pytest.mark.parametrize("back_off", [False, True])
-def test_who_backs_off_does_so_once_nothing_is_behind(back_off: bool) -> None:
+def test_backing_off_begins_once_the_space_behind_is_free(back_off: bool) -> None:
     trip = Trip(replace(CHAPTER, back_off=back_off)).goes_to(FAR)
     trip.local_planner.valid, trip.map.behind = False, False
     backward = Twist(-CHAPTER.retreat_speed, 0.0, 0.0)
@@ -231,19 +243,19 @@ def test_without_plan_or_trajectory_a_robot_stands(preset: str, told: list[tuple
             )
 
 
-def test_without_a_way_it_looks_for_one_in_every_cycle_recovers_once_and_then_gives_up() -> None:
-    trip = Trip().goes_to(NOWHERE)
+def test_without_a_path_it_replans_in_every_cycle_recovers_once_and_aborts() -> None:
+    trip = Trip().goes_to(NO_COMMAND)
     assert trip.steps(8) == [STILL] * 8
     assert (trip.planner.asked, trip.count("recoveries")) == (4, 0), "0, 0.2, 0.4 and 0.6 s"
     trip.take_step()
     assert (trip.phase, trip.count("recoveries")) == (GoalPhase.PLANNING, 1)
     assert trip.steps(7) == [STILL] * 7 and trip.status is ACTIVE
     trip.take_step()
-    assert trip.navigation.goal == Goal(NOWHERE, ABORTED, AbortReason.NO_PLAN)
+    assert trip.navigation.goal == Goal(NO_COMMAND, ABORTED, AbortReason.NO_PLAN)
     assert trip.planner.asked == 7 and not trip.local_planner.asked
 
 
-def test_a_way_found_gives_the_recovery_back_that_was_made_to_find_one() -> None:
+def test_a_new_path_resets_recoveries_for_no_plan() -> None:
     trip = Trip().goes_to(FAR)
     for spell in range(1, 4):
         trip.planner.finds = trip.local_planner.valid = False
@@ -254,7 +266,7 @@ def test_a_way_found_gives_the_recovery_back_that_was_made_to_find_one() -> None
     assert trip.phase is GoalPhase.CONTROLLING
 
 
-def test_without_a_trajectory_it_plans_at_once_and_once_per_cycle() -> None:
+def test_without_a_trajectory_it_replans_at_once_and_in_each_cycle() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
@@ -266,7 +278,7 @@ def test_without_a_trajectory_it_plans_at_once_and_once_per_cycle() -> None:
     assert trip.local_planner.asked == [at_step(n) for n in (0, 2, 4, 6, 8)]
 
 
-def test_who_plans_round_others_waits_for_the_next_plan_while_there_is_no_trajectory() -> None:
+def test_with_marked_robots_a_missing_trajectory_does_not_cause_replanning() -> None:
     trip = Trip(replace(CHAPTER, mark_robots=True)).goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
@@ -277,7 +289,7 @@ def test_who_plans_round_others_waits_for_the_next_plan_while_there_is_no_trajec
     assert trip.count("recoveries") == 1
 
 
-def test_patience_for_a_way_counts_from_the_last_cycle_without_a_trajectory() -> None:
+def test_the_planners_timeout_starts_at_the_last_cycle_without_a_trajectory() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(30)
     trip.planner.finds = trip.local_planner.valid = False
@@ -289,11 +301,11 @@ def test_patience_for_a_way_counts_from_the_last_cycle_without_a_trajectory() ->
     assert trip.count("recoveries") == 1
     trip.planner.finds = True
     trip.steps(20)
-    assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.BLOCKED), "the way was there, no trajectory"
+    assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.BLOCKED), "a path, but no trajectory"
     assert trip.count("without_plan") == [(at_step(30), at_step(40))]
 
 
-def test_without_a_trajectory_it_clears_the_map_after_its_patience_and_tries_once_more() -> None:
+def test_without_a_trajectory_it_recovers_after_the_timeout() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
@@ -312,7 +324,7 @@ def test_without_a_trajectory_it_clears_the_map_after_its_patience_and_tries_onc
     assert trip.count("aborted") == {"no plan": 0, "blocked": 1, "no progress": 0}
 
 
-def test_what_goes_away_in_time_costs_no_goal_and_all_patience_is_back() -> None:
+def test_an_obstacle_that_leaves_in_time_resets_timeouts() -> None:
     trip = Trip().goes_to(FAR)
     for _ in range(3):
         trip.local_planner.valid = True
@@ -327,7 +339,7 @@ def test_what_goes_away_in_time_costs_no_goal_and_all_patience_is_back() -> None
 
 
 @pytest.mark.parametrize(("preset", "left"), [("chapter", 3), ("robust", 2)])
-def test_to_recover_the_chapters_robot_forgets_nothing(preset: str, left: int) -> None:
+def test_a_recovery_of_the_chapters_robot_clears_nothing(preset: str, left: int) -> None:
     local = CostMap(model().sensor, 0.177)
     ranges = np.full(model().sensor.rays, NO_ECHO_MM, np.uint16)
     ranges[[0, 45, 90]] = 1000, 1400, 1900
@@ -337,7 +349,7 @@ def test_to_recover_the_chapters_robot_forgets_nothing(preset: str, left: int) -
     assert len(local.marks()) == left
 
 
-def test_who_does_not_get_away_recovers_and_then_gives_up() -> None:
+def test_a_robot_without_progress_recovers_and_then_aborts() -> None:
     trip = Trip().goes_to(FAR)
     trip.drifts = False
     assert trip.steps(104) == [AHEAD] * 104, "the cycle after 10 s still has a command"
@@ -349,7 +361,7 @@ def test_who_does_not_get_away_recovers_and_then_gives_up() -> None:
     assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.NO_PROGRESS) and trip.step == 209
 
 
-def test_who_does_not_get_away_for_want_of_a_trajectory_does_not_recover_for_it() -> None:
+def test_a_robot_without_trajectory_does_not_recover_for_lack_of_progress() -> None:
     trip = Trip().goes_to(FAR)
     trip.drifts = False
     trip.steps(102)
@@ -363,7 +375,7 @@ def test_who_does_not_get_away_for_want_of_a_trajectory_does_not_recover_for_it(
 
 
 @pytest.mark.parametrize(("moved", "recoveries"), [(0.25, 0), (0.2499, 1)])
-def test_it_has_got_away_once_it_is_at_the_distance(moved: float, recoveries: int) -> None:
+def test_progress_requires_the_oscillation_distance(moved: float, recoveries: int) -> None:
     trip = Trip(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
     trip.drifts = False
     trip.steps(80)
@@ -372,7 +384,7 @@ def test_it_has_got_away_once_it_is_at_the_distance(moved: float, recoveries: in
     assert trip.count("recoveries") == recoveries
 
 
-def test_a_new_goal_starts_the_clock_but_keeps_the_place_from_which_it_must_get_away() -> None:
+def test_a_new_goal_restarts_the_timeout_but_keeps_the_anchor() -> None:
     trip = Trip(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
     trip.drifts = False
     trip.steps(80)
@@ -384,7 +396,7 @@ def test_a_new_goal_starts_the_clock_but_keeps_the_place_from_which_it_must_get_
     assert trip.count("recoveries") == 0
 
 
-def test_getting_away_gives_the_recovery_back() -> None:
+def test_progress_resets_recoveries() -> None:
     trip = Trip().goes_to(FAR)
     trip.drifts = False
     trip.steps(102)
@@ -396,14 +408,14 @@ def test_getting_away_gives_the_recovery_back() -> None:
 
 
 @pytest.mark.parametrize("recoveries", [0, 2])
-def test_recoveries_are_as_many_as_the_parameters_say(recoveries: int) -> None:
-    trip = Trip(NavigationParameters(recoveries=recoveries)).goes_to(NOWHERE)
+def test_the_number_of_recoveries_is_a_parameter(recoveries: int) -> None:
+    trip = Trip(NavigationParameters(recoveries=recoveries)).goes_to(NO_COMMAND)
     trip.steps(40)
-    assert trip.navigation.goal == Goal(NOWHERE, ABORTED, AbortReason.NO_PLAN)
+    assert trip.navigation.goal == Goal(NO_COMMAND, ABORTED, AbortReason.NO_PLAN)
     assert len(trip.map.cleared) == recoveries
 
 
-def test_a_goal_that_was_given_up_can_be_asked_for_again() -> None:
+def test_an_aborted_goal_can_be_requested_again() -> None:
     trip = Trip().goes_to(FAR)
     trip.local_planner.valid = False
     trip.steps(20)

@@ -1,4 +1,4 @@
-"""What robots record of their own computing: equal over every bus, replayed exactly, outside the digest."""
+"""Introspection of robots: equal over every bus, replayed exactly, not part of the digest."""
 
 import random
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.recorded_runs import HEAD_ON
 
 _MOST_BYTES = 400
-"""Of introspection for each robot-step, in the mean, without the heads of records."""
+"""Mean size of introspection per robot and step, without record headers."""
 
 
 def run(out: Path, record: RecordDetail, bus: str) -> RunResult:
@@ -49,7 +49,7 @@ def introspection(path: Path) -> list[Entry]:
     ]
 
 
-def test_what_is_recorded_changes_nothing_and_is_the_same_over_the_mesh(
+def test_introspection_has_no_side_effects_and_is_equal_over_the_mesh(
     short_run: Path, tmp_path: Path
 ) -> None:
     lean, mesh = run(tmp_path / "lean", "lean", "memory"), run(tmp_path / "mesh", "full", "zenoh")
@@ -79,7 +79,7 @@ def test_a_robot_records_its_estimate_plan_window_and_decisions(recorded_run: Pa
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_recording_that_was_cut_anywhere_has_the_introspection_before(
+def test_a_truncated_recording_has_the_introspection_before_the_end(
     short_run: Path, tmp_path: Path, seed: int
 ) -> None:
     path, whole = short_run / "r1" / "r1.mcap", introspection(short_run / "r1" / "r1.mcap")
@@ -117,7 +117,7 @@ def test_knowledge_of_any_size_stays_within_a_record() -> None:
     assert introspector.rest(2) is None
 
 
-def test_a_level_of_recording_is_checked_wherever_it_is_given(tmp_path: Path) -> None:
+def test_the_level_of_detail_is_checked_everywhere(tmp_path: Path) -> None:
     options = RunOptions(tmp_path / "out", bus="memory", record=cast(RecordDetail, "Full"))
     with pytest.raises(OptionError) as caught:
         checked(options)

@@ -1,4 +1,4 @@
-"""Ways on small floor plans and on the corridor of the original testbed."""
+"""Paths on small floor plans and on the original testbed's corridor, and backing out."""
 
 import heapq
 import itertools
@@ -17,16 +17,16 @@ from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, in_seconds
-from actors.robot.behaviour import FARTHEST_BACK, GoalOrder, GoalPhase
+from actors.robot.behaviour import MAX_BACK_OUT, GoalOrder, GoalPhase
 from actors.robot.behaviour.node_host import RobotNavigation
 from actors.robot.navigation.navigator import Trail, backward
 from actors.robot.navigation.planning import (
     PLANNER_PRESETS,
-    Ground,
-    Planner,
-    ground,
+    GridPlanner,
+    PlanningGrid,
     narrowest_door,
     occupied,
+    planning_grid,
 )
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 from actors.settings import ParameterError
@@ -34,69 +34,69 @@ from tests.robot.base import TWO_ROOMS, plan
 from tests.robot.rig import Memory, Obedient, navigator
 
 RADIUS = 0.177
-FLOOR = ground(TWO_ROOMS, RADIUS)
+FLOOR = planning_grid(TWO_ROOMS, RADIUS)
 GRID = PLANNER_PRESETS["robust"]
 CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 
 
 @pytest.fixture(scope="module")
-def corridor() -> Ground:
-    return ground(load_map(CORRIDOR), RADIUS)
+def corridor() -> PlanningGrid:
+    return planning_grid(load_map(CORRIDOR), RADIUS)
 
 
-def least_clearance(floor: Ground, way: Floats) -> float:
-    return float(min(floor.clearance[floor.grid.cell(Point(*point))] for point in way))
+def least_clearance(floor: PlanningGrid, path: Floats) -> float:
+    return float(min(floor.clearance[floor.grid.cell(Point(*point))] for point in path))
 
 
-def test_the_way_is_gapless_and_leads_through_the_middle_of_a_door() -> None:
-    way = Planner(FLOOR).path(Point(1.0, 0.5), Point(9.0, 3.0))
-    assert way is not None
-    in_door = way[(way[:, 0] > 4.75) & (way[:, 0] < 5.0)]
+def test_a_path_has_no_gaps_and_leads_through_the_middle_of_a_door() -> None:
+    path = GridPlanner(FLOOR).path(Point(1.0, 0.5), Point(9.0, 3.0))
+    assert path is not None
+    in_door = path[(path[:, 0] > 4.75) & (path[:, 0] < 5.0)]
     assert len(in_door) >= 4
     assert np.abs(in_door[:, 1] - 1.75).max() <= 0.075
-    assert tuple(way[-1]) == (9.0, 3.0)
-    assert np.hypot(way[0, 0] - 1.0, way[0, 1] - 0.5) <= 0.05
-    assert np.hypot(*np.diff(way, axis=0).T).max() <= 0.05 * 2**0.5 + 0.05
+    assert tuple(path[-1]) == (9.0, 3.0)
+    assert np.hypot(path[0, 0] - 1.0, path[0, 1] - 0.5) <= 0.05
+    assert np.hypot(*np.diff(path, axis=0).T).max() <= 0.05 * 2**0.5 + 0.05
 
 
-def test_goals_and_starts_near_walls_become_points_with_room() -> None:
-    way = Planner(FLOOR).path(Point(1.0, 1.0), Point(0.1, 2.0))
-    assert way is not None
-    assert Point(*way[-1]).distance_to(Point(0.1, 2.0)) < 0.5
-    assert least_clearance(FLOOR, way[-1:]) >= RADIUS
-    way = Planner(FLOOR).path(Point(0.25 + RADIUS, 1.0), Point(3.0, 1.0))
-    assert way is not None
-    assert Point(*way[0]).distance_to(Point(0.25 + RADIUS, 1.0)) < 0.1
+def test_goals_and_starts_near_walls_are_replaced_by_free_points() -> None:
+    path = GridPlanner(FLOOR).path(Point(1.0, 1.0), Point(0.1, 2.0))
+    assert path is not None
+    assert Point(*path[-1]).distance_to(Point(0.1, 2.0)) < 0.5
+    assert least_clearance(FLOOR, path[-1:]) >= RADIUS
+    path = GridPlanner(FLOOR).path(Point(0.25 + RADIUS, 1.0), Point(3.0, 1.0))
+    assert path is not None
+    assert Point(*path[0]).distance_to(Point(0.25 + RADIUS, 1.0)) < 0.1
 
 
 @pytest.mark.parametrize("goal", [Point(-1.0, 1.0), Point(50.0, 50.0), Point(10.5, 2.0), Point(9.95, 3.5)])
-def test_there_is_no_way_to_a_goal_without_room_within_the_tolerance(goal: Point) -> None:
-    assert Planner(FLOOR).path(Point(1.0, 1.0), goal) is None
-    assert Planner(FLOOR).path(Point(-3.0, 1.0), Point(1.0, 1.0)) is None
+def test_there_is_no_path_without_a_free_point_within_the_tolerance(goal: Point) -> None:
+    assert GridPlanner(FLOOR).path(Point(1.0, 1.0), goal) is None
+    assert GridPlanner(FLOOR).path(Point(-3.0, 1.0), Point(1.0, 1.0)) is None
 
 
-def test_there_is_no_way_into_a_closed_room() -> None:
+def test_there_is_no_path_into_a_closed_room() -> None:
     closed = plan("#########\n#   #   #\n#   #   #\n#   #   #\n#########\n")
-    planner = Planner(ground(closed, RADIUS))
+    planner = GridPlanner(planning_grid(closed, RADIUS))
     assert planner.path(Point(0.6, 0.6), Point(1.7, 0.6)) is None
     assert planner.path(Point(0.6, 0.6), Point(0.7, 0.7)) is not None
-    assert planner.path(Point(1.6, 0.6), Point(1.7, 0.6)) is not None  # as after a move by hand
+    assert planner.path(Point(1.6, 0.6), Point(1.7, 0.6)) is not None  # as after being moved by hand
 
 
-def test_a_potential_that_is_kept_gives_the_way_that_a_new_one_would() -> None:
+def test_a_cached_potential_gives_the_same_path() -> None:
     goals = [Point(9.0, 0.5 + 0.3 * i) for i in range(6)]
-    small = Planner(FLOOR, replace(GRID, cached=2))
+    small = GridPlanner(FLOOR, replace(GRID, cached=2))
     for goal in [*goals, *goals[:3], goals[0]]:
-        again, anew = small.path(Point(1.0, 1.0), goal), Planner(FLOOR).path(Point(1.0, 1.0), goal)
+        again, anew = small.path(Point(1.0, 1.0), goal), GridPlanner(FLOOR).path(Point(1.0, 1.0), goal)
         assert again is not None and anew is not None
         assert np.array_equal(again, anew)
 
 
-def test_potentials_take_as_much_memory_as_is_said() -> None:
+def test_the_cache_of_potentials_has_the_documented_size() -> None:
     with pytest.raises(ParameterError):
         replace(GRID, cached_mb=0.0)
     for megabytes, kept in ((1e-9, 1), (2.5 * FLOOR.costs.nbytes / 1e6, 2), (100.0, 6)):
-        planner = Planner(FLOOR, replace(GRID, cached_mb=megabytes))
+        planner = GridPlanner(FLOOR, replace(GRID, cached_mb=megabytes))
         for i in range(6):
             planner.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
         assert planner._field.cache_info().currsize == kept
@@ -109,9 +109,9 @@ def test_potentials_take_as_much_memory_as_is_said() -> None:
     ),
     resolution=st.sampled_from([0.02, 0.03125, 0.05]),
 )
-def test_a_coarse_grid_never_promises_too_much_room(walls: Flags, resolution: float) -> None:
+def test_a_coarse_grid_never_overestimates_clearance(walls: Flags, resolution: float) -> None:
     fine = OccupancyGrid(np.where(walls, FREE, OCCUPIED).astype(np.uint8), resolution, Point(1.0, -2.0))
-    coarse = ground(fine, 0.0)
+    coarse = planning_grid(fine, 0.0)
     assert 0.05 <= coarse.grid.resolution < 0.0626
     assert coarse.grid.origin == fine.origin
     for row, column in np.ndindex(coarse.clearance.shape):
@@ -122,12 +122,14 @@ def test_a_coarse_grid_never_promises_too_much_room(walls: Flags, resolution: fl
 
 
 @pytest.mark.parametrize("office", [12.44, 17.25])
-def test_ways_through_passages_of_the_corridor_keep_to_the_middle(corridor: Ground, office: float) -> None:
-    way = Planner(corridor).path(Point(office, 5.0), Point(9.0, 12.0))
-    assert way is not None
-    neck = way[(way[:, 1] > 8.4) & (way[:, 1] < 10.3)]
+def test_paths_through_passages_of_the_corridor_keep_to_the_middle(
+    corridor: PlanningGrid, office: float
+) -> None:
+    path = GridPlanner(corridor).path(Point(office, 5.0), Point(9.0, 12.0))
+    assert path is not None
+    neck = path[(path[:, 1] > 8.4) & (path[:, 1] < 10.3)]
     assert np.abs(neck[:, 0] - office).max() < 0.1
-    assert least_clearance(corridor, way) > 0.3
+    assert least_clearance(corridor, path) > 0.3
 
 
 @pytest.mark.parametrize("resolution", [0.02, 0.025, 0.03125, 0.05, 0.1])
@@ -144,7 +146,7 @@ def test_a_door_has_a_plan_from_the_narrowest_width_on(closed: float, resolution
         walls[first : first + width, 2:-2] = False
         floor = OccupancyGrid(np.where(walls, OCCUPIED, FREE).astype(np.uint8), resolution)
         start, goal = Point(0.8, 0.8), Point(floor.columns * resolution - 0.8, 0.8)
-        if Planner(ground(floor, RADIUS, parameters), parameters).path(start, goal) is not None:
+        if GridPlanner(planning_grid(floor, RADIUS, parameters), parameters).path(start, goal) is not None:
             planned.add(width)
     assert {narrowest, narrowest + 1} <= planned
     assert not closed or planned == {narrowest, narrowest + 1}
@@ -199,7 +201,7 @@ def test_the_potential_is_that_of_a_textbook_dijkstra(costs: Int32s, data: st.Da
 
 @settings(max_examples=100, deadline=None)
 @given(costs=maps, data=st.data())
-def test_the_way_down_takes_allowed_steps_and_ends_at_the_goal(costs: Int32s, data: st.DataObject) -> None:
+def test_the_descent_takes_allowed_steps_and_ends_at_the_goal(costs: Int32s, data: st.DataObject) -> None:
     passable = [(int(row), int(column)) for row, column in np.argwhere(costs > 0)]
     if not passable:
         return
@@ -214,16 +216,16 @@ def test_the_way_down_takes_allowed_steps_and_ends_at_the_goal(costs: Int32s, da
 
 
 START, GOAL = Point(1.0, 1.75), Point(8.0, 1.75)
-DOOR = np.array([[4.7, 1.75], [4.75, 1.6], [4.75, 1.9]])  # of a robot that stands in it
+DOOR = np.array([[4.7, 1.75], [4.75, 1.6], [4.75, 1.9]])  # marks of a robot in the door
 
 
-def test_nothing_strange_leaves_the_costs_as_they_are() -> None:
+def test_without_obstacles_the_costs_are_unchanged() -> None:
     at_walls = np.array([[0.27, 1.0], [4.7, 3.0], [-3.0, 99.0]])
     assert occupied(FLOOR, at_walls) is FLOOR.costs
     assert occupied(FLOOR, np.empty((0, 2))) is FLOOR.costs
 
 
-def test_the_body_keeps_clear_of_a_mark_and_pays_for_being_near() -> None:
+def test_cells_near_a_mark_are_occupied_or_cost_more() -> None:
     x, y = 2.525, 1.775  # the middle of a cell
     costs = occupied(FLOOR, np.array([[x, y]]))
     east, north = FLOOR.grid.centres()
@@ -237,8 +239,8 @@ def test_the_body_keeps_clear_of_a_mark_and_pays_for_being_near() -> None:
     assert np.array_equal(costs[far], FLOOR.costs[far])
 
 
-def test_ways_lead_around_marks_which_may_close_a_door_or_move_the_goal() -> None:
-    planner = Planner(FLOOR)
+def test_paths_lead_around_marks_which_may_close_a_door_or_move_the_goal() -> None:
+    planner = GridPlanner(FLOOR)
     straight = planner.path(START, GOAL)
     mark = np.array([[2.5, 1.75]])
     around = planner.path(START, GOAL, mark)
@@ -248,9 +250,9 @@ def test_ways_lead_around_marks_which_may_close_a_door_or_move_the_goal() -> Non
     assert planner.path(START, GOAL, DOOR) is None
     after = planner.path(START, GOAL)
     assert after is not None and np.array_equal(straight, after)
-    way = Planner(FLOOR).path(START, GOAL, np.array([GOAL]))
-    assert way is not None
-    assert Point(*way[-1]).distance_to(GOAL) == pytest.approx(FLOOR.reach, abs=2 * FLOOR.grid.resolution)
+    path = GridPlanner(FLOOR).path(START, GOAL, np.array([GOAL]))
+    assert path is not None
+    assert Point(*path[-1]).distance_to(GOAL) == pytest.approx(FLOOR.reach, abs=2 * FLOOR.grid.resolution)
 
 
 STEP_S = 0.1
@@ -259,7 +261,7 @@ STEP_S = 0.1
 class Driven:
     def __init__(self, pose: Pose) -> None:
         self.map = Memory()
-        self.navigation = navigator(Planner(FLOOR), self.map, Obedient())
+        self.navigation = navigator(GridPlanner(FLOOR), self.map, Obedient())
         self.pose, self.step = pose, 0
         self.been: list[Point] = []
 
@@ -295,7 +297,7 @@ def bend() -> Driven:
     return driven
 
 
-def test_it_goes_back_round_the_bend_as_it_came_and_stops_where_it_is_to() -> None:
+def test_it_backs_out_along_a_curved_trail_by_the_distance() -> None:
     driven = bend()
     driven.navigation.take(GoalOrder.KEEP, None, 2.0)
     assert driven.navigation.backing_out
@@ -307,10 +309,10 @@ def test_it_goes_back_round_the_bend_as_it_came_and_stops_where_it_is_to() -> No
         assert off < 0.06
 
 
-def test_it_ends_with_the_trail_and_where_something_stands_behind() -> None:
+def test_backing_out_ends_with_the_trail_or_at_an_obstacle() -> None:
     driven = Driven(Pose(1.0, 1.0, 0.0))
     driven.carried(*(Pose(1.0 + 0.05 * n, 1.0, 0.0) for n in range(11)))
-    driven.navigation.take(GoalOrder.KEEP, None, FARTHEST_BACK)
+    driven.navigation.take(GoalOrder.KEEP, None, MAX_BACK_OUT)
     driven.steps(60)
     assert not driven.navigation.backing_out and 1.0 < driven.pose.x < 1.3
     driven = bend()
@@ -319,7 +321,7 @@ def test_it_ends_with_the_trail_and_where_something_stands_behind() -> None:
     assert driven.steps(2) == [STILL, STILL] and not driven.navigation.backing_out
 
 
-def test_a_goal_waits_in_the_phase_of_retreating_and_a_stop_ends_it() -> None:
+def test_a_goal_waits_while_retreating_and_a_stop_ends_it() -> None:
     driven = bend()
     driven.navigation.take(Point(8.0, 1.7), None, 0.5)
     driven.steps(2)
@@ -333,7 +335,7 @@ def test_a_goal_waits_in_the_phase_of_retreating_and_a_stop_ends_it() -> None:
     assert not driven.navigation.backing_out and driven.navigation.plan is None and driven.steps(1) == [STILL]
 
 
-def test_a_paused_robot_backs_out_once_it_goes_on() -> None:
+def test_a_paused_robot_backs_out_once_resumed() -> None:
     driven = bend()
     driven.navigation.take(GoalOrder.KEEP, True, 0.5)
     assert driven.steps(3) == [STILL] * 3
@@ -341,7 +343,7 @@ def test_a_paused_robot_backs_out_once_it_goes_on() -> None:
     assert driven.steps(1)[0].vx < 0
 
 
-def test_it_turns_its_back_first_to_what_is_not_behind() -> None:
+def test_it_turns_first_if_the_target_is_not_behind() -> None:
     here = Pose(0.0, 0.0, 0.0)
     assert backward(here, Point(1.0, 0.1)).omega < 0 < backward(here, Point(1.0, -0.1)).omega
     assert backward(here, Point(-1.0, 0.0)) == Twist(-0.2, 0.0, 0.0)
@@ -349,7 +351,7 @@ def test_it_turns_its_back_first_to_what_is_not_behind() -> None:
     assert left.vx == right.vx == -0.2 and left.omega == -right.omega < 0
 
 
-def test_the_trail_is_as_long_as_anybody_may_back_out() -> None:
+def test_the_trail_covers_the_longest_distance_of_backing_out() -> None:
     trail, metre = Trail(), 1.02  # points 0.051 m apart
     for n in range(200):
         trail.take(Point(0.05 * metre * n, 0.0))
@@ -358,7 +360,7 @@ def test_the_trail_is_as_long_as_anybody_may_back_out() -> None:
     assert sum(target is not None for target in ahead) == pytest.approx(56, abs=1)
 
 
-def test_a_plan_says_how_far_and_how_long_it_is() -> None:
+def test_a_plan_has_distance_and_time_to_go() -> None:
     driven = Driven(Pose(2.0, 1.7, 0.0))
     driven.navigation.take(Point(8.0, 1.7))
     driven.steps(1)
@@ -370,7 +372,7 @@ def test_a_plan_says_how_far_and_how_long_it_is() -> None:
     assert plan.ahead(here)[0].distance_to(here) < 0.2
 
 
-def test_a_stop_takes_the_order_to_back_out_back() -> None:
+def test_a_stop_cancels_backing_out() -> None:
     order: dict[str, object] = {}
     device = RobotNavigation(order)
     device.back_out(1.0)

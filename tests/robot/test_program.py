@@ -1,4 +1,4 @@
-"""The robot's set-up, as its process reads it."""
+"""The robot's set-up file, process and entry strings."""
 
 import json
 import math
@@ -19,7 +19,7 @@ from actors.messages import READY, SENSES, Ready
 from actors.randomness import derived_seed, generator
 from actors.robot import __main__ as robot_program
 from actors.robot.assembly import RobotSetup, kernels
-from actors.robot.behaviour.loading import FOLDERS, BehaviourError, load_behaviour
+from actors.robot.behaviour.loading import FINDER, BehaviourError, load_behaviour
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot.localisation import PRESETS
 from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part
@@ -54,7 +54,7 @@ LOCALISATION_KERNELS = "confidence measurement motion resampling"
 AN_ID = r", but must be a text of the form '\\A[A-Za-z0-9_-]{1,32}\\Z'"
 
 
-def test_all_that_is_told_reads_back_as_it_was_written(tmp_path: Path) -> None:
+def test_a_setup_survives_a_round_trip(tmp_path: Path) -> None:
     exchange = ExchangeSettings(publish=seconds(0.5), relay=True)
     adaptation = Adaptation(
         {"lease": 3, "reach": 0.5, "fair": True, "mode": "bold", "gains": (1, 2.5)},
@@ -77,11 +77,11 @@ def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(tmp_path: Pat
     assert core.step == 40 and ROBOT.pose == pytest.approx(Pose(12.0, 5.0, 4.0 - math.tau))
     assert core.missing({}) == (at(SENSES, "r1"),)
     part(ActorSetup(ROBOT, msgspec.structs.replace(PLACE, code=("/one", "two"))), tmp_path)
-    assert FOLDERS.folders == (Path("/one"), tmp_path / "two")
+    assert FINDER.folders == (Path("/one"), tmp_path / "two")
     part(ActorSetup(ROBOT, PLACE), tmp_path)
 
 
-def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_with(tmp_path: Path) -> None:
+def test_a_robots_process_reports_its_kernels_and_records_its_setup(tmp_path: Path) -> None:
     robot = part(ActorSetup(ROBOT, PLACE), tmp_path)
     assert robot.ready == to(READY, Ready(40, "r1", 2, combined(kernels())), "r1")
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
@@ -116,7 +116,7 @@ def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
         (lambda told: told.pop("process"), "process is missing, but must be there"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_in_it_is_one_sentence(
+def test_a_faulty_setup_gives_one_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Callable[[dict[str, Any]], object], fault: str
 ) -> None:
     told = json.loads(typed_json.dump(ActorSetup(ROBOT, PLACE)))
@@ -150,7 +150,7 @@ FORM = "is not an entry; it should look like 'package.module:function'"
         ("tests.robot.rig:nothing", " returned a NoneType, which has no method advance(view, until)"),
     ],
 )
-def test_an_entry_that_leads_to_no_behaviour(entry: str, fault: str) -> None:
+def test_an_invalid_entry(entry: str, fault: str) -> None:
     with refused(f"behaviour {entry!r}{fault}", BehaviourError):
         load_behaviour(entry, START)
 
@@ -182,7 +182,7 @@ def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch:
         ("def behaviour(start):\n    exit(3)\n", "its code called sys.exit(3) ({file.name}:2)"),
     ],
 )
-def test_code_that_is_no_python_or_ends_its_process_is_one_sentence(
+def test_code_with_a_syntax_error_or_exit_gives_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, fault: str
 ) -> None:
     file = tmp_path / f"study_{abs(hash(text))}.py"

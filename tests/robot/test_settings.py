@@ -1,4 +1,4 @@
-"""The checker of settings: bounds in code and in files, every fault one sentence."""
+"""Validation of settings in code and in files; each fault gives one sentence."""
 
 import dataclasses
 import math
@@ -93,7 +93,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("text", FAULTS)
-def test_a_fault_is_one_sentence(text: str) -> None:
+def test_a_fault_gives_one_sentence(text: str) -> None:
     content = loads(text)
     if text and "nam" not in text.partition(" ")[0].replace("named", ""):
         content["name"] = "x"

@@ -10,9 +10,9 @@ import pytest
 
 from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
-from actors.robot.behaviour import foreign
-from actors.robot.behaviour.foreign import INSTALLED, Permit, admitted
-from actors.robot.behaviour.loading import FOLDERS, RecordedModules, expect, located, look_in
+from actors.robot.behaviour import code_permit
+from actors.robot.behaviour.code_permit import INSTALLED, Permit, permitted_folders
+from actors.robot.behaviour.loading import FINDER, RecordedModules, expect_hashes, module_file, set_folders
 from actors.runtime.errors import AcrcError
 
 SOURCE = Path("bold.toml")
@@ -39,15 +39,15 @@ def looked() -> Iterator[None]:
     """Restore the search for modules."""
     before = set(sys.modules)
     yield
-    look_in(())
-    expect(None)
+    set_folders(())
+    expect_hashes(None)
     for name in set(sys.modules) - before:
         del sys.modules[name]
 
 
 def refusal(entry: str, places: list[Path], permit: Permit) -> str:
     with pytest.raises(AcrcError) as caught:
-        admitted(SOURCE, entry, places, permit)
+        permitted_folders(SOURCE, entry, places, permit)
     return str(caught.value)
 
 
@@ -74,8 +74,8 @@ def foreign_sentence(name: str, file: Path, folder: object) -> str:
 def test_code_from_where_a_file_says_is_named(study: Path, entry: str, file: str) -> None:
     name = "strategy:behaviour" if ">" in entry else entry
     assert refusal(entry, [study], INSTALLED) == foreign_sentence(name, study / file, study)
-    assert admitted(SOURCE, entry, [study], Permit((study,))) == (study,)
-    assert admitted(SOURCE, entry, [study], Permit(trust=True)) == (study,)
+    assert permitted_folders(SOURCE, entry, [study], Permit((study,))) == (study,)
+    assert permitted_folders(SOURCE, entry, [study], Permit(trust=True)) == (study,)
 
 
 def test_a_typed_strategy_is_found_in_the_working_directory_and_lets_no_other_in(
@@ -86,7 +86,7 @@ def test_a_typed_strategy_is_found_in_the_working_directory_and_lets_no_other_in
         "strategy:behaviour", study / "strategy.py", "."
     )
     typed = Permit(typed="strategy:behaviour")
-    assert admitted(SOURCE, "strategy:behaviour", [], typed) == (study,)
+    assert permitted_folders(SOURCE, "strategy:behaviour", [], typed) == (study,)
     for entry in ("package:evil>strategy:behaviour@3", "strategy:behaviour>package:evil@3"):
         refusal(entry, [], typed)
 
@@ -97,10 +97,10 @@ def test_what_is_installed_needs_no_folder_and_nothing_takes_its_place(study: Pa
         (study / name / "__init__.py").write_text(NOT_IMPORTED)
     (study / "colorsys.py").write_text(NOT_IMPORTED)
     for entry in ("cleaning.strategies.none:behaviour", "numpy:array", "json.decoder:loads", "sys:exit"):
-        assert admitted(SOURCE, entry, [study], INSTALLED) == ()
-    assert admitted(SOURCE, "cleaning.strategies.none:behaviour", [study], Permit((study,))) == ()
+        assert permitted_folders(SOURCE, entry, [study], INSTALLED) == ()
+    assert permitted_folders(SOURCE, "cleaning.strategies.none:behaviour", [study], Permit((study,))) == ()
     sys.modules.pop("colorsys", None)
-    look_in([study])
+    set_folders([study])
     import colorsys  # noqa: PLC0415  # what was not imported before is looked for now
 
     assert not Path(str(colorsys.__file__)).is_relative_to(study)
@@ -129,7 +129,7 @@ def test_folders_beside_the_packages_are_not_installed() -> None:
     """Pytest and `python -m` have the repository on Python's path, and people unpack things there."""
     assert str(REPOSITORY) in sys.path
     for module in ("tests.run.heir", "examples.courteous", "runs.received.evil", "conftest"):
-        assert not foreign.is_installed(module)
+        assert not code_permit.is_installed(module)
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
     packages = project["tool"]["setuptools"]["packages"]["find"]["include"]
     assert {name.removesuffix("*") for name in packages} == PACKAGES
@@ -149,13 +149,13 @@ def test_a_link_to_a_library_is_not_installed(study: Path) -> None:
 
 def test_a_folder_for_modules_must_be_one(study: Path) -> None:
     with pytest.raises(OptionError) as caught:
-        foreign.permit_of([study / "strategy.py"])
+        code_permit.permit_of([study / "strategy.py"])
     assert (
         str(caught.value)
         == f"--modules: {study}/strategy.py is not a folder; give a folder of Python modules"
     )
     (study.parent / "link").symlink_to(study)
-    assert foreign.permit_of([study.parent / "link"]) == Permit((study,))
+    assert code_permit.permit_of([study.parent / "link"]) == Permit((study,))
 
 
 def test_a_module_with_the_name_of_an_installed_one_is_refused(study: Path) -> None:
@@ -186,7 +186,7 @@ def test_bytecode_is_neither_used_nor_written(
     py_compile.compile(str(evil), str(study / "package" / "only.pyc"))
     (study / "package" / "native.so").write_bytes(b"\x7fELF")
     evil.write_text("WHO = 'source'\n")
-    look_in([study])
+    set_folders([study])
     from evil import WHO  # type: ignore[import-not-found]  # noqa: PLC0415
 
     assert WHO == "source" and cached.exists()
@@ -204,7 +204,7 @@ def test_a_module_that_is_no_file_is_none(study: Path, looked: None) -> None:
     (study / "endless.py").symlink_to("/dev/zero")
     assert located("endless", study) is None
     (study / "large.py").write_bytes(b"#" * 16_000_001)
-    look_in([study])
+    set_folders([study])
     with pytest.raises(OSError, match="has more than 16000000 bytes"):
         __import__("large")
 
@@ -214,13 +214,13 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     (study / "namespace" / "help.py").write_text("")
     (study / "package" / "__init__.py").write_text("")
     (study / "package" / "part.py").write_text(RECORDED)
-    look_in([study])
+    set_folders([study])
     __import__("mine")
-    hashes = FOLDERS.hashes()
+    hashes = FINDER.hashes()
     assert list(hashes) == ["mine.py", "namespace/help.py", "package/__init__.py", "package/part.py"]
     for name in ("mine", "namespace", "namespace.help", "package", "package.part"):
         del sys.modules[name]
-    expect(RecordedModules(hashes))
+    expect_hashes(RecordedModules(hashes))
     __import__("mine")
     for name in ("mine", "package", "package.part"):
         del sys.modules[name]
@@ -234,12 +234,12 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     (study / "package" / "part.py").write_text(GROWN)
     (study / "package" / "more.py").write_text("")
     grown = hashes | {"package/part.py": sha256(GROWN)}
-    expect(RecordedModules(grown))
+    expect_hashes(RecordedModules(grown))
     with pytest.raises(AcrcError) as caught:
         __import__("package.part")
     assert str(caught.value) == (
         f"{study}/package/more.py: not loaded by the recorded run; --trust loads it anyway"
     )
     sys.modules.pop("package.part", None)
-    expect(RecordedModules(grown, whole=False))  # it was killed, and may have loaded more
+    expect_hashes(RecordedModules(grown, whole=False))  # it was killed, and may have loaded more
     __import__("package.part")

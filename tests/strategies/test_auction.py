@@ -1,4 +1,4 @@
-"""The auction: who takes what over, and that no place is lost whatever happens to messages."""
+"""The auction: adoptions, and that no place is lost whatever happens to messages."""
 
 from dataclasses import replace
 from functools import partial
@@ -16,19 +16,27 @@ from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, Bidd
 from deeco.fragments import Fragmenter
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleRegistry
-from tests.cleaning.equipment import NOW, Act, Floor, Notes, Story, assignment, published
+from tests.cleaning.fakes import (
+    NOW,
+    Action,
+    FakePlaceMonitor,
+    OpenFloor,
+    ScriptedSwarm,
+    assignment,
+    published,
+)
 
 seen = partial(published, role=Bidder)
-AUCTION, OUTBID, FLOOR = Auction(), Outbid(), Floor()
+AUCTION, OUTBID, FLOOR = Auction(), Outbid(), OpenFloor()
 
 
 def bidder(robot: str, at: float, *xs: float) -> BiddingRobot:
-    """A robot at x = `at`, m, with places at `xs`, that has made its plan."""
+    """Return a robot at x = `at`, m, with planned places at `xs`."""
     places = tuple(Assignment(robot, index, Point(x, 0.0)) for index, x in enumerate(xs))
     return BiddingRobot(id=robot, position=Point(at, 0.0), route=places).plan(FLOOR)
 
 
-def hears(member: BiddingRobot, peer: Bidder, floor: Floor = FLOOR) -> BiddingRobot:
+def hears(member: BiddingRobot, peer: Bidder, floor: OpenFloor = FLOOR) -> BiddingRobot:
     if AUCTION.membership(peer, member):
         member = AUCTION.at_member(peer, member, floor, NOW)
     return OUTBID.at_member(peer, member, NOW) if OUTBID.membership(peer, member) else member
@@ -38,9 +46,9 @@ def keys(robot: BiddingRobot) -> set[PlaceKey]:
     return {place.key for place in robot.route}
 
 
-def test_a_place_goes_to_whom_it_costs_less_and_nobody_turns_for_it_at_once() -> None:
+def test_a_place_goes_to_the_cheapest_robot_without_changing_destinations() -> None:
     r1, r2 = bidder("r1", 0.0, 1.0, 20.0), bidder("r2", 21.0, 22.0)
-    r2 = r2.set_destination(Notes(), NOW)
+    r2 = r2.set_destination(FakePlaceMonitor(), NOW)
     taken = hears(r2, seen(r1))
     assert keys(taken) == {PlaceKey("r2", 0), PlaceKey("r1", 1)} and taken.destination == r2.destination
     assert taken.adopted[-1].key == PlaceKey("r1", 1)
@@ -49,29 +57,29 @@ def test_a_place_goes_to_whom_it_costs_less_and_nobody_turns_for_it_at_once() ->
     assert hears(r2, seen(r1)) == r2 and hears(r1, seen(r2)) == r1, "nothing is worth it"
 
 
-def test_a_door_between_makes_a_place_dearer() -> None:
+def test_a_door_raises_the_cost_of_a_place() -> None:
     r1, r2 = bidder("r1", 10.0, 5.0), bidder("r2", 2.0)
     assert keys(hears(r2, seen(r1))) == {PlaceKey("r1", 0)}
-    walled = Floor(3.0)
+    walled = OpenFloor(3.0)
     assert not hears(r2, seen(r1), walled).route
 
 
-def test_the_places_of_who_is_stuck_are_for_others() -> None:
+def test_places_of_a_blocked_robot_are_adopted() -> None:
     r1, r2 = bidder("r1", 0.0, 1.0), bidder("r2", 8.0)
     assert not hears(r2, seen(r1)).route
     stuck = replace(r1, state=State.BLOCKED, stuck_for=20).plan(FLOOR)
     assert keys(hears(r2, seen(stuck))) == {PlaceKey("r1", 0)}
-    assert not hears(replace(r2, state=State.BLOCKED), seen(stuck)).route, "who is stuck takes nothing"
+    assert not hears(replace(r2, state=State.BLOCKED), seen(stuck)).route, "a blocked robot adopts nothing"
 
 
-def test_of_two_that_take_the_same_place_the_greater_id_has_it() -> None:
+def test_of_two_robots_that_adopt_a_place_the_greater_id_keeps_it() -> None:
     r1 = bidder("r1", 0.0, 1.0, 20.0)
     r2, r3 = (hears(bidder(name, 21.0), seen(r1)).plan(FLOOR) for name in ("r2", "r3"))
     assert keys(r2) == keys(r3) == {PlaceKey("r1", 1)}
     assert not hears(r2, seen(r3)).route and keys(hears(r3, seen(r2))) == keys(r3)
 
 
-def test_all_places_are_told_of_in_turn() -> None:
+def test_all_places_are_published_in_rotation() -> None:
     robot, told = bidder("r1", 0.0, *(float(x) for x in range(8))), set[PlaceKey]()
     for _ in range(3):
         told |= {bid.assignment.key for bid in robot.bids}
@@ -94,7 +102,7 @@ def test_a_bid_is_one_frame() -> None:
     assert len(frame) <= FRAME_DATA_LIMIT
 
 
-class Swarm(Story[BiddingRobot]):
+class Swarm(ScriptedSwarm[BiddingRobot]):
     def __init__(self, robots: int, places: int) -> None:
         own = [[float(4 * index + number) for index in range(places)] for number in range(robots)]
         super().__init__([bidder(f"r{number}", 3.0 * number, *xs) for number, xs in enumerate(own)])
@@ -111,7 +119,7 @@ class Swarm(Story[BiddingRobot]):
         return robot.plan(FLOOR)
 
     def _move(self, robot: BiddingRobot, number: int) -> BiddingRobot:
-        return replace(robot, position=Point(3.0 * number, 0.3)).set_destination(self.notes, self.now)
+        return replace(robot, position=Point(3.0 * number, 0.3)).set_destination(self.monitor, self.now)
 
     def _block(self, robot: BiddingRobot, number: int) -> BiddingRobot:
         return replace(robot, state=State.BLOCKED, stuck_for=9 * number)
@@ -122,27 +130,30 @@ class Swarm(Story[BiddingRobot]):
     def _give_up(self, robot: BiddingRobot, number: int) -> BiddingRobot:
         if not robot.route or number % 4:
             return robot
-        return robot.given_up(robot.route[0], "a test", self.notes, self.now)
+        return robot.given_up(robot.route[0], "a test", self.monitor, self.now)
 
 
 OFTEN = ("publish", "hear", "hear", "plan", "plan")
 acts = st.builds(
-    Act, st.sampled_from((*OFTEN, "move", "block", "free", "give_up")), st.integers(0, 4), st.integers(0, 9)
+    Action,
+    st.sampled_from((*OFTEN, "move", "block", "free", "give_up")),
+    st.integers(0, 4),
+    st.integers(0, 9),
 )
 
 
 @pytest.mark.claim("places")
 @settings(max_examples=80, deadline=None)
 @given(st.integers(2, 5), st.integers(1, 3), st.lists(acts, min_size=20, max_size=80))
-def test_no_place_is_lost(robots: int, places: int, story: list[Act]) -> None:
-    Swarm(robots, places).play(story)
+def test_no_place_is_lost(robots: int, places: int, script: list[Action]) -> None:
+    Swarm(robots, places).play(script)
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(2, 5), st.integers(1, 3), st.lists(acts, min_size=20, max_size=60))
-def test_in_the_end_each_place_is_held_once(robots: int, places: int, story: list[Act]) -> None:
-    swarm = Swarm(robots, places).play(story)
-    for _ in range(12 * places):  # nobody takes anything any more, and all messages arrive
+def test_finally_each_place_is_held_once(robots: int, places: int, script: list[Action]) -> None:
+    swarm = Swarm(robots, places).play(script)
+    for _ in range(12 * places):  # no further adoptions, and all messages arrive
         swarm.robots = [robot.plan(FLOOR) for robot in swarm.robots]
         told = [seen(robot) for robot in swarm.robots]
         for index in range(robots):
@@ -153,7 +164,7 @@ def test_in_the_end_each_place_is_held_once(robots: int, places: int, story: lis
     swarm.check_held_once()
 
 
-def test_a_place_that_a_robot_had_and_lost_comes_back_by_a_later_word() -> None:
+def test_a_lost_place_is_adopted_back_with_a_higher_term() -> None:
     r1, r2 = bidder("r1", 0.0, 1.0, 20.0), bidder("r2", 21.0)
     r2 = hears(r2, seen(r1)).plan(FLOOR)
     r1 = hears(r1, seen(r2)).plan(FLOOR)

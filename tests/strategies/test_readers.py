@@ -1,4 +1,4 @@
-"""A run of each shipped strategy and example is read by every command that reads runs."""
+"""All commands that read runs, on a run of each shipped strategy and example."""
 
 import shlex
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ import pytest
 
 from acrc_testbed.command_line.app import app
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.loading import look_in
+from actors.robot.behaviour.loading import set_folders
 from cleaning.strategies import STRATEGIES
 
 EXAMPLE = "examples.courteous:behaviour"
@@ -35,7 +35,7 @@ def call(words: str) -> None:
 def here(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.chdir(REPOSITORY)
     yield
-    look_in(())
+    set_folders(())
 
 
 @pytest.mark.nightly

@@ -1,4 +1,4 @@
-"""Strategies of one's own, by the command line: installed, beside the scenario, with settings, and broken."""
+"""User strategies on the command line: installed, beside the scenario, with settings, and faulty."""
 
 import hashlib
 import json
@@ -51,7 +51,7 @@ def buggy(start: Start) -> Behaviour:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder on Python's path, as site-packages would be."""
+    """Return a folder on Python's path, like site-packages."""
     folder = tmp_path / "site"
     folder.mkdir()
     (folder / "wanderer.py").write_text(WANDERER)
@@ -60,7 +60,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def install(site: Path, name: str, **strategies: str) -> None:
-    """A distribution that registers strategies, as pip would leave it."""
+    """Create a distribution that registers strategies, as installed by pip."""
     info = site / f"{name}-1.2.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n")
@@ -97,7 +97,7 @@ def test_an_installed_strategy_runs_by_its_name_in_sandboxes(site: Path, tmp_pat
     assert isolated["isolation"] == "full"
 
 
-def test_a_name_that_two_have_is_refused_when_it_is_asked_for(site: Path, tmp_path: Path) -> None:
+def test_a_name_registered_twice_is_rejected_when_used(site: Path, tmp_path: Path) -> None:
     install(site, "bold_study", none="wanderer:behaviour", wander="wanderer:behaviour")
     install(site, "my_study", wander="wanderer:behaviour")
     done = acrc("run", ROOT / "scenarios" / "corridor.toml", "--out", tmp_path / "out")
@@ -125,9 +125,9 @@ def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_
     path = own_scenario(tmp_path / "study", "[strategy]\npause = 0.5")
     mark, module = tmp_path / "study" / "mark", tmp_path / "study" / "wanderer.py"
     memory = run(tmp_path / "memory", path, "--trust", "--bus", "memory")
-    mark.unlink()  # in memory nothing is isolated
+    mark.unlink()  # runs in memory are not isolated
     assert run(tmp_path / "isolated", path, "--trust", "--isolate")["digest"] == memory["digest"]
-    assert not mark.exists(), "neither tried out nor run unguarded"
+    assert not mark.exists(), "neither dry-run nor run outside of the sandbox"
     again = run(tmp_path / "again", tmp_path / "isolated" / "scenario.toml", "--trust", "--bus", "memory")
     assert again["digest"] == memory["digest"], "with its module, its settings and its areas"
     mark.unlink()
@@ -151,7 +151,7 @@ def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_
     assert acrc("replay", tmp_path / "isolated", "--robot", "r2", "--trust").returncode == 0
 
 
-def test_wrong_settings_and_errors_of_a_strategy_are_told_before_anything_is_written(tmp_path: Path) -> None:
+def test_errors_of_a_strategy_are_reported_before_anything_is_written(tmp_path: Path) -> None:
     path = own_scenario(tmp_path / "study", "[strategy]\npauze = 0.5")
     done = in_process.acrc("run", path, "--out", tmp_path / "out")
     assert done.returncode == 1 and done.stderr.startswith(
@@ -162,7 +162,7 @@ def test_wrong_settings_and_errors_of_a_strategy_are_told_before_anything_is_wri
     assert (done.returncode, done.stdout, done.stderr) == (
         1, "", "acrc: strategy.pauze is not known; did you mean strategy.pause?\n"
     )  # fmt: skip
-    # the settings are those of the strategy that the file names, and another one does not get them
+    # settings of the file are used for its own strategy only
     done = acrc("run", path, "--trust", "--strategy", "wanderer:buggy", "--out", tmp_path / "out")
     assert done.returncode == 1
     *traceback, cause, last = done.stderr.splitlines()

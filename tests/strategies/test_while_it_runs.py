@@ -1,4 +1,4 @@
-"""Places that come and doors that close while robots are at work: a story of two of them, in memory."""
+"""Added places and closed doors during a run of two robots, in memory."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from acrc_testbed.recordings.record_replay import recheck
 from acrc_testbed.run_model.simulated_runs import read_run
 from tests.recorded_runs import record
 
-STORY = """
+SCENARIO = """
 map = "../maps/corridor.yaml"
 [run]
 duration = 120.0
@@ -44,8 +44,8 @@ OPENED_S = 40.0
 
 
 @pytest.mark.parametrize("strategy", ["none", "auction"])
-def test_a_place_that_comes_is_visited_once_the_door_is_open(strategy: str, tmp_path: Path) -> None:
-    result = record(tmp_path / "run", STORY, strategy=strategy)
+def test_an_added_place_is_visited_once_the_door_is_open(strategy: str, tmp_path: Path) -> None:
+    result = record(tmp_path / "run", SCENARIO, strategy=strategy)
     places = {(place.owner, place.place): place for place in read_run(tmp_path / "run").outcomes}
     inside, outside = places["r1", 1], places["r1", 2]
     assert (inside.given_at, outside.given_at) == (10_000_000, 10_000_000)
@@ -57,4 +57,4 @@ def test_a_place_that_comes_is_visited_once_the_door_is_open(strategy: str, tmp_
     assert result.driven_m == pytest.approx(sum(ways)) and 7.0 < sum(ways) < 60.0
     if strategy == "none":
         again = recheck(tmp_path / "run")
-        assert again.actors == 4, "world, radio and both robots send the same bytes once more"
+        assert again.actors == 4, "world, radio and both robots send the same bytes again"

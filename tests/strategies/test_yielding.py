@@ -1,4 +1,4 @@
-"""Giving way: of two that block each other one backs out, waits, and goes on."""
+"""Yielding: one of two blocked robots backs out, waits, and continues."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,7 +9,7 @@ from actors.geometry import Point
 from actors.instant import Instant, seconds
 from cleaning.cleaner import Cleaner, State
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Ways, published, route
+from tests.cleaning.fakes import NOW, SOMEWHERE, FakeNavigation, OpenFloor, published, route
 
 seen = partial(published, role=Cleaner)
 P = YieldingParameters()
@@ -40,31 +40,31 @@ def test_who_gives_way(r1: YieldingRobot, r2: YieldingRobot, gives_way: bool) ->
     assert YIELDING.membership(seen(r2), r1) is gives_way
 
 
-def test_it_backs_out_waits_and_asks_anew() -> None:
-    ways, robot = (
-        Ways(),
-        YIELDING.at_member(seen(blocked("r2", 1.0)), blocked("r1", 0.0, 5.0), Floor(), NOW),
+def test_it_backs_out_waits_and_requests_the_goal_again() -> None:
+    navigation, robot = (
+        FakeNavigation(),
+        YIELDING.at_member(seen(blocked("r2", 1.0)), blocked("r1", 0.0, 5.0), OpenFloor(), NOW),
     )
-    robot = robot.give_way(ways, NOW)
-    assert ways.orders == [None] and ways.backed == [P.back_out]
-    waiting = robot.give_way(ways, Instant(NOW + seconds(7)))
-    assert not waiting.is_blocked() and waiting.blocked_for == 0 and ways.backed == [P.back_out]
-    after = waiting.give_way(ways, Instant(NOW + seconds(8)))
+    robot = robot.give_way(navigation, NOW)
+    assert navigation.orders == [None] and navigation.backed_out == [P.back_out]
+    waiting = robot.give_way(navigation, Instant(NOW + seconds(7)))
+    assert not waiting.is_blocked() and waiting.blocked_for == 0 and navigation.backed_out == [P.back_out]
+    after = waiting.give_way(navigation, Instant(NOW + seconds(8)))
     assert after.waits_until is None and after.attempt == robot.attempt + 1
 
-    assert blocked("r1", 0.3).yielding(Floor(0.0), NOW).backs_by == P.back_out_of_door
+    assert blocked("r1", 0.3).yielding(OpenFloor(0.0), NOW).backs_by == P.back_out_of_door
 
 
-def test_who_wants_nowhere_does_not_stand_in_a_door() -> None:
+def test_a_robot_without_target_leaves_a_door() -> None:
     idle = replace(blocked("r1", 0.3), state=State.FREE)
-    assert idle.leave_door(Floor(0.0)).waypoint == SOMEWHERE
-    assert idle.leave_door(Floor(5.0)) == idle
-    assert replace(idle, waypoint=Point(9.0, 9.0)).leave_door(Floor(0.0)).waypoint == Point(9.0, 9.0)
+    assert idle.leave_door(OpenFloor(0.0)).waypoint == SOMEWHERE
+    assert idle.leave_door(OpenFloor(5.0)) == idle
+    assert replace(idle, waypoint=Point(9.0, 9.0)).leave_door(OpenFloor(0.0)).waypoint == Point(9.0, 9.0)
 
 
-def test_who_wants_nowhere_steps_aside_for_who_is_blocked() -> None:
+def test_a_robot_without_target_steps_aside_for_a_blocked_one() -> None:
     aside, idle = SteppingAside(1.5), replace(blocked("r1", 0.0), state=State.FREE)
     assert aside.membership(seen(blocked("r2", 1.0, 5.0)), idle)
-    assert aside.at_member(seen(blocked("r2", 1.0, 5.0)), idle, Floor()).waypoint == SOMEWHERE
+    assert aside.at_member(seen(blocked("r2", 1.0, 5.0)), idle, OpenFloor()).waypoint == SOMEWHERE
     assert not aside.membership(seen(blocked("r2", 1.6, 5.0)), idle)
     assert not aside.membership(seen(blocked("r2", 1.0, 5.0)), blocked("r1", 0.0, 5.0))

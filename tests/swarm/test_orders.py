@@ -10,7 +10,7 @@ import pytest
 from acrc_testbed.recordings.record_replay import replay_actor
 from actors import orders as given
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.foreign import INSTALLED
+from actors.robot.behaviour.code_permit import INSTALLED
 from deploy.run import orders
 from deploy.run.swarm_replay import replay_swarm
 from tests import in_process

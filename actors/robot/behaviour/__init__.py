@@ -6,7 +6,7 @@ Examples: docs/tutorial.md and docs/deeco.md.
 from actors.geometry import Door
 from actors.robot.behaviour.node_host import host
 from actors.robot.behaviour.ports import (
-    FARTHEST_BACK,
+    MAX_BACK_OUT,
     AbortReason,
     Behaviour,
     Decision,
@@ -27,7 +27,7 @@ from actors.robot.behaviour.ports import (
 )
 
 __all__ = [
-    "FARTHEST_BACK",
+    "MAX_BACK_OUT",
     "AbortReason",
     "Behaviour",
     "Decision",

@@ -13,7 +13,7 @@ import msgspec
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.message_limits import MessageLimits, frames_fault
-from actors.robot.behaviour.ports import FARTHEST_BACK, Decision, GoalOrder
+from actors.robot.behaviour.ports import MAX_BACK_OUT, Decision, GoalOrder
 from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name, Text
 from actors.task.task import words_fault
 from deeco import Knowledge
@@ -39,9 +39,7 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
     if decision.paused not in (None, True, False):
         return f"returned paused={decision.paused!r}; it should be True, False or None"
     if decision.back_out is not None and not _is_distance(decision.back_out):
-        return (
-            f"returned back_out={decision.back_out!r}; it should be above 0 and at most {FARTHEST_BACK:g} m"
-        )
+        return f"returned back_out={decision.back_out!r}; it should be above 0 and at most {MAX_BACK_OUT:g} m"
     if decision.relocalise not in (True, False):
         return f"returned relocalise={decision.relocalise!r}; it should be True or False"
     wrong = None
@@ -73,7 +71,7 @@ def _is_point(goal: object) -> bool:
 
 
 def _is_distance(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= FARTHEST_BACK
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= MAX_BACK_OUT
 
 
 def _peers_fault(peers: object, limits: RobotLimits) -> str | None:
@@ -130,7 +128,7 @@ class NodeReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @runtime_checkable
-class Deciding(Protocol):
+class DecisionSource(Protocol):
     """A component that can describe its decisions."""
 
     @property
@@ -148,7 +146,7 @@ class DecisionLog:
         """Create an empty log, or continue `former`, the log of the robot's previous component."""
         kind = type(component)
         adapts = any(process.adaptation for process in processes_of(kind))
-        self._decides = isinstance(component, Deciding)
+        self._decides = isinstance(component, DecisionSource)
         self._diagnoses = adapts and callable(getattr(kind, "is_blocked", None))
         self._report: AdaptationReport = AdaptationReport() if former is None else former._report
         self._blocked: list[tuple[int, int | None]] = [] if former is None else former._blocked

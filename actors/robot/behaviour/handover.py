@@ -27,7 +27,7 @@ _SETTINGS: Final = msgspec.json.Decoder(dict[str, Setting])
 _NONE: Final[Mapping[str, Setting]] = MappingProxyType({})
 
 
-class Turn(NamedTuple):
+class Handover(NamedTuple):
     """Start of the next behaviour."""
 
     at_s: float
@@ -37,51 +37,53 @@ class Turn(NamedTuple):
     """Settings that differ from its defaults."""
 
 
-def split(text: str) -> tuple[str, tuple[Turn, ...]]:
-    """Return the first name and the turns that follow it. Raises BehaviourError."""
+def split(text: str) -> tuple[str, tuple[Handover, ...]]:
+    """Return the first name and the handovers that follow it. Raises BehaviourError."""
     first, *others = text.split(_THEN)
-    turns = tuple(_turn(text, other) for other in others)
-    instants = [0.0, *(turn.at_s for turn in turns)]
+    handovers = tuple(_parse_handover(text, other) for other in others)
+    instants = [0.0, *(handover.at_s for handover in handovers)]
     if any(later <= earlier for earlier, later in pairwise(instants)):
         raise BehaviourError(f"behaviour {text!r}: instants should be above 0 s and in ascending order")
-    return first, turns
+    return first, handovers
 
 
-def joined(first: str, turns: Sequence[Turn]) -> str:
+def join(first: str, handovers: Sequence[Handover]) -> str:
     """Return the text that `split` parses into these."""
-    others = (f"{_THEN}{turn.name}{_written(turn.settings)}{_AT}{turn.at_s!r}" for turn in turns)
+    others = (
+        f"{_THEN}{handover.name}{_written(handover.settings)}{_AT}{handover.at_s!r}" for handover in handovers
+    )
     return "".join([first, *others])
 
 
 def names(text: str) -> tuple[str, ...]:
     """Return all names in order. Raises BehaviourError."""
-    first, turns = split(text)
-    return (first, *(turn.name for turn in turns))
+    first, handovers = split(text)
+    return (first, *(handover.name for handover in handovers))
 
 
 def behaviour_of(text: str, start: Start) -> Behaviour:
     """Return the behaviour of one entry or of a sequence; raises as `load_behaviour` does."""
-    first, turns = split(text)
-    return _Handover(start, first, turns) if turns else load_behaviour(first, start)
+    first, handovers = split(text)
+    return _BehaviourSequence(start, first, handovers) if handovers else load_behaviour(first, start)
 
 
 def dry_run(text: str, start: Start) -> None:
     """Create each behaviour once and discard it; raises as `load_behaviour` does. Consumes `start`."""
-    first, turns = split(text)
+    first, handovers = split(text)
     load_behaviour(first, start)
-    for turn in turns:
-        load_behaviour(turn.name, replace(start, settings=turn.settings))
+    for handover in handovers:
+        load_behaviour(handover.name, replace(start, settings=handover.settings))
 
 
-class _Handover:
+class _BehaviourSequence:
     """A sequence of behaviours."""
 
-    def __init__(self, start: Start, first: str, turns: Sequence[Turn]) -> None:
-        for turn in turns:
-            entry_function(turn.name)  # report missing functions before the first step
+    def __init__(self, start: Start, first: str, handovers: Sequence[Handover]) -> None:
+        for handover in handovers:
+            entry_function(handover.name)  # report missing functions before the first step
         self._start = start
         self._present = load_behaviour(first, start)
-        self._left = deque(turns)
+        self._left = deque(handovers)
         self._begun = False
         self._paused = False
         self._masked = False
@@ -93,15 +95,15 @@ class _Handover:
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Advance the current behaviour."""
-        relieved = False
+        switched = False
         while self._left and seconds(self._left[0].at_s) <= view.instant:
-            self._relieve(self._left.popleft(), view)
-            relieved = True
+            self._switch(self._left.popleft(), view)
+            switched = True
         self._begun = True
         decision = self._present.advance(view, until)
-        if relieved and self._paused and decision.paused is None:
+        if switched and self._paused and decision.paused is None:
             decision = replace(decision, paused=False)
-        if relieved and self._masked and decision.peers is None:
+        if switched and self._masked and decision.peers is None:
             decision = replace(decision, peers=())
         if decision.paused is not None:
             self._paused = decision.paused
@@ -114,14 +116,14 @@ class _Handover:
         outcome = getattr(self._present, "outcome", None)
         return {} if outcome is None else outcome()
 
-    def _relieve(self, turn: Turn, view: View) -> None:
+    def _switch(self, handover: Handover, view: View) -> None:
         """Switch to the next behaviour; it resumes nothing if the robot has just started."""
         start = self._start
         if self._begun:
             start = replace(start, pose=view.pose)
-        successor = load_behaviour(turn.name, replace(start, settings=turn.settings))
+        successor = load_behaviour(handover.name, replace(start, settings=handover.settings))
         if self._begun:
-            take_over(successor, self._present, turn.name)
+            take_over(successor, self._present, handover.name)
         self._present = successor
 
 
@@ -134,7 +136,7 @@ def instant_of(text: str) -> float | None:
     return value if math.isfinite(value) and value > 0 else None
 
 
-def _turn(text: str, other: str) -> Turn:
+def _parse_handover(text: str, other: str) -> Handover:
     named, at, instant = other.rpartition(_AT)
     name, brace, rest = named.partition("{")
     at_s = instant_of(instant)
@@ -143,9 +145,9 @@ def _turn(text: str, other: str) -> Turn:
             f"behaviour {text!r}: it should look like 'first{_THEN}second{_AT}120', the instant in s"
         )
     if not brace:
-        return Turn(at_s, name)
+        return Handover(at_s, name)
     try:
-        return Turn(at_s, name, MappingProxyType(dict(_SETTINGS.decode(brace + rest))))
+        return Handover(at_s, name, MappingProxyType(dict(_SETTINGS.decode(brace + rest))))
     except (ValueError, RecursionError):
         raise BehaviourError(
             f'behaviour {text!r}: the text after {name} should be settings in JSON, such as {{"reach": 0.5}}'

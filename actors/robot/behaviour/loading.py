@@ -30,20 +30,20 @@ class RecordedModules(NamedTuple):
     """False: the run ended early and may have loaded more."""
 
 
-class _Source(SourceFileLoader):
+class _HashingLoader(SourceFileLoader):
     """Loader that compiles exactly the bytes that it has hashed and ignores cached bytecode."""
 
     def get_code(self, fullname: str) -> CodeType:
         file = self.get_filename(fullname)
         data = self.get_data(file)
-        FOLDERS.take(file, data)
+        FINDER.record(file, data)
         return self.source_to_code(data, file)
 
     def get_data(self, path: str) -> bytes:
         return regular_file.content(Path(path), _LARGEST)
 
 
-class _Folders(MetaPathFinder):
+class _FolderFinder(MetaPathFinder):
     """Finder of modules in additional folders, searched after Python's path."""
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class _Folders(MetaPathFinder):
         """Return a module's spec; all submodules of a package come from the package's folder."""
         parent = fullname.rpartition(".")[0]
         if path is None:
-            found = None if own_spec(fullname) is not None else _spec(fullname, self.folders)
+            found = None if python_spec(fullname) is not None else _spec(fullname, self.folders)
         elif parent not in self._roots:
             return None
         else:
@@ -73,7 +73,7 @@ class _Folders(MetaPathFinder):
             _check_link(place, self._roots[fullname])
         return found
 
-    def take(self, file: str, data: bytes) -> None:
+    def record(self, file: str, data: bytes) -> None:
         """Record the hash of a loaded file. Raises AcrcError if it differs from the recorded run's."""
         root = self._root(Path(file))
         name = file if root is None else Path(file).relative_to(root).as_posix()
@@ -101,26 +101,26 @@ class _Folders(MetaPathFinder):
         return next((folder for folder in self.folders if place.is_relative_to(folder)), None)
 
 
-FOLDERS: Final = _Folders()
+FINDER: Final = _FolderFinder()
 
 
-def look_in(folders: Sequence[Path], *, any_content: bool = False) -> None:
+def set_folders(folders: Sequence[Path], *, any_content: bool = False) -> None:
     """Search modules in these folders, in order, after Python's path; replaces previous folders.
 
     `any_content`: ignore recorded hashes.
     """
-    FOLDERS.any_content = any_content
-    FOLDERS.folders = tuple(dict.fromkeys(folder.absolute() for folder in folders))
-    if FOLDERS not in sys.meta_path:
-        sys.meta_path.insert(0, FOLDERS)  # before finders that would load bytecode from these folders
+    FINDER.any_content = any_content
+    FINDER.folders = tuple(dict.fromkeys(folder.absolute() for folder in folders))
+    if FINDER not in sys.meta_path:
+        sys.meta_path.insert(0, FINDER)  # before finders that would load bytecode from these folders
 
 
-def expect(recorded: RecordedModules | None) -> None:
+def expect_hashes(recorded: RecordedModules | None) -> None:
     """Require that modules match the recorded hashes from now on; None: accept all."""
-    FOLDERS.expected = recorded
+    FINDER.expected = recorded
 
 
-def located(module: str, folder: Path) -> Path | None:
+def module_file(module: str, folder: Path) -> Path | None:
     """Return the file of a module (a folder for a namespace); None if it is not in `folder`.
 
     If a submodule is missing, returns the package's file. Imports nothing. Raises AcrcError for a link that
@@ -128,7 +128,7 @@ def located(module: str, folder: Path) -> Path | None:
     """
     folder, found = folder.absolute(), None
     search = [folder]
-    for name in prefixes(module):
+    for name in module_prefixes(module):
         spec = _spec(name, search)
         if spec is None:
             break
@@ -138,27 +138,29 @@ def located(module: str, folder: Path) -> Path | None:
     return found
 
 
-def is_name(module: str) -> bool:
+def is_module_name(module: str) -> bool:
     """Return True for identifiers separated by dots."""
     return all(part.isidentifier() for part in module.split("."))
 
 
-def own_spec(module: str) -> ModuleSpec | None:
+def python_spec(module: str) -> ModuleSpec | None:
     """Return the spec of a top-level module on Python's path; None for a folder without `__init__.py`."""
-    finders = (finder for finder in sys.meta_path if finder is not FOLDERS)
+    finders = (finder for finder in sys.meta_path if finder is not FINDER)
     found = (finder.find_spec(module, None) for finder in finders if hasattr(finder, "find_spec"))
     return next((spec for spec in found if spec is not None and spec.loader is not None), None)
 
 
-def prefixes(module: str) -> list[str]:
+def module_prefixes(module: str) -> list[str]:
     """Return `a`, `a.b`, `a.b.c` for `a.b.c`; empty for an invalid module name."""
-    parts = module.split(".") if is_name(module) else []
+    parts = module.split(".") if is_module_name(module) else []
     return [".".join(parts[: count + 1]) for count in range(len(parts))]
 
 
 def _spec(name: str, folders: Sequence[Path]) -> ModuleSpec | None:
     """Return the spec of a source file or package, otherwise of a folder without `__init__.py`."""
-    finders = (FileFinder(str(folder), (_Source, [".py"])) for folder in folders if "\0" not in str(folder))
+    finders = (
+        FileFinder(str(folder), (_HashingLoader, [".py"])) for folder in folders if "\0" not in str(folder)
+    )
     found = [spec for finder in finders if (spec := finder.find_spec(name)) is not None]
     return next((spec for spec in found if spec.loader is not None), found[0] if found else None)
 
@@ -200,7 +202,7 @@ def load_behaviour(entry: str, start: Start) -> Behaviour:
 def entry_function(entry: str) -> Callable[[Start], Any]:
     """Return the function of an entry string. Raises BehaviourError."""
     module_name, colon, name = entry.partition(":")
-    if not (colon and is_name(module_name) and name):
+    if not (colon and is_module_name(module_name) and name):
         raise BehaviourError(
             f"behaviour {entry!r} is not an entry; it should look like 'package.module:function'"
         )

@@ -40,42 +40,42 @@ from deeco.link import Reception, Transmission
 from deeco.network import NetworkParameters, RelayParameters
 from deeco.node import Node
 
-Order = dict[str, Any]
+DecisionFields = dict[str, Any]
 """Requests of a step: fields of its Decision."""
 
 
 class RobotPositioning:
     """Implementation of Positioning: values of the newest view."""
 
-    def __init__(self, pose: Pose, order: Order) -> None:
+    def __init__(self, pose: Pose, fields: DecisionFields) -> None:
         self.pose = pose
         self.covariance = CERTAIN
-        self.is_lost = 0.0
+        self.lost_probability = 0.0
         self.moving = False
-        self._order = order
+        self._fields = fields
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
         self.pose, self.moving = view.pose, view.moving
-        self.covariance, self.is_lost = view.covariance, view.lost
+        self.covariance, self.lost_probability = view.covariance, view.lost
 
     def disregard(self, peers: Sequence[Point]) -> None:
         """Mask range readings that end at other robots."""
-        self._order["peers"] = tuple(peers)
+        self._fields["peers"] = tuple(peers)
 
     def relocalise(self) -> None:
         """Search the whole map for the robot's pose."""
-        self._order["relocalise"] = True
+        self._fields["relocalise"] = True
 
 
 class RobotNavigation:
     """Implementation of Navigation: values of the newest view, updated by requests of the step."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, fields: DecisionFields) -> None:
         self.goal: Goal | None = None
         self.plan: Plan | None = None
         self.backing_out = False
-        self._order = order
+        self._fields = fields
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
@@ -83,29 +83,29 @@ class RobotNavigation:
 
     def back_out(self, distance: float) -> None:
         """Drive backward along the robot's trail."""
-        self._order["back_out"] = distance
+        self._fields["back_out"] = distance
         self.backing_out = True
 
     def go_to(self, point: Point) -> None:
         """Set the goal."""
-        self._order["goal"] = point
+        self._fields["goal"] = point
         self.plan = None
         self.goal = Goal(point, GoalStatus.ACTIVE)
 
     def stop(self) -> None:
         """Stop and clear the goal."""
-        self._order["goal"] = GoalOrder.CANCEL
-        self._order.pop("back_out", None)
+        self._fields["goal"] = GoalOrder.CANCEL
+        self._fields.pop("back_out", None)
         self.goal = self.plan = None
         self.backing_out = False
 
     def pause(self) -> None:
         """Stop and keep the goal."""
-        self._order["paused"] = True
+        self._fields["paused"] = True
 
     def resume(self) -> None:
         """Continue to the goal."""
-        self._order["paused"] = False
+        self._fields["paused"] = False
 
 
 class RobotTaskList:
@@ -120,10 +120,10 @@ class RobotTaskList:
 class RobotPlaceMonitor:
     """Implementation of PlaceMonitor: reports of the current step."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, fields: DecisionFields) -> None:
         self.reported: tuple[PlaceKey, ...] | None = None
         """The route reported last; None: report it again."""
-        self._order = order
+        self._fields = fields
 
     def visited(self, place: PlaceKey, now: Instant) -> None:
         """Report that a place was cleaned."""
@@ -136,10 +136,10 @@ class RobotPlaceMonitor:
     def remaining(self, route: Sequence[PlaceKey]) -> None:
         """Report the places still to be visited, in order, if they have changed."""
         keys = tuple(route)
-        self._order["route"] = None if keys == self.reported else keys
+        self._fields["route"] = None if keys == self.reported else keys
 
     def _add(self, field: str, report: PlaceReport | PlaceGivenUp) -> None:
-        self._order[field] = (*self._order.get(field, ()), report)
+        self._fields[field] = (*self._fields.get(field, ()), report)
 
 
 _TAGS: Final = 2**32
@@ -213,11 +213,11 @@ class _Hosted:
         self._component = component
         self.ensembles = tuple(ensembles)
         self._phase = Duration(int(start.generator.integers(start.exchange.publish)))
-        self._order = order = Order()
-        self._positioning = RobotPositioning(start.pose, order)
-        self._navigation = RobotNavigation(order)
+        self._fields = fields = DecisionFields()
+        self._positioning = RobotPositioning(start.pose, fields)
+        self._navigation = RobotNavigation(fields)
         self._tasks = RobotTaskList(start.places, start.epoch)
-        self._monitor = RobotPlaceMonitor(order)
+        self._monitor = RobotPlaceMonitor(fields)
         self._log = DecisionLog(component)
         self._counted: Counter[str] = Counter()
         self._backlog: deque[Transmission] = deque()
@@ -252,8 +252,8 @@ class _Hosted:
             sent = self.node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
             raise BehaviourError(str(error)) from error
-        decision = Decision(frames=self._frames(sent, view.instant), **self._order)
-        self._order.clear()
+        decision = Decision(frames=self._frames(sent, view.instant), **self._fields)
+        self._fields.clear()
         if decision.route is not None:
             self._monitor.reported = decision.route
         return decision

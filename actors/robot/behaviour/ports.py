@@ -73,7 +73,7 @@ class GoalOrder(Enum):
     """Stop and clear the goal."""
 
 
-PACE: Final = 0.33
+TYPICAL_SPEED: Final = 0.33
 """Typical speed, m/s: 0.5 m/s divided by the slowness of 1.5 that `acrc verify navigation` measures."""
 
 
@@ -81,13 +81,13 @@ PACE: Final = 0.33
 class Plan:
     """A global plan; navigation makes a new one every second."""
 
-    way: Floats
+    path: Floats
     """(n, 2), n ≥ 1: points from the robot's position to the goal, m, map frame; read-only."""
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
         """The path as Points."""
-        return tuple(Point(x, y) for x, y in self.way.tolist())
+        return tuple(Point(x, y) for x, y in self.path.tolist())
 
     def ahead(self, here: Point) -> tuple[Point, ...]:
         """Return the points from the one nearest to `here` to the end."""
@@ -103,8 +103,8 @@ class Plan:
         return total
 
     def time_to_go(self, here: Point) -> Duration:
-        """Return the time for `distance_to_go` at PACE; other robots are ignored."""
-        return seconds(self.distance_to_go(here) / PACE)
+        """Return the time for `distance_to_go` at TYPICAL_SPEED; other robots are ignored."""
+        return seconds(self.distance_to_go(here) / TYPICAL_SPEED)
 
 
 class Positioning(Protocol):
@@ -119,7 +119,7 @@ class Positioning(Protocol):
         """Covariance of x, y and heading, row by row, m², m·rad, rad²."""
 
     @property
-    def is_lost(self) -> float:
+    def lost_probability(self) -> float:
         """Probability that the pose estimate is wrong, 0 to 1, estimated from scans.
 
         Values above 0.95 are reliable (`acrc verify localisation` measures how reliable). Always 0 with
@@ -139,8 +139,8 @@ class Positioning(Protocol):
     def relocalise(self) -> None:
         """Discard the pose estimate and search the whole map, for a robot that is lost.
 
-        Until enough scans have arrived, `is_lost` is high and the pose arbitrary. No effect with odometry
-        alone.
+        Until enough scans have arrived, `lost_probability` is high and the pose arbitrary. No effect with
+        odometry alone.
         """
 
 
@@ -160,7 +160,7 @@ class Navigation(Protocol):
         """True while the robot backs out on request."""
 
     def back_out(self, distance: float) -> None:
-        """Drive backward along the robot's trail by `distance`, m, above 0 and at most FARTHEST_BACK.
+        """Drive backward along the robot's trail by `distance`, m, above 0 and at most MAX_BACK_OUT.
 
         Ends early at the end of the trail or at an obstacle. The goal is resumed afterwards.
         """
@@ -253,9 +253,9 @@ class FloorPlan(Protocol):
 Scalar: TypeAlias = bool | int | float | str
 Setting: TypeAlias = Scalar | tuple[Scalar, ...]
 """A value in a scenario's table [strategy]; a list becomes a tuple."""
-EVERYBODY_DBM: Final = 0.0
+MAX_RSSI_DBM: Final = 0.0
 """Upper bound of reported signal strengths, dBm (`actors.radio.frame` ends at -35 dBm)."""
-FARTHEST_BACK: Final = 3.0
+MAX_BACK_OUT: Final = 3.0
 """Longest distance of backing out, m: the length of the trail that a robot stores."""
 _Interval = Annotated[Duration, Meta(ge=milliseconds(1), le=seconds(LONGEST_S))]
 
@@ -272,7 +272,7 @@ class ExchangeSettings(Settings, frozen=True):
     relay_delay: Interval = seconds(1)
     """Longest delay before a rebroadcast, used for the strongest signal (d3scomp/JDEECo 2,
     DefaultKnowledgeDataManager)."""
-    relay_below: Annotated[float, Meta(ge=-90, le=EVERYBODY_DBM, extra={"unit": "dBm"})] = EVERYBODY_DBM
+    relay_below: Annotated[float, Meta(ge=-90, le=MAX_RSSI_DBM, extra={"unit": "dBm"})] = MAX_RSSI_DBM
     """Rebroadcast only knowledge received more weakly than this, dBm; transceivers resolve nothing below
     -90 dBm (`actors.radio.frame`). Default: no limit; own choice, decision 22. JDEECo uses a distance
     (RebroadcastStrategy)."""
@@ -280,7 +280,7 @@ class ExchangeSettings(Settings, frozen=True):
     """Age at which replicas are dropped; own choice. JDEECo keeps them forever."""
 
 
-_AS_IT_IS: Final = ExchangeSettings()
+_DEFAULT_EXCHANGE: Final = ExchangeSettings()
 
 
 class _NoFloorPlan:
@@ -315,7 +315,7 @@ class Start:
     """The behaviour's random stream: the only randomness it may use."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
     """The scenario's table [strategy]: settings that differ from the strategy's defaults; read-only."""
-    exchange: ExchangeSettings = _AS_IT_IS
+    exchange: ExchangeSettings = _DEFAULT_EXCHANGE
     """Exchange of knowledge, if the behaviour has a node."""
     floor: FloorPlan = _NO_FLOOR
     """The robot's map; its random places come from `generator`."""
@@ -367,7 +367,7 @@ class Decision:
     """Estimated positions of other robots, m, map frame, at which the localiser ignores range readings.
     Replaces the previous positions; None: unchanged, initially none."""
     back_out: float | None = None
-    """Distance to back out along the robot's trail, m, above 0 and at most FARTHEST_BACK; None: unchanged.
+    """Distance to back out along the robot's trail, m, above 0 and at most MAX_BACK_OUT; None: unchanged.
     Goals are resumed afterwards; CANCEL ends it."""
     relocalise: bool = False
     """True: discard the pose estimate and search the whole map."""

@@ -17,18 +17,18 @@ from actors.array_types import Floats
 from actors.geometry import ORIGIN, Point, Pose, between, wrap
 from actors.portable import arrays
 from actors.portable.draws import normals
-from actors.robot.localisation.confidence import Confidence, Judgement, judge
+from actors.robot.localisation.confidence import BeamClasses, CovarianceModel, classify_beams
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.measurement import Cloud, Measurement, beams, ends
-from actors.robot.localisation.motion import around, move, parts_of, spread, step
-from actors.robot.localisation.parameters import AmclParameters, Estimate, Locating
+from actors.robot.localisation.motion import around, move, spread, step, step_count
+from actors.robot.localisation.parameters import AmclParameters, Estimate, StartLocator
 from actors.robot.localisation.resampling import Cluster, Histogram, heaviest_cluster, histogram, resample
 from actors.robot.localisation.search import LostProbability, Search
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 
 
-class Recovery:
+class RecoveryAverages:
     """Averages w_slow and w_fast of the fit ("Probabilistic Robotics", 2005, table 8.3).
 
     Unlike the likelihood of a scan, the fit does not depend on the number of beams. The averages begin at 1,
@@ -124,8 +124,8 @@ class Amcl:
         self._parameters = parameters
         self._beams = beams(sensor, parameters.beams)
         self._measurement = Measurement(field, sensor.range_max, parameters)
-        self._recovery = Recovery(parameters)
-        self._confidence = Confidence(field, sensor, len(self._beams.rays))
+        self._recovery = RecoveryAverages(parameters)
+        self._confidence = CovarianceModel(field, sensor, len(self._beams.rays))
         self._lost = LostProbability() if start is not None else LostProbability(1.0)
         self._search: Search | None = None
         self._tally = FilterCounts()
@@ -133,7 +133,7 @@ class Amcl:
         self._odometry = origin
         self._begun, self._placed = False, start is not None
         self._doubt = doubt
-        self._locating = None if doubt is None else Locating(doubt)
+        self._locating = None if doubt is None else StartLocator(doubt)
         self._count = parameters.max_particles
         self._restart(self._scatter(start))
         self._drawn = np.empty_like(self._poses)
@@ -231,7 +231,7 @@ class Amcl:
         if self._tally.updates % self._parameters.resample_interval == 0:
             self._resample(found, injection)
 
-    def _look(self, points: Floats, judged: Judgement, here: Pose) -> None:
+    def _look(self, points: Floats, judged: BeamClasses, here: Pose) -> None:
         """Locate a robot with an uncertain start, and search for a lost one."""
         lost = self._lost.probability
         self._tally.lost += lost > _SEARCHED
@@ -278,7 +278,7 @@ class Amcl:
     def _move(self, pose: Pose) -> None:
         """Move each particle by a sample of the odometry step; long steps are divided."""
         since = before = self._odometry
-        parts = parts_of(before, pose, self._parameters)
+        parts = step_count(before, pose, self._parameters)
         for part in range(1, parts + 1):
             after = pose if part == parts else between(since, pose, part / parts)
             made = step(before, after)
@@ -287,20 +287,20 @@ class Amcl:
             before = after
         self._odometry = pose
 
-    def _judged(self, sweep: Sweep) -> tuple[Floats, Judgement]:
+    def _judged(self, sweep: Sweep) -> tuple[Floats, BeamClasses]:
         """Return the end points of the scan's beams and their classification at the estimate."""
         parameters, tally, mount = self._parameters, self._tally, self._beams.mount
         pose = self._correction.compose(sweep.pose)
         points, masked = ends(sweep.ranges_mm, self._beams, pose, self._peers, parameters.peer_radius)
         filtered = parameters.stranger_filter and self._together()
-        judged = judge(
+        judged = classify_beams(
             self._field.grid, points, mount, pose, parameters.stranger_distance if filtered else math.inf
         )
         tally.beams_masked += masked
         tally.beams_strange += judged.strangers
         return points, judged
 
-    def _weigh(self, judged: Judgement) -> float:
+    def _weigh(self, judged: BeamClasses) -> float:
         """Weigh the particles by the valid beams; return the fit."""
         known, tally = judged.known, self._tally
         fit, skipped = self._measurement.weigh(

@@ -15,8 +15,8 @@ from actors.geometry import Covariance, Pose
 from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
-from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, specimen
-from actors.robot.localisation.measurement import AGREEING, BEYOND, SHORT, level_at, placed, sight
+from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, example_field
+from actors.robot.localisation.measurement import AGREEING, BEYOND, SHORT, classify_beam, level_at, placed
 from actors.robot_model import RangeSensor
 
 AGREES: Final = 0.3
@@ -25,7 +25,7 @@ _PASSING: Final = 2.0
 """Penalty of a beam that passes through a wall, in beams that end at one; own choice."""
 
 
-class Judgement(NamedTuple):
+class BeamClasses(NamedTuple):
     """Classification of a scan's beams at one pose."""
 
     known: Floats
@@ -46,16 +46,18 @@ class PoseFit(NamedTuple):
     that ends before a wall, and -2 for one that passes through a wall."""
     agreeing: Int64s
     beyond: Int64s
-    """(n,): numbers of beams as in Judgement."""
+    """(n,): numbers of beams as in BeamClasses."""
 
 
-def worth(field: LikelihoodField, sigma: float) -> Floats:
+def beam_scores(field: LikelihoodField, sigma: float) -> Floats:
     """Return the score of a beam's end by its cell's level: (256,); `sigma`: accuracy of the poses, m."""
     return arrays.exp(-0.5 * np.square(field.distances / sigma))
 
 
 @kernel
-def judge(grid: LevelGrid, points: Floats, mount: Floats, pose: Pose, stranger_distance: float) -> Judgement:
+def classify_beams(
+    grid: LevelGrid, points: Floats, mount: Floats, pose: Pose, stranger_distance: float
+) -> BeamClasses:
     """Classify beams with end points (b, 2), m, body's frame, at `pose`; `mount`: (2,), origin of the beams.
 
     Strangers end before a wall and farther than `stranger_distance`, m, from walls; inf: there are none.
@@ -69,7 +71,7 @@ def judge(grid: LevelGrid, points: Floats, mount: Floats, pose: Pose, stranger_d
     for i in range(points.shape[0]):
         end_x, end_y = placed(x, y, c, s, points[i, 0], points[i, 1])
         apart = step * level_at(levels, frame, end_x, end_y)
-        seen = sight(levels, frame, step, min(AGREES, stranger_distance), eye_x, eye_y, end_x, end_y)
+        seen = classify_beam(levels, frame, step, min(AGREES, stranger_distance), eye_x, eye_y, end_x, end_y)
         if apart <= AGREES:
             agreeing += 1
         elif seen == BEYOND:
@@ -79,12 +81,12 @@ def judge(grid: LevelGrid, points: Floats, mount: Floats, pose: Pose, stranger_d
         else:
             known[kept, 0], known[kept, 1] = points[i, 0], points[i, 1]
             kept += 1
-    return Judgement(known[:kept], strangers, agreeing, beyond)
+    return BeamClasses(known[:kept], strangers, agreeing, beyond)
 
 
 @kernel
-def explain(grid: LevelGrid, points: Floats, mount: Floats, poses: Floats, worth: Floats) -> PoseFit:
-    """Return the fit of each of `poses`, (3, n), to a scan with at least one end point; see `judge`."""
+def explain(grid: LevelGrid, points: Floats, mount: Floats, poses: Floats, score_by_level: Floats) -> PoseFit:
+    """Return the fit of each of `poses`, (3, n), to a scan with an end point; see `classify_beams`."""
     levels, frame, step = grid
     count, beams = poses.shape[1], points.shape[0]
     scores = np.empty(count)
@@ -96,10 +98,10 @@ def explain(grid: LevelGrid, points: Floats, mount: Floats, poses: Floats, worth
         total = 0.0
         for k in range(beams):
             end_x, end_y = placed(x, y, c, s, points[k, 0], points[k, 1])
-            seen = sight(levels, frame, step, AGREES, eye_x, eye_y, end_x, end_y)
+            seen = classify_beam(levels, frame, step, AGREES, eye_x, eye_y, end_x, end_y)
             if seen == AGREEING:
                 agreeing[i] += 1
-                total += worth[level_at(levels, frame, end_x, end_y)]
+                total += score_by_level[level_at(levels, frame, end_x, end_y)]
             elif seen == BEYOND:
                 beyond[i] += 1
                 total -= _PASSING
@@ -118,7 +120,7 @@ _HARDLY_LOST: Final = 0.05
 """Probability of being lost below which it is ignored; otherwise it would dominate the covariance."""
 
 
-class Confidence:
+class CovarianceModel:
     """Covariances of one robot's estimates."""
 
     def __init__(self, field: LikelihoodField, sensor: RangeSensor, beams: int) -> None:
@@ -134,7 +136,7 @@ class Confidence:
         `points`: (b, 2), m, body's frame, end points of the scan's beams. `lost`: probability of being lost,
         which is mixed into the covariance.
         """
-        sharp = sharpened(self._field, points, pose, cloud, self._variance)
+        sharp = updated_covariance(self._field, points, pose, cloud, self._variance)
         honest = [
             _OF_CLOUD * wide + (1 - _OF_CLOUD) * narrow for wide, narrow in zip(cloud, sharp, strict=True)
         ]
@@ -145,7 +147,7 @@ class Confidence:
         )  # fmt: skip
 
 
-def sharpened(
+def updated_covariance(
     field: LikelihoodField,
     points: Floats,
     pose: Pose,
@@ -157,13 +159,13 @@ def sharpened(
     The variance is divided by the square of the share of such beams, since the others bias the estimate.
     """
     before = np.array(prior).reshape(3, 3)
-    after = _sharpened(field.grid, points, *pose, before, variance)
+    after = _updated_covariance(field.grid, points, *pose, before, variance)
     xx, xy, xh, _, yy, yh, _, _, hh = after.ravel().tolist()
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
 
 @kernel
-def _sharpened(
+def _updated_covariance(
     grid: LevelGrid,
     points: Floats,
     x: float,
@@ -208,11 +210,11 @@ def _sharpened(
 
 def fingerprint() -> bytes:
     """Return the results of all kernels for fixed inputs; another processor may give others."""
-    field, angles, mount = specimen(), np.arange(40.0), np.array([-0.1, 0.0])
+    field, angles, mount = example_field(), np.arange(40.0), np.array([-0.1, 0.0])
     rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
-    judged = judge(field.grid, 2.1 * rays, mount, Pose(1.0, 2.0, 0.5), 0.12)
+    judged = classify_beams(field.grid, 2.1 * rays, mount, Pose(1.0, 2.0, 0.5), 0.12)
     poses = np.linspace(-1.5, 3.0, 60, dtype=np.float64).reshape(3, 20)
-    explained = explain(field.grid, 2.1 * rays, mount, poses, worth(field, 0.1))
+    explained = explain(field.grid, 2.1 * rays, mount, poses, beam_scores(field, 0.1))
     prior = (0.3, 0.1, 0.0, 0.1, 0.2, 0.05, 0.0, 0.05, 0.4)
-    sharp = np.array(sharpened(field, 1.4 * rays, Pose(1.0, 1.2, 0.5), prior, 0.01))
+    sharp = np.array(updated_covariance(field, 1.4 * rays, Pose(1.0, 1.2, 0.5), prior, 0.01))
     return b"".join(part.tobytes() for part in (judged.known, np.array(judged[1:]), *explained, sharp))

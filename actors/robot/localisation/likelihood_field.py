@@ -121,7 +121,7 @@ def _field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
     return LikelihoodField(levels, frame, max_distance, floor)
 
 
-def specimen() -> LikelihoodField:
+def example_field() -> LikelihoodField:
     """Return a small field for fingerprints, read-only like the robot's, to compile the same variants."""
     row, column = np.indices((50, 50))
     levels = np.minimum(12 * np.minimum(row, abs(column - 20)), 255).astype(np.uint8)

@@ -17,7 +17,7 @@ from actors.kernels import kernel
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable.compiled import cos, cos_sin, exp, hypot, sin
-from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, specimen
+from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, example_field
 from actors.robot.localisation.parameters import AmclParameters
 from actors.robot_model import RangeSensor, scan_angles
 
@@ -34,13 +34,13 @@ class Cloud(NamedTuple):
     size: int
 
 
-class Readings(NamedTuple):
+class BeamScores(NamedTuple):
     """A scan and the scores of its beams on a map."""
 
     grid: LevelGrid
     ends: Floats
     """(b, 2): end points of beams, m, body's frame."""
-    worth: Floats
+    scores: Floats
     """(256,): score of a beam by the level of its end's cell."""
     agreeing: int
     """Highest level of an end with which a particle agrees."""
@@ -63,12 +63,12 @@ class Measurement:
         `ends`: (b, 2), m, body's frame. Multiplies the cloud's weights, normalises them to sum 1, and writes
         its directions. `together`: True if the filter has converged and beams may be skipped.
         """
-        parameters, readings = self._parameters, Readings(self._field.grid, ends, self._table, self._agreeing)
+        parameters, scan = self._parameters, BeamScores(self._field.grid, ends, self._table, self._agreeing)
         if parameters.weighting == "cubes":
-            return weigh_by_cubes(readings, cloud), 0
+            return weigh_by_cubes(scan, cloud), 0
         threshold = parameters.beam_skip_threshold if parameters.beam_skip and together else 0.0
         return weigh_by_product(
-            readings, cloud, threshold, parameters.beam_skip_error_threshold, parameters.sharpness
+            scan, cloud, threshold, parameters.beam_skip_error_threshold, parameters.sharpness
         )
 
 
@@ -80,12 +80,12 @@ def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParame
 
 
 @kernel
-def weigh_by_cubes(readings: Readings, cloud: Cloud) -> float:
-    """Multiply the weights by 1 + Σp³ and normalise them; return the fit. `readings.worth`: p³ by level.
+def weigh_by_cubes(scan: BeamScores, cloud: Cloud) -> float:
+    """Multiply the weights by 1 + Σp³ and normalise them; return the fit. `scan.scores`: p³ by level.
 
     The fit is the share of agreements over all beams and particles; 0 without beams.
     """
-    sums, fit, _ = _sums(readings, _face(readings.grid.frame, cloud), cloud, 0.0)
+    sums, fit, _ = _sums(scan, _face(scan.grid.frame, cloud), cloud, 0.0)
     for i in range(cloud.size):
         cloud.weights[i] *= 1.0 + sums[i]
     _normalise(cloud)
@@ -94,18 +94,18 @@ def weigh_by_cubes(readings: Readings, cloud: Cloud) -> float:
 
 @kernel
 def weigh_by_product(
-    readings: Readings, cloud: Cloud, threshold: float, most: float, sharpness: float
+    scan: BeamScores, cloud: Cloud, threshold: float, most: float, sharpness: float
 ) -> tuple[float, int]:
     """Multiply the weights by (Πp)^`sharpness` and normalise them; return fit and number of skipped beams.
 
-    `readings.worth`: ln p by level. A beam is skipped if less than a share `threshold` of the particles
+    `scan.scores`: ln p by level. A beam is skipped if less than a share `threshold` of the particles
     agrees with it, unless this applies to at least a share `most` of the beams. The fit excludes skipped
     beams.
     """
-    cells = _face(readings.grid.frame, cloud)
-    sums, fit, skipped = _sums(readings, cells, cloud, threshold)
-    if skipped >= most * readings.ends.shape[0]:  # the particles are wrong, not the beams
-        sums, fit, skipped = _sums(readings, cells, cloud, 0.0)
+    cells = _face(scan.grid.frame, cloud)
+    sums, fit, skipped = _sums(scan, cells, cloud, threshold)
+    if skipped >= most * scan.ends.shape[0]:  # the particles are wrong, not the beams
+        sums, fit, skipped = _sums(scan, cells, cloud, 0.0)
     weights, highest = cloud.weights, -math.inf
     for i in range(cloud.size):
         if weights[i] > 0.0:
@@ -149,26 +149,24 @@ def _look_up(
 
 
 @kernel
-def _sums(readings: Readings, cells: Floats, cloud: Cloud, threshold: float) -> tuple[Floats, float, int]:
+def _sums(scan: BeamScores, cells: Floats, cloud: Cloud, threshold: float) -> tuple[Floats, float, int]:
     """Return each particle's sum of scores of used beams, the fit, and the number of skipped beams."""
-    count, ends, side = cloud.size, readings.ends, readings.grid.frame[2]
+    count, ends, side = cloud.size, scan.ends, scan.grid.frame[2]
     sums = np.zeros(count)
     seen = np.empty(count, np.uint8)
     skipped = 0
     agreements = 0
     for beam in range(ends.shape[0]):
-        _look_up(
-            readings.grid.levels, cells, cloud.directions, ends[beam, 0] / side, ends[beam, 1] / side, seen
-        )
+        _look_up(scan.grid.levels, cells, cloud.directions, ends[beam, 0] / side, ends[beam, 1] / side, seen)
         agree = 0
         for i in range(count):
-            agree += seen[i] <= readings.agreeing
+            agree += seen[i] <= scan.agreeing
         if agree < threshold * count:
             skipped += 1
             continue
         agreements += agree
         for i in range(count):
-            sums[i] += readings.worth[seen[i]]
+            sums[i] += scan.scores[seen[i]]
     return sums, agreements / max((ends.shape[0] - skipped) * count, 1), skipped
 
 
@@ -208,7 +206,7 @@ def level_at(levels: Octets, frame: Floats, x: float, y: float) -> int:
 
 
 @kernel
-def sight(
+def classify_beam(
     levels: Octets,
     frame: Floats,
     step: float,
@@ -310,13 +308,13 @@ def _near(points: Floats, x: float, y: float, radius: float) -> bool:
 
 def fingerprint() -> bytes:
     """Return the results of all kernels for fixed inputs; another processor may give others."""
-    grid, p = specimen().grid, 0.5 * arrays.exp(-np.arange(256.0) / 50) + 0.1
+    grid, p = example_field().grid, 0.5 * arrays.exp(-np.arange(256.0) / 50) + 0.1
     poses = np.linspace(-1.5, 3.0, 90, dtype=np.float64).reshape(3, 30)
     points = np.column_stack((arrays.cos(np.arange(12.0)), arrays.sin(np.arange(12.0))))
     cloud = Cloud(poses, np.full(30, 1 / 30, np.float64), np.empty((2, 30)), 30)
     fits = (
-        weigh_by_cubes(Readings(grid, points, p * p * p, 60), cloud),
-        *weigh_by_product(Readings(grid, points, arrays.log(p), 60), cloud, 0.3, 0.9, 0.5),
+        weigh_by_cubes(BeamScores(grid, points, p * p * p, 60), cloud),
+        *weigh_by_product(BeamScores(grid, points, arrays.log(p), 60), cloud, 0.3, 0.9, 0.5),
     )
     angles = np.linspace(-3.0, 3.0, 30)
     ranges = np.frombuffer((2000 + 900 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")  # read-only

@@ -26,7 +26,7 @@ class OdometryStep(NamedTuple):
 
     turn: float
     """Initial turn, rad."""
-    way: float
+    distance: float
     """Translation, m, ≥ 0; backing is a translation between two turns by π."""
     last_turn: float
     """Final turn, rad."""
@@ -42,26 +42,26 @@ class StepSpread(NamedTuple):
     """Standard deviations of a step's parts: rad, m, rad."""
 
     turn: float
-    way: float
+    distance: float
     last_turn: float
 
 
 def step(before: Pose, after: Pose) -> OdometryStep:
     """Return the step between two odometry poses."""
     moved = before.relative(after)
-    way = hypot(moved.x, moved.y)
-    turn = atan2(moved.y, moved.x) if way >= _TURN_ON_THE_SPOT else 0.0
-    return OdometryStep(turn, way, wrap(moved.heading - turn))
+    distance = hypot(moved.x, moved.y)
+    turn = atan2(moved.y, moved.x) if distance >= _TURN_ON_THE_SPOT else 0.0
+    return OdometryStep(turn, distance, wrap(moved.heading - turn))
 
 
 def spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
     """Return the standard deviations of a step. Backing is as certain as driving forward."""
     turn, last_turn = _sharpness(made.turn), _sharpness(made.last_turn)
-    way = made.way * made.way
+    distance = made.distance * made.distance
     variances = (
-        parameters.alpha1 * turn * turn + parameters.alpha2 * way,
-        parameters.alpha3 * way + parameters.alpha4 * (turn * turn + last_turn * last_turn),
-        parameters.alpha1 * last_turn * last_turn + parameters.alpha2 * way,
+        parameters.alpha1 * turn * turn + parameters.alpha2 * distance,
+        parameters.alpha3 * distance + parameters.alpha4 * (turn * turn + last_turn * last_turn),
+        parameters.alpha1 * last_turn * last_turn + parameters.alpha2 * distance,
     )
     if parameters.odometry_model == "diff":
         return StepSpread(*variances)
@@ -73,7 +73,7 @@ def around(pose: Pose, spread: tuple[float, float, float], normals: Floats) -> F
     return np.array([pose]).T + np.array([spread]).T * normals
 
 
-def parts_of(before: Pose, after: Pose, parameters: AmclParameters) -> int:
+def step_count(before: Pose, after: Pose, parameters: AmclParameters) -> int:
     """Return the number of steps into which to divide the straight line between two odometry poses, ≥ 1.
 
     1 up to _SEVERAL update distances, otherwise the length in update distances.
@@ -103,7 +103,7 @@ def move(poses: Floats, count: int, made: OdometryStep, spread: StepSpread, norm
     """
     for i in range(count):
         bearing = poses[2, i] + made.turn + spread.turn * normals[0, i]
-        gone = made.way + spread.way * normals[1, i]
+        gone = made.distance + spread.distance * normals[1, i]
         poses[0, i] += gone * cos(bearing)
         poses[1, i] += gone * sin(bearing)
         heading = bearing + made.last_turn + spread.last_turn * normals[2, i]

@@ -169,7 +169,7 @@ _FIT: Final = 0.85
 """Minimum share of beams that agree with the map."""
 
 
-class Locating:
+class StartLocator:
     """Counter of consecutive scans that agree with the estimate of a standing robot."""
 
     def __init__(self, doubt: float) -> None:

@@ -15,7 +15,7 @@ from numpy.random import Generator
 from actors.array_types import Floats
 from actors.geometry import Pose, wrap
 from actors.portable.draws import normals
-from actors.robot.localisation.confidence import PoseFit, explain, worth
+from actors.robot.localisation.confidence import PoseFit, beam_scores, explain
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.motion import around
 
@@ -83,7 +83,7 @@ _TRIES: Final = 24
 _FIRST_SPREAD: Final = (0.15, 0.15, 0.1)
 _LATER_SPREAD: Final = (0.06, 0.06, 0.04)
 _WIDE: Final = 0.25
-"""Accuracy of a drawn pose, m; see `worth`."""
+"""Accuracy of a drawn pose, m; see `beam_scores`."""
 _NARROW: Final = 0.1
 """Accuracy of a refined pose, m."""
 _APART: Final = (0.5, 0.35)
@@ -133,7 +133,7 @@ class Search:
         self._mount = mount
         self._generator = generator
         self._poses = poses
-        self._wide, self._narrow = worth(plan, _WIDE), worth(plan, _NARROW)
+        self._wide, self._narrow = beam_scores(plan, _WIDE), beam_scores(plan, _NARROW)
         self._points: Floats = np.empty((0, 2))
         self._hypotheses: list[PoseHypothesis] = []
         self._estimate: float | None = None
@@ -210,8 +210,8 @@ class Search:
         x, y, heading = tried[:, best].tolist()
         return Pose(x, y, wrap(heading)), float(score[best])
 
-    def _explained(self, poses: Floats, worth: Floats) -> PoseFit:
-        return explain(self._plan.grid, self._points, self._mount, poses, worth)
+    def _explained(self, poses: Floats, scores: Floats) -> PoseFit:
+        return explain(self._plan.grid, self._points, self._mount, poses, scores)
 
     def _found(self) -> PoseHypothesis | None:
         """Return the hypothesis to accept, if there is one."""

@@ -23,11 +23,11 @@ from actors.robot.navigation.ray_tracing import (
     Rays,
     check_reach,
     inscribed,
-    note_arrivals,
+    mark_and_clear,
     outline,
     squared_within,
-    stamp,
-    take_in,
+    stamp_free_cells,
+    stamp_new_marks,
 )
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
@@ -216,12 +216,12 @@ class CostMap:
         seen[0], seen[1], seen[2] = mount.x / cell - corner.column, mount.y / cell - corner.row, mount.heading
         body[0], body[1] = here.x / cell - corner.column, here.y / cell - corner.row
         before = self._marks.copy() if self.arrivals.size else self._marks
-        take_in(self._marks, ranges, self._rays, seen, body)
+        mark_and_clear(self._marks, ranges, self._rays, seen, body)
         if self.arrivals.size:
             oldest = instant - self.parameters.free_memory
-            note_arrivals(self.arrivals, instant, self._marks, before, self._stamps, oldest)
+            stamp_new_marks(self.arrivals, instant, self._marks, before, self._stamps, oldest)
         if self._stamps.size:
-            stamp(self._stamps, instant, ranges, self._stamped, seen, body)
+            stamp_free_cells(self._stamps, instant, ranges, self._stamped, seen, body)
         self._squared = None
         self._taken = instant
 

@@ -70,7 +70,7 @@ def fingerprint() -> bytes:
     window, counts, barred = np.array([-2.0, 10.0, -1.0, 1.0]), (7, 8), np.zeros(4, np.bool_)
     bounds = np.array([[0.6, 0.8, 1.5]])
     poses = [np.array([12.3, 20.4, heading]) for heading in (-3.0, 0.1, 1.4)]
-    chosen = [best(pose, window, counts, barred, bounds, fields, table, weights) for pose in poses]
+    chosen = [best_velocity(pose, window, counts, barred, bounds, fields, table, weights) for pose in poses]
     return (
         np.array(chosen).tobytes()
         + np.array([squared_at(squared, pose[0], pose[1]) for pose in poses]).tobytes()
@@ -256,7 +256,7 @@ def _samples(low: float, high: float, count: int) -> Floats:
 
 
 @kernel
-def best(
+def best_velocity(
     pose: Floats,
     window: Floats,
     counts: tuple[int, int],

@@ -10,10 +10,16 @@ from actors.geometry import Pose, Twist, wrap
 from actors.instant import Instant
 from actors.portable import atan2, cos_sin, hypot
 from actors.robot.navigation.cost_map import CostMap
-from actors.robot.navigation.disc_dwa import WEIGHTS, Fields, best, squared_at
-from actors.robot.navigation.map_grid import Waves, bearing, cut, detour, free_goal, wavefront
+from actors.robot.navigation.disc_dwa import WEIGHTS, Fields, best_velocity, squared_at
+from actors.robot.navigation.map_grid import Waves, bearing, clip_path, detour, free_goal, wavefront
 from actors.robot.navigation.ray_tracing import half_gaps
-from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
+from actors.robot.navigation.steering import (
+    NO_COMMAND,
+    BaseLocalPlanner,
+    DwaParameters,
+    Steering,
+    reachable_range,
+)
 from actors.robot_model import DriveParameters
 
 _BEHIND: Final = 0.75 * math.pi
@@ -23,7 +29,7 @@ _NOTHING: Final = np.zeros(4, np.bool_)
 """No barred direction."""
 
 
-class _Outlook(NamedTuple):
+class _CriticInputs(NamedTuple):
     """Inputs of the critics in one cycle."""
 
     fields: Fields
@@ -71,33 +77,33 @@ class DiscLocalPlanner(BaseLocalPlanner):
         """Stopping distance at full speed, cells."""
         self._nearest = 0
 
-    def follow(self, way: Floats) -> None:
+    def follow(self, path: Floats) -> None:
         """Follow `path` from now on: (n, 2), n ≥ 1, m, map frame."""
-        super().follow(way)
+        super().follow(path)
         self._nearest = 0
 
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
         """Return True near the plan's end, at any speed."""
-        end = self._way[-1] if self._way.size else (math.inf, math.inf)
+        end = self._path[-1] if self._path.size else (math.inf, math.inf)
         return hypot(end[0] - estimate.x, end[1] - estimate.y) <= self._p.goal_tolerance
 
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         body = self._body(here)
         side = self._untrusted.shape[0]
-        self._nearest, ended, cells = cut(
-            self._way, self._nearest, self._motion(here, estimate), body, side, side / 2
+        self._nearest, ended, cells = clip_path(
+            self._path, self._nearest, self._motion(here, estimate), body, side, side / 2
         )
-        outlook = self._outlook(instant, body, cells, ended) if cells.size else None
-        if outlook is None:
-            return NOWHERE
-        self._turning, fields = self._turns(outlook.bearing), outlook.fields
-        self._weigh(outlook)
+        inputs = self._inputs(instant, body, cells, ended) if cells.size else None
+        if inputs is None:
+            return NO_COMMAND
+        self._turning, fields = self._turns(inputs.bearing), inputs.fields
+        self._weigh(inputs)
         too_near = squared_at(fields.squared, body[0], body[1]) <= self._limit
         window, barred = self._window(velocity, too_near), self._oscillation.barred
         if self._turning and self._p.spot_rate:
-            window[2:] = self._spot_turn(outlook.bearing, velocity.omega)
+            window[2:] = self._spot_turn(inputs.bearing, velocity.omega)
             barred = _NOTHING
-        speed, turn, score = best(
+        speed, turn, score = best_velocity(
             body,
             window,
             (self._p.speed_samples, self._p.turn_samples),
@@ -108,12 +114,12 @@ class DiscLocalPlanner(BaseLocalPlanner):
             self._weights,
         )
         if score < 0.0:
-            return NOWHERE
+            return NO_COMMAND
         speed *= self._cell
         self._oscillation.note(here, speed, turn)
         return Steering(Twist(speed, 0.0, turn), True)
 
-    def _outlook(self, instant: Instant, body: Floats, cells: Int32s, ended: bool) -> _Outlook | None:
+    def _inputs(self, instant: Instant, body: Floats, cells: Int32s, ended: bool) -> _CriticInputs | None:
         """Return the critics' inputs for the plan's `cells` in the window; None if their end is unreachable.
 
         `ended`: True if they include the plan's end.
@@ -125,7 +131,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         if more > self._p.detour / self._cell:
             return None
         if 0.0 < self._p.shortcut < -more * self._cell and cells.shape[0] > 1:
-            return self._outlook(instant, body, cells[: cells.shape[0] // 2], False)
+            return self._inputs(instant, body, cells[: cells.shape[0] // 2], False)
         nose = self._p.forward_point / self._cell
         dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
         front = _ahead(goal, dx, dy, nose, side)
@@ -134,7 +140,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         trusted = self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted
         leads = bearing(squared, self._limit, cells, body, nose)
         aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
-        return _Outlook(Fields(squared, waves, trusted), hypot(dx, dy), leads, aside, ended)
+        return _CriticInputs(Fields(squared, waves, trusted), hypot(dx, dy), leads, aside, ended)
 
     def _bounds(self, instant: Instant, body: Floats) -> Floats:
         """Return the bounds of the stopping distance due to moving marks; see `half_gaps`."""
@@ -149,8 +155,8 @@ class DiscLocalPlanner(BaseLocalPlanner):
         """Return the dynamic window: lowest and highest speed, cells/s, and turn rate, rad/s."""
         most = max(0.0, velocity.vx - self._gain) if self._turning else self._max_speed
         least = self._min_speed if too_near else max(self._min_speed, 0.0)
-        speeds = reachable(velocity.vx, self._gain, min(least, most), most)
-        turns = reachable(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
+        speeds = reachable_range(velocity.vx, self._gain, min(least, most), most)
+        turns = reachable_range(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
         return np.array([speeds[0] / self._cell, speeds[1] / self._cell, *turns])
 
     def _spot_turn(self, angle: float, turn: float) -> float:
@@ -164,14 +170,14 @@ class DiscLocalPlanner(BaseLocalPlanner):
         rate = min(max(wanted, turn - self._turn_gain), turn + self._turn_gain)
         return min(max(rate, -self._max_turn), self._max_turn)
 
-    def _weigh(self, outlook: _Outlook) -> None:
+    def _weigh(self, inputs: _CriticInputs) -> None:
         """Set the weights that depend on the local goal."""
         # near the goal the nose is beyond it: aligning it with the plan would turn the robot around
-        near = outlook.goal <= self._p.forward_point / self._cell
+        near = inputs.goal <= self._p.forward_point / self._cell
         self._weights["alignment"] = 0.0 if near else self._alignment
         # a goal behind a wall's end would attract the nose into the wall
-        self._weights["front"] = 0.0 if outlook.aside > self._p.front_angle else self._front
-        self._weights["goal_distance"] = outlook.goal if outlook.ended else math.inf
+        self._weights["front"] = 0.0 if inputs.aside > self._p.front_angle else self._front
+        self._weights["goal_distance"] = inputs.goal if inputs.ended else math.inf
 
     def _turns(self, angle: float) -> bool:
         """Return True if the robot turns on the spot: from `spot_angle` until half of it."""
@@ -184,7 +190,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         return np.array([here.x / self._cell - corner.column, here.y / self._cell - corner.row, here.heading])
 
     def _motion(self, here: Pose, estimate: Pose) -> Floats:
-        """Return the transformation from the map frame to the window; see `cut`."""
+        """Return the transformation from the map frame to the window; see `clip_path`."""
         turn = wrap(here.heading - estimate.heading)
         c, s = cos_sin(turn)
         x = here.x - (c * estimate.x - s * estimate.y)

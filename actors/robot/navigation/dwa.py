@@ -40,7 +40,7 @@ def start_of(pose: Floats) -> Floats:
 
 
 @kernel
-def foresee(
+def predict_end(
     point: Floats, pose: Floats, start: Floats, speed: float, turn: float, path: Int32s, w: Any
 ) -> bool:
     """Write a trajectory's end into `point`: x, y, cosine and sine; return True if its cell is certain.
@@ -276,7 +276,7 @@ def cheapest(
             if _is_barred(speed, turn, barred, w):
                 continue
             # the centre's cost is a lower bound: skip most trajectories without simulating them
-            if lowest >= 0.0 and foresee(points[0], pose, start, speed, turn, waves.path, w):
+            if lowest >= 0.0 and predict_end(points[0], pose, start, speed, turn, waves.path, w):
                 centre = table[squared[int(points[0, 1]), int(points[0, 0])]]
                 if _cost(centre, points[0], waves, w) >= lowest:
                     continue

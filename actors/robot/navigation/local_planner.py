@@ -26,23 +26,29 @@ from actors.robot.navigation.dwa import (
     samples,
 )
 from actors.robot.navigation.map_grid import Waves, wavefront
-from actors.robot.navigation.steering import NOWHERE, BaseLocalPlanner, DwaParameters, Steering, reachable
+from actors.robot.navigation.steering import (
+    NO_COMMAND,
+    BaseLocalPlanner,
+    DwaParameters,
+    Steering,
+    reachable_range,
+)
 from actors.robot_model import DriveParameters
 from deeco.knowledge import new_tuple
 
 
 @kernel
-def _part(way: Floats, robot: Floats, reach: float) -> tuple[int, int]:
+def _part(path: Floats, robot: Floats, reach: float) -> tuple[int, int]:
     """Return the index of the path's first point in the window and of the first point after it."""
     first = 0
-    while first < way.shape[0]:
-        dx, dy = robot[0] - way[first, 0], robot[1] - way[first, 1]
+    while first < path.shape[0]:
+        dx, dy = robot[0] - path[first, 0], robot[1] - path[first, 1]
         if dx * dx + dy * dy <= reach * reach:
             break
         first += 1
     last = first
-    while last < way.shape[0]:
-        dx, dy = robot[0] - way[last, 0], robot[1] - way[last, 1]
+    while last < path.shape[0]:
+        dx, dy = robot[0] - path[last, 0], robot[1] - path[last, 1]
         last += 1
         if dx * dx + dy * dy > reach * reach:
             break
@@ -78,21 +84,21 @@ def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Int32s
 
 
 @kernel
-def _moved(way: Floats, estimate: Floats, here: Floats) -> Floats:
+def _moved(path: Floats, estimate: Floats, here: Floats) -> Floats:
     """Return the points in the odometry frame."""
     c, s = cos_sin(here[2] - estimate[2])
     x = here[0] - (c * estimate[0] - s * estimate[1])
     y = here[1] - (s * estimate[0] + c * estimate[1])
-    points = np.empty_like(way)
-    for k in range(way.shape[0]):
-        points[k, 0] = c * way[k, 0] - s * way[k, 1] + x
-        points[k, 1] = s * way[k, 0] + c * way[k, 1] + y
+    points = np.empty_like(path)
+    for k in range(path.shape[0]):
+        points[k, 0] = c * path[k, 0] - s * path[k, 1] + x
+        points[k, 1] = s * path[k, 0] + c * path[k, 1] + y
     return points
 
 
 @kernel
 def local_plan(
-    way: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
+    path: Floats, estimate: Floats, here: Floats, corner: Floats, cell: float, side: int, nose: float
 ) -> tuple[Int32s, Int32s, Int32s, bool]:
     """Return the part of `path` from its first point within half a window of the robot to the first beyond.
 
@@ -102,8 +108,8 @@ def local_plan(
     `corner`: of the window in the latter, m. `side`: of the window, cells. `nose`: distance from the centre,
     m.
     """
-    first, last = _part(way, estimate, side * cell / 2)
-    points = _moved(way[first:last], estimate, here)
+    first, last = _part(path, estimate, side * cell / 2)
+    points = _moved(path[first:last], estimate, here)
     room = math.ceil(nose / cell) + 2
     for k in range(1, points.shape[0]):
         room += 1 + math.ceil(hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]) / cell)
@@ -123,7 +129,7 @@ def local_plan(
 
 @kernel
 def chosen(
-    way: Floats,
+    path: Floats,
     state: Floats,
     nose: float,
     counts: tuple[int, int],
@@ -143,7 +149,7 @@ def chosen(
     parameters as for `local_plan`, `wavefront` and `cheapest`.
     """
     cells, goal, front, far = local_plan(
-        way, state[0:3], state[3:6], state[6:8], critics[0].cell, squared.shape[0], nose
+        path, state[0:3], state[3:6], state[6:8], critics[0].cell, squared.shape[0], nose
     )
     if cells.shape[0] == 0:
         return 0.0, 0.0, INVALID
@@ -160,10 +166,10 @@ def chosen(
 def fingerprint() -> bytes:
     """Return the results of all kernels for fixed inputs; another processor may give others."""
     squared, table, corners, critics = example()
-    way = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
+    path = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
     state = np.array([0.4, 0.8, 0.3, 1.115, 2.52, 0.6, -0.5, 0.5, -0.1, 0.5, -1.0, 1.0])
     barred = np.zeros(4, np.bool_)
-    found = chosen(way, state, 0.33, (7, 8), barred, squared, 4.5, table, corners, critics, 3.2)
+    found = chosen(path, state, 0.33, (7, 8), barred, squared, 4.5, table, corners, critics, 3.2)
     return np.array(found).tobytes()
 
 
@@ -204,10 +210,10 @@ class DwaLocalPlanner(BaseLocalPlanner):
         super().begin()
         self._arrived = False
 
-    def follow(self, way: Floats) -> None:
+    def follow(self, path: Floats) -> None:
         """Follow `path` from now on: (n, 2), n ≥ 1, m, map frame; no direction is barred initially."""
-        super().follow(way)
-        self._end = float(way[-1, 0]), float(way[-1, 1])
+        super().follow(path)
+        self._end = float(path[-1, 0]), float(path[-1, 1])
         self._oscillation.forget()
         self._arrived = False
 
@@ -220,7 +226,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         )
 
     def _near_end(self, estimate: Pose) -> bool:
-        if self._way.size and not self._arrived:
+        if self._path.size and not self._arrived:
             x, y = self._end[0] - estimate.x, self._end[1] - estimate.y
             self._arrived = x * x + y * y <= self._p.goal_tolerance * self._p.goal_tolerance
         return self._arrived
@@ -240,7 +246,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
             return self._finish(here, estimate, velocity)
         choice = self.dynamic_window(here, estimate, velocity, self._oscillation.barred)
         if choice.cost < 0.0:
-            return NOWHERE
+            return NO_COMMAND
         self._oscillation.note(here, choice.speed, choice.turn)
         return new_tuple(Steering, (new_tuple(Twist, (choice.speed, 0.0, choice.turn)), True))
 
@@ -251,7 +257,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         local, p, cell = self._local, self._p, self._cell
         corner = local.corner
         found = chosen(
-            self._way,
+            self._path,
             np.array([*estimate, *here, corner.column * cell, corner.row * cell, *window]),
             p.forward_point,
             (p.speed_samples, p.turn_samples),
@@ -272,8 +278,8 @@ class DwaLocalPlanner(BaseLocalPlanner):
         """
         vx, omega = float(np.float32(velocity.vx)), float(np.float32(velocity.omega))
         return (
-            *reachable(vx, self._gain, self._p.min_speed, self._max_speed),
-            *reachable(omega, self._turn_gain, -self._max_turn, self._max_turn),
+            *reachable_range(vx, self._gain, self._p.min_speed, self._max_speed),
+            *reachable_range(omega, self._turn_gain, -self._max_turn, self._max_turn),
         )
 
     def _finish(self, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
@@ -309,7 +315,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
             return Steering(twist, True)
         window = twist.vx, twist.vx, twist.omega, twist.omega
         if self._cheapest(here, estimate, window, _ALL).cost < 0.0:
-            return NOWHERE
+            return NO_COMMAND
         return Steering(twist, True)
 
 

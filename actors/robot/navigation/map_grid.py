@@ -18,10 +18,10 @@ def fingerprint() -> bytes:
     """Return the results of all kernels for fixed inputs; another processor may give others."""
     row, column = np.indices((40, 40))
     squared = ((row * 5 + column * column * 3) % 31).astype(np.int16)
-    way = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.square(np.linspace(0, 1, 30))))
+    path = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.square(np.linspace(0, 1, 30))))
     body = np.array([8.0, 17.0, 0.3])
     motion = np.array([cos(0.3), sin(0.3), 0.5, 0.0, 20.0])
-    nearest, ended, cells = cut(way, 0, motion, body, 40, 20.0)
+    nearest, ended, cells = clip_path(path, 0, motion, body, 40, 20.0)
     assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
     steps = wavefront(squared, 4.5, cells)
@@ -104,24 +104,24 @@ def _distances(known: Int32s, rows: int, columns: int, far: np.int32) -> Int32s:
 
 
 @kernel
-def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
+def _nearest(path: Floats, first: int, x: float, y: float, along: float) -> int:
     """Return the index of the point nearest to (x, y), from `first` to `along` m further on the path."""
     nearest, least = first, math.inf
     gone = 0.0
-    for k in range(first, way.shape[0]):
+    for k in range(first, path.shape[0]):
         if k > first:
-            gone += hypot(way[k, 0] - way[k - 1, 0], way[k, 1] - way[k - 1, 1])
+            gone += hypot(path[k, 0] - path[k - 1, 0], path[k, 1] - path[k - 1, 1])
         if gone > along:
             break
-        apart = hypot(way[k, 0] - x, way[k, 1] - y)
+        apart = hypot(path[k, 0] - x, path[k, 1] - y)
         if apart < least:
             nearest, least = k, apart
     return nearest
 
 
 @kernel
-def cut(
-    way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
+def clip_path(
+    path: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
 ) -> tuple[int, bool, Int32s]:
     """Return the index of the point of `path` nearest to the body, whether the path is complete, and cells.
 
@@ -134,13 +134,13 @@ def cut(
     c, s, scale = motion[0], motion[1], motion[4]
     # the body in the path's frame
     dx, dy = body[0] / scale - motion[2], body[1] / scale - motion[3]
-    nearest = _nearest(way, first, c * dx + s * dy, c * dy - s * dx, reach / scale / 2)
+    nearest = _nearest(path, first, c * dx + s * dy, c * dy - s * dx, reach / scale / 2)
     cells = np.empty((side * side, 2), np.int32)
     count = 0
     last_x, last_y = 0.0, 0.0
-    for k in range(nearest, way.shape[0]):
-        x = (c * way[k, 0] - s * way[k, 1] + motion[2]) * scale
-        y = (s * way[k, 0] + c * way[k, 1] + motion[3]) * scale
+    for k in range(nearest, path.shape[0]):
+        x = (c * path[k, 0] - s * path[k, 1] + motion[2]) * scale
+        y = (s * path[k, 0] + c * path[k, 1] + motion[3]) * scale
         steps = 1 if k == nearest else max(1, math.ceil(hypot(x - last_x, y - last_y)))
         for step in range(1, steps + 1):
             px = x if step == steps else last_x + step / steps * (x - last_x)

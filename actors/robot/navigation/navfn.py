@@ -19,7 +19,7 @@ from actors.geometry import Point
 from actors.robot.navigation import ray_tracing
 from actors.robot.navigation.cost_map import INSCRIBED, Inflation
 from actors.robot.navigation.planning import HIGHEST, PlanningParameters, Window, with_marks
-from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, wave, way_down
+from actors.robot.navigation.potential import IMPASSABLE, UNREACHED, steepest_descent, wave
 from actors.robot.navigation.ray_tracing import check_reach, squared_within
 
 _NO_INFORMATION: Final = 255
@@ -80,24 +80,24 @@ def _cell_costs(costs: Octets, parameters: PlanningParameters) -> Octets:
     return table[costs]
 
 
-def occupied(ground: GlobalCosts, marks: Floats, parameters: PlanningParameters) -> Octets:
+def occupied(cost_map: GlobalCosts, marks: Floats, parameters: PlanningParameters) -> Octets:
     """Return the costs with additional obstacles; see `with_marks`."""
-    plan, inflation = ground.plan, ground.inflation
+    plan, inflation = cost_map.plan, cost_map.inflation
 
     def near(window: Window, marked: Octets) -> Octets:
         added = _cell_costs(_inflated(marked, inflation, plan.resolution), parameters)
-        return np.maximum(ground.costs[window], added)
+        return np.maximum(cost_map.costs[window], added)
 
     reach = inflation.reach(plan.resolution)
-    return with_marks(ground.costs, plan, plan.clearance, marks, parameters.wall, reach, near)
+    return with_marks(cost_map.costs, plan, plan.clearance, marks, parameters.wall, reach, near)
 
 
 class NavfnPlanner:
     """Global planner with the method navfn; caches the last path for a standing robot."""
 
-    def __init__(self, ground: GlobalCosts, parameters: PlanningParameters) -> None:
-        """Create a planner; `parameters` are those of `ground`."""
-        self._ground = ground
+    def __init__(self, cost_map: GlobalCosts, parameters: PlanningParameters) -> None:
+        """Create a planner; `parameters` are those of `cost_map`."""
+        self._cost_map = cost_map
         self._p = parameters
         self._query: tuple[Cell, Point] | None = None
         self._answer: Floats | None = None
@@ -110,16 +110,16 @@ class NavfnPlanner:
         obstacles. The last point is the goal if its cell is free, otherwise one of a raster around it.
         `marks`: (k, 2), m, map frame: additional obstacles.
         """
-        plan = self._ground.plan
+        plan = self._cost_map.plan
         if marks is not None:
-            return self._search(occupied(self._ground, marks, self._p), plan.cell(start), goal)
+            return self._search(occupied(self._cost_map, marks, self._p), plan.cell(start), goal)
         query = plan.cell(start), goal
         if query != self._query:
-            self._query, self._answer = query, self._search(self._ground.costs, *query)
+            self._query, self._answer = query, self._search(self._cost_map.costs, *query)
         return self._answer
 
     def _search(self, costs: Octets, first: Cell, goal: Point) -> Floats | None:
-        plan, last = self._ground.plan, self._ground.plan.cell(goal)
+        plan, last = self._cost_map.plan, self._cost_map.plan.cell(goal)
         if not (0 < first.row < plan.rows - 1 and 0 < first.column < plan.columns - 1):
             return None
         known = plan.contains(goal)
@@ -130,7 +130,7 @@ class NavfnPlanner:
             if nearest is None:
                 return None
             end, last = nearest
-        points = way_down(field, *last, self._p.neutral)[::-1, ::-1] * plan.resolution
+        points = steepest_descent(field, *last, self._p.neutral)[::-1, ::-1] * plan.resolution
         return np.vstack((np.array(plan.origin) + points, np.array(end)))
 
     def _nearest(self, field: Singles, goal: Point) -> tuple[Point, Cell] | None:
@@ -138,7 +138,7 @@ class NavfnPlanner:
 
         The raster has a spacing of one cell and begins at the goal less the tolerance, along both axes.
         """
-        plan = self._ground.plan
+        plan = self._cost_map.plan
         x, column = _raster(goal.x, self._p.tolerance, plan.origin.x, plan.resolution, plan.columns)
         y, row = _raster(goal.y, self._p.tolerance, plan.origin.y, plan.resolution, plan.rows)
         reached = field[np.ix_(row, column)] < UNREACHED

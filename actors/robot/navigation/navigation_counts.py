@@ -64,13 +64,13 @@ class NavigationCounts:
         self.now = Instant(0)
         """Start of the step, set by navigation."""
 
-    def begins(self, goal: Point | None) -> None:
+    def record_goal(self, goal: Point | None) -> None:
         """Record that the behaviour requests or cancels a goal."""
         report = self._report
         if goal is None:
             report.cancelled += 1
             self._close("cancelled")
-            self.plans(found=True)  # a path is no longer searched
+            self.record_search(found=True)  # a path is no longer searched
             return
         report.goals += 1
         self._close("replaced")
@@ -79,7 +79,7 @@ class NavigationCounts:
         else:
             report.given.append(GivenGoal(self.now, *goal))
 
-    def plans(self, found: bool) -> None:
+    def record_search(self, found: bool) -> None:
         """Record a search for a path."""
         if not found:
             self._planless_since = self.now if self._planless_since is None else self._planless_since
@@ -88,7 +88,7 @@ class NavigationCounts:
                 self._report.without_plan.append((self._planless_since, self.now))
             self._planless_since = None
 
-    def pauses(self, paused: bool) -> None:
+    def record_pause(self, paused: bool) -> None:
         """Record that the behaviour pauses navigation or resumes it."""
         intervals = self._report.paused
         if not paused and intervals[-1][1] is None:
@@ -96,14 +96,14 @@ class NavigationCounts:
         elif paused and len(intervals) < _KEPT:
             intervals.append((self.now, None))
 
-    def enters(self, phase: GoalPhase) -> None:
+    def record_phase(self, phase: GoalPhase) -> None:
         """Record a new phase of the active goal."""
         if phase is GoalPhase.OBSTRUCTED:
             self._begun = self.now if self._begun is None else self._begun
         elif phase is not GoalPhase.PLANNING:  # a new plan is not a trajectory
             self._end("itself")
 
-    def closes(self, status: GoalStatus, reason: AbortReason | None) -> None:
+    def record_end(self, status: GoalStatus, reason: AbortReason | None) -> None:
         """Record that the goal has succeeded or was aborted."""
         self._end("abort" if status is GoalStatus.ABORTED else "itself")
         self._close(GoalStatus.SUCCEEDED.value if reason is None else reason.value)
@@ -112,15 +112,15 @@ class NavigationCounts:
         else:
             self._report.aborted[reason.value] += 1
 
-    def interrupted(self) -> None:
+    def record_interruption(self) -> None:
         """Record that the behaviour ends the pursuit of the goal."""
         self._end("order")
 
-    def recovers(self) -> None:
+    def record_recovery(self) -> None:
         """Record a recovery."""
         self._report.recoveries += 1
 
-    def retreats(self) -> None:
+    def record_retreat(self) -> None:
         """Record that the robot begins to back away."""
         self._report.retreats += 1
 

@@ -13,7 +13,7 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
 from actors.robot.behaviour.ports import (
-    FARTHEST_BACK,
+    MAX_BACK_OUT,
     AbortReason,
     Goal,
     GoalOrder,
@@ -109,7 +109,7 @@ class Trail:
     """The last metres that a robot has driven, in the odometry frame."""
 
     def __init__(self) -> None:
-        self._points: deque[Point] = deque(maxlen=round(FARTHEST_BACK / _SPACING) + 1)
+        self._points: deque[Point] = deque(maxlen=round(MAX_BACK_OUT / _SPACING) + 1)
 
     def take(self, here: Point) -> None:
         """Add the robot's position."""
@@ -253,18 +253,18 @@ class Navigator:
         """Apply requests of a decision: goal, pause, and distance of backing out, m."""
         if paused is not None and paused is not self._paused:
             self._paused = paused
-            self._counts.pauses(paused)
+            self._counts.record_pause(paused)
             self._begin_anew()
         if order is GoalOrder.CANCEL:
             self._withdrawal = None
         if back_out is not None:  # deadline: twice the usual duration, and time for a turn
             ends = Instant(self._now + seconds(3 + 2 * back_out / _SPEED))
             self._withdrawal = Withdrawal(back_out, self._here, ends)
-            self._counts.retreats()
+            self._counts.record_retreat()
         if order is GoalOrder.KEEP:
             return
         self._begin_anew()
-        self._counts.begins(order if isinstance(order, Point) else None)
+        self._counts.record_goal(order if isinstance(order, Point) else None)
         self.goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
     def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
@@ -375,15 +375,15 @@ class Navigator:
         Without a new path, the robot follows the old one or waits for the timeout.
         """
         pursuit.planned = now.instant
-        way = self._planner.path(now.estimate.point, goal, self._strangers(now.here, now.estimate))
-        if way is not None:
-            self._counts.plans(found=True)
-            self.local_planner.follow(way)
-            self.plan = Plan(way)
+        path = self._planner.path(now.estimate.point, goal, self._strangers(now.here, now.estimate))
+        if path is not None:
+            self._counts.record_search(found=True)
+            self.local_planner.follow(path)
+            self.plan = Plan(path)
             pursuit.had_plan, pursuit.state = now.instant, PursuitState.CONTROLLING
             pursuit.settle(AbortReason.NO_PLAN)
         elif pursuit.state is PursuitState.PLANNING:
-            self._counts.plans(found=False)
+            self._counts.record_search(found=False)
             self.plan = None
             if now.instant - pursuit.had_plan > self._p.planner_patience:
                 pursuit.give_up(AbortReason.NO_PLAN)
@@ -406,7 +406,7 @@ class Navigator:
         if pursuit.recoveries >= self._p.recoveries:
             return self._close(GoalStatus.ABORTED, pursuit.trigger)
         self._local.clear(self._p.reset_distance)
-        self._counts.recovers()
+        self._counts.record_recovery()
         pursuit.recoveries += 1
         pursuit.progressed = pursuit.had_plan = instant
         pursuit.state, self.plan = PursuitState.PLANNING, None
@@ -426,7 +426,7 @@ class Navigator:
             if not (bumped or stuck) or not self._local.free_behind(here, self._p.retreat, touching=stuck):
                 return False
             self._retreat = _Retreat(instant, here.point)
-            self._counts.retreats()
+            self._counts.record_retreat()
         left = self._p.retreat - self._retreat.touched.distance_to(here.point)
         in_time = instant - self._retreat.begun < self._p.retreat_patience
         if left > 0.0 and in_time and self._local.free_behind(here, left, touching=stuck):
@@ -439,12 +439,12 @@ class Navigator:
         assert self.goal is not None
         if self.goal.phase is not phase:
             self.goal = self.goal._replace(phase=phase, since=instant)
-            self._counts.enters(phase)
+            self._counts.record_phase(phase)
         return STILL
 
     def _begin_anew(self) -> None:
         """Reset the pursuit of the current goal."""
-        self._counts.interrupted()
+        self._counts.record_interruption()
         self._pursuit = self.plan = None
         self._retreat = None
 
@@ -452,6 +452,6 @@ class Navigator:
         """End the goal; return STILL."""
         assert self.goal is not None
         self.goal = Goal(self.goal.point, status, reason)
-        self._counts.closes(status, reason)
+        self._counts.record_end(status, reason)
         self._pursuit = self.plan = None
         return STILL

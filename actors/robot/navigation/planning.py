@@ -95,7 +95,7 @@ class GlobalPlanner(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class PlanningGrid:
     """Planning grid of a floor plan for one robot's body."""
 
     grid: OccupancyGrid
@@ -110,16 +110,16 @@ class Ground:
     """Required clearance of the body's centre, m."""
 
 
-_GROUNDS: Final = SharedCache[Ground]()
+_PLANNING_GRIDS: Final = SharedCache[PlanningGrid]()
 
 
-def ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters = _GRID) -> Ground:
+def planning_grid(plan: OccupancyGrid, radius: float, parameters: PlanningParameters = _GRID) -> PlanningGrid:
     """Return the planning grid for a disc of `radius`, m: computed once per map and body, and shared."""
     content = plan.content, radius, parameters
-    return _GROUNDS.get(content, lambda: _ground(plan, radius, parameters))
+    return _PLANNING_GRIDS.get(content, lambda: _planning_grid(plan, radius, parameters))
 
 
-def _ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) -> Ground:
+def _planning_grid(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) -> PlanningGrid:
     factor = _factor(parameters, plan.resolution)
     clearance = _coarse(plan.clearance, factor)
     reach = radius + parameters.margin
@@ -128,7 +128,7 @@ def _ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) 
     cells = np.where(passable, FREE, OCCUPIED).astype(np.uint8)
     for shared in (clearance, costs):
         shared.setflags(write=False)
-    return Ground(
+    return PlanningGrid(
         OccupancyGrid(cells, plan.resolution * factor, plan.origin), clearance, costs, radius, reach
     )
 
@@ -177,17 +177,17 @@ def _costs(distance: Floats, radius: float, parameters: PlanningParameters) -> I
     return parameters.neutral + np.rint(parameters.factor * cost_map).astype(np.int32)
 
 
-def occupied(ground: Ground, marks: Floats, parameters: PlanningParameters = _GRID) -> Int32s:
+def occupied(floor: PlanningGrid, marks: Floats, parameters: PlanningParameters = _GRID) -> Int32s:
     """Return the costs with additional obstacles; see `with_marks`."""
-    cell, costs = ground.grid.resolution, ground.costs
-    reach = math.ceil(max(parameters.inflation_radius, ground.reach) / cell)
+    cell, costs = floor.grid.resolution, floor.costs
+    reach = math.ceil(max(parameters.inflation_radius, floor.reach) / cell)
 
     def near(window: Window, marked: Octets) -> Int32s:
         distance = cell * np.sqrt(squared_within(marked, reach).astype(np.float64))
-        higher = np.maximum(costs[window], _costs(distance, ground.radius, parameters))
-        return np.where((costs[window] > 0) & (distance >= ground.reach), higher, 0)
+        higher = np.maximum(costs[window], _costs(distance, floor.radius, parameters))
+        return np.where((costs[window] > 0) & (distance >= floor.reach), higher, 0)
 
-    return with_marks(costs, ground.grid, ground.clearance, marks, parameters.wall, reach, near)
+    return with_marks(costs, floor.grid, floor.clearance, marks, parameters.wall, reach, near)
 
 
 Window = tuple[slice, slice]
@@ -240,18 +240,18 @@ def _coarse(fine: Floats, factor: int) -> Floats:
     return least
 
 
-class Planner:
+class GridPlanner:
     """Global planner with the method grid; caches the potentials of the last goals."""
 
-    def __init__(self, ground: Ground, parameters: PlanningParameters = _GRID) -> None:
-        farthest = max(parameters.inflation_radius, ground.reach)
-        check_reach("planner: the inflation radius", farthest, ground.grid.resolution)
-        self._ground = ground
+    def __init__(self, floor: PlanningGrid, parameters: PlanningParameters = _GRID) -> None:
+        farthest = max(parameters.inflation_radius, floor.reach)
+        check_reach("planner: the inflation radius", farthest, floor.grid.resolution)
+        self._floor = floor
         self._parameters = parameters
-        self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
-        in_memory = int(parameters.cached_mb * 1e6) // ground.costs.nbytes
+        self._region = np.zeros(floor.costs.shape, dtype=np.bool_)
+        in_memory = int(parameters.cached_mb * 1e6) // floor.costs.nbytes
         kept = lru_cache(max(1, min(parameters.cached, in_memory)))
-        self._field = kept(lambda goal: potential(ground.costs, *goal))
+        self._field = kept(lambda goal: potential(floor.costs, *goal))
 
     def path(self, start: Point, goal: Point, marks: Floats | None = None) -> Floats | None:
         """Return the path to `goal`, or to the nearest point within the tolerance; None if there is none.
@@ -259,8 +259,8 @@ class Planner:
         (n, 2), n ≥ 1, m, map frame: centres of neighbouring cells; the last point is the goal if its cell is
         free. `marks`: (k, 2), m, map frame: additional obstacles.
         """
-        grid, ground = self._ground.grid, self._ground
-        costs = ground.costs if marks is None else occupied(ground, marks, self._parameters)
+        grid, floor = self._floor.grid, self._floor
+        costs = floor.costs if marks is None else occupied(floor, marks, self._parameters)
         first = self._nearest(costs > 0, start)
         if first is None:
             return None
@@ -268,22 +268,22 @@ class Planner:
         last = self._nearest(region, goal)
         if last is None:
             return None
-        field = self._field(last) if costs is ground.costs else potential(costs, *last)
+        field = self._field(last) if costs is floor.costs else potential(costs, *last)
         assert field[first] != UNREACHABLE
         cells = descent(costs, field, *first)
         x, y = grid.centres()
-        way = np.column_stack((x[cells[:, 1]], y[cells[:, 0]]))
+        path = np.column_stack((x[cells[:, 1]], y[cells[:, 0]]))
         if last == grid.cell(goal):
-            way[-1] = goal
-        return way
+            path[-1] = goal
+        return path
 
     def _around(self, costs: Int32s, start: Cell) -> Flags:
         """Return the floor that is connected to the start."""
-        if costs is not self._ground.costs:
+        if costs is not self._floor.costs:
             return raster.flood(costs > 0, *start)
         if not self._region[start]:
             self._region = raster.flood(costs > 0, *start)
         return self._region
 
     def _nearest(self, admitted: Flags, point: Point) -> Cell | None:
-        return nearest_cell(self._ground.grid, admitted, point, self._parameters.tolerance)
+        return nearest_cell(self._floor.grid, admitted, point, self._parameters.tolerance)

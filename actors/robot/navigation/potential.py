@@ -150,7 +150,7 @@ def wave(costs: Octets, root: tuple[int, int], neutral: int, until: tuple[int, i
     return _wave(costs.ravel(), columns, start, last, 2.0 * neutral).reshape(costs.shape)
 
 
-def way_down(field: Singles, row: int, column: int, neutral: int) -> Floats:
+def steepest_descent(field: Singles, row: int, column: int, neutral: int) -> Floats:
     """Return the path of steepest descent from a reached cell to the root: (n, 2), rows and columns.
 
     Coordinates are in cells; the centre of a cell has its indices. Spacing: half a cell, up to a diagonal
@@ -158,7 +158,7 @@ def way_down(field: Singles, row: int, column: int, neutral: int) -> Floats:
     """
     columns = field.shape[1]
     most = 64 + int(4 * field[row, column] / neutral)
-    return _way_down(field.ravel(), columns, row * columns + column, float(neutral), most)
+    return _steepest_descent(field.ravel(), columns, row * columns + column, float(neutral), most)
 
 
 @kernel
@@ -303,7 +303,7 @@ def _rounded(value: float) -> int:
 
 
 @kernel
-def _way_down(field: Singles, columns: int, cell: int, neutral: float, most: int) -> Floats:
+def _steepest_descent(field: Singles, columns: int, cell: int, neutral: float, most: int) -> Floats:
     # after `most` points, which are normally enough, go from cell to cell, each lower than the one before
     points = np.empty((2 * most, 2))
     right, up = 0.0, 0.0
@@ -352,5 +352,5 @@ def fingerprint() -> bytes:
     for shared in (ours, navfn):
         shared.setflags(write=False)  # like those of the robot, to compile the variants that it calls
     field, near, goal = potential(ours, 9, 0), wave(navfn, (10, 4), 50, (12, 28)), wave(navfn, (10, 4), 50)
-    parts = field, descent(ours, field, 9, 26), goal, way_down(goal, 10, 30, 50), near
+    parts = field, descent(ours, field, 9, 26), goal, steepest_descent(goal, 10, 30, 50), near
     return b"".join(part.tobytes() for part in parts)

@@ -98,7 +98,9 @@ def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -
 
 
 @kernel
-def take_in(marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats) -> None:
+def mark_and_clear(
+    marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats
+) -> None:
     """Clear cells passed by a ray or below the body, and mark cells in which a ray ends.
 
     `marks`: (rows, columns), 0 or 1, modified. `ranges_mm`: (n,). `eye`: x, y, cells, and heading of the
@@ -126,13 +128,13 @@ def take_in(marks: Octets, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Float
 
 
 @kernel
-def stamp(
+def stamp_free_cells(
     stamps: Int64s, instant: int, ranges_mm: NDArray[np.uint16], rays: Rays, eye: Floats, body: Floats
 ) -> None:
     """Write `instant` into each cell passed by a ray or below the body.
 
-    `stamps`: (rows, columns), modified; other parameters as for `take_in`. Grid traversal: Amanatides and
-    Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987.
+    `stamps`: (rows, columns), modified; other parameters as for `mark_and_clear`. Grid traversal: Amanatides
+    and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987.
     """
     _write_below(stamps, instant, body, body[2])
     rows, columns = stamps.shape
@@ -162,7 +164,7 @@ def stamp(
 
 
 @kernel
-def note_arrivals(
+def stamp_new_marks(
     arrivals: Int64s,
     instant: int,
     marks: Octets,
@@ -363,9 +365,9 @@ def fingerprint() -> bytes:
     marks = (np.add.outer(np.arange(40) * 7, np.square(np.arange(40)) * 3) % 5 == 0).astype(np.uint8)
     stamps, arrivals = np.zeros((40, 40), np.int64), np.zeros((40, 40), np.int64)
     eye, body = np.array([19.3, 20.6, 0.4]), np.array([20.1, 20.4, 3.5])
-    take_in(marks, ranges, rays, eye, body)
-    stamp(stamps, 7, ranges, rays, eye, body)
-    note_arrivals(arrivals, 9, marks, np.zeros((40, 40), np.uint8), stamps, 7)
+    mark_and_clear(marks, ranges, rays, eye, body)
+    stamp_free_cells(stamps, 7, ranges, rays, eye, body)
+    stamp_new_marks(arrivals, 9, marks, np.zeros((40, 40), np.uint8), stamps, 7)
     row, column = np.indices((40, 40))
     corners, costs = outline(3.6, 0.2), ((row * 5 + column * column * 3) % 101).astype(np.int16)
     table = np.maximum(200 - 2 * np.arange(101), 0).astype(np.uint8)

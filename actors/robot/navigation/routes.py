@@ -14,7 +14,7 @@ from actors.floor.doors import Regions, regions
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, SharedCache, nearest_cell
 from actors.floor.placement import Area, PlacementError
 from actors.geometry import Door, Point
-from actors.robot.navigation.planning import Ground, blocks
+from actors.robot.navigation.planning import PlanningGrid, blocks
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
 
 _TOLERANCE: Final = 0.5
@@ -28,10 +28,10 @@ _PAIRS: Final = 1 << 16
 class Routes:
     """Path lengths, paths and doors on one floor."""
 
-    def __init__(self, ground: Ground) -> None:
-        self._ground = ground
-        self._factor = max(1, int(ground.reach / (ground.grid.resolution * math.sqrt(2.0))))
-        self._grid, self._costs = _coarse(ground, self._factor)
+    def __init__(self, floor: PlanningGrid) -> None:
+        self._floor = floor
+        self._factor = max(1, int(floor.reach / (floor.grid.resolution * math.sqrt(2.0))))
+        self._grid, self._costs = _coarse(floor, self._factor)
         costs = self._costs
         self._field = lru_cache(_FIELDS)(lambda goal: potential(costs, *goal))
         self._doors_between = lru_cache(_PAIRS)(self._find_doors)
@@ -63,8 +63,8 @@ class Routes:
     @cached_property
     def regions(self) -> Regions:
         """Regions of the floor, on the planning grid."""
-        ground = self._ground
-        return regions(ground.grid, ground.costs > 0, ground.clearance)
+        floor = self._floor
+        return regions(floor.grid, floor.costs > 0, floor.clearance)
 
     def region(self, point: Point) -> int | None:
         """Return the number of a point's region, from 1; None in a door and in occupied cells."""
@@ -77,7 +77,7 @@ class Routes:
         return label - self.regions.count - 1 if label > self.regions.count else None
 
     def _label(self, point: Point) -> int:
-        grid = self._ground.grid
+        grid = self._floor.grid
         return int(self.regions.labels[grid.cell(point)]) if grid.is_free(point) else 0
 
     def _cell(self, point: Point) -> Cell | None:
@@ -109,20 +109,20 @@ class Routes:
 _ROUTES: Final = SharedCache[Routes]()
 
 
-def routes(ground: Ground) -> Routes:
+def routes(floor: PlanningGrid) -> Routes:
     """Return the routes of a floor; shared by all robots of a process with the same floor."""
-    return _ROUTES.get(ground, lambda: Routes(ground))
+    return _ROUTES.get(floor, lambda: Routes(floor))
 
 
-def _coarse(ground: Ground, factor: int) -> tuple[OccupancyGrid, Int32s]:
+def _coarse(floor: PlanningGrid, factor: int) -> tuple[OccupancyGrid, Int32s]:
     """Return a grid of larger cells, free if one of their cells is, and its costs of 1.
 
     No wall is lost: occupied space is everywhere wider than the diagonals of two large cells.
     """
-    costs = blocks((ground.costs > 0).astype(np.int32), factor).max(axis=(1, 3))
+    costs = blocks((floor.costs > 0).astype(np.int32), factor).max(axis=(1, 3))
     costs.setflags(write=False)  # like those of the floor, for which the kernels are compiled
     cells = np.where(costs > 0, FREE, OCCUPIED).astype(np.uint8)
-    return OccupancyGrid(cells, ground.grid.resolution * factor, ground.grid.origin), costs
+    return OccupancyGrid(cells, floor.grid.resolution * factor, floor.grid.origin), costs
 
 
 class _Tiles(NamedTuple):
@@ -142,10 +142,10 @@ class ReachableFloor:
     """Implementation of FloorPlan for one robot; data for random places is computed on first use."""
 
     def __init__(
-        self, ground: Ground, radius: float, start: Point, areas: Sequence[Area], generator: Generator
+        self, floor: PlanningGrid, radius: float, start: Point, areas: Sequence[Area], generator: Generator
     ) -> None:
         """Create a floor plan. `radius`: of the body, m; `areas`: of random places, empty: everywhere."""
-        self._ground = ground
+        self._floor = floor
         self._radius = radius
         self._start = start
         self._areas = tuple(areas)
@@ -166,7 +166,7 @@ class ReachableFloor:
 
     def is_free(self, point: Point) -> bool:
         """Return True if the body's centre may be at a point."""
-        return self._ground.grid.is_free(point)
+        return self._floor.grid.is_free(point)
 
     def length(self, start: Point, goal: Point) -> float | None:
         """Return the length of the shortest path, m; None if there is none."""
@@ -195,11 +195,11 @@ class ReachableFloor:
 
     @cached_property
     def _routes(self) -> Routes:
-        return routes(self._ground)
+        return routes(self._floor)
 
     @cached_property
     def _tiles(self) -> _Tiles:
-        grid = self._ground.grid
+        grid = self._floor.grid
         x = _cuts(
             grid.origin.x, grid.resolution, grid.columns, [e for a in self._areas for e in (a.x0, a.x1)]
         )
@@ -224,11 +224,11 @@ class ReachableFloor:
 
         A robot may stand within the margin of the planner.
         """
-        ground, grid = self._ground, self._ground.grid
+        floor, grid = self._floor, self._floor.grid
         half_diagonal = grid.resolution * math.sqrt(0.5)
         begin = nearest_cell(grid, grid.free, self._start) or Cell(0, 0)  # any cell if none is free
         region = raster.flood(grid.free, *begin)
-        admitted: Flags = region & (ground.clearance >= self._radius + half_diagonal)
+        admitted: Flags = region & (floor.clearance >= self._radius + half_diagonal)
         return admitted
 
     def _inside(self, east: Floats, north: Floats) -> Flags:

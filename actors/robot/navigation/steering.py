@@ -207,7 +207,7 @@ class Steering(NamedTuple):
     """False without a valid trajectory, plan or recent scan; then `twist` is STILL."""
 
 
-NOWHERE: Final = Steering(STILL, False)
+NO_COMMAND: Final = Steering(STILL, False)
 
 
 class BaseLocalPlanner(ABC):
@@ -227,7 +227,7 @@ class BaseLocalPlanner(ABC):
         self._limit = inscribed * inscribed
         """Squared distance from marks that the body's centre must exceed, cells²."""
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
-        self._way: Floats = np.zeros((0, 2))
+        self._path: Floats = np.zeros((0, 2))
         self._turning = False
         self.steered: Instant | None = None
         """Time of the last command with a recent scan; None: never."""
@@ -244,13 +244,13 @@ class BaseLocalPlanner(ABC):
 
     def begin(self) -> None:
         """Reset plan and oscillations for a new goal."""
-        self._way = np.zeros((0, 2))
+        self._path = np.zeros((0, 2))
         self._oscillation.forget()
         self._turning = False
 
-    def follow(self, way: Floats) -> None:
+    def follow(self, path: Floats) -> None:
         """Follow `path` from now on: (n, 2), n ≥ 1, m, map frame."""
-        self._way = way
+        self._path = path
 
     def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """Return the command from `instant` on, for a period; not valid without a recent scan.
@@ -259,9 +259,9 @@ class BaseLocalPlanner(ABC):
         been rolled, and in the map frame. `velocity`: of the base.
         """
         if not self._local.age(instant) <= in_seconds(self._p.scan_patience):
-            return NOWHERE
+            return NO_COMMAND
         self.steered = instant
-        return self._choose(instant, here, estimate, velocity) if self._way.size else NOWHERE
+        return self._choose(instant, here, estimate, velocity) if self._path.size else NO_COMMAND
 
     @abstractmethod
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
@@ -285,6 +285,6 @@ class BaseLocalPlanner(ABC):
         return record
 
 
-def reachable(value: float, gain: float, low: float, high: float) -> tuple[float, float]:
+def reachable_range(value: float, gain: float, low: float, high: float) -> tuple[float, float]:
     """Return the dynamic window: values within `gain` of `value` and the limits, or the nearest limit."""
     return min(max(value - gain, low), high), max(min(value + gain, high), low)

@@ -16,7 +16,7 @@ from typing import Final
 from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import handover
-from actors.robot.behaviour.loading import located, own_spec, prefixes
+from actors.robot.behaviour.loading import module_file, module_prefixes, python_spec
 from actors.runtime.errors import AcrcError
 
 
@@ -45,7 +45,7 @@ def permit_of(modules: Sequence[Path] | None, *, trust: bool = False, typed: str
     return Permit(tuple(folder.resolve() for folder in modules or ()), typed, trust)
 
 
-def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) -> tuple[Path, ...]:
+def permitted_folders(source: Path, entry: str, hints: Sequence[Path], permit: Permit) -> tuple[Path, ...]:
     """Return the folders from which an entry's modules may be loaded; empty if all are installed.
 
     `source`: the file that names the entry; `hints`: the folders that this file names. Imports nothing.
@@ -74,8 +74,8 @@ def is_installed(module: str) -> bool:
 
     Other modules in this repository's folder do not count, although the folder may be on Python's path.
     """
-    names = prefixes(module)
-    spec = own_spec(names[0]) or PathFinder.find_spec(names[0]) if names else None
+    names = module_prefixes(module)
+    spec = python_spec(names[0]) or PathFinder.find_spec(names[0]) if names else None
     if spec is None or not _is_home(spec):
         return False
     for name in names[1:]:
@@ -99,8 +99,8 @@ def _is_home(spec: ModuleSpec) -> bool:
 
 def _is_taken(module: str) -> bool:
     """Return True if an installed package has the module's top-level name."""
-    names = prefixes(module)
-    spec = own_spec(names[0]) if names else None
+    names = module_prefixes(module)
+    spec = python_spec(names[0]) if names else None
     return spec is not None and _is_home(spec)
 
 
@@ -108,10 +108,10 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
     """Raise AcrcError if a user's module has the name of an installed one, or a submodule is missing."""
     module = name.partition(":")[0]
     top = module.partition(".")[0]
-    spec = own_spec(top)
+    spec = python_spec(top)
     there = None if spec is None or not spec.has_location else Path(spec.origin or "").resolve()
     for folder in permit.modules:
-        own = located(top, folder) if top == module else None
+        own = module_file(top, folder) if top == module else None
         if own is not None and own.suffix == ".py" and own.resolve() != there:
             raise AcrcError(
                 f"{source} names the strategy {name}, but {own} has the name of the installed "
@@ -125,7 +125,7 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
 
 
 def _holder(module: str, folders: Sequence[Path]) -> Path | None:
-    return next((folder for folder in folders if located(module, folder) is not None), None)
+    return next((folder for folder in folders if module_file(module, folder) is not None), None)
 
 
 def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> None:
@@ -139,6 +139,6 @@ def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> No
         )
     word = "." if folder == Path.cwd() else shlex.quote(str(folder))
     raise AcrcError(
-        f"{source} names the strategy {name}, whose code {located(module, folder)} is neither installed nor "
-        f"in a permitted folder; read it, then add --modules {word}, or --trust"
+        f"{source} names the strategy {name}, whose code {module_file(module, folder)} is neither installed "
+        f"nor in a permitted folder; read it, then add --modules {word}, or --trust"
     )

@@ -1,4 +1,4 @@
-"""Fakes of a robot's equipment, and stories of robots whose messages come late, again or never."""
+"""Fake ports of a robot, and scripted swarms with delayed, repeated and lost messages."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,15 +17,15 @@ from deeco.knowledge import role_view
 Role = TypeVar("Role", bound=Knowledge)
 NOW = Instant(seconds(100))
 SOMEWHERE = Point(77.0, 7.0)
-"""Where random places are."""
+"""The random place."""
 
 
 @dataclass
-class Base:
+class FakePositioning:
     pose: Pose = field(default=Pose(0.0, 0.0, 0.0))
     moving: bool = False
     covariance: Covariance = CERTAIN
-    is_lost: float = 0.0
+    lost_probability: float = 0.0
     peers: list[Point] | None = None
 
     relocalised: int = 0
@@ -38,17 +38,17 @@ class Base:
 
 
 @dataclass
-class Ways:
-    """Navigation that takes down its orders; None is a stop."""
+class FakeNavigation:
+    """Navigation that records its requests; None is a stop."""
 
     goal: Goal | None = None
     orders: list[Point | None] = field(default_factory=list)
     plan: Plan | None = None
     backing_out: bool = False
-    backed: list[float] = field(default_factory=list)
+    backed_out: list[float] = field(default_factory=list)
 
     def back_out(self, distance: float) -> None:
-        self.backed.append(distance)
+        self.backed_out.append(distance)
         self.backing_out = True
 
     def go_to(self, point: Point) -> None:
@@ -72,8 +72,8 @@ class Ways:
 
 
 @dataclass
-class Tasks:
-    """A list of places that the test lengthens."""
+class FakeTaskList:
+    """A task list to which tests add places."""
 
     places: tuple[Point, ...] = ()
     at_start: int = 0
@@ -81,8 +81,8 @@ class Tasks:
 
 
 @dataclass
-class Notes:
-    """A place monitor that keeps what it is told."""
+class FakePlaceMonitor:
+    """A place monitor that records reports."""
 
     visits: list[PlaceKey] = field(default_factory=list)
     gone: list[tuple[PlaceKey, str]] = field(default_factory=list)
@@ -99,11 +99,11 @@ class Notes:
         self.left = tuple(route)
 
 
-class Floor:
-    """A floor without walls; its doors stand on the x axis, where random places are one point."""
+class OpenFloor:
+    """A floor without walls, with doors on the x axis and one random place."""
 
     def __init__(self, *doors: float) -> None:
-        """A door from wall to wall, 1 m long, with its middle at each x."""
+        """Create a floor with doors of 1 m, centred at each x."""
         self.doors = tuple(
             Door(index, Point(x, 0.0), (index + 1, index + 2)) for index, x in enumerate(sorted(doors))
         )
@@ -137,7 +137,7 @@ class Floor:
 
 
 def published(robot: CleaningRobot, role: type[Role]) -> Role:
-    """Return what the robot publishes of itself."""
+    """Return the published knowledge of a robot."""
     made = role_view(robot, role)
     assert isinstance(made, role)
     return made
@@ -156,7 +156,7 @@ def plain(*xs: float) -> CleaningRobot:
 
 
 def adaptive(robot: str, at: float, *xs: float) -> AdaptiveCleaningRobot:
-    """A robot at x = `at`, m, on its way to the first of its own places at `xs`."""
+    """Return a robot at x = `at`, m, on its way to the first of its places at `xs`."""
     mine = route(*xs, owner=robot)
     return AdaptiveCleaningRobot(
         id=robot, position=Point(at, 0.0), route=mine, destination=mine[0] if mine else None
@@ -166,45 +166,45 @@ def adaptive(robot: str, at: float, *xs: float) -> AdaptiveCleaningRobot:
 Robot = TypeVar("Robot", bound=CleaningRobot)
 
 
-class Act(NamedTuple):
-    """What happens next, to which robot, with which number to choose from what there is."""
+class Action(NamedTuple):
+    """An action of a robot, with a number that selects its object."""
 
     what: str
     robot: int
     number: int
 
 
-class Story(Generic[Robot]):
-    """Robots, everything that they ever published, and the places; an act `x` is done by a method `_x`."""
+class ScriptedSwarm(Generic[Robot]):
+    """Robots, their published messages, and their places; an action `x` calls the method `_x`."""
 
     def __init__(self, robots: list[Robot]) -> None:
-        self.notes = Notes()
+        self.monitor = FakePlaceMonitor()
         self.robots = robots
         self.places = [assignment.key for robot in robots for assignment in robot.route]
         self.published: list[Any] = []
         self.now = NOW
 
-    def act(self, act: Act) -> None:
+    def act(self, act: Action) -> None:
         index = act.robot % len(self.robots)
         one: Callable[[Robot, int], Robot] = getattr(self, f"_{act.what}")
         self.robots[index] = one(self.robots[index], act.number)
         self.now = Instant(self.now + seconds(1))
 
-    def play(self, acts: Iterable[Act]) -> Self:
-        """Do them one after the other; no place may be lost after any."""
+    def play(self, acts: Iterable[Action]) -> Self:
+        """Execute actions and check after each that no place is lost."""
         for act in acts:
             self.act(act)
             self.check()
         return self
 
     def message(self, robot: Robot, number: int) -> Any:
-        """Return any message that another robot ever sent, the newest first; None if there is none."""
+        """Return an earlier message of another robot, newest first; None if there is none."""
         others = [role for role in reversed(self.published) if role.id != robot.id]
         return others[number % len(others)] if others else None
 
     def open_places(self) -> list[PlaceKey]:
         """Return the places that no robot has visited or given up."""
-        over = {*self.notes.visits, *(key for key, _ in self.notes.gone)}
+        over = {*self.monitor.visits, *(key for key, _ in self.monitor.gone)}
         return [key for key in self.places if key not in over]
 
     def held(self) -> list[PlaceKey]:
