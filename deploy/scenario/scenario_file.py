@@ -289,7 +289,7 @@ def strategy_files(strategy: str, folder: Path) -> Iterator[Path]:
         module = name.partition(":")[0]
         if is_installed(module):
             continue
-        top = located(module.partition(".")[0], folder)
+        top = module_file(module.partition(".")[0], folder)
         if top is None:
             raise AcrcError(f"{name}: its module is not in {folder}; move it there to bundle it")
         whole = top.name == "__init__.py" or top.is_dir()

@@ -46,7 +46,7 @@ def test_a_goal_is_followed_to_within_the_tolerance() -> None:
 def test_the_path_is_replanned_every_second() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(41)
-    assert len(trip.local_planner.ways) == 5 and trip.local_planner.begun == 1
+    assert len(trip.local_planner.paths) == 5 and trip.local_planner.begun == 1
 
 
 @pytest.mark.parametrize("preset", NAVIGATION_PRESETS)
@@ -115,7 +115,7 @@ def test_keeping_changes_nothing_and_a_new_point_replaces_the_goal() -> None:
     assert trip.navigation.goal == before and trip.local_planner.begun == 1
     near = Point(1.0, 3.0)
     trip.goes_to(near).take_step()
-    assert Point(*trip.local_planner.ways[-1][-1]) == near and trip.local_planner.begun == 2
+    assert Point(*trip.local_planner.paths[-1][-1]) == near and trip.local_planner.begun == 2
 
 
 def test_a_paused_robot_stands_without_timeout_until_resumed() -> None:
@@ -274,7 +274,7 @@ def test_without_a_trajectory_it_replans_at_once_and_in_each_cycle() -> None:
     for _ in range(8):
         assert trip.take_step() == STILL and trip.phase is GoalPhase.OBSTRUCTED
         asked.append(trip.planner.asked)
-    assert asked == [2, 2, 3, 3, 4, 4, 5, 5] and len(trip.local_planner.ways) == 5
+    assert asked == [2, 2, 3, 3, 4, 4, 5, 5] and len(trip.local_planner.paths) == 5
     assert trip.local_planner.asked == [at_step(n) for n in (0, 2, 4, 6, 8)]
 
 

@@ -200,9 +200,9 @@ def test_a_module_that_is_no_file_is_none(study: Path, looked: None) -> None:
     import os  # noqa: PLC0415
 
     os.mkfifo(study / "pipe.py")
-    assert located("pipe", study) is None
+    assert module_file("pipe", study) is None
     (study / "endless.py").symlink_to("/dev/zero")
-    assert located("endless", study) is None
+    assert module_file("endless", study) is None
     (study / "large.py").write_bytes(b"#" * 16_000_001)
     set_folders([study])
     with pytest.raises(OSError, match="has more than 16000000 bytes"):
