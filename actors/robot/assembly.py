@@ -87,7 +87,7 @@ class SharedMapData:
 
 
 def shared_map_data(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> SharedMapData:
-    """Return the data shared by robots of this model and stack; cached while referenced, see `SharedCache`."""
+    """Return the data shared by robots of this model and stack; cached weakly (`SharedCache`)."""
     field, costs = None, None
     if stack.localisation is not None:
         field = likelihood_field(plan, stack.localisation.max_distance)

@@ -81,7 +81,9 @@ def route_of(air: FakeLink, robot: str) -> list[PlaceKey]:
 def test_two_robots_head_on_turn_around_and_exchange_destinations() -> None:
     r1, r2 = adaptive("r1", 0.0, 5.0), adaptive("r2", 1.0, -5.0)
     navigation = {"r1": FakeNavigation(), "r2": FakeNavigation()}
-    air = FakeLink({one.id: node(one, navigation[one.id], number) for number, one in enumerate((r1, r2), start=1)})
+    air = FakeLink(
+        {one.id: node(one, navigation[one.id], number) for number, one in enumerate((r1, r2), start=1)}
+    )
     air.run(seconds(9.5))
     assert route_of(air, "r1") == [PlaceKey("r2", 0)] and route_of(air, "r2") == [PlaceKey("r1", 0)]
     assert navigation["r1"].orders == [Point(5.0, 0.0), Point(-5.0, 0.0)]
