@@ -23,7 +23,7 @@ from actors.instant import Instant, seconds
 from actors.radio.program import part as radio_part
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.loading import RecordedModules, expect_hashes, set_folders
+from actors.robot.behaviour.loading import RecordedModules, set_folders
 from actors.robot.program import part_of
 from actors.runtime import failure
 from actors.runtime.core import Core, Inputs, Output
@@ -140,7 +140,7 @@ def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOp
     run = read_run_note(path)
     prints = None if replay_options.prints is None else replay_options.prints(run.step_us)
     with nullcontext() if prints is None else prints.during(0):
-        expect(
+        expect_hashes(
             None if run.code is None or replay_options.behaviour is not None else _recorded(path, run.code)
         )
         part = _part(path, actor, run, replay_options)

@@ -223,6 +223,6 @@ def _located(file: _FleetFile, path: Path) -> Fleet:
 
 
 def own_code(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
-    """Return the folders of the user's strategy; none if it is installed. Raises as `code_permit.permitted_folders`."""
+    """Return the folders of the user's strategy; none if it is installed. Raises as `permitted_folders`."""
     hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
     return permitted_folders(fleet.path, entry(fleet.run.strategy), hints, permit)
