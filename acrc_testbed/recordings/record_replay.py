@@ -23,7 +23,7 @@ from actors.instant import Instant, seconds
 from actors.radio.program import part as radio_part
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.loading import RecordedModules, set_folders
+from actors.robot.behaviour.loading import RecordedModules, expect_hashes, set_folders
 from actors.robot.program import part_of
 from actors.runtime import failure
 from actors.runtime.core import Core, Inputs, Output
