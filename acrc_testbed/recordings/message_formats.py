@@ -340,9 +340,9 @@ def sentences(figures: dict[str, Any], *, topics: bool) -> list[str]:
     where = f", on {figures['processor']}" if topics and figures["processor"] else ""
     first, last, size = figures["first_s"], figures["last_s"], figures["bytes"]
     lines = [
-        f"{figures['actor']}: {figures['messages']} messages from {first:g} to {last:g} s, {state}; {size} B, "
-        f"{_per_minute(size, first, last):.2f} MB per simulated minute; {figures['seals']} checksums; "
-        f"commit {figures['commit'][:12] or 'unknown'}{where}"
+        f"{figures['actor']}: {figures['messages']} messages from {first:g} to {last:g} s, {state}; "
+        f"{size} B, {_per_minute(size, first, last):.2f} MB per simulated minute; "
+        f"{figures['seals']} checksums; commit {figures['commit'][:12] or 'unknown'}{where}"
     ]
     if topics:
         width = max((len(one["key"]) for one in figures["keys"]), default=0)

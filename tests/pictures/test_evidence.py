@@ -192,7 +192,7 @@ def test_orders_without_another_mark_are_listed(ordered_run: RunData) -> None:
         (4.0, "", "jammer of 2 m at (20.0, 11.5) for 5 s"),
         (5.0, "", "wall placed from (7.0, 11.0) to (7.0, 12.0)"),
         (9.0, "r1", "receives 1 more place"),
-        (10.0, "", "the door at (17.2, 9.4) opens"),
+        (10.0, "", "door at (17.2, 9.4) opens"),
         (11.0, "r2", "is carried to (20.0, 11.5)"),
     ]
 
@@ -273,7 +273,7 @@ def glyph_sheet() -> Figure:
     figure = style.new_figure(9.5, 3.1)
     columns = figure.subplots(1, 4, width_ratios=[1.1, 0.8, 1.9, 0.5])
     _column(columns[0], "by ground truth", _states(SEEN_STATES))
-    _column(columns[1], "by its own account", _states(OWN_STATES))
+    _column(columns[1], "reported by the robot", _states(OWN_STATES))
     _column(columns[2], "on the floor and in lanes", [marks.sample(name) for name in MARKS])
     robots = [Patch(facecolor=colour, label=f"r{number}") for number, colour in enumerate(style.ROBOTS, 1)]
     _column(columns[3], "robots", robots)

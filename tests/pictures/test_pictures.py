@@ -160,7 +160,7 @@ def test_a_run_without_a_result_was_cut_off_or_is_running(short_run_copy: Path) 
     (out / "run.json").unlink()
     cut = read_run(out)
     html = run_html.html(cut, b"")
-    assert "<p>The run was cut off; this is what was recorded in its first 3 simulated s.</p>" in html
+    assert "<p>The run was cut off; this page shows its first 3 simulated s.</p>" in html
     assert "Reproduction</h2>" not in html
     assert style.title(cut) == "2 robots, seed 1: cut off after 3 s"
     world = next((out / "world").glob("*.mcap"))
@@ -177,7 +177,7 @@ def test_a_run_without_a_result_was_cut_off_or_is_running(short_run_copy: Path) 
     assert told is not None, drawn.stderr
     html = (out / "run.html").read_text()
     assert f"<h1>up to {told[1]} s, still running</h1>" in html
-    said = f"<p>The run is going on; this is what was recorded in its first {told[1]} simulated s.</p>"
+    said = f"<p>The run is still running; this page shows its first {told[1]} simulated s.</p>"
     assert said in html and "cut off" not in html
     assert acrc("view", out, "--png").stderr.startswith("the run was cut off; drawn up to ")
 

@@ -111,7 +111,7 @@ def test_a_number_is_drawn_and_what_is_none_is_told(recorded_run: Path, tmp_path
     assert (tmp_path / "vx.png").read_bytes().startswith(b"\x89PNG")
     for key, field, sentence in (
         ("*/drive", "speed", "'speed': not a field of r1/drive; choose from step, vx"),
-        ("r1/drive", "route", "'route': is [{"),
+        ("r1/drive", "route", "'route': [{"),
         ("r9/drive", "vx", f"{recorded_run}: no messages on 'r9/drive'"),
     ):
         done = acrc("record", "plot", recorded_run, key, field, "--out", tmp_path / "x.png")

@@ -72,7 +72,7 @@ def test_a_cut_run_says_up_to_which_step_it_is_good(copy: Path) -> None:
     last = max(item.step for item in read_recording(path) if isinstance(item, Entry))
     assert 5 < last < 25
     assert fault(copy) == (
-        f"{path}: ends after step {last}, although the run has a result; it was cut or damaged"
+        f"{path}: ends after step {last}, but the run has a result; the file is truncated or damaged"
     )
     (copy / "run.json").unlink()
     report = check(copy)

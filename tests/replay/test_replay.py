@@ -53,9 +53,9 @@ def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> Non
         ((tmp_path,), 1, f"{tmp_path}: contains no scenario.toml; give the folder of a simulated run"),
         ((recorded, "--to", 1), 2, "--to: requires --robot; it is about one actor"),
         ((recorded, "--robot", "r1", "--from", 1), 2, "--from: requires --pdb or --debugpy; a debugger"),
-        ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; there are r1, r2, radio, world"),
+        ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; choose from r1, r2, radio, world"),
         ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: has no strategy; must be a robot"),
-        ((recorded, "--robot", "r1", "--debugpy", 5678), 1, "--debugpy 5678: needs the Python package"),
+        ((recorded, "--robot", "r1", "--debugpy", 5678), 1, "--debugpy 5678: the Python package"),
         ((recorded, "--robot", "r2", "--from", 100, "--pdb"), 1, "--from: is 100, but r2's recording ends"),
     ):  # fmt: skip
         done = acrc("replay", *words)

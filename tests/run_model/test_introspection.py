@@ -52,10 +52,10 @@ HOSTILE = {
     "5 bytes of points": sample(plan=b"12345"),
     "7 bytes": sample(particles=b"1234567"),
     "has 3 rows": sample(window=CostWindow((0, 0), 3, b"")),
-    "and all its marks": sample(window=CostWindow((0, 0), 80, np.array([6400], "<u2").tobytes())),
+    "or cells beyond them": sample(window=CostWindow((0, 0), 80, np.array([6400], "<u2").tobytes())),
     "µs is out of range": step(contacts=(("r2", 2**62),)),
     "a scan has 2 rays": sample(scanned=POSE),
-    "as no clock": step(commits=(KnowledgeCommit(2**62, "r1", "a", True, "", 0, ()),)),
+    "instant .* is out of range": step(commits=(KnowledgeCommit(2**62, "r1", "a", True, "", 0, ()),)),
 }
 
 
