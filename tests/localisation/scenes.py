@@ -149,7 +149,7 @@ def apartment() -> LikelihoodField:
 
 def ends(ranges: NDArray[np.uint16]) -> Floats:
     """Return the end points of a scan's beams: (b, 2), m, body's frame."""
-    return measurement.ends(ranges, BEAMS, ORIGIN, np.empty((0, 2)), 0.0).points
+    return measurement.end_points(ranges, BEAMS, ORIGIN, np.empty((0, 2)), 0.0).points
 
 
 def amcl(

@@ -20,7 +20,7 @@ from actors.robot.localisation import (
     LikelihoodField,
     likelihood_field,
 )
-from actors.robot.localisation.search import PoseHypothesis, Search
+from actors.robot.localisation.search import PoseHypothesis, PoseSearch
 from actors.robot.sweep import Sweep
 from tests.helpers import sampled
 from tests.localisation.scenes import (
@@ -204,7 +204,7 @@ def searched(
     plan: LikelihoodField, made: Scans, estimate: Pose, seed: int = 0, poses: int = 3000, moves: bool = False
 ) -> Found:
     """Run a search on a drive; `moves`: the estimate follows the odometry from its start."""
-    search = Search(plan, BEAMS.mount, np.random.default_rng(seed), poses)
+    search = PoseSearch(plan, BEAMS.mount, np.random.default_rng(seed), poses)
     found = Found()
     frame = estimate if moves else None
     for number, (truth, points, here) in enumerate(made, 1):

@@ -14,7 +14,7 @@ from actors.geometry import Point, Pose
 from actors.messages import NO_ECHO_MM
 from actors.robot.localisation import PRESETS, LikelihoodField, measurement
 from actors.robot.localisation.confidence import AGREES, BeamClasses, beam_scores, classify_beams, explain
-from actors.robot.localisation.measurement import Beams, Ends
+from actors.robot.localisation.measurement import Beams, EndPoints
 from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, scan_angles
 from tests.localisation.scenes import (
@@ -187,8 +187,8 @@ def beams_twin(
     return points, masked
 
 
-def believed(ranges: NDArray[np.uint16], pose: Pose = HERE, peers: Floats = NO_PEERS) -> Ends:
-    return measurement.ends(ranges, BEAMS, pose, peers, 0.45)
+def believed(ranges: NDArray[np.uint16], pose: Pose = HERE, peers: Floats = NO_PEERS) -> EndPoints:
+    return measurement.end_points(ranges, BEAMS, pose, peers, 0.45)
 
 
 @pytest.mark.parametrize(("model", "view"), [(TURTLEBOT, 360.0), (CAMERA, 58.0)], ids=["all round", "camera"])

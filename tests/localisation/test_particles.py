@@ -13,7 +13,7 @@ from scipy.stats import chi2, norm
 from actors.array_types import Floats
 from actors.geometry import Pose
 from actors.robot.localisation import PRESETS
-from actors.robot.localisation.motion import OdometryStep, StepSpread, move, spread, step
+from actors.robot.localisation.motion import OdometryStep, StepSpread, move, odometry_step, step_spread
 from actors.robot.localisation.resampling import Cluster, heaviest_cluster, histogram, kld_bound, resample
 
 CHAPTER = PRESETS["chapter"]
@@ -35,7 +35,7 @@ def moved(poses: Floats, made: OdometryStep, noise: StepSpread, normals: Floats)
 @given(before=poses, after=poses)
 def test_without_noise_a_particle_follows_the_odometry(before: Pose, after: Pose) -> None:
     particle = np.array(before).reshape(3, 1)
-    move(particle, 1, step(before, after), StepSpread(0.0, 0.0, 0.0), np.ones((3, 1)))
+    move(particle, 1, odometry_step(before, after), StepSpread(0.0, 0.0, 0.0), np.ones((3, 1)))
     near = before.point.distance_to(after.point) < 0.01  # then the step is straight
     assert particle[:2, 0] == pytest.approx(after[:2], abs=0.02 if near else 1e-9)
     assert math.cos(particle[2, 0] - after.heading) == pytest.approx(1.0)
@@ -54,7 +54,7 @@ def test_without_noise_a_particle_follows_the_odometry(before: Pose, after: Pose
 )
 def test_how_a_step_is_split(to: Pose, made: OdometryStep) -> None:
     here = Pose(3.0, -2.0, 0.7)
-    split = step(here, here.compose(to))
+    split = odometry_step(here, here.compose(to))
     assert split.distance == pytest.approx(made.distance)
     for part, expected in ((split.turn, made.turn), (split.last_turn, made.last_turn)):
         assert math.cos(part - expected) == pytest.approx(1.0)
@@ -62,8 +62,8 @@ def test_how_a_step_is_split(to: Pose, made: OdometryStep) -> None:
 
 def test_ros_1_takes_the_variance_for_the_deviation() -> None:
     ahead = OdometryStep(0.0, 0.25, 0.0)
-    assert spread(ahead, CHAPTER) == pytest.approx((0.0125, 0.0125, 0.0125))
-    assert spread(ahead, CORRECTED) == pytest.approx((math.sqrt(0.0125),) * 3)  # 0.11 rad
+    assert step_spread(ahead, CHAPTER) == pytest.approx((0.0125, 0.0125, 0.0125))
+    assert step_spread(ahead, CORRECTED) == pytest.approx((math.sqrt(0.0125),) * 3)  # 0.11 rad
 
 
 @given(turn=angles, distance=st.floats(0, 2), last=angles)
@@ -77,8 +77,8 @@ def test_deviations_are_those_of_the_book_and_alike_backward(
         math.sqrt(0.3 * distance**2 + 0.4 * first**2 + 0.4 * second**2),
         math.sqrt(0.1 * second**2 + 0.2 * distance**2),
     )
-    assert spread(OdometryStep(turn, distance, last), parameters) == pytest.approx(expected, abs=1e-7)
-    back = spread(OdometryStep(turn - math.copysign(math.pi, turn), distance, last), parameters)
+    assert step_spread(OdometryStep(turn, distance, last), parameters) == pytest.approx(expected, abs=1e-7)
+    back = step_spread(OdometryStep(turn - math.copysign(math.pi, turn), distance, last), parameters)
     assert back == pytest.approx(expected, abs=1e-7)
 
 

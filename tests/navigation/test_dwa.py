@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from acrc_testbed.benchmarks import navigation as original
 from actors.array_types import Flags, Floats, Int32s, Octets, Singles
 from actors.robot.navigation.cost_map import Inflation
-from actors.robot.navigation.dwa import CRITICS, INVALID, CheapestVelocity, cheapest, samples
+from actors.robot.navigation.dwa import CRITICS, INVALID, CheapestVelocity, cheapest_velocity, samples
 from actors.robot.navigation.map_grid import Waves, wavefront
 from actors.robot.navigation.ray_tracing import outline, squared_within
 
@@ -126,7 +126,9 @@ class Scene:
         critics = np.array([tuple(NUMBERS[name] for name in CRITICS.names or ())], CRITICS)
         pose = np.array([*self.pose, 0.0, 0.0])
         around = self.squared, Waves(self.path, self.goal, self.front)
-        return CheapestVelocity(*cheapest(pose, speeds, turns, barred, *around, TABLE, OUTLINE, critics))
+        return CheapestVelocity(
+            *cheapest_velocity(pose, speeds, turns, barred, *around, TABLE, OUTLINE, critics)
+        )
 
     def costs(self, speeds: Singles, turns: Singles, barred: Flags) -> dict[tuple[float, float], float]:
         x, y, heading = self.pose

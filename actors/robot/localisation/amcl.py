@@ -19,11 +19,11 @@ from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.confidence import BeamClasses, CovarianceModel, classify_beams
 from actors.robot.localisation.likelihood_field import LikelihoodField
-from actors.robot.localisation.measurement import Cloud, Measurement, beams, ends
-from actors.robot.localisation.motion import around, move, spread, step, step_count
+from actors.robot.localisation.measurement import Cloud, Measurement, beams, end_points
+from actors.robot.localisation.motion import move, odometry_step, sample_around, step_count, step_spread
 from actors.robot.localisation.parameters import AmclParameters, Estimate, StartLocator
 from actors.robot.localisation.resampling import Cluster, Histogram, heaviest_cluster, histogram, resample
-from actors.robot.localisation.search import LostProbability, Search
+from actors.robot.localisation.search import LostProbability, PoseSearch
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 
@@ -127,7 +127,7 @@ class Amcl:
         self._recovery = RecoveryAverages(parameters)
         self._confidence = CovarianceModel(field, sensor, len(self._beams.rays))
         self._lost = LostProbability() if start is not None else LostProbability(1.0)
-        self._search: Search | None = None
+        self._search: PoseSearch | None = None
         self._tally = FilterCounts()
         self._peers = np.empty((0, 2))
         self._odometry = origin
@@ -181,7 +181,7 @@ class Amcl:
         p, doubt = self._parameters, self._doubt
         aside, turned = (p.start_spread, p.start_turn_spread) if doubt is None else (doubt, doubt)
         spread = aside + drift, aside + drift, turned + drift
-        poses = around(start, spread, normals(self._generator, (3, self._count)))
+        poses = sample_around(start, spread, normals(self._generator, (3, self._count)))
         poses[2] = _wrapped(poses[2])
         return poses
 
@@ -240,7 +240,7 @@ class Amcl:
                 self._locating = None
             return
         if self._search is None and self._parameters.search_poses and lost > _SEARCHED:
-            self._search = Search(
+            self._search = PoseSearch(
                 self._field, self._beams.mount, self._generator, self._parameters.search_poses
             )
         elif lost < _FOUND:
@@ -259,7 +259,7 @@ class Amcl:
         self._tally.found += 1
         self._count = self._parameters.min_particles
         draws = normals(self._generator, (3, self._count))
-        self._poses[:, : self._count] = around(pose, _GATHERED, draws)
+        self._poses[:, : self._count] = sample_around(pose, _GATHERED, draws)
         self._poses[2] = _wrapped(self._poses[2])
         self._restart(self._poses)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
@@ -281,9 +281,9 @@ class Amcl:
         parts = step_count(before, pose, self._parameters)
         for part in range(1, parts + 1):
             after = pose if part == parts else between(since, pose, part / parts)
-            made = step(before, after)
+            made = odometry_step(before, after)
             draws = normals(self._generator, (3, self._count))
-            move(self._poses, self._count, made, spread(made, self._parameters), draws)
+            move(self._poses, self._count, made, step_spread(made, self._parameters), draws)
             before = after
         self._odometry = pose
 
@@ -291,7 +291,7 @@ class Amcl:
         """Return the end points of the scan's beams and their classification at the estimate."""
         parameters, tally, mount = self._parameters, self._tally, self._beams.mount
         pose = self._correction.compose(sweep.pose)
-        points, masked = ends(sweep.ranges_mm, self._beams, pose, self._peers, parameters.peer_radius)
+        points, masked = end_points(sweep.ranges_mm, self._beams, pose, self._peers, parameters.peer_radius)
         filtered = parameters.stranger_filter and self._together()
         judged = classify_beams(
             self._field.grid, points, mount, pose, parameters.stranger_distance if filtered else math.inf

@@ -16,7 +16,14 @@ from actors.kernels import kernel
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, example_field
-from actors.robot.localisation.measurement import AGREEING, BEYOND, SHORT, classify_beam, level_at, placed
+from actors.robot.localisation.measurement import (
+    AGREEING,
+    BEYOND,
+    SHORT,
+    classify_beam,
+    level_at,
+    to_map_frame,
+)
 from actors.robot_model import RangeSensor
 
 AGREES: Final = 0.3
@@ -67,9 +74,9 @@ def classify_beams(
     kept = strangers = agreeing = beyond = 0
     x, y, heading = pose
     c, s = cos_sin(heading)
-    eye_x, eye_y = placed(x, y, c, s, mount[0], mount[1])
+    eye_x, eye_y = to_map_frame(x, y, c, s, mount[0], mount[1])
     for i in range(points.shape[0]):
-        end_x, end_y = placed(x, y, c, s, points[i, 0], points[i, 1])
+        end_x, end_y = to_map_frame(x, y, c, s, points[i, 0], points[i, 1])
         apart = step * level_at(levels, frame, end_x, end_y)
         seen = classify_beam(levels, frame, step, min(AGREES, stranger_distance), eye_x, eye_y, end_x, end_y)
         if apart <= AGREES:
@@ -94,10 +101,10 @@ def explain(grid: LevelGrid, points: Floats, mount: Floats, poses: Floats, score
     for i in range(count):
         x, y = poses[0, i], poses[1, i]
         c, s = cos_sin(poses[2, i])
-        eye_x, eye_y = placed(x, y, c, s, mount[0], mount[1])
+        eye_x, eye_y = to_map_frame(x, y, c, s, mount[0], mount[1])
         total = 0.0
         for k in range(beams):
-            end_x, end_y = placed(x, y, c, s, points[k, 0], points[k, 1])
+            end_x, end_y = to_map_frame(x, y, c, s, points[k, 0], points[k, 1])
             seen = classify_beam(levels, frame, step, AGREES, eye_x, eye_y, end_x, end_y)
             if seen == AGREEING:
                 agreeing[i] += 1

@@ -189,7 +189,7 @@ BEYOND: Final = 2
 
 
 @kernel
-def placed(x: float, y: float, c: float, s: float, forward: float, left: float) -> tuple[float, float]:
+def to_map_frame(x: float, y: float, c: float, s: float, forward: float, left: float) -> tuple[float, float]:
     """Transform a point from the body's frame to the map frame, m.
 
     (x, y): position of the body; c, s: cosine and sine of its heading.
@@ -248,7 +248,7 @@ class Beams(NamedTuple):
     """The sensor's range_max, m; longer ranges count as no echo."""
 
 
-class Ends(NamedTuple):
+class EndPoints(NamedTuple):
     """End points of a scan's beams."""
 
     points: Floats
@@ -273,7 +273,9 @@ def beams(sensor: RangeSensor, count: int) -> Beams:
 
 
 @kernel
-def ends(ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: Floats, radius: float) -> Ends:
+def end_points(
+    ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: Floats, radius: float
+) -> EndPoints:
     """Return the end points of beams with an echo, except those within `radius`, m, of a peer.
 
     `ranges_mm`: (rays,). `peers`: (p, 2), m, map frame; `pose`: estimate of the robot's pose, map frame.
@@ -290,12 +292,12 @@ def ends(ranges_mm: NDArray[np.uint16], beams: Beams, pose: Pose, peers: Floats,
             continue
         forward = mount[0] + length * directions[beam, 0]
         left = mount[1] + length * directions[beam, 1]
-        if _near(peers, *placed(x, y, c, s, forward, left), radius):
+        if _near(peers, *to_map_frame(x, y, c, s, forward, left), radius):
             masked += 1
         else:
             points[kept, 0], points[kept, 1] = forward, left
             kept += 1
-    return Ends(points[:kept], masked)
+    return EndPoints(points[:kept], masked)
 
 
 @kernel
@@ -320,5 +322,5 @@ def fingerprint() -> bytes:
     ranges = np.frombuffer((2000 + 900 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")  # read-only
     directions = np.column_stack((arrays.cos(angles[::3]), arrays.sin(angles[::3])))
     chosen = Beams(np.arange(0, 30, 3), directions, np.array([-0.1, 0.0]), 2.7)
-    believed = ends(ranges, chosen, Pose(1.0, 2.0, 0.5), np.array([[2.0, 3.0]]), 0.9).points
+    believed = end_points(ranges, chosen, Pose(1.0, 2.0, 0.5), np.array([[2.0, 3.0]]), 0.9).points
     return b"".join(part.tobytes() for part in (cloud.weights, np.array(fits), believed))

@@ -46,7 +46,7 @@ class StepSpread(NamedTuple):
     last_turn: float
 
 
-def step(before: Pose, after: Pose) -> OdometryStep:
+def odometry_step(before: Pose, after: Pose) -> OdometryStep:
     """Return the step between two odometry poses."""
     moved = before.relative(after)
     distance = hypot(moved.x, moved.y)
@@ -54,7 +54,7 @@ def step(before: Pose, after: Pose) -> OdometryStep:
     return OdometryStep(turn, distance, wrap(moved.heading - turn))
 
 
-def spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
+def step_spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
     """Return the standard deviations of a step. Backing is as certain as driving forward."""
     turn, last_turn = _sharpness(made.turn), _sharpness(made.last_turn)
     distance = made.distance * made.distance
@@ -68,7 +68,7 @@ def spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
     return StepSpread(*map(math.sqrt, variances))
 
 
-def around(pose: Pose, spread: tuple[float, float, float], normals: Floats) -> Floats:
+def sample_around(pose: Pose, spread: tuple[float, float, float], normals: Floats) -> Floats:
     """Return poses around one, (3, n), from standard deviations, m, m, rad, and normal draws (3, n)."""
     return np.array([pose]).T + np.array([spread]).T * normals
 

@@ -17,7 +17,7 @@ from actors.geometry import Pose, wrap
 from actors.portable.draws import normals
 from actors.robot.localisation.confidence import PoseFit, beam_scores, explain
 from actors.robot.localisation.likelihood_field import LikelihoodField
-from actors.robot.localisation.motion import around
+from actors.robot.localisation.motion import sample_around
 
 
 class _Shares(NamedTuple):
@@ -118,7 +118,7 @@ class PoseHypothesis:
         return self.score + 0.02 * min(self.scans, 4) - (0.3 if self.lost.probability > 0.9 else 0.0)
 
 
-class Search:
+class PoseSearch:
     """A search for the pose of a lost robot."""
 
     def __init__(
@@ -184,7 +184,9 @@ class Search:
 
     def _drawn(self, here: Pose, estimate: Pose) -> list[PoseHypothesis]:
         """Return new hypotheses: the best of random poses on the map and near the estimate."""
-        near = around(estimate, _NEAR_SPREAD, normals(self._generator, (3, round(_NEAR * self._poses))))
+        near = sample_around(
+            estimate, _NEAR_SPREAD, normals(self._generator, (3, round(_NEAR * self._poses)))
+        )
         drawn = np.hstack((self._plan.poses(self._generator, self._poses - near.shape[1]), near))
         score = self._explained(drawn, self._wide).score
         best: list[Pose] = []
@@ -204,7 +206,7 @@ class Search:
         """Return the best of a pose and random ones around it, with its score."""
         draws = normals(self._generator, (3, _TRIES))
         draws[:, 0] = 0.0
-        tried = around(pose, spread, draws)
+        tried = sample_around(pose, spread, draws)
         score = self._explained(tried, self._narrow).score
         best = int(np.argmax(score))
         x, y, heading = tried[:, best].tolist()

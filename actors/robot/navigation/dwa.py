@@ -34,7 +34,7 @@ def count_of(speed: float, turn: float, w: Any) -> int:
 
 @kernel
 def start_of(pose: Floats) -> Floats:
-    """Return cosine and sine of the initial heading of all trajectories; `pose` as for `cheapest`."""
+    """Return cosine and sine of the initial heading of trajectories; `pose` as for `cheapest_velocity`."""
     c, s = cos_sin(float(np.float32(pose[2])))
     return np.array([c, s])
 
@@ -84,7 +84,7 @@ def _is_inside(point: Floats, path: Int32s, nose: float) -> bool:
 
 
 @kernel
-def drive(
+def simulate(
     points: Floats, pose: Floats, start: Floats, speed: float, turn: float, waves: Waves, w: Any
 ) -> int:
     """Write a trajectory's points, each x, y, cosine and sine; return their number.
@@ -170,7 +170,9 @@ def fingerprint() -> bytes:
     around = squared, Waves(np.abs(row - 25).astype(np.int32), steps, steps)
     speeds, turns, barred = samples(-0.1, 0.5, 7), samples(-1.0, 1.0, 8), np.zeros(4, np.bool_)
     poses = [np.array([1.115, 2.52, heading, 0.5, 1.5]) for heading in (-3.0, 0.1, 1.4)]
-    chosen = [cheapest(pose, speeds, turns, barred, *around, table, corners, critics) for pose in poses]
+    chosen = [
+        cheapest_velocity(pose, speeds, turns, barred, *around, table, corners, critics) for pose in poses
+    ]
     return b"".join(part.tobytes() for part in (np.array(chosen), speeds, turns))
 
 
@@ -240,7 +242,7 @@ def _cost(obstacle: float, point: Floats, waves: Waves, w: Any) -> float:
 
 
 @kernel
-def cheapest(
+def cheapest_velocity(
     pose: Floats,
     speeds: Singles,
     turns: Singles,
@@ -280,7 +282,7 @@ def cheapest(
                 centre = table[squared[int(points[0, 1]), int(points[0, 0])]]
                 if _cost(centre, points[0], waves, w) >= lowest:
                     continue
-            count = drive(points, pose, start, speed, turn, waves, w)
+            count = simulate(points, pose, start, speed, turn, waves, w)
             if count == 0:
                 continue
             last = points[count - 1]

@@ -21,7 +21,7 @@ from actors.robot.navigation.dwa import (
     CRITICS,
     INVALID,
     CheapestVelocity,
-    cheapest,
+    cheapest_velocity,
     example,
     samples,
 )
@@ -128,7 +128,7 @@ def local_plan(
 
 
 @kernel
-def chosen(
+def choose_velocity(
     path: Floats,
     state: Floats,
     nose: float,
@@ -146,7 +146,7 @@ def chosen(
     `state`, (12,): pose in the map frame and in the odometry frame; corner of the window in the latter, m;
     lowest and highest speed, m/s, and turn rate, rad/s, of the dynamic window. `counts`: number of speeds and
     turn rates. `alignment`: weight of that critic while the plan's end is farther than the nose. Other
-    parameters as for `local_plan`, `wavefront` and `cheapest`.
+    parameters as for `local_plan`, `wavefront` and `cheapest_velocity`.
     """
     cells, goal, front, far = local_plan(
         path, state[0:3], state[3:6], state[6:8], critics[0].cell, squared.shape[0], nose
@@ -160,7 +160,7 @@ def chosen(
     window = state[8:12].astype(np.float32).astype(np.float64)  # 32 bits as in the original
     speeds = samples(window[0], window[1], counts[0])
     turns = samples(window[2], window[3], counts[1])
-    return cheapest(state[3:8], speeds, turns, barred, squared, waves, table, outline, critics)
+    return cheapest_velocity(state[3:8], speeds, turns, barred, squared, waves, table, outline, critics)
 
 
 def fingerprint() -> bytes:
@@ -169,7 +169,7 @@ def fingerprint() -> bytes:
     path = np.column_stack((np.linspace(0.1, 5.0, 90), 0.8 + np.square(np.linspace(0, 1.5, 90))))
     state = np.array([0.4, 0.8, 0.3, 1.115, 2.52, 0.6, -0.5, 0.5, -0.1, 0.5, -1.0, 1.0])
     barred = np.zeros(4, np.bool_)
-    found = chosen(path, state, 0.33, (7, 8), barred, squared, 4.5, table, corners, critics, 3.2)
+    found = choose_velocity(path, state, 0.33, (7, 8), barred, squared, 4.5, table, corners, critics, 3.2)
     return np.array(found).tobytes()
 
 
@@ -256,7 +256,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         """Return the cheapest velocity in `window`: lowest and highest speed, m/s, and turn rate, rad/s."""
         local, p, cell = self._local, self._p, self._cell
         corner = local.corner
-        found = chosen(
+        found = choose_velocity(
             self._path,
             np.array([*estimate, *here, corner.column * cell, corner.row * cell, *window]),
             p.forward_point,
