@@ -20,8 +20,8 @@ from actors.instant import Instant
 from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Refused, Transmit, Unconfirmed
 from actors.radio.frame import DataFrame, rssi_dbm, size_fault
 from actors.runtime.errors import AcrcError
-from firmware_bridge.beeclick.air import BoardRadio
-from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings, Event
+from firmware_bridge.beeclick.answer_decoder import FIRST_CHANNEL, BoardEvent, BoardSettings
+from firmware_bridge.beeclick.emulated_medium import DeviceMedium
 
 
 class PseudoTerminal:
@@ -98,7 +98,7 @@ def _place(link: Path, port: str) -> None:
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class LineNoise:
     """Probabilities of errors per byte."""
 
     change: float = 0.0
@@ -127,7 +127,7 @@ class Disturbance:
         return bytes(out)
 
 
-CLEAN = Disturbance()
+NO_NOISE = LineNoise()
 """A line without errors."""
 
 
@@ -156,7 +156,7 @@ class EmulatedLines:
         self.ports = tuple(ports)
         self._folder = folder
         self._generator = generator
-        self._disturbance = dict.fromkeys(self.ports, CLEAN)
+        self._disturbance = dict.fromkeys(self.ports, NO_NOISE)
         self._plugged: dict[DevicePort, PseudoTerminal] = {}
         self._made: list[Path] = []
         self._unread: Counter[DevicePort] = Counter()
@@ -217,7 +217,7 @@ class EmulatedLines:
 
     def corrupt(self, port: DevicePort, share: float) -> None:
         """Replace, drop or insert a `share` of the bytes from now on, in both directions."""
-        self._disturbance[port] = Disturbance(share / 3, share / 3, share / 3)
+        self._disturbance[port] = LineNoise(share / 3, share / 3, share / 3)
 
     def close(self) -> None:
         """Close all lines; remove their links and the folders created for them."""
@@ -270,7 +270,7 @@ class _Messages(Generic[M]):
 class SimulatedTransceiver:
     """Laboratory end of a transceiver without a board, which sends every frame immediately."""
 
-    def __init__(self, radio: BoardRadio, settings: BoardSettings) -> None:
+    def __init__(self, radio: DeviceMedium, settings: BoardSettings) -> None:
         self.pan, self.address = settings.pan, settings.address
         self.channel, self.power_dbm = settings.channel - FIRST_CHANNEL, settings.power_dbm
         self._radio = radio
@@ -315,7 +315,7 @@ class SimulatedTransceiver:
 
 
 class TransceiverLink:
-    """Host end of a transceiver without a board, in place of `beeclick.link.BoardLink`."""
+    """Host end of a transceiver without a board, in place of `BoardLink`."""
 
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
@@ -330,7 +330,7 @@ class TransceiverLink:
         """Start a session on a newly opened port."""
         self._session, self._greeted = now, False
 
-    def lost(self, now: Instant) -> Sequence[Event]:
+    def lost(self, now: Instant) -> Sequence[BoardEvent]:
         """Handle the loss of the port: all frames are unconfirmed."""
         self._session = None
         tags = [*self._flying, *(frame.tag for frame in self._waiting)]
@@ -338,7 +338,7 @@ class TransceiverLink:
         self._flying.clear()
         return [Unconfirmed(now, tag) for tag in tags]
 
-    def send(self, now: Instant, tag: int, data: bytes) -> Sequence[Event]:
+    def send(self, now: Instant, tag: int, data: bytes) -> Sequence[BoardEvent]:
         """Queue a frame for `due`."""
         if wrong := size_fault(len(data)):
             return [Refused(now, tag, wrong)]
@@ -355,7 +355,7 @@ class TransceiverLink:
         self._flying += [frame.tag for frame in frames]
         return msgspec.json.encode(Transmit(self._session, frames)) + b"\n"
 
-    def take(self, now: Instant, data: bytes) -> Sequence[Event]:
+    def take(self, now: Instant, data: bytes) -> Sequence[BoardEvent]:
         """Process bytes read and return the events, stamped with `now`."""
         told = [one for one in self._messages.take(data) if one.step == self._session]
         self.counters["bad_lines"] = self._messages.bad

@@ -12,7 +12,7 @@ from actors.runtime.isolation import sandbox
 LATER = (
     *("acrc_testbed.benchmarks.", "acrc_testbed.experiments.", "acrc_testbed.command_line.campaigns."),
     "deploy.hosts.",
-) + (() if find_spec("rerun") else ("deploy.fleet.watched", "acrc_testbed.view."))
+) + (() if find_spec("rerun") else ("deploy.fleet.fleet_view", "acrc_testbed.view."))
 
 import_module("actors.processes.preload")
 for _package in ("acrc_testbed", "deploy"):

@@ -60,11 +60,11 @@ def watch(
     ] = None,
 ) -> None:
     """Watch robots from a laptop, until Ctrl-C."""
-    from deploy.fleet import watch as laptop
+    from deploy.fleet import operator_station
 
     with contextlib.suppress(Interrupted):
         if view is None:
-            laptop.watch(endpoints, keys)
+            operator_station.watch(endpoints, keys)
         else:
             _show(endpoints, keys, view)
     _leave(130)
@@ -72,10 +72,10 @@ def watch(
 
 def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
     """Show robots in the viewer."""
-    from deploy.fleet import watched
+    from deploy.fleet import fleet_view
     from deploy.fleet.fleet_file import load_fleet
 
-    watched.show(endpoints, keys, load_fleet(fleet))
+    fleet_view.show(endpoints, keys, load_fleet(fleet))
 
 
 def stop(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
@@ -104,13 +104,15 @@ def resume(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None
 
 def _give(endpoints: list[str], keys: Path, order: "Order", *, json: bool) -> NoReturn:
     """Give an order to all robots, and say what became of it."""
-    from deploy.fleet import watch as laptop
+    from deploy.fleet import operator_station
 
-    answers = laptop.give(endpoints, keys, order)
+    answers = operator_station.send_order(endpoints, keys, order)
     for one in answers:
         if one.failure:
             print(f"acrc: {one.endpoint}: {one.failure}", file=sys.stderr)
-    said = [f"acrc: {one.endpoint}: {laptop.done(order)}" for one in answers if not one.failure]
+    said = [
+        f"acrc: {one.endpoint}: {operator_station.state_after(order)}" for one in answers if not one.failure
+    ]
     answer(said, [{"endpoint": one.endpoint, "failure": one.failure} for one in answers], json=json)
     _leave(1 if any(one.failure for one in answers) else 0)
 
@@ -225,12 +227,12 @@ def units(
     root = clone("fleet units")
     loaded = load_fleet(fleet)
     chosen = loaded.robot_named(robot)
-    written = unit_files.write(
+    written = unit_files.write_units(
         loaded,
         chosen,
         out,
         program=root / "acrc",
-        user=user or unit_files.everyday_user(root),
+        user=user or unit_files.default_user(root),
         plugged=usb_ports(),
         modules=permit_of(modules).modules,
     )
@@ -247,7 +249,7 @@ def units(
         "wrong."
     )
     answer([said], {"service": service, "rules": rules}, json=json)
-    for sentence in written.unnamed:
+    for sentence in written.unassigned:
         sys.stderr.write(f"acrc: {sentence}\n")
 
 
@@ -274,13 +276,13 @@ def keys(
     from deploy.fleet.fleet_file import load_fleet
 
     loaded = load_fleet(fleet)
-    hosts = fleet_keys.hosts_of(host or [], loaded)
+    hosts = fleet_keys.parse_hosts(host or [], loaded)
     folder, now = (out or Path(loaded.keys)).absolute(), datetime.now(UTC)
     if not revoke:
-        made = fleet_keys.issue(loaded, folder, hosts, now=now, days=days)
+        made = fleet_keys.create_keys(loaded, folder, hosts, now=now, days=days)
         _answer_keys(loaded, made, [], None, json=json)
         return
-    made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
+    made, aside = fleet_keys.replace_keys(loaded, folder, revoke, hosts, now=now, days=days)
     said = [
         f"Machines with their new folders reject the old keys of {', '.join(revoke)}: copy all folders, "
         "the operator's first, and start the robots again.",
@@ -301,9 +303,9 @@ def doctor(
     that it compiles numeric kernels. The exit code is 1 if anything is wrong.
     """
     from actors.robot.behaviour.code_permit import permit_of
-    from deploy.fleet.doctor import consult
+    from deploy.fleet.doctor import check_computer
 
-    if not consult(fleet, robot, permit_of(modules), json=json):
+    if not check_computer(fleet, robot, permit_of(modules), json=json):
         raise typer.Exit(1)
 
 

@@ -69,7 +69,7 @@ def make(
     if out.is_dir():
         raise OptionError(f"--out: {out} is a directory; give a file")
     robot = fleet.robot_named(name)
-    for found in list(doctor.configuration(fleet, robot, permit)):
+    for found in list(doctor.check_configuration(fleet, robot, permit)):
         if not found.ok:
             raise AcrcError(f"{found.subject}: {found.text}")
     own, (told, place) = _own_code(fleet, permit), _configuration(fleet, robot)

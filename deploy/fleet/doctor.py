@@ -59,7 +59,7 @@ class DoctorFinding(msgspec.Struct, frozen=True):
     text: str
 
 
-class Report(msgspec.Struct, frozen=True):
+class DoctorReport(msgspec.Struct, frozen=True):
     """The findings of all checks."""
 
     robot: str | None
@@ -67,7 +67,7 @@ class Report(msgspec.Struct, frozen=True):
     findings: tuple[DoctorFinding, ...]
 
 
-def finding(subject: str, check: Callable[..., str], *arguments: object) -> DoctorFinding:
+def run_check(subject: str, check: Callable[..., str], *arguments: object) -> DoctorFinding:
     """Run a check, which returns the state or raises AcrcError with fault and remedy."""
     try:
         return DoctorFinding(subject, True, check(*arguments))
@@ -83,16 +83,16 @@ def version_of(package: str) -> str | None:
         return None
 
 
-def packages(
+def check_packages(
     constraints: str, needed: Container[str], minor: int = sys.version_info.minor
 ) -> Iterator[DoctorFinding]:
     """Check that the extras in the text of constraints.txt are installed as tested with Python 3.`minor`."""
     for extra, pinned in version.sections(constraints, minor).items():
         if extra != "build":  # present while building only
-            yield finding(f"packages {extra}", _extra, pinned, extra, extra in needed)
+            yield run_check(f"packages {extra}", _check_extra, pinned, extra, extra in needed)
 
 
-def _extra(pinned: Sequence[version.Pin], extra: str, needed: bool) -> str:
+def _check_extra(pinned: Sequence[version.Pin], extra: str, needed: bool) -> str:
     found = {pin: version_of(pin.name) for pin in pinned}
     for pin, release in found.items():
         if release not in {None, pin.version}:
@@ -131,7 +131,7 @@ def now() -> datetime:
     return datetime.now(UTC)
 
 
-def _clock() -> str:
+def _check_clock() -> str:
     """Check that the clock has been set and is synchronised."""
     time_of_day, error = now(), clock_error()
     if not 2025 <= time_of_day.year < 2100:
@@ -147,7 +147,7 @@ def _clock() -> str:
     return f"{time_of_day:%Y-%m-%d %H:%M} UTC, synchronised, error at most {error * 1000:.0f} ms"
 
 
-def _disk() -> str:
+def _check_disk() -> str:
     here = Path.cwd()
     gigabytes = shutil.disk_usage(here).free / 1e9
     free = f"{gigabytes:.1f} GB free at {here}"
@@ -156,7 +156,7 @@ def _disk() -> str:
     return free
 
 
-def _namespaces() -> str:
+def _check_namespaces() -> str:
     if fault := sandbox.available():
         raise AcrcError(fault)
     return "sandboxing of the robot's process is available"
@@ -177,7 +177,7 @@ def compiled_kernels() -> tuple[float, int]:
     return seconds, sum(found.values())
 
 
-def _kernels() -> str:
+def _check_kernels() -> str:
     (seconds, compiled), cache = compiled_kernels(), cache_folder()
     nearest = next(path for path in (cache, *cache.parents) if path.exists())
     if not os.access(nearest, os.W_OK | os.X_OK):
@@ -191,7 +191,7 @@ def _kernels() -> str:
     return f"all compiled, loaded in {seconds:.1f} s"
 
 
-def _group() -> str:
+def _check_group() -> str:
     user = getpass.getuser()
     add = f"run `sudo usermod -aG {GROUP} {user}`, then log in again"
     try:
@@ -207,29 +207,33 @@ def _group() -> str:
     raise AcrcError(f"{user} is not in the group {GROUP}; {add}")
 
 
-COMPUTER: Final[Mapping[str, Callable[[], str]]] = {
-    "clock": _clock, "disk": _disk, "namespaces": _namespaces, "kernels": _kernels, "group": _group
-}  # fmt: skip
+COMPUTER_CHECKS: Final[Mapping[str, Callable[[], str]]] = {
+    "clock": _check_clock,
+    "disk": _check_disk,
+    "namespaces": _check_namespaces,
+    "kernels": _check_kernels,
+    "group": _check_group,
+}
 """Checks of the computer alone; `group` is for robots only."""
 
 
-def devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
+def check_devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Check that each device is at its port in the fleet file, and that a depth camera can be used."""
-    yield finding("base", _port, robot.base, KOBUKI)
-    yield finding("radio", _port, robot.radio, BOARD)
+    yield run_check("base", _check_port, robot.base, KOBUKI)
+    yield run_check("radio", _check_port, robot.radio, BOARD)
     if robot.range == OPENNI:
-        yield finding("range", _camera, robot)
+        yield run_check("range", _check_camera, robot)
     elif robot.range is not None:
-        yield finding("range", _port, robot.range, RPLIDAR)
+        yield run_check("range", _check_port, robot.range, RPLIDAR)
 
 
-def _camera(robot: FleetRobot) -> str:
+def _check_camera(robot: FleetRobot) -> str:
     find_library()
     DepthScanner(load_model(robot.model, robot.sensor).sensor)  # checks the model's field of view
     return "OpenNI2 is installed"
 
 
-def holders(path: str) -> list[str]:
+def processes_using(path: str) -> list[str]:
     """Return the visible processes that have the port open, such as "python3 (PID 812)"."""
     wanted, found = Path(path).resolve(), []
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda entry: int(entry.name)):
@@ -241,7 +245,7 @@ def holders(path: str) -> list[str]:
     return found
 
 
-def _port(path: str, device: PortDevice) -> str:
+def _check_port(path: str, device: PortDevice) -> str:
     name = device.name
     if not os.access(path, os.F_OK):
         raise AcrcError(f"{path}: {_missing(path, device)}")
@@ -251,7 +255,7 @@ def _port(path: str, device: PortDevice) -> str:
             f"{path}: USB device {usb.vendor}:{usb.product} is not a {name}; enter the Kobuki's port in the "
             "fleet file"
         )
-    if usb is not None and (others := holders(path)):  # an emulator keeps its own port open
+    if usb is not None and (others := processes_using(path)):  # an emulator keeps its own port open
         raise AcrcError(
             f"{path}: {others[0]} has the port open, so the {name} cannot be tested; stop it, unless it is "
             "this robot's program"
@@ -261,16 +265,16 @@ def _port(path: str, device: PortDevice) -> str:
 
 
 def _missing(path: str, device: PortDevice) -> str:
-    plugged = [port.path for port in units.usb_ports() if units.may_be(device, port)]
+    plugged = [port.path for port in units.usb_ports() if units.matches_chip(device, port)]
     if not plugged:
         return f"no such port, and no {device.name} found; plug it in and switch it on"
     like = f"no such port, but {plugged[0]} looks like the {device.name}; "
-    if units.given_name(path) is None:
+    if units.symlink_name(path) is None:
         return like + "enter it in the fleet file"
     return like + "install the udev rules written by `acrc fleet units`, then replug the device"
 
 
-def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
+def check_floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Check that the map loads and that start and places are on free floor."""
     try:
         grid = load_map(fleet.map)
@@ -280,11 +284,11 @@ def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
         return
     width, height = grid.columns * grid.resolution, grid.rows * grid.resolution
     yield DoctorFinding("map", True, f"{fleet.map}: {width:.1f} m by {height:.1f} m")
-    yield finding("start", _start, fleet, robot, grid, radii)
-    yield finding("places", _places, robot, grid)
+    yield run_check("start", _check_start, fleet, robot, grid, radii)
+    yield run_check("places", _check_places, robot, grid)
 
 
-def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> str:
+def _check_start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> str:
     here = Point(*robot.start[:2])
     check_pose(grid, here, radii[robot.id], robot.id)
     for other in fleet.robots:
@@ -294,14 +298,14 @@ def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[
     return f"({here.x:g}, {here.y:g}) is free; place {robot.id} there before switching it on"
 
 
-def _places(robot: FleetRobot, grid: OccupancyGrid) -> str:
+def _check_places(robot: FleetRobot, grid: OccupancyGrid) -> str:
     for index, (x, y) in enumerate(robot.places):
         if not grid.is_free(Point(x, y)):
             raise AcrcError(f"place {index} at ({x:g}, {y:g}) is not on free floor; move it")
     return f"all {len(robot.places)} are on free floor"
 
 
-def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
+def check_behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
     """Check that the robot can be created with its strategy, whose code runs once."""
     try:
         set_folders(own_code(fleet, permit))
@@ -318,7 +322,7 @@ def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
     return f"strategy {fleet.run.strategy!r} returns a behaviour"
 
 
-def certificate(path: Path) -> tuple[str, datetime, datetime]:
+def read_certificate(path: Path) -> tuple[str, datetime, datetime]:
     """Return the name, start and end of validity of a certificate. Raises ValueError or OSError."""
     try:
         certificates = importlib.import_module("deploy.hosts.certificates")
@@ -328,11 +332,11 @@ def certificate(path: Path) -> tuple[str, datetime, datetime]:
     return certificates.common_name(own), own.not_valid_before_utc, own.not_valid_after_utc
 
 
-def keys(fleet: Fleet, robot: FleetRobot) -> str:
+def check_keys(fleet: Fleet, robot: FleetRobot) -> str:
     """Check that the robot's keys are its own, private and currently valid."""
     files = load_keys(fleet.keys_of(robot.id))
     try:
-        (name, begins, ends), mode = certificate(files.certificate), files.private_key.stat().st_mode
+        (name, begins, ends), mode = read_certificate(files.certificate), files.private_key.stat().st_mode
     except (OSError, ValueError) as error:
         raise AcrcError(str(error)) from None
     if name != robot.id:
@@ -349,29 +353,29 @@ def keys(fleet: Fleet, robot: FleetRobot) -> str:
     return f"{files.certificate} is valid until {ends:%Y-%m-%d}"
 
 
-def configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
+def check_configuration(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
     """Check map, start, places and behaviour, and the keys of a robot with `listen`."""
-    yield from floor(fleet, robot)
-    yield finding("behaviour", behaviour, fleet, robot, permit)
+    yield from check_floor(fleet, robot)
+    yield run_check("behaviour", check_behaviour, fleet, robot, permit)
     if robot.listen is not None:
-        yield finding("keys", keys, fleet, robot)
+        yield run_check("keys", check_keys, fleet, robot)
 
 
-def findings(
+def run_checks(
     fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
 ) -> Iterator[DoctorFinding]:
     """Run all checks, fast ones first."""
     constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
-    yield from packages(constraints, ("base",) if robot is None else ("base", "hardware"))
-    for subject, check in COMPUTER.items():
-        if robot is not None or check is not _group:
-            yield finding(subject, check)
+    yield from check_packages(constraints, ("base",) if robot is None else ("base", "hardware"))
+    for subject, check in COMPUTER_CHECKS.items():
+        if robot is not None or check is not _check_group:
+            yield run_check(subject, check)
     if fleet is not None and robot is not None:
-        yield from devices(robot)
-        yield from configuration(fleet, robot, permit)
+        yield from check_devices(robot)
+        yield from check_configuration(fleet, robot, permit)
 
 
-def consult(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, json: bool) -> bool:
+def check_computer(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, json: bool) -> bool:
     """Check this computer, or robot `name` of the fleet file; print findings, return True if all passed.
 
     Raises OptionError if only one of both is given, and AcrcError for an unusable file.
@@ -386,7 +390,7 @@ def consult(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, 
         raise OptionError(f"--robot: missing; give the robot that this computer is: {known}")
     robot = fleet.robot_named(name) if fleet is not None and name is not None else None
     found: list[DoctorFinding] = []
-    for one in findings(fleet, robot, permit):
+    for one in run_checks(fleet, robot, permit):
         found.append(one)
         if not json:
             line = Text("ok     " if one.ok else "failed ", style="green" if one.ok else "bold red")
@@ -394,7 +398,7 @@ def consult(path: Path | None, name: str | None, permit: Permit = INSTALLED, *, 
             screen().print(line)
     bad = sum(not one.ok for one in found)
     if json:
-        report = Report(name, not bad, tuple(found))
+        report = DoctorReport(name, not bad, tuple(found))
         sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
     else:
         screen().print(f"{bad} of {len(found)} checks failed" if bad else f"all {len(found)} checks passed")

@@ -25,10 +25,10 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.resolve import Swarm
 from deploy.scenario.tables import ConductTable, RobotId, Seed, StepMs, SwarmFile
-from firmware_bridge.beeclick.reception import power_setting
+from firmware_bridge.beeclick.answer_decoder import power_setting
 from firmware_bridge.onboard.device_loop import OPENNI
 
-FOREVER: Final = 2**62
+UNLIMITED_US: Final = 2**62
 """Duration of a robot's run, µs: unlimited."""
 _LISTEN: Final = re.compile(
     r"tls/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):(?P<port>[0-9]{1,5})"
@@ -38,7 +38,7 @@ _LISTEN: Final = re.compile(
 _A_PATH: Final = r"/[^\x00-\x1f\x7f]+"
 
 
-class AirTable(Settings, frozen=True):
+class FleetRadioTable(Settings, frozen=True):
     """[radio]: settings of all BEE-click boards."""
 
     pan: Annotated[int, Meta(ge=0, le=0xFFFE, description="a whole number from 0 to 0xFFFE")] = 0xBABA
@@ -124,7 +124,7 @@ class _FleetFile(SwarmFile, frozen=True, kw_only=True):
     """Seed of the behaviours' random streams."""
     keys: Annotated[Text, Meta(description="the path of a folder, relative to the fleet file")] | None = None
     """Folder with one folder of keys per machine; None: `office-keys` for office.toml."""
-    radio: AirTable = AirTable()
+    radio: FleetRadioTable = FleetRadioTable()
     run: ConductTable = ConductTable()
     robot: Annotated[tuple[FleetRobot, ...], Meta(min_length=1)]
 
@@ -156,7 +156,7 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
             robot.id, robot.model, model.default_sensor, robot.start, robot.places, odometry=model.odometry
         )
         return Swarm(
-            world=WorldSetup(self.map, self.seed, step_us, FOREVER, (body,)),
+            world=WorldSetup(self.map, self.seed, step_us, UNLIMITED_US, (body,)),
             radio=RadioSetup(
                 "beeclick", seed=self.seed, step_us=step_us, robots=((robot.id, robot.address),)
             ),
@@ -172,10 +172,10 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
 
 def load_fleet(path: Path) -> Fleet:
     """Read a fleet file. Raises AcrcError."""
-    return parse(settings.read_text(path, "fleet"), path)
+    return parse_fleet(settings.read_text(path, "fleet"), path)
 
 
-def parse(text: str, path: Path) -> Fleet:
+def parse_fleet(text: str, path: Path) -> Fleet:
     """Parse the text of the fleet file `path`. Raises AcrcError."""
     file = settings.parse(text, _FleetFile, str(path))
     try:

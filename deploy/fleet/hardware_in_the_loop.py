@@ -27,9 +27,9 @@ from actors.runtime.isolation.credentials import unix_endpoint
 from actors.runtime.isolation.sandbox import warn
 from actors.runtime.process_setup import SETUP
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
-from deploy.fleet import onboard as layout
+from deploy.fleet import onboard_processes as layout
 from deploy.fleet.collect import collect
-from deploy.fleet.onboard import Onboard, Ports
+from deploy.fleet.onboard_processes import OnboardRobot, Ports
 from deploy.fleet.onboard_run import OnboardSupervisor
 from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
@@ -39,7 +39,7 @@ from deploy.run.supervisor import Supervisor
 from deploy.run.swarm import preflight
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
-from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.device_lines import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory import LaboratorySetup
 
@@ -157,7 +157,7 @@ class _EmulatedDevices(Supervisor):
             )
 
 
-def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> Onboard:
+def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> OnboardRobot:
     robot = plan.world.robots[index]
     alone = replace(
         plan,
@@ -168,19 +168,19 @@ def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> On
     settings = BoardSettings(plan.address(robot.id), radio_model(plan.radio).parameters.channel)
     base, radio, lidar = (str(links / device) for device in (BASE, RADIO, RANGE))
     ports = Ports(base, radio, lidar, settings, board)
-    return Onboard(alone, ports, itertools.count().__next__)
+    return OnboardRobot(alone, ports, itertools.count().__next__)
 
 
-def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> OnboardSupervisor:
+def _watch(robot: OnboardRobot, launched: Launcher, stack: ExitStack) -> OnboardSupervisor:
     layout.lay_out(robot)
     watch = OnboardSupervisor(robot, launched)
-    stack.callback(layout.withdraw, robot)
+    stack.callback(layout.remove_passwords, robot)
     stack.callback(watch.end_all)
     watch.start_robot()
     return watch
 
 
-def _listen(robot: Onboard, stack: ExitStack) -> ZenohBus:
+def _listen(robot: OnboardRobot, stack: ExitStack) -> ZenohBus:
     folder = robot.folder(layout.BASE).resolve()
     config = rules.client_config(folder / "operator.credentials", unix_endpoint(folder / "router.sock"))
     return stack.enter_context(open_mesh(config, (at(PROGRESS),), patience_s=_PATIENCE_S))

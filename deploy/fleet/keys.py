@@ -19,7 +19,7 @@ from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, Pair
 
-HOME: Final = "authority"
+AUTHORITY_FOLDER: Final = "authority"
 """Folder of the certificate authority; do not copy it to robots."""
 LONGEST_DAYS: Final = 3650
 _HOST: Final = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?|[0-9A-Fa-f:.]+")
@@ -48,7 +48,7 @@ class FleetKeys:
     machines: tuple[MachineKeys, ...]
 
 
-def hosts_of(words: Sequence[str], fleet: Fleet) -> dict[str, list[str]]:
+def parse_hosts(words: Sequence[str], fleet: Fleet) -> dict[str, list[str]]:
     """Parse options `--host r2=192.168.1.12` into hosts by robot. Raises OptionError."""
     found: dict[str, list[str]] = {}
     for word in words:
@@ -60,7 +60,7 @@ def hosts_of(words: Sequence[str], fleet: Fleet) -> dict[str, list[str]]:
     return found
 
 
-def issue(
+def create_keys(
     fleet: Fleet, out: Path, hosts: Mapping[str, Sequence[str]], *, now: datetime, days: int
 ) -> FleetKeys:
     """Create the authority and the keys of all machines in the new folder `out`, atomically.
@@ -79,7 +79,7 @@ def issue(
     made = _described(fleet, out, hosts, now, days)
     issuer = certificates.authority(f"fleet {fleet.path.stem}", now, days)
     with _new_folder(out) as draft:
-        _write(draft / HOME, issuer, issuer)
+        _write(draft / AUTHORITY_FOLDER, issuer, issuer)
         for machine in made.machines:
             purpose = CLIENT if machine.machine == OPERATOR else SERVER
             pair = certificates.machine(issuer, machine.machine, [purpose], machine.hosts, now, days)
@@ -88,7 +88,7 @@ def issue(
     return made
 
 
-def renew(
+def replace_keys(
     fleet: Fleet,
     out: Path,
     revoked: Sequence[str],
@@ -101,19 +101,19 @@ def renew(
 
     Machines with new keys reject the keys of the machines `revoked` (Zenoh has no revocation lists). The new
     certificates are valid for the same hosts as the old ones. Raises AcrcError if there are no old keys, else
-    as `issue`.
+    as `create_keys`.
     """
     for machine in revoked:
         if machine != OPERATOR:
             fleet.robot_named(machine)
-    if not (out / HOME / AUTHORITY_FILE).is_file():
+    if not (out / AUTHORITY_FOLDER / AUTHORITY_FILE).is_file():
         raise AcrcError(f"{out}: no keys to revoke; run `acrc fleet keys` without --revoke first")
     known = {robot.id: (*_held_for(out / robot.id), *hosts.get(robot.id, ())) for robot in fleet.robots}
     aside = out.with_name(f"{out.name}.until-{now:%Y%m%d-%H%M%S}")
     if aside.exists():
         raise AcrcError(f"{aside}: already exists; move it away, the old keys are stored there")
     draft = out.with_name(f"{out.name}.new-{now:%Y%m%d-%H%M%S}")
-    issue(fleet, draft, known, now=now, days=days)
+    create_keys(fleet, draft, known, now=now, days=days)
     try:
         out.rename(aside)
         draft.rename(out)
@@ -135,7 +135,7 @@ def _described(
 ) -> FleetKeys:
     machines = [_robot(robot, out, hosts.get(robot.id, ())) for robot in fleet.robots]
     return FleetKeys(
-        home=out / HOME,
+        home=out / AUTHORITY_FOLDER,
         valid_until=now + timedelta(days=days),
         machines=(*machines, MachineKeys(OPERATOR, out / OPERATOR, (), listens_unnamed=False)),
     )

@@ -28,15 +28,15 @@ from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose
 from actors.runtime.process_table import glance
-from deploy.fleet import onboard as layout
-from deploy.fleet.doctor import finding, keys
+from deploy.fleet import onboard_processes as layout
+from deploy.fleet.doctor import check_keys, run_check
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
-from deploy.fleet.onboard import EpochCounter, Onboard, Ports
+from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import RunPlan, ScenarioCopy
 from deploy.run.supervisor import RestartPolicy, Supervisor, exit_in_words
-from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
 
@@ -54,7 +54,7 @@ class OnboardSupervisor(Supervisor):
 
     def __init__(
         self,
-        onboard: Onboard,
+        onboard: OnboardRobot,
         launcher: Launcher,
         say: Callable[[str], None] = lambda sentence: None,
         policy: RestartPolicy = ONBOARD,
@@ -83,7 +83,7 @@ class OnboardSupervisor(Supervisor):
     def start_robot(self) -> None:
         """Start base, bridge and robot program."""
         self._withdraw(self._onboard.router)
-        issued = layout.issue(self._onboard)
+        issued = layout.issue_passwords(self._onboard)
         self._start(layout.BASE)
         socket = issued.sockets[layout.BRIDGE]
         deadline = time.monotonic() + self.START_S
@@ -118,7 +118,7 @@ class OnboardSupervisor(Supervisor):
         self.count_restart(self._onboard.robot.id, ended[0], self._current[ended[0]])
         if layout.BASE in ended:
             self.end_all()
-            layout.withdraw(self._onboard)
+            layout.remove_passwords(self._onboard)
             self.start_robot()
             return True
         for name in ended:
@@ -163,7 +163,7 @@ LOOK_S: Final = 0.05
 """Period of supervision and of stop commands, s; own choice."""
 
 
-class StandIn:
+class FallbackStop:
     """Sends stop commands to the base's port while the base process is suspended."""
 
     def __init__(self, port: str, say: Callable[[str], None]) -> None:
@@ -180,11 +180,11 @@ class StandIn:
             return
         if self._port is None:
             try:
-                self._port = guardian.open_alone(self._path)
+                self._port = guardian.open_port(self._path)
             except OSError:
                 return  # unplugged
             self._say("base process suspended (SIGSTOP or a debugger): sending stop commands to the wheels")
-        if not guardian.say_stop(self._port, guardian.Standstill()):
+        if not guardian.send_stop(self._port, guardian.Standstill()):
             self._close()
 
     def _close(self) -> None:
@@ -196,7 +196,7 @@ class StandIn:
 _SOCKET: Final = "NOTIFY_SOCKET"
 
 
-class ServiceNotice:
+class SystemdNotifier:
     """Notifications to systemd (sd_notify(3)); without effect if systemd did not start this process."""
 
     def __init__(self, environment: Mapping[str, str] | None = None) -> None:
@@ -208,11 +208,11 @@ class ServiceNotice:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
             self._socket.setblocking(False)
 
-    def ready(self) -> None:
+    def notify_ready(self) -> None:
         """Notify that all processes have been started."""
         self._say("READY=1")
 
-    def lives(self) -> None:
+    def reset_watchdog(self) -> None:
         """Reset the watchdog of systemd, which otherwise terminates the service."""
         self._say("WATCHDOG=1")
 
@@ -241,7 +241,7 @@ class OnboardOptions:
     """Folders from which a user strategy may be loaded."""
 
 
-def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> Onboard:
+def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> OnboardRobot:
     """Check the configuration of the robot `name` and return it ready to run. Raises AcrcError.
 
     `say`: called with later log messages.
@@ -254,7 +254,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot_named(name)
     if options.at is not None:
-        robot = msgspec.structs.replace(robot, start=_told(options.at, robot))
+        robot = msgspec.structs.replace(robot, start=_parse_pose(options.at, robot))
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
     air = fleet.radio
@@ -264,7 +264,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     counter = EpochCounter(name, options.out.parent, say)
     if options.at is not None:
         pose_file.unlink(missing_ok=True)
-    return Onboard(
+    return OnboardRobot(
         _plan(fleet, robot, options),
         ports,
         counter.claim,
@@ -274,18 +274,18 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     )
 
 
-def run(prepared: Onboard, say: Callable[[str], None]) -> None:
+def run(prepared: OnboardRobot, say: Callable[[str], None]) -> None:
     """Run until the operator's stop, a signal (Interrupted), or an exhausted restart budget (AcrcError)."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
     with writing(prepared.plan.out), signals_as_interrupts(), launcher("exec", reap=False) as launched:
         layout.lay_out(prepared)
-        service, in_doubt = ServiceNotice(), last_pose.read(prepared.pose_file) is not None
-        operator = OperatorLink(prepared.link_fault, say)
-        watch = OnboardSupervisor(prepared, launched, say, poll=service.lives)
+        service, in_doubt = SystemdNotifier(), last_pose.read(prepared.pose_file) is not None
+        operator = OperatorAccessCheck(prepared.link_fault, say)
+        watch = OnboardSupervisor(prepared, launched, say, poll=service.reset_watchdog)
         try:
             watch.start_robot()
-            service.ready()
+            service.notify_ready()
             say(f"{prepared.robot.id} is running; recordings in {prepared.plan.out}")
             operator.look()
             if in_doubt:
@@ -293,25 +293,25 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
                     f"{prepared.robot.id} waits until its scans confirm its last pose; to set the pose, use "
                     "`--at start` or `--at X,Y,HEADING`"
                 )
-            stand_in = StandIn(prepared.ports.base, say)
+            stand_in = FallbackStop(prepared.ports.base, say)
             while watch.look(LOOK_S):
                 stand_in.look(watch.base_pid)
                 operator.look()
             say(f"{prepared.robot.id} stopped by the operator")
         finally:
             watch.end_all()
-            layout.withdraw(prepared)
+            layout.remove_passwords(prepared)
 
 
 def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
     """Return the fault of the keys for the operator's laptop; empty if they are valid."""
     if robot.listen is None:
         return ""
-    found = finding("keys", keys, fleet, robot)
+    found = run_check("keys", check_keys, fleet, robot)
     return "" if found.ok else found.text
 
 
-class OperatorLink:
+class OperatorAccessCheck:
     """Periodic check of the keys for the operator's laptop, which may expire during a run."""
 
     PERIOD_S: Final = 600.0
@@ -331,7 +331,7 @@ class OperatorLink:
         self._said = fault
 
 
-def _told(at: str, robot: FleetRobot) -> tuple[float, float, float]:
+def _parse_pose(at: str, robot: FleetRobot) -> tuple[float, float, float]:
     """Parse the pose in `--at`. Raises OptionError."""
     if at == AT_START:
         return robot.start

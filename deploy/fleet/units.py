@@ -58,7 +58,7 @@ def is_kobuki(port: UsbPort) -> bool:
     return port.serial.startswith("kobuki")
 
 
-def may_be(device: PortDevice, port: UsbPort) -> bool:
+def matches_chip(device: PortDevice, port: UsbPort) -> bool:
     """Return whether the port's chip is that of the device."""
     if (port.vendor, port.product) != device.chip:
         return False
@@ -84,33 +84,33 @@ SUBSYSTEM!="tty", GOTO="acrc_end"
 """
 
 
-def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
+def udev_rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
     """Return the text of the robot's udev rules; a port given by its kernel name gets no other name.
 
     `plugged`: ports of this computer. Other devices have the chips of board and lidar, too: the name goes to
-    the one that is plugged in; with none or several of them, to none (`unnamed`).
+    the one that is plugged in; with none or several of them, to none (`unassigned`).
     """
-    kobuki = _rule(f'{_of(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST)
+    kobuki = _rule(f'{_chip_condition(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST)
     parts = [_HEAD.format(robot=robot.id, kobuki=kobuki)]
     for device, port, chosen, text in _choices(robot, plugged):
         more = _FAST if device is BOARD else ""
         parts.append(f"# {device.name}: {text}.")
         if chosen is not None:
-            parts.append(_rule(f"{_of(device)}, {_identity(chosen)[0]}", port, more))
-        parts += [_rule(_of(device), "", more), ""]
+            parts.append(_rule(f"{_chip_condition(device)}, {_identity(chosen)[0]}", port, more))
+        parts += [_rule(_chip_condition(device), "", more), ""]
     return "\n".join([*parts, 'LABEL="acrc_end"', ""])
 
 
-def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
+def unassigned(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
     """Return a sentence with cause and remedy for each device without a name."""
     return [
         f"{one.port}: {one.text}"
         for one in _choices(robot, plugged)
-        if one.chosen is None and given_name(one.port) is not None
+        if one.chosen is None and symlink_name(one.port) is not None
     ]
 
 
-class ChipChoice(NamedTuple):
+class PortAssignment(NamedTuple):
     """USB port that gets the name of a board's or lidar's port."""
 
     device: PortDevice
@@ -120,14 +120,14 @@ class ChipChoice(NamedTuple):
     """Reason for the choice."""
 
 
-def _choices(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[ChipChoice]:
+def _choices(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[PortAssignment]:
     for device, port in ((BOARD, robot.radio), (RPLIDAR, robot.range)):
         if port is None or port == OPENNI:
             continue
-        there = [one for one in plugged if may_be(device, one)]
+        there = [one for one in plugged if matches_chip(device, one)]
         traits = [f"{one.path} ({_identity(one)[1]})" for one in there]
         chosen = None
-        if given_name(port) is None:
+        if symlink_name(port) is None:
             text = f"{port} is a kernel name, which a rule cannot assign"
         elif not there:
             text = f"no {device.name} found, name not assigned; plug it in and write the units again"
@@ -139,7 +139,7 @@ def _choices(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[ChipChoi
         else:
             (chosen,) = there
             text = f"identified by {_identity(chosen)[1]}, was at {chosen.path}"
-        yield ChipChoice(device, port, chosen, text)
+        yield PortAssignment(device, port, chosen, text)
 
 
 def _identity(port: UsbPort) -> tuple[str, str]:
@@ -150,19 +150,19 @@ def _identity(port: UsbPort) -> tuple[str, str]:
     return f'KERNELS=="{port.socket}"', f"USB port {port.socket}"
 
 
-def given_name(port: str) -> str | None:
+def symlink_name(port: str) -> str | None:
     """Return the port's name below /dev if a rule can assign it; None for kernel names."""
     match = _NAME.fullmatch(port)
     return None if match is None else match[1]
 
 
-def _of(device: PortDevice) -> str:
+def _chip_condition(device: PortDevice) -> str:
     """Return the udev condition for the device's chip."""
     return f'ATTRS{{idVendor}}=="{device.chip.vendor}", ATTRS{{idProduct}}=="{device.chip.product}"'
 
 
 def _rule(which: str, port: str, more: str = "") -> str:
-    name = given_name(port)
+    name = symlink_name(port)
     symlink = "" if name is None else f'SYMLINK+="{name}", '
     return f'{which}, GROUP="{GROUP}", MODE="0660", {more}{symlink}TAG+="systemd", GOTO="acrc_end"'
 
@@ -173,16 +173,16 @@ _USER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,30}")
 
 
 @dataclass(frozen=True)
-class Units:
+class UnitFiles:
     """Written service and rules."""
 
     service_file: Path
     rules_file: Path
-    unnamed: Sequence[str]
+    unassigned: Sequence[str]
     """A sentence with cause and remedy for each device without a name."""
 
 
-def write(
+def write_units(
     fleet: Fleet,
     robot: FleetRobot,
     out: Path,
@@ -191,27 +191,29 @@ def write(
     user: str,
     plugged: Sequence[UsbPort],
     modules: Sequence[Path] = (),
-) -> Units:
+) -> UnitFiles:
     """Write service and rules to the folder `out`, created if missing; existing files are replaced.
 
-    `program`: path of acrc on the robot. `user`: account of the service. `plugged`: see `rules`. `modules`:
-    folders from which the strategy may be loaded. Raises AcrcError or OptionError.
+    `program`: path of acrc on the robot. `user`: account of the service. `plugged`: see `udev_rules`.
+    `modules`: folders from which the strategy may be loaded. Raises AcrcError or OptionError.
     """
     if not _USER.fullmatch(user):
         raise wrong_value("--user", user, "the name of a user of this computer")
     if out.exists() and not out.is_dir():
         raise OptionError(f"--out: {out} is a file; give a directory")
-    written = Units(out / f"acrc-{robot.id}.service", out / RULES_FILE, unnamed(robot, plugged))
+    written = UnitFiles(out / f"acrc-{robot.id}.service", out / RULES_FILE, unassigned(robot, plugged))
     try:
         out.mkdir(parents=True, exist_ok=True)
-        written.service_file.write_text(service(fleet, robot, program=program, user=user, modules=modules))
-        written.rules_file.write_text(rules(robot, plugged))
+        written.service_file.write_text(
+            service_text(fleet, robot, program=program, user=user, modules=modules)
+        )
+        written.rules_file.write_text(udev_rules(robot, plugged))
     except OSError as error:
         raise AcrcError(f"{out}: the units cannot be written: {error.strerror}") from None
     return written
 
 
-def everyday_user(clone: Path) -> str:
+def default_user(clone: Path) -> str:
     """Return the owner of the clone, or the user of sudo; never root. Raises OptionError."""
     try:
         owner = clone.owner()
@@ -226,7 +228,7 @@ def everyday_user(clone: Path) -> str:
     return names[0]
 
 
-def service(
+def service_text(
     fleet: Fleet, robot: FleetRobot, *, program: Path, user: str, modules: Sequence[Path] = ()
 ) -> str:
     """Return the text of the service file."""

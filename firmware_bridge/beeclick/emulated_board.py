@@ -2,7 +2,7 @@
 
 Source: d3scomp/beeclickarm, branch robot-additions, TODQueue.cpp and TOHQueue.cpp. Both rings have eight
 slots, seven of them usable: the firmware treats a full ring as empty. Not modelled: interrupt races that mix
-answers (see `device_lines.Disturbance`). The radio preset models the receiver being off during readout.
+answers (see `device_lines.LineNoise`). The radio preset models the receiver being off during readout.
 """
 
 import struct
@@ -14,9 +14,8 @@ from typing import Final
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
 from actors.radio.frame import DataFrame
-from firmware_bridge.beeclick.air import BoardRadio
-from firmware_bridge.beeclick.reception import radiated
-from firmware_bridge.beeclick.wire import (
+from firmware_bridge.beeclick.answer_decoder import actual_power
+from firmware_bridge.beeclick.board_messages import (
     SEND_PACKET,
     SET_ADDRESS,
     SET_CHANNEL,
@@ -24,20 +23,21 @@ from firmware_bridge.beeclick.wire import (
     SYNC,
     SYNC_PATTERN,
     Answer,
+    BoardInfo,
+    GpsSentence,
     HumidityReading,
-    Notes,
-    PacketSent,
+    PacketConfirmation,
     ReceivedPacket,
-    Sentence,
     SetAddress,
     SetChannel,
     SetPower,
-    Synchronised,
+    SyncAnswer,
     TemperatureReading,
     byte_time,
     bytes_in,
     encode_answer,
 )
+from firmware_bridge.beeclick.emulated_medium import DeviceMedium
 
 _GRAIN: Final = 9
 """Number of incoming bytes processed at once, about 100 µs."""
@@ -71,7 +71,7 @@ DEFAULTS: Final = BoardParameters()
 class EmulatedBoard:
     """One board. `take`, `run`: serial line; `finished`, `heard`: medium; other methods: user actions."""
 
-    def __init__(self, radio: BoardRadio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
+    def __init__(self, radio: DeviceMedium, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
         self._p = parameters
         self.counters = dict.fromkeys(("transmitted", "heard", "lost", "crashes", "reboots"), 0)
@@ -185,7 +185,7 @@ class EmulatedBoard:
     def _run(self, now: Instant) -> None:
         if self._held_until is not None and now >= self._held_until:
             self._held_until = None
-            self._say(now, Notes(self._notes()))
+            self._say(now, BoardInfo(self._notes()))
             self._release(now)
         if self._changing is not None and now >= self._changing[0]:
             self._changed(now, self._changing[1])
@@ -251,7 +251,7 @@ class EmulatedBoard:
             return
         number = int.from_bytes(self.commands.current()[2:6], "little")
         self.counters["transmitted"] += what
-        self._say(now, PacketSent(number, not what))
+        self._say(now, PacketConfirmation(number, not what))
         self.commands.advance()
         self._sending = False
         self._handle(now)
@@ -261,7 +261,7 @@ class EmulatedBoard:
         if self._busy:
             return
         if self._sentence:
-            self._say(now, Sentence(self._sentence))
+            self._say(now, GpsSentence(self._sentence))
             self._sentence = b""
         while self.commands.available:
             command = self.commands.current()
@@ -287,10 +287,10 @@ class EmulatedBoard:
 
     def _do(self, now: Instant, command: bytes) -> None:
         if command[0] == SYNC:
-            self._say(now, Synchronised())
+            self._say(now, SyncAnswer())
         elif command[0] == SET_POWER:
             (asked,) = struct.unpack_from("<h", command, 1)
-            self.power_dbm = radiated(max(min(asked, 0), -399)) / 10
+            self.power_dbm = actual_power(max(min(asked, 0), -399)) / 10
             self._say(now, SetPower(asked))
         elif command[0] == SET_ADDRESS:
             self.pan, self.address = struct.unpack_from("<HH", command, 1)

@@ -9,10 +9,9 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, milliseconds
-from firmware_bridge.kobuki import motion, wire
-from firmware_bridge.kobuki.motion import KobukiOdometry
-from firmware_bridge.kobuki.safety import FEEDBACK_SILENCE, AllowedMotion, HoldCause, SafetyStop
-from firmware_bridge.kobuki.wire import (
+from firmware_bridge.kobuki import kobuki_motion, kobuki_packets
+from firmware_bridge.kobuki.kobuki_motion import KobukiOdometry
+from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,
     RECHARGE_MELODY,
     BaseFeedback,
@@ -27,6 +26,7 @@ from firmware_bridge.kobuki.wire import (
     encode_command,
     encode_frame,
 )
+from firmware_bridge.kobuki.safety import FEEDBACK_SILENCE, AllowedMotion, HoldCause, SafetyStop
 
 
 class BatteryLevel(Enum):
@@ -171,12 +171,12 @@ class KobukiDriver:
             return b""
         self._fed, self._sent = False, now
         self._ask_safety_stop(now)
-        control = motion.base_control(self.allowed.v, self.allowed.omega)
+        control = kobuki_motion.base_control(self.allowed.v, self.allowed.omega)
         return _framed(control) + self._other(now)
 
     def farewell(self) -> bytes:
         """Return the last bytes to write: a stop command."""
-        return _framed(motion.base_control(0.0, 0.0))
+        return _framed(kobuki_motion.base_control(0.0, 0.0))
 
     def _ask_safety_stop(self, now: Instant) -> None:
         before, self.allowed = self.allowed, self._safety.allowed(now)
@@ -217,7 +217,10 @@ class KobukiDriver:
     def _warn(self, now: Instant, battery: BatteryLevel) -> None:
         """Signal a low battery by LED and sound; stop with a nearly empty one."""
         self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
-        light = {BatteryLevel.LOW: wire.LED1_RED | wire.LED1_GREEN, BatteryLevel.DANGER: wire.LED1_RED}
+        light = {
+            BatteryLevel.LOW: kobuki_packets.LED1_RED | kobuki_packets.LED1_GREEN,
+            BatteryLevel.DANGER: kobuki_packets.LED1_RED,
+        }
         self._outputs, self._outputs_due = POWER_RAILS | light.get(battery, 0), now
         if battery in light:
             self._sound = _framed(SoundSequence(RECHARGE_MELODY))

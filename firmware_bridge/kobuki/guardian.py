@@ -32,7 +32,7 @@ PERIOD_S: Final = 0.02
 LIMIT_S: Final = 10.0
 """Maximum duration of stop commands if no standstill is detected; own choice."""
 STOP: Final = bytes.fromhex("aa 55 06 01 04 00 00 00 00 03")
-"""Base control with speed 0, radius 0; a test compares it with firmware_bridge.kobuki.wire."""
+"""Base control with speed 0, radius 0; a test compares it with firmware_bridge.kobuki.kobuki_packets."""
 _HEADER: Final = b"\xaa\x55"
 _BASIC: Final = b"\x01\x0f"
 """ID and length of the first packet of a feedback."""
@@ -90,7 +90,7 @@ def farewell(port: int, begun: Standstill | None = None, limit_s: float = LIMIT_
     heard = begun or Standstill()
     deadline, said = time.monotonic() + limit_s, 0
     while time.monotonic() < deadline:
-        if not say_stop(port, heard):
+        if not send_stop(port, heard):
             return f"sent stop {said} times, until the port was lost"
         said += 1
         if heard.reached:
@@ -99,7 +99,7 @@ def farewell(port: int, begun: Standstill | None = None, limit_s: float = LIMIT_
     return f"sent stop {said} times, but no standstill was detected: the base may still be driving"
 
 
-def say_stop(port: int, heard: Standstill) -> bool:
+def send_stop(port: int, heard: Standstill) -> bool:
     """Send one stop command and read feedback; return False if the port is lost."""
     try:
         with suppress(BlockingIOError):
@@ -111,7 +111,7 @@ def say_stop(port: int, heard: Standstill) -> bool:
     return True
 
 
-class BaseWatcher:
+class BaseWatchdog:
     """Watchdog of the base process at the other end of `channel`."""
 
     def __init__(self, channel: socket.socket, kill: Callable[[], None]) -> None:
@@ -156,12 +156,12 @@ class BaseWatcher:
         """Send stop in place of a silent base; kill it after HUNG_S."""
         self._heard = self._heard or Standstill()
         if self._port is not None:
-            say_stop(self._port, self._heard)
+            send_stop(self._port, self._heard)
         if time.monotonic() - self._alive > HUNG_S:
             self._kill()
 
 
-def open_alone(path: str) -> int:
+def open_port(path: str) -> int:
     """Open the port with the settings of a Kobuki. Raises OSError."""
     port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     with suppress(OSError):  # another process may use the port, too
@@ -179,10 +179,10 @@ def main(argv: Sequence[str]) -> int:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     if argv[0] == "beside":
-        said = BaseWatcher(socket.socket(fileno=int(argv[1])), _killer(os.getppid())).run()
+        said = BaseWatchdog(socket.socket(fileno=int(argv[1])), _killer(os.getppid())).run()
     else:
         try:
-            said = farewell(open_alone(argv[1]))
+            said = farewell(open_port(argv[1]))
         except OSError as error:
             said = f"stop cannot be sent: {error.strerror}"
     with suppress(OSError):

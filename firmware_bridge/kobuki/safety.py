@@ -19,8 +19,8 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, in_seconds, milliseconds
-from firmware_bridge.kobuki.motion import TRACK, ticks_between
-from firmware_bridge.kobuki.wire import BaseFeedback, Basic, Inertial
+from firmware_bridge.kobuki.kobuki_motion import TRACK, ticks_between
+from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, Basic, Inertial
 
 FEEDBACK_SILENCE: Final[Duration] = milliseconds(100)
 """Timeout of feedback; kobuki_driver: 100 ms."""
@@ -104,19 +104,19 @@ class HoldCause(Enum):
     BASE_CLOCK = "clock of the base stopped or jumping"
     BUMPER_STUCK = "bumper still pressed after backing off"
     BLOCKED = "wheels do not follow commands: blocked, or encoders stopped"
-    TURNS = "turns of wheels and gyro differ"
+    TURN_MISMATCH = "turns of wheels and gyro differ"
     LEFT_WHEEL = "left wheel contradicts gyro and command"
     RIGHT_WHEEL = "right wheel contradicts gyro and command"
     WHEELS = "both wheels contradict scans and command"
     GYRO = "gyro contradicts wheels and scans"
-    REPEATS = "range sensor repeats identical data"
+    REPEATED_DATA = "range sensor repeats identical data"
     SCAN_PART = "part of the scan is constant"
     SCAN_STILL = "scan is constant although wheels and gyro report motion"
-    SCAN_TURNED = "scan moves in another direction than wheels and gyro: sensor rotated on its mount"
+    SCAN_ROTATED = "scan moves in another direction than wheels and gyro: sensor rotated on its mount"
     SCAN_MIRRORED = "scan moves as mirror image of wheels and gyro: sensor mounted upside down"
     SCAN_LATE = "scan lags behind wheels and gyro"
-    BLIND = "no range data"
-    UNWATCHED = "no guardian"
+    NO_RANGE_DATA = "no range data"
+    NO_GUARDIAN = "no guardian"
     NO_COMMAND = "no recent command"
     STALE_COMMAND = "command too old"
     BAD_COMMAND = "command is not finite"

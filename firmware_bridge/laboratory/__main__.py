@@ -31,8 +31,8 @@ from actors.runtime.processor import fingerprints
 from actors.task import visits
 from actors.world import drive, odometry, rays
 from actors.world.physics import SUBSTEP
+from firmware_bridge.beeclick.answer_decoder import FIRST_CHANNEL
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.reception import FIRST_CHANNEL
 from firmware_bridge.device_lines import DEVICES, DevicePort, EmulatedLines, SimulatedTransceiver
 from firmware_bridge.laboratory.laboratory import (
     FaultInjector,
@@ -50,7 +50,7 @@ _MOST_BEHIND: Final = 50
 _LONGEST_LINE: Final = 4096
 
 
-class InputLines:
+class LineReader:
     """Incremental reader of text lines from a descriptor."""
 
     def __init__(self, descriptor: int | None) -> None:
@@ -74,14 +74,14 @@ class InputLines:
         return [line.decode(errors="replace") for line in lines]
 
 
-class RealTime:
+class RealTimeLoop:
     """Real-time loop of a laboratory, with statistics."""
 
     def __init__(
         self,
         laboratory: Laboratory,
         lines: EmulatedLines,
-        commands: InputLines,
+        commands: LineReader,
         duration: Duration | None = None,
     ) -> None:
         """Start the laboratory's time now; `duration`: its end, None = until stopped."""
@@ -214,7 +214,7 @@ def main(argv: Sequence[str]) -> int:
         with lines:
             gc.collect()
             gc.freeze()
-            loop = RealTime(laboratory, lines, InputLines(_standard_input()), duration)
+            loop = RealTimeLoop(laboratory, lines, LineReader(_standard_input()), duration)
             sys.stdout.write("ready\n")
             sys.stdout.flush()
             loop.run(lambda: bool(stopped))

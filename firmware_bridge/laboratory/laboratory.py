@@ -27,9 +27,9 @@ from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import odometry_errors
 from actors.world.world_setup import Participants, WorldSetup
-from firmware_bridge.beeclick.air import air
+from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.beeclick.emulated_medium import create_medium
 from firmware_bridge.device_lines import (
     BASE,
     DEVICES,
@@ -39,9 +39,19 @@ from firmware_bridge.device_lines import (
     EmulatedLines,
     SimulatedTransceiver,
 )
-from firmware_bridge.kobuki.base import EXACT, BaseParameters, BodyTruth, EmulatedKobuki, Faults
+from firmware_bridge.kobuki.emulated_kobuki import (
+    NO_ERRORS,
+    BaseParameters,
+    BodyTruth,
+    EmulatedKobuki,
+    KobukiFaults,
+)
 from firmware_bridge.range_sensors.rplidar import Health
-from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, EmulatedRplidarParameters, Sight
+from firmware_bridge.range_sensors.rplidar_emulator import (
+    EmulatedRplidar,
+    EmulatedRplidarParameters,
+    RangeFunction,
+)
 
 
 class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -139,7 +149,7 @@ class LaboratoryScanners:
         self.poses[:] = poses
         self._obstacles = obstacles
 
-    def of(self, index: int) -> Sight:
+    def of(self, index: int) -> RangeFunction:
         """Return the range function of one robot's lidar."""
 
         def sight(angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -163,7 +173,7 @@ def _with_lidar(model: RobotModel) -> RobotModel:
 
 
 class RobotBody:
-    """Body of an emulated base (`kobuki.base.Body`), moved by the simulated world."""
+    """Body of an emulated base (`emulated_kobuki.Body`), moved by the simulated world."""
 
     def __init__(self, bodies: Bodies, index: int) -> None:
         self._bodies = bodies
@@ -176,7 +186,7 @@ class RobotBody:
         self._wanted = (v, omega)
 
     @property
-    def is_told_to_stand(self) -> bool:
+    def is_commanded_to_stand(self) -> bool:
         """True if the last command is zero velocity; the body may still be braking."""
         return self._wanted == (0.0, 0.0)
 
@@ -230,7 +240,7 @@ class Laboratory:
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._scanners = LaboratoryScanners(real_floor(world, models).visible, models, noise)
-        self.air = air(setup.radio)
+        self.air = create_medium(setup.radio)
         """Radio medium."""
         self._orders = Orders(world.events, Participants(world.robots), self._bodies, self._referee)
         self.robots: Mapping[str, EmulatedHardware] = {
@@ -329,7 +339,7 @@ class Laboratory:
     def _hardware(self, index: int, setup: LaboratorySetup) -> EmulatedHardware:
         robot, seed = setup.world.robots[index], setup.world.seed
         body = RobotBody(self._bodies, index)
-        errors = self._errors if robot.odometry == "kobuki" else EXACT
+        errors = self._errors if robot.odometry == "kobuki" else NO_ERRORS
         radio = self._radio(robot.id, setup)
         self.air.add(radio)
         base = EmulatedKobuki(body, generator(seed, "laboratory base", robot.id), BaseParameters(errors))
@@ -460,7 +470,7 @@ class FaultInjector:
 
     def _heal(self, hardware: EmulatedHardware, robot: str) -> None:
         """Remove all faults and connect all lines."""
-        hardware.base.faults = Faults()
+        hardware.base.faults = KobukiFaults()
         for attribute, value in _HEALTHY_LIDAR.items():
             setattr(hardware.lidar, attribute, value)
         for port in (DevicePort(robot, device) for device in DEVICES):
@@ -471,9 +481,9 @@ class FaultInjector:
     def _where(self, hardware: EmulatedHardware, robot: str) -> str:
         """Return time, s; true distance travelled, m; speed, m/s; 1 if the commanded velocity is zero."""
         time = in_seconds(Duration(self._laboratory.now - START))
-        told_to_stand = int(hardware.body.is_told_to_stand)
+        commanded_to_stand = int(hardware.body.is_commanded_to_stand)
         speed = hardware.body.truth().v
-        return f"{time:.3f} {self._laboratory.travelled(robot):.4f} {speed:.4f} {told_to_stand}"
+        return f"{time:.3f} {self._laboratory.travelled(robot):.4f} {speed:.4f} {commanded_to_stand}"
 
 
 def _number(word: str, what: str, most: float) -> float:

@@ -28,12 +28,12 @@ from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import WakingBus
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
-from firmware_bridge.onboard.device_loop import OPENNI, BaseProgram, BaseSetup, Clock, conduct
-from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
+from firmware_bridge.onboard.device_loop import OPENNI, BaseProcessSetup, BaseSetup, Clock, run_event_loop
+from firmware_bridge.onboard.last_pose import FEEDBACK_LOSS_SPREAD, PoseWriter
 from firmware_bridge.onboard.vehicle import (
-    DepthRanger,
+    DepthCameraDevice,
     GuardianLink,
-    Lidar,
+    LidarDevice,
     MotionUnknownError,
     RangeDevice,
     Say,
@@ -58,9 +58,9 @@ def _ranger(setup: BaseSetup, clock: Clock, say: Say) -> RangeDevice | None:
     sensor = load_model(setup.model, setup.sensor).sensor
     if setup.range == OPENNI:
         scanner = DepthScanner(sensor)
-        return DepthRanger(CameraFeed(OpenNICamera, clock.now, say), scanner, say)
+        return DepthCameraDevice(CameraFeed(OpenNICamera, clock.now, say), scanner, say)
     lidar = Rplidar(sensor, clock.now())
-    return Lidar(functools.partial(SerialPort, setup.range, RPLIDAR), lidar, say)
+    return LidarDevice(functools.partial(SerialPort, setup.range, RPLIDAR), lidar, say)
 
 
 class Base:
@@ -71,7 +71,7 @@ class Base:
         self._clock = clock
         self._log = Log(to_stderr)
         self._vehicle = turtlebot(setup, clock, self._log.say)
-        self._keeper = None if setup.last_pose is None else PoseKeeper(Path(setup.last_pose), now)
+        self._keeper = None if setup.last_pose is None else PoseWriter(Path(setup.last_pose), now)
         begun = None if self._keeper is None else self._keeper.begun
         start = Pose(*(setup.start if begun is None else begun.pose))
         self.core = BaseCore(setup.id, setup.step_us, now, start, len(setup.places), self._vehicle)
@@ -83,11 +83,11 @@ class Base:
         core = self.core
         before = signal.signal(signal.SIGTERM, self._stop)
         try:
-            conduct(shell, bus, core, self, self._clock, lambda: core.wake, self._timely)
+            run_event_loop(shell, bus, core, self, self._clock, lambda: core.wake, self._timely)
         except AcrcError as error:
             if self._keeper is not None and isinstance(error, MotionUnknownError):
                 self._vehicle.close()
-                self._keeper.doubt(UNHEARD)
+                self._keeper.doubt(FEEDBACK_LOSS_SPREAD)
             raise
         finally:
             self._vehicle.close()
@@ -121,7 +121,7 @@ class Base:
         self._stopped = True
 
 
-def check_free(listen: str | None) -> None:
+def check_endpoint(listen: str | None) -> None:
     """Raise AcrcError if the endpoint `tls/HOST:PORT` is unavailable for listening."""
     if listen is None:
         return
@@ -143,7 +143,7 @@ def main(argv: Sequence[str]) -> int:
     """Run the base process; return the exit code."""
     try:
         file = setup_parser("firmware_bridge.onboard.base", "Drive a TurtleBot 2.").parse_args(argv).setup
-        told, folder = read_setup(file, BaseProgram, "a base"), file.parent
+        told, folder = read_setup(file, BaseProcessSetup, "a base"), file.parent
         setup, router = told.actor, folder / told.process.router
         if told.process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
@@ -159,7 +159,7 @@ def main(argv: Sequence[str]) -> int:
         )
         config = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
         try:
-            check_free(setup.listen)
+            check_endpoint(setup.listen)
             recorder = BackgroundRecorder(folder / told.process.record, setup.step_us)
             return play(process, recorder, config, lambda: reveal(issued))
         finally:

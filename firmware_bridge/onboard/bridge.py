@@ -48,16 +48,16 @@ from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import WakingBus
-from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.reception import Event, PacketEnd
+from firmware_bridge.beeclick.answer_decoder import BoardEvent, PacketOutcome
+from firmware_bridge.beeclick.board_link import BoardLink
 from firmware_bridge.device_lines import TransceiverLink
 from firmware_bridge.onboard.device_loop import (
-    BridgeProgram,
+    BridgeProcessSetup,
     BridgeSetup,
     Clock,
     ReconnectingPort,
     TimedCore,
-    conduct,
+    run_event_loop,
 )
 from firmware_bridge.serial_port import BoardPort
 
@@ -174,7 +174,7 @@ class BridgeCore(TimedCore):
             self._tags.clear()
         self._epoch = epoch
 
-    def _note(self, told: Sequence[Event]) -> None:
+    def _note(self, told: Sequence[BoardEvent]) -> None:
         for event in told:
             match event:
                 case Heard():
@@ -184,7 +184,7 @@ class BridgeCore(TimedCore):
                 case _:
                     self._notes.append(event)
 
-    def _ended(self, end: PacketEnd) -> None:
+    def _ended(self, end: PacketOutcome) -> None:
         tag = self._tags.pop(end.tag, None)
         if tag is None:  # a frame of the epoch before
             self.forgotten_events += 1
@@ -213,7 +213,7 @@ class Bridge:
         """Run until the base ends the run."""
         core = self.core
         try:
-            conduct(shell, bus, core, self, self._clock, lambda: None, lambda: core.has_news)
+            run_event_loop(shell, bus, core, self, self._clock, lambda: None, lambda: core.has_news)
         finally:
             self._line.close()
 
@@ -247,7 +247,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         parser = setup_parser("firmware_bridge.onboard.bridge", "Connect a robot to its BEE-click board.")
         file = parser.parse_args(argv).setup
-        told, folder = read_setup(file, BridgeProgram, "a bridge"), file.parent
+        told, folder = read_setup(file, BridgeProcessSetup, "a bridge"), file.parent
         setup, place = told.actor, told.process
         if place.with_parent:
             die_with_parent(os.getppid())

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
-from firmware_bridge.kobuki.motion import TRACK, ways_between
+from firmware_bridge.kobuki.kobuki_motion import TRACK, distances_between
+from firmware_bridge.kobuki.kobuki_packets import BaseFeedback
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import BaseFeedback
 from firmware_bridge.onboard.motion_checks import (
     MotionChecks,
     Movement,
@@ -69,7 +69,7 @@ def chosen_samples(sweep: SensorSweep, chosen: NDArray[np.bool_] | slice) -> Sen
     return SensorSweep(sweep.stamps[chosen], sweep.angles[chosen], sweep.ranges[chosen])
 
 
-def of_the_room(sweep: SensorSweep) -> SensorSweep:
+def large_objects(sweep: SensorSweep) -> SensorSweep:
     """Return the samples of large objects, without people and robots; all samples must be echoes."""
     if not sweep.ranges.size:
         return sweep
@@ -150,7 +150,7 @@ _STILL: Final = Hypothesis(HoldCause.SCAN_STILL)
 _HYPOTHESES: Final = (
     Hypothesis(HoldCause.WHEELS, SuspectSensor.WHEELS),
     Hypothesis(HoldCause.GYRO, SuspectSensor.GYRO),
-    *(Hypothesis(HoldCause.SCAN_TURNED, turned=turned) for turned in headings(15)),
+    *(Hypothesis(HoldCause.SCAN_ROTATED, turned=turned) for turned in headings(15)),
     *(Hypothesis(HoldCause.SCAN_MIRRORED, turned=turned, mirrored=True) for turned in (0.0, *headings(90))),
     *(Hypothesis(HoldCause.SCAN_LATE, late_us=late) for late in (250_000, 500_000, 750_000, 1_000_000)),
 )
@@ -231,7 +231,7 @@ class ScanChecks:
             for one in _HYPOTHESES
             if one.late_us <= known
         ]
-        if not stands_before_obstacle(earlier, self._sweeps[-1], self._mount, track):
+        if not has_contact_ahead(earlier, self._sweeps[-1], self._mount, track):
             still = PoseTrack(track.instants, 0 * track.position, 0 * track.heading)
             found.append((_STILL, self._misfit(earlier, still, _STILL)))
         points = [(explains(one.cause, told, misfit), one.cause) for one, misfit in found if one.cause]
@@ -255,14 +255,14 @@ class ScanChecks:
         (n,)."""
         if earlier.ranges.size < _FEWEST:
             return np.empty(0)
-        later = of_the_room(self._sweeps[-1])
+        later = large_objects(self._sweeps[-1])
         later = chosen_samples(later, slice(None, None, max(1, later.ranges.size // _POINTS)))
         room, points = (placed(sweep, self._mount, track, hypothesis) for sweep in (earlier, later))
         misfit: NDArray[np.float64] = distances(points, room) / (_NEAR + _NEAR_SHARE * later.ranges)
         return misfit
 
 
-def stands_before_obstacle(earlier: SensorSweep, later: SensorSweep, mount: Pose, track: PoseTrack) -> bool:
+def has_contact_ahead(earlier: SensorSweep, later: SensorSweep, mount: Pose, track: PoseTrack) -> bool:
     """Return whether an obstacle is in contact in the direction of straight motion, so that wheels may
     slip."""
     moved, turn = _moved(earlier, later, track)
@@ -295,7 +295,7 @@ _KEPT: Final = 160
 """Number of stored movements, 3.2 s."""
 
 
-class Contradictions:
+class ContradictionMonitor:
     """Active contradictions between the sensors."""
 
     def __init__(self, mount: Pose | None) -> None:
@@ -318,7 +318,7 @@ class Contradictions:
         if last is None or now - last.instant > _LONGEST_GAP or basic.wheel_drop:
             self._forget()
             return
-        left, right = ways_between(last.basic, basic)
+        left, right = distances_between(last.basic, basic)
         turn = (right - left) / TRACK
         if inertial is not None and last.inertial is not None:
             turn = wrap(math.radians((inertial.angle_cdeg - last.inertial.angle_cdeg) / 100))
@@ -344,7 +344,7 @@ class Contradictions:
         """Report a fault in the range sensor's data; it ends REST after the last call."""
         self._until[cause] = Instant(now + REST)
 
-    def on_wheels(self) -> None:
+    def ignore_gyro(self) -> None:
         """Stop checking the gyro, as the heading is computed from the wheels."""
         self.gyro_judged = False
         self._until.pop(HoldCause.GYRO, None)

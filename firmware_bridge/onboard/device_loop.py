@@ -15,7 +15,7 @@ from actors.runtime.core import Address, Inputs, Output
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
 from actors.runtime.shell import Shell
 from actors.runtime.zenoh_bus import WakingBus
-from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.serial_port import PortError, SerialPort
 
 OPENNI: Final = "openni"
@@ -59,9 +59,9 @@ class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """False if the port is a laboratory's transceiver without a board."""
 
 
-BaseProgram = ActorSetup[BaseSetup, ProcessSetup]
+BaseProcessSetup = ActorSetup[BaseSetup, ProcessSetup]
 """Set-up file of a base."""
-BridgeProgram = ActorSetup[BridgeSetup, ProcessSetup]
+BridgeProcessSetup = ActorSetup[BridgeSetup, ProcessSetup]
 """Set-up file of a bridge."""
 
 
@@ -107,7 +107,7 @@ class TimedCore(ABC):
         """Process one message, or the passing of time."""
 
 
-class Devices(Protocol):
+class ServedDevices(Protocol):
     """Ports of a process, served by the event loop."""
 
     def descriptors(self) -> Sequence[int]:
@@ -125,11 +125,11 @@ LONGEST_WAIT = 0.02
 """Maximum wait, s; a Kobuki needs a command per feedback, 50 per second."""
 
 
-def conduct(
+def run_event_loop(
     shell: Shell,
     bus: WakingBus,
     core: TimedCore,
-    devices: Devices,
+    devices: ServedDevices,
     clock: Clock,
     wake: Callable[[], Instant | None],
     timely: Callable[[], bool],

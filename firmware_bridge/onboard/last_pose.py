@@ -15,7 +15,7 @@ from actors.runtime.background import Background
 
 SPREAD: Final = 0.3
 """Standard deviation of a stored pose, m and rad, due to PERIOD at 0.5 m/s. Own choice."""
-UNHEARD: Final = 1.0
+FEEDBACK_LOSS_SPREAD: Final = 1.0
 """Increase of the spread after a loss of the base's feedback, m, as it may have driven on. Own choice: twice
 that is 4 s at 0.5 m/s; after a longer motion the robot stands."""
 PERIOD: Final[Duration] = seconds(0.5)
@@ -67,7 +67,7 @@ def write(path: Path, last: LastPose) -> None:
             os.fsync(file.fileno())
 
 
-class PoseKeeper:
+class PoseWriter:
     """Writer of the file in one base process."""
 
     def __init__(self, path: Path, started: Instant) -> None:

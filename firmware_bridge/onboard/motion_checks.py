@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
-from firmware_bridge.kobuki.motion import TRACK
+from firmware_bridge.kobuki.kobuki_motion import TRACK
+from firmware_bridge.kobuki.kobuki_packets import Basic
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import Basic
 
 
 class SuspectSensor(Enum):
@@ -165,7 +165,7 @@ def _turns(ways: NDArray[np.float64], told: NDArray[np.float64], gyro: float) ->
             return HoldCause.LEFT_WHEEL
         if off_left < _CLEARLY * off_right:
             return HoldCause.RIGHT_WHEEL
-    return HoldCause.TURNS
+    return HoldCause.TURN_MISMATCH
 
 
 def _blocked(

@@ -14,7 +14,7 @@ from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.kobuki.driver import BatteryLevel, KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.onboard.contradictions import Contradictions
+from firmware_bridge.onboard.contradictions import ContradictionMonitor
 from firmware_bridge.onboard.device_loop import DeviceLine
 from firmware_bridge.range_sensors.depth import CameraFeed, DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
@@ -173,7 +173,7 @@ class RangeDevice(Protocol):
         """Stop the sensor."""
 
 
-class Lidar(DeviceLine):
+class LidarDevice(DeviceLine):
     """An RPLIDAR on a port."""
 
     def __init__(self, open_port: Callable[[], SerialPort], driver: Rplidar, say: Say) -> None:
@@ -181,7 +181,7 @@ class Lidar(DeviceLine):
         self.reader: RangeReader = driver
 
 
-class DepthRanger:
+class DepthCameraDevice:
     """A depth camera; without descriptor, it is polled by `serve`."""
 
     def __init__(self, feed: CameraFeed, scanner: DepthScanner, say: Say) -> None:
@@ -222,7 +222,7 @@ class TurtleBot:
         mount: Pose = ORIGIN,
     ) -> None:
         """Create it; `mount`: pose of the range sensor on the body."""
-        self._contradictions = Contradictions(None if ranger is None else mount)
+        self._contradictions = ContradictionMonitor(None if ranger is None else mount)
         self._held: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
         self._line = DeviceLine(open_base, kobuki, self._take, say)
@@ -237,11 +237,11 @@ class TurtleBot:
     def serve(self, now: Instant) -> None:
         """Exchange bytes with the devices; stop without guardian or range data."""
         self._guardian.serve(now, self._line.port)
-        self._kobuki.hold(HoldCause.UNWATCHED, not self._guardian.holds(now))
+        self._kobuki.hold(HoldCause.NO_GUARDIAN, not self._guardian.holds(now))
         if self._ranger is not None:
             self._ranger.serve(now)
             reader = self._ranger.reader
-            self._kobuki.hold(HoldCause.BLIND, not reader.sees(now))
+            self._kobuki.hold(HoldCause.NO_RANGE_DATA, not reader.sees(now))
             if reader.fault is not None:
                 self._contradictions.repeated(now, reader.fault)
             if (sweep := reader.sweep()) is not None:
@@ -288,13 +288,13 @@ class TurtleBot:
         odometry = self._kobuki.odometry
         for feedback in self._kobuki.take(now, data):
             self._contradictions.commanded(self._kobuki.allowed.v, self._kobuki.allowed.omega)
-            trusted = feedback._replace(inertial=None) if odometry.on_wheels else feedback
+            trusted = feedback._replace(inertial=None) if odometry.uses_wheel_heading else feedback
             self._contradictions.feedback(trusted)
         for change in self._kobuki.changes():
             self._say(f"{in_seconds(now):.3f} {change}")
-        if self._contradictions.gyro_judged and odometry.gyro_is_still:
-            odometry.trust_wheels()
-            self._contradictions.on_wheels()
+        if self._contradictions.gyro_judged and odometry.gyro_is_constant:
+            odometry.use_wheel_heading()
+            self._contradictions.ignore_gyro()
             self._say(f"{in_seconds(now):.3f} gyro frozen: heading computed from the wheels")
         causes = self._contradictions.causes(now)
         for cause in causes ^ self._held:

@@ -20,7 +20,7 @@ from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.range_sensors.sensor import REACH, RangeReader, Repeats, SensorSweep
+from firmware_bridge.range_sensors.sensor import REACH, RangeReader, RepetitionDetector, SensorSweep
 
 WIDTH, HEIGHT = 640, 480
 FIELD_OF_VIEW_DEG: Final = 58.0
@@ -62,12 +62,12 @@ class DepthScanner(RangeReader):
                 f"{model.field_of_view_deg:g}°; choose a sensor within the camera's field of view"
             )
         self._seen: Instant | None = None
-        self._repeats = Repeats(_KEPT, _REPEATED, _REPEATED)
+        self._repeats = RepetitionDetector(_KEPT, _REPEATED, _REPEATED)
 
     @property
     def fault(self) -> HoldCause | None:
-        """REPEATS if earlier images are repeated, which noise prevents in a working camera."""
-        return HoldCause.REPEATS if self._repeats.found else None
+        """REPEATED_DATA if earlier images are repeated, which noise prevents in a working camera."""
+        return HoldCause.REPEATED_DATA if self._repeats.found else None
 
     def sees(self, now: Instant) -> bool:
         """Return whether a recent image has echoes."""

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from actors.instant import Duration, Instant, milliseconds
 from actors.robot_model import RangeSensor as SensorModel
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.range_sensors.sensor import RangeReader, Repeats, SensorSweep, StillBeams
+from firmware_bridge.range_sensors.sensor import (
+    FrozenBeamDetector,
+    RangeReader,
+    RepetitionDetector,
+    SensorSweep,
+)
 
 REQUEST: Final = 0xA5
 
@@ -223,8 +228,8 @@ class Rplidar(RangeReader):
         """Angle and distance of each sample of this turn; None before the first turn."""
         self._turn_began = started
         self._sector: list[Sample] = []
-        self._repeats = Repeats(_SECTORS * _KEPT_TURNS, _SECTORS, _REPEATED)
-        self._still = StillBeams()
+        self._repeats = RepetitionDetector(_SECTORS * _KEPT_TURNS, _SECTORS, _REPEATED)
+        self._still = FrozenBeamDetector()
         self._alive = started
         """Time of the last valid data."""
         self._echo: Instant | None = None
@@ -240,9 +245,9 @@ class Rplidar(RangeReader):
 
     @property
     def fault(self) -> HoldCause | None:
-        """REPEATS for repeated data, SCAN_PART for a constant part of the turn."""
+        """REPEATED_DATA for repeated data, SCAN_PART for a constant part of the turn."""
         if self._repeats.found:
-            return HoldCause.REPEATS
+            return HoldCause.REPEATED_DATA
         return HoldCause.SCAN_PART if self._still.found else None
 
     def sees(self, now: Instant) -> bool:

@@ -19,7 +19,7 @@ from firmware_bridge.range_sensors.rplidar import (
     Sample,
 )
 
-Sight = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+RangeFunction = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Function from (n,) directions, rad counter-clockwise from the lidar's zero, to (n,) ranges, m; inf =
 none."""
 
@@ -45,7 +45,7 @@ class EmulatedRplidar:
 
     def __init__(
         self,
-        sight: Sight,
+        sight: RangeFunction,
         parameters: EmulatedRplidarParameters = EmulatedRplidarParameters(),
         started: Instant = START,
         generator: Generator | None = None,

@@ -134,7 +134,7 @@ _FEWEST: Final = 30
 """Minimum number of beams with an echo for a decision."""
 
 
-class Repeats:
+class RepetitionDetector:
     """Detector of repeated parts in a sensor's data."""
 
     def __init__(self, kept: int, window: int, most: int) -> None:
@@ -167,7 +167,7 @@ class Repeats:
         self._repeated.clear()
 
 
-class StillBeams:
+class FrozenBeamDetector:
     """Detector of directions with constant ranges."""
 
     def __init__(self) -> None:

@@ -11,23 +11,23 @@ from actors.instant import START, Duration, Instant, milliseconds
 from actors.messages import LinkState
 from actors.radio.radio_model import RadioSetup
 from actors.world.physics import SUBSTEP
-from firmware_bridge.beeclick import wire
-from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
-from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.reception import DEFAULTS, BeeClickParameters, BoardSettings, Event
-from firmware_bridge.beeclick.wire import (
+from firmware_bridge.beeclick import board_messages
+from firmware_bridge.beeclick.answer_decoder import DEFAULTS, BeeClickParameters, BoardEvent, BoardSettings
+from firmware_bridge.beeclick.board_link import BoardLink, LinkPhase
+from firmware_bridge.beeclick.board_messages import (
     SYNC_PATTERN,
     Answer,
     Command,
-    PacketSent,
+    PacketConfirmation,
     SendPacket,
     SetAddress,
     SetChannel,
     SetPower,
-    Synchronise,
+    SyncCommand,
 )
-from firmware_bridge.device_lines import CLEAN, Disturbance, TransceiverLink
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.emulated_medium import BodyState, EmulatedMedium, RadioDevice, create_medium
+from firmware_bridge.device_lines import NO_NOISE, LineNoise, TransceiverLink
 
 SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
 ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
@@ -35,17 +35,17 @@ ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
 
 def said(parts: Iterable[Answer | bytes]) -> bytes:
     """Encode a board's answers, with noise."""
-    return b"".join(part if isinstance(part, bytes) else wire.encode_answer(part) for part in parts)
+    return b"".join(part if isinstance(part, bytes) else board_messages.encode_answer(part) for part in parts)
 
 
-_SIZES: Final = {wire.encode_command(one)[0]: len(wire.encode_command(one)) for one in (
-    Synchronise(), SetChannel(0), SetPower(0), SetAddress(0, 0)
+_SIZES: Final = {board_messages.encode_command(one)[0]: len(board_messages.encode_command(one)) for one in (
+    SyncCommand(), SetChannel(0), SetPower(0), SetAddress(0, 0)
 )}  # fmt: skip
 
 
 def command_size(data: bytes) -> int:
     """Return the size of the command at the start of `data`, as computed by the firmware."""
-    empty = len(wire.encode_command(SendPacket(0, b"")))
+    empty = len(board_messages.encode_command(SendPacket(0, b"")))
     return _SIZES.get(data[0]) or empty + data[1]
 
 
@@ -57,7 +57,7 @@ class Host:
         self.link = BoardLink(BoardSettings(0x0103), parameters)
         self.link.connect(self.now)
 
-    def hear(self, *parts: Answer | bytes, after: int = 0) -> list[Event]:
+    def hear(self, *parts: Answer | bytes, after: int = 0) -> list[BoardEvent]:
         """Return the events after receiving `parts`, `after` µs later."""
         self.now = Instant(self.now + after)
         return self.link.take(self.now, said(parts))
@@ -90,31 +90,31 @@ class Host:
         return [command.number for command in self.commands() if isinstance(command, SendPacket)]
 
 
-def confirm(number: int, failed: bool = False) -> PacketSent:
-    return PacketSent(number, failed)
+def confirm(number: int, failed: bool = False) -> PacketConfirmation:
+    return PacketConfirmation(number, failed)
 
 
-def states(events: Iterable[Event]) -> list[LinkState]:
+def states(events: Iterable[BoardEvent]) -> list[LinkState]:
     """Return the changes of the link's state."""
     return [event for event in events if isinstance(event, LinkState)]
 
 
-def causes(events: Iterable[Event]) -> list[str]:
+def causes(events: Iterable[BoardEvent]) -> list[str]:
     """Return the cause of each outage."""
     return [state.cause for state in states(events) if not state.up]
 
 
-def boards(count: int, spacing: float = 2.0) -> EmulatedAir:
+def boards(count: int, spacing: float = 2.0) -> EmulatedMedium:
     """Create boards with addresses 1, 2, … in a row, `spacing` m apart, without obstacles."""
     addresses = tuple((f"board{number}", number) for number in range(1, count + 1))
-    where = air(RadioSetup(seed=1, step_us=SUBSTEP, robots=addresses, preset="beeclick"))
+    where = create_medium(RadioSetup(seed=1, step_us=SUBSTEP, robots=addresses, preset="beeclick"))
     for _ in addresses:
         where.add(EmulatedBoard(where, START))
     where.place(START, [standing(number * spacing, 0.0) for number in range(count)])
     return where
 
 
-def standing(x: float, y: float) -> State:
+def standing(x: float, y: float) -> BodyState:
     """Return the state of a standing body, m."""
     return (x, y, 0.0, 0.0, 0.0, 0.0)
 
@@ -123,7 +123,7 @@ def decoded(data: bytes) -> Command:
     """Decode one command."""
     match data[0]:
         case 0:
-            return Synchronise()
+            return SyncCommand()
         case 1:
             return SendPacket(int.from_bytes(data[2:6], "little"), data[6:])
         case 2:
@@ -144,11 +144,11 @@ class Desk:
     """A host, its board, and the line between them."""
 
     link: BoardLink | TransceiverLink
-    board: Device
-    to_board: Disturbance = CLEAN
-    to_host: Disturbance = CLEAN
+    board: RadioDevice
+    to_board: LineNoise = NO_NOISE
+    to_host: LineNoise = NO_NOISE
     plugged: bool = True
-    events: deque[Event] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    events: deque[BoardEvent] = field(default_factory=lambda: deque(maxlen=_KEPT))
     come: int = 0
     """Number of bytes received by the host."""
 
@@ -175,7 +175,7 @@ class Desk:
 class Lab:
     """Hosts in one room, which serve their lines periodically."""
 
-    def __init__(self, air: EmulatedAir, desks: Sequence[Desk], rng: np.random.Generator) -> None:
+    def __init__(self, air: EmulatedMedium, desks: Sequence[Desk], rng: np.random.Generator) -> None:
         self.now = Instant(0)
         self.desks = desks
         self._air = air

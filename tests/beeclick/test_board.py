@@ -18,37 +18,37 @@ from actors.radio.frame import DataFrame, airtime_us, link_qualities, rssi_codes
 from actors.radio.medium.state import Cca
 from actors.radio.radio_model import RadioSetup, radio_model
 from actors.settings import ParameterError
-from firmware_bridge.beeclick import wire
-from firmware_bridge.beeclick.air import EmulatedAir
-from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.reception import BoardSettings, parse_rmc, power_setting, radiated
-from firmware_bridge.beeclick.wire import (
+from firmware_bridge.beeclick import board_messages
+from firmware_bridge.beeclick.answer_decoder import BoardSettings, actual_power, parse_rmc, power_setting
+from firmware_bridge.beeclick.board_link import BoardLink, LinkPhase
+from firmware_bridge.beeclick.board_messages import (
     SYNC_PATTERN,
     Answer,
+    BoardInfo,
     Command,
+    GpsSentence,
     HumidityReading,
     NoiseError,
-    Notes,
-    PacketSent,
+    PacketConfirmation,
     ReceivedPacket,
     SendPacket,
-    Sentence,
     SetAddress,
     SetChannel,
     SetPower,
-    Synchronise,
-    Synchronised,
+    SyncAnswer,
+    SyncCommand,
     TemperatureReading,
     byte_time,
     bytes_in,
 )
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.emulated_medium import EmulatedMedium
 from firmware_bridge.serial_port import BoardPort, PortError
 from tests.beeclick.lab import Desk, Lab, command_size, standing
 from tests.beeclick.lab import boards as row_of_boards
 
 COMMANDS: list[tuple[str, Command]] = [
-    ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", Synchronise()),
+    ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", SyncCommand()),
     ("01 02 04 03 02 01 aa bb", SendPacket(0x01020304, b"\xaa\xbb")),
     ("01 00 ff ff ff ff", SendPacket(0xFFFFFFFF, b"")),
     ("02 0f", SetChannel(15)),
@@ -57,17 +57,17 @@ COMMANDS: list[tuple[str, Command]] = [
     ("04 ba ba 03 01", SetAddress(0xBABA, 0x0103)),
 ]
 ANSWERS: list[tuple[str, Answer]] = [
-    ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", Synchronised()),
+    ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", SyncAnswer()),
     (
         "01 02 ba ba 02 01 90 ff 12 34 68 69",
         ReceivedPacket(0xBABA, 0x0102, rssi_code=0x90, lqi=0xFF, fcs=0x3412, data=b"hi"),
     ),
-    ("02 04 03 02 01 00", PacketSent(0x01020304, failed=False)),
+    ("02 04 03 02 01 00", PacketConfirmation(0x01020304, failed=False)),
     ("03 00", SetChannel(0)),
     ("04 95 fe", SetPower(-363)),
     ("05 ba ba 03 01", SetAddress(0xBABA, 0x0103)),
-    ("06 08 24 47 50 52 4d 43 2c 56", Sentence(b"$GPRMC,V")),
-    ("07 04 c2 b0 43 0a", Notes("°C\n".encode())),
+    ("06 08 24 47 50 52 4d 43 2c 56", GpsSentence(b"$GPRMC,V")),
+    ("07 04 c2 b0 43 0a", BoardInfo("°C\n".encode())),
     ("08 d7 00", TemperatureReading(215)),
     ("09 ec ff", HumidityReading(-20)),
 ]
@@ -76,18 +76,18 @@ ANSWERS: list[tuple[str, Answer]] = [
 @pytest.mark.parametrize(("text", "command"), COMMANDS)
 def test_commands_are_encoded(text: str, command: Command) -> None:
     data = bytes.fromhex(text)
-    assert wire.encode_command(command) == data
+    assert board_messages.encode_command(command) == data
     assert command_size(data) == len(data)
 
 
 @pytest.mark.parametrize(("text", "answer"), ANSWERS)
 def test_answers_are_encoded_and_decoded(text: str, answer: Answer) -> None:
     data = bytes.fromhex(text)
-    assert wire.encode_answer(answer) == data
-    assert wire.read_answer(data, 0, len(data)) == (answer, len(data))
-    assert wire.read_answer(b"\xff" + data + b"\xff", 1, len(data) + 1) == (answer, len(data) + 1)
+    assert board_messages.encode_answer(answer) == data
+    assert board_messages.read_answer(data, 0, len(data)) == (answer, len(data))
+    assert board_messages.read_answer(b"\xff" + data + b"\xff", 1, len(data) + 1) == (answer, len(data) + 1)
     for end in range(len(data)):
-        assert wire.read_answer(data, 0, end) is None
+        assert board_messages.read_answer(data, 0, end) is None
 
 
 @pytest.mark.parametrize(
@@ -102,10 +102,10 @@ def test_answers_are_encoded_and_decoded(text: str, answer: Answer) -> None:
 )
 def test_values_out_of_range_are_refused(command: Command, sentence: str) -> None:
     with pytest.raises(ParameterError) as caught:
-        wire.encode_command(command)
+        board_messages.encode_command(command)
     assert str(caught.value) == sentence
-    with pytest.raises(ParameterError, match=r"the length of Notes\.text is 256, but must be from 0 to 255"):
-        wire.encode_answer(Notes(b"x" * 256))
+    with pytest.raises(ParameterError, match=r"^the length of BoardInfo\.text is 256, but must be from 0"):
+        board_messages.encode_answer(BoardInfo(b"x" * 256))
 
 
 @pytest.mark.parametrize(
@@ -126,19 +126,19 @@ def test_values_out_of_range_are_refused(command: Command, sentence: str) -> Non
 def test_noise_is_recognised_by_its_last_byte(text: str, cause: str) -> None:
     data = bytes.fromhex(text)
     with pytest.raises(NoiseError, match=f"^{cause}$"):
-        wire.read_answer(data, 0, len(data))
-    assert wire.read_answer(data, 0, len(data) - 1) is None
+        board_messages.read_answer(data, 0, len(data))
+    assert board_messages.read_answer(data, 0, len(data) - 1) is None
 
 
 @given(st.binary(max_size=300))
 def test_any_bytes_are_an_answer_noise_or_incomplete(data: bytes) -> None:
     try:
-        one = wire.read_answer(data, 0, len(data))
+        one = board_messages.read_answer(data, 0, len(data))
     except NoiseError:
         return
     if one is not None:
         answer, end = one
-        assert wire.encode_answer(answer) == data[:end]
+        assert board_messages.encode_answer(answer) == data[:end]
 
 
 @pytest.mark.parametrize(
@@ -211,8 +211,8 @@ def test_codes_and_dbm_agree_within_half_a_code() -> None:
 
 def test_only_powers_that_the_firmware_sets_correctly_are_requested() -> None:
     made = {-4: 0, -6: -5, -7: -63, -12: -63, -99: -63, -100: -100, -120: -163, -300: -300}
-    assert {asked: radiated(asked) for asked in made} == made
-    right = [asked for asked in range(-363, 1) if radiated(asked) == asked]
+    assert {asked: actual_power(asked) for asked in made} == made
+    right = [asked for asked in range(-363, 1) if actual_power(asked) == asked]
     assert right == sorted(-10 * large - small for large in (0, 10, 20, 30) for small in (0, 5, 63))
     assert [power_setting(asked / 10) for asked in right] == right
 
@@ -231,7 +231,7 @@ class Bench:
         # frames start immediately after the turnaround
         at_once = replace(model.parameters.transceiver, min_be=0, max_be=0, cca=Cca.NEVER)
         model = replace(model, parameters=replace(model.parameters, transceiver=at_once))
-        self.air = EmulatedAir(range(1, boards + 1), lambda channel: model, 1)
+        self.air = EmulatedMedium(range(1, boards + 1), lambda channel: model, 1)
         self.boards = [EmulatedBoard(self.air, START) for _ in range(boards)]
         for board in self.boards:
             self.air.add(board)
@@ -240,7 +240,9 @@ class Bench:
         self.log = bytearray()
 
     def tell(self, *parts: Command | bytes, board: int = 0) -> None:
-        data = b"".join(part if isinstance(part, bytes) else wire.encode_command(part) for part in parts)
+        data = b"".join(
+            part if isinstance(part, bytes) else board_messages.encode_command(part) for part in parts
+        )
         self.boards[board].take(self.now, data)
 
     def wait(self, duration: int) -> bytes:
@@ -251,14 +253,14 @@ class Bench:
 
     def said(self, duration: int = 20_000) -> list[Answer]:
         data, at, found = self.wait(duration), 0, []
-        while (one := wire.read_answer(data, at, len(data))) is not None:
+        while (one := board_messages.read_answer(data, at, len(data))) is not None:
             answer, at = one
             found.append(answer)
         assert at == len(data)
         return found
 
     def sync(self, board: int = 0) -> None:
-        self.tell(b"\xff", Synchronise(), board=board)
+        self.tell(b"\xff", SyncCommand(), board=board)
         self.wait(2_000)
         self.boards[board].run(self.now)
 
@@ -273,13 +275,13 @@ def test_an_unsynchronised_board_ignores_commands_but_sends_readings() -> None:
 
 def test_filler_completes_a_stray_zero_and_any_unfinished_command() -> None:
     bench = Bench()
-    bench.tell(b"\x00", Synchronise())
+    bench.tell(b"\x00", SyncCommand())
     assert bench.said() == []
-    bench.tell(b"\x00\xff", Synchronise())
-    assert bench.said() == [Synchronised()]
+    bench.tell(b"\x00\xff", SyncCommand())
+    assert bench.said() == [SyncAnswer()]
     for begun in (b"\x01\xff", b"\x01\x76" + bytes(50), b"\x02", b"\x03\x00", b"\x04\x01", b"\x00He"):
         bench.sync()
-        bench.tell(begun, b"\xff" * 261, Synchronise())
+        bench.tell(begun, b"\xff" * 261, SyncCommand())
         assert bench.wait(60_000).endswith(SYNC_PATTERN), begun
 
 
@@ -296,11 +298,11 @@ def test_a_full_ring_of_answers_hangs_the_board_until_a_reset() -> None:
         assert not bench.board.hung, heard
         bench.board.heard(bench.now, DataFrame(1, 2, bytes(118)), 0, 0)
     assert bench.board.hung
-    bench.tell(Synchronise())
+    bench.tell(SyncCommand())
     assert bench.wait(seconds(1)) == b""
     bench.board.reboot(bench.now)
-    bench.tell(Synchronise())
-    assert bench.said() == [Synchronised()]
+    bench.tell(SyncCommand())
+    assert bench.said() == [SyncAnswer()]
 
 
 def test_a_packet_being_sent_blocks_later_commands() -> None:
@@ -309,7 +311,7 @@ def test_a_packet_being_sent_blocks_later_commands() -> None:
     bench.tell(SendPacket(5, bytes(118)), SetPower(-100))
     through = byte_time(124) + TURNAROUND_NS // 1000 + airtime_us(118)
     assert bench.said(through) == []
-    assert bench.said(200) == [PacketSent(5, failed=False), SetPower(-100)]
+    assert bench.said(200) == [PacketConfirmation(5, failed=False), SetPower(-100)]
 
 
 def test_packets_are_received_in_range_and_on_the_same_channel() -> None:
@@ -348,12 +350,12 @@ def test_the_button_blocks_the_board_and_then_sends_info() -> None:
     bench.tell(*(SetChannel(code) for code in range(6)))
     assert bench.said(milliseconds(699)) == []
     notes, *channels = bench.said(milliseconds(30))
-    assert isinstance(notes, Notes)
+    assert isinstance(notes, BoardInfo)
     assert "panId: baba\nsAddr: 0103\n" in notes.text.decode()
     assert channels == [SetChannel(code) for code in range(6)]
     bench.board.gps(bench.now, b"$GPGGA,1")
     bench.board.gps(bench.now, b"$GPRMC,1,V")
-    assert bench.said() == [Sentence(b"$GPRMC,1,V")]
+    assert bench.said() == [GpsSentence(b"$GPRMC,1,V")]
 
 
 def test_a_restarted_board_loses_settings_and_synchronisation_but_sends_readings() -> None:

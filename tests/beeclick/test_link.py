@@ -27,25 +27,25 @@ from actors.messages import (
 from actors.radio.frame import DataFrame, octets
 from actors.radio.medium import Medium, SaturatedTraffic
 from actors.radio.radio_model import RadioSetup, radio_model
-from firmware_bridge.beeclick.air import BoardRadio, EmulatedAir
-from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.link import BoardLink, LinkPhase
-from firmware_bridge.beeclick.reception import BeeClickParameters, BoardSettings, Event
-from firmware_bridge.beeclick.wire import (
+from firmware_bridge.beeclick.answer_decoder import BeeClickParameters, BoardEvent, BoardSettings
+from firmware_bridge.beeclick.board_link import BoardLink, LinkPhase
+from firmware_bridge.beeclick.board_messages import (
     SYNC_PATTERN,
     Answer,
+    BoardInfo,
+    GpsSentence,
     HumidityReading,
-    Notes,
-    PacketSent,
+    PacketConfirmation,
     ReceivedPacket,
-    Sentence,
     SetAddress,
     SetChannel,
     SetPower,
     TemperatureReading,
     byte_time,
 )
-from firmware_bridge.device_lines import CLEAN, Disturbance
+from firmware_bridge.beeclick.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.emulated_medium import DeviceMedium, EmulatedMedium
+from firmware_bridge.device_lines import NO_NOISE, LineNoise
 from tests.beeclick.lab import ECHOES, SYNC, Desk, Host, Lab, confirm, said
 
 
@@ -112,7 +112,7 @@ def test_a_later_confirmation_settles_the_earlier_packets() -> None:
 def test_a_confirmation_of_an_unknown_packet_is_noise() -> None:
     host = Host().get_ready()
     host.send(1)
-    events = host.hear(PacketSent(0x12345678, failed=False))
+    events = host.hear(PacketConfirmation(0x12345678, failed=False))
     assert events == [LinkState(host.now, False, "strange_confirmation")]
     assert host.link.counters["strange_confirmation"] == 1
     assert host.link.phase is LinkPhase.SYNCING
@@ -227,7 +227,7 @@ def test_packets_with_signal_strength_and_info_are_passed_on() -> None:
     assert len(host.hear(packet(b"hello", address=0x0103))) == 1
     assert (host.link.counters["other_pan"], host.link.counters["own_address"]) == (1, 1)
     text = "txCount: 1\ntemperature: 21 °C\n"
-    assert host.hear(Notes(text.encode())) == [Info(host.now, text)]
+    assert host.hear(BoardInfo(text.encode())) == [Info(host.now, text)]
     damaged = ReceivedPacket(0xBABA, 7, 138, 200, packet(b"hello").fcs, b"hellp")
     for drop in (False, True):
         host = Host(BeeClickParameters(drop_bad_fcs=drop)).get_ready()
@@ -258,11 +258,11 @@ def test_missing_sensors_are_detected() -> None:
 def test_damaged_positions_are_dropped() -> None:
     host = Host().get_ready()
     text = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A"
-    (fix,) = host.hear(Sentence(text))
+    (fix,) = host.hear(GpsSentence(text))
     assert isinstance(fix, Fix)
     assert fix.valid
     assert fix.latitude == pytest.approx(48.1173)
-    assert host.hear(Sentence(text.replace(b"4807", b"4808"))) == []
+    assert host.hear(GpsSentence(text.replace(b"4807", b"4808"))) == []
     assert host.link.counters["bad_sentence"] == 1
     assert host.link.phase is LinkPhase.READY
 
@@ -271,10 +271,10 @@ TEXT = b"hello " + SYNC_PATTERN
 HELLO = ReceivedPacket(0xBABA, 7, 100, 100, DataFrame(0xBABA, 7, TEXT).check, TEXT)
 
 
-def conversation(stages: list[list[bytes]]) -> tuple[list[Event], dict[str, int], list[bytes]]:
+def conversation(stages: list[list[bytes]]) -> tuple[list[BoardEvent], dict[str, int], list[bytes]]:
     """Return events, counters and the board's bytes of each stage, received in the given pieces."""
     host = Host()
-    events: list[Event] = []
+    events: list[BoardEvent] = []
     whole: list[bytes] = []
 
     def stage(*parts: Answer | bytes) -> None:
@@ -345,20 +345,20 @@ class Trouble(IntEnum):
 
 
 LINES = {
-    Trouble.MILD: Disturbance(change=0.002, drop=0.002, insert=0.002),
-    Trouble.WILD: Disturbance(change=0.9, drop=0.05, insert=0.05),
+    Trouble.MILD: LineNoise(change=0.002, drop=0.002, insert=0.002),
+    Trouble.WILD: LineNoise(change=0.9, drop=0.05, insert=0.05),
 }
 
 
 class CountingBoard(EmulatedBoard):
     """A board that counts its confirmations by packet number."""
 
-    def __init__(self, radio: BoardRadio, now: Instant) -> None:
+    def __init__(self, radio: DeviceMedium, now: Instant) -> None:
         super().__init__(radio, now)
         self.reports: Counter[int] = Counter()
 
     def _say(self, now: Instant, answer: Answer) -> None:
-        if isinstance(answer, PacketSent):
+        if isinstance(answer, PacketConfirmation):
             self.reports[answer.number] += 1
         super()._say(now, answer)
 
@@ -370,14 +370,14 @@ class CountingLink(BoardLink):
         super().__init__(settings)
         self.numbers: dict[int, int] = {}
 
-    def take(self, now: Instant, data: bytes = b"") -> list[Event]:
-        self.numbers |= {asked.tag: asked.number for asked in self._asked if asked.answer is None}
+    def take(self, now: Instant, data: bytes = b"") -> list[BoardEvent]:
+        self.numbers |= {pending.tag: pending.number for pending in self._pending if pending.answer is None}
         return super().take(now, data)
 
 
-def empty_air() -> EmulatedAir:
+def empty_air() -> EmulatedMedium:
     model = radio_model(RadioSetup(seed=1, step_us=10_000, robots=(), preset="beeclick"))
-    return EmulatedAir([2], lambda channel: model, 1)
+    return EmulatedMedium([2], lambda channel: model, 1)
 
 
 class Soak:
@@ -398,7 +398,7 @@ class Soak:
     def trouble(self) -> None:
         """Inject a fault for 5 to 60 ms, then run on a clean line until board and link are ready."""
         trouble = Trouble(int(self.rng.integers(0, len(Trouble))))
-        self.desk.to_host = self.desk.to_board = LINES.get(trouble, CLEAN)
+        self.desk.to_host = self.desk.to_board = LINES.get(trouble, NO_NOISE)
         if trouble is Trouble.REBOOT:
             self.board.reboot(self.lab.now)
         for _ in range(int(self.rng.integers(5, 60))):
@@ -411,7 +411,7 @@ class Soak:
                 self.desk.events.extend(self.link.take(self.lab.now, noise))
             self.lab.run(milliseconds(1))
             self._enter()
-        self.desk.to_host = self.desk.to_board = CLEAN
+        self.desk.to_host = self.desk.to_board = NO_NOISE
         if self.board.hung:
             self.board.reboot(self.lab.now)
         back_ms, back_bytes = self._recovery()

@@ -37,7 +37,7 @@ WITHIN_S = 8.0
 """The disturbance comes within this time of the start, or as soon as its victim exists."""
 
 
-class Disturbance(NamedTuple):
+class LineNoise(NamedTuple):
     mode: str
     number: signal.Signals
     victim: str
@@ -46,10 +46,10 @@ class Disturbance(NamedTuple):
     """Time for which SIGSTOP holds."""
 
 
-def drawn(number: int) -> Disturbance:
+def drawn(number: int) -> LineNoise:
     """The first three stop a whole run for a minute, in each mode; the others are random."""
     if number < len(MODES):
-        return Disturbance(tuple(MODES)[number], signal.SIGSTOP, ALL, WITHIN_S / 2, 60.0)
+        return LineNoise(tuple(MODES)[number], signal.SIGSTOP, ALL, WITHIN_S / 2, 60.0)
     draw = random.Random(f"1 {number}")
     what = draw.choice(SIGNALS)
     victims = {
@@ -59,10 +59,10 @@ def drawn(number: int) -> Disturbance:
     }
     victim = draw.choice(victims.get(what, (PARENT,)))
     hold_s = draw.uniform(5.0, 60.0) if what is signal.SIGSTOP else 0.0
-    return Disturbance(draw.choice(list(MODES)), what, victim, draw.uniform(0.0, WITHIN_S), hold_s)
+    return LineNoise(draw.choice(list(MODES)), what, victim, draw.uniform(0.0, WITHIN_S), hold_s)
 
 
-def outcome(one: Disturbance, out: Path, digest: str) -> tuple[str, list[str]]:
+def outcome(one: LineNoise, out: Path, digest: str) -> tuple[str, list[str]]:
     """Disturb a run: `ended`, `continued`, `missed` (it was over) or `hung`, and what was wrong."""
     words = ("--robots", 2, "--duration", SIMULATED_S, "--speed", SPEED, "--json", "--out", out)
     process = start("run", *words, *MODES[one.mode])
@@ -112,7 +112,7 @@ def role(pid: int, parent: int, out: Path) -> str:
     return FORKSERVER if b"actors.processes.forkserver" in command else ""
 
 
-def wrong_end(one: Disturbance, how: str, code: int, said: str) -> Iterator[str]:
+def wrong_end(one: LineNoise, how: str, code: int, said: str) -> Iterator[str]:
     """Exit code and last line must name the cause."""
     last = said.strip().splitlines()[-1] if said.strip() else ""
     if how != "ended":
@@ -150,12 +150,12 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize(
     ("one", "how"),
     [
-        (Disturbance("isolated", signal.SIGSTOP, ALL, 2.0, 2.0), "continued"),
-        (Disturbance("exec", signal.SIGKILL, FORKSERVER, 1.0), "ended"),
+        (LineNoise("isolated", signal.SIGSTOP, ALL, 2.0, 2.0), "continued"),
+        (LineNoise("exec", signal.SIGKILL, FORKSERVER, 1.0), "ended"),
     ],
 )
 def test_a_stopped_run_continues_and_one_without_its_forkserver_ends(
-    digest: str, one: Disturbance, how: str, tmp_path: Path
+    digest: str, one: LineNoise, how: str, tmp_path: Path
 ) -> None:
     assert outcome(one, tmp_path / "out", digest) == (how, [])
 

@@ -15,8 +15,8 @@ from deploy.fleet.doctor import DoctorFinding
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 from deploy.fleet.units import UsbPort, usb_port, usb_ports
 from firmware_bridge.device_lines import PseudoTerminal
-from tests.fleet.patient import CACHE, Patient
-from tests.fleet.texts import BOARD_AT_1, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
+from tests.fleet.fleet_texts import BOARD_AT_1, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
+from tests.fleet.simulated_computer import CACHE, Patient
 
 CONSTRAINTS = (ROOT / "constraints.txt").read_text()
 PINS = """\
@@ -48,18 +48,18 @@ def wrong(subject: str, text: str) -> DoctorFinding:
 
 
 def behaviour(of: Fleet, one: FleetRobot, permit: Permit = INSTALLED) -> DoctorFinding:
-    return doctor.finding("behaviour", doctor.behaviour, of, one, permit)
+    return doctor.run_check("behaviour", doctor.check_behaviour, of, one, permit)
 
 
 def packages(patch: pytest.MonkeyPatch, versions: dict[str, str], minor: int = 11) -> list[DoctorFinding]:
     Patient(versions=versions).admit(patch)
-    return list(doctor.packages(PINS, ("base", "hardware"), minor))
+    return list(doctor.check_packages(PINS, ("base", "hardware"), minor))
 
 
 def test_packages_are_compared_with_the_tested_versions_of_this_python(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    real = {one.subject: one.text for one in doctor.packages(CONSTRAINTS, ())}
+    real = {one.subject: one.text for one in doctor.check_packages(CONSTRAINTS, ())}
     assert real["packages hardware"] == "4 packages, tested versions"
     assert packages(monkeypatch, TESTED) == [
         well("packages base", "2 packages, tested versions"),
@@ -107,7 +107,7 @@ def test_checks_of_the_computer_report_faults_with_a_remedy(
     subject: str, changes: dict[str, Any], ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Patient(**changes).admit(monkeypatch)
-    found = doctor.finding(subject, doctor.COMPUTER[subject])
+    found = doctor.run_check(subject, doctor.COMPUTER_CHECKS[subject])
     assert found.ok is ok and text in found.text
 
 
@@ -139,7 +139,7 @@ def test_port_of_the_base_is_checked(
     changes: dict[str, Any], of: FleetRobot, ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Patient(**changes).admit(monkeypatch)
-    found = next(doctor.devices(of))
+    found = next(doctor.check_devices(of))
     assert (found.subject, found.ok) == ("base", ok) and text in found.text
 
 
@@ -148,35 +148,35 @@ def test_a_camera_must_be_usable_and_cover_the_models_field_of_view(
 ) -> None:
     Patient().admit(monkeypatch)
     narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot_named("r1")
-    assert list(doctor.devices(narrow))[-1] == wrong(
+    assert list(doctor.check_devices(narrow))[-1] == wrong(
         "range",
         "the camera's field of view is 58°, that of the robot model's sensor is 360°; choose a sensor within "
         "the camera's field of view",
     )
-    assert [found.subject for found in doctor.devices(R2)] == ["base", "radio", "range"]
+    assert [found.subject for found in doctor.check_devices(R2)] == ["base", "radio", "range"]
     Patient(camera="install it").admit(monkeypatch)
-    assert list(doctor.devices(narrow))[-1] == wrong("range", "install it")
+    assert list(doctor.check_devices(narrow))[-1] == wrong("range", "install it")
 
 
 def test_map_start_places_and_behaviour_of_every_shipped_robot_pass() -> None:
     for one in OFFICE_FLEET.robots:
-        found = [*doctor.floor(OFFICE_FLEET, one), behaviour(OFFICE_FLEET, one)]
+        found = [*doctor.check_floor(OFFICE_FLEET, one), behaviour(OFFICE_FLEET, one)]
         subjects = ("map", "start", "places", "behaviour")
         assert [(finding.subject, finding.ok) for finding in found] == [(name, True) for name in subjects]
 
 
 def test_an_unreadable_map_and_occupied_starts_and_places_are_reported() -> None:
     lost = fleet(head='map = "maps/nowhere.yaml"\n')
-    assert list(doctor.floor(lost, lost.robot_named("r1"))) == [
+    assert list(doctor.check_floor(lost, lost.robot_named("r1"))) == [
         wrong("map", f"{ROOT}/maps/nowhere.yaml: the map cannot be read: No such file or directory.")
     ]
     one = fleet(robot(1, "start = [0, 0, 0]\nplaces = [[12.2, 5.9], [0, 0]]") + robot(2))
-    _, start, places = doctor.floor(one, one.robot_named("r1"))
+    _, start, places = doctor.check_floor(one, one.robot_named("r1"))
     assert not start.ok
     assert start.text.startswith("robot 'r1' at (0.00, 0.00) is not on free floor, but must be at least ")
     assert places == wrong("places", "place 1 at (0, 0) is not on free floor; move it")
     two = fleet(robot(1) + robot(2, "start = [12.1, 5.0, 0.0]"))
-    assert list(doctor.floor(two, two.robot_named("r2")))[1] == wrong(
+    assert list(doctor.check_floor(two, two.robot_named("r2")))[1] == wrong(
         "start", "r2 starts 0.10 m from r1, must be at least 0.35 m"
     )
 
@@ -202,7 +202,7 @@ def test_keys_must_be_valid_private_and_of_this_robot(
 
     def found(name: str = "r1", **changes: Any) -> DoctorFinding:
         Patient(certified=(name, begin, end), **changes).admit(monkeypatch)
-        return doctor.finding("keys", doctor.keys, listening, listening.robot_named("r1"))
+        return doctor.run_check("keys", doctor.check_keys, listening, listening.robot_named("r1"))
 
     assert found().text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
     folder.mkdir()
@@ -215,7 +215,7 @@ def test_keys_must_be_valid_private_and_of_this_robot(
     (folder / "key.pem").chmod(0o644)
     assert found().text == f"{folder}/key.pem is readable by other users; run `chmod 600 {folder}/key.pem`"
     silent = fleet()
-    *_, last = doctor.configuration(silent, silent.robot_named("r1"), INSTALLED)
+    *_, last = doctor.check_configuration(silent, silent.robot_named("r1"), INSTALLED)
     assert last.subject == "behaviour"
 
 
@@ -228,8 +228,8 @@ def test_all_checks_run_on_this_computer(tmp_path: Path) -> None:
     assert doctor.version_of("msgspec") is not None and doctor.version_of("no-such-package") is None
     (tmp_path / "file").touch()
     with pytest.raises(ValueError):
-        doctor.certificate(tmp_path / "file")
-    found = [doctor.finding(subject, check) for subject, check in doctor.COMPUTER.items()]
+        doctor.read_certificate(tmp_path / "file")
+    found = [doctor.run_check(subject, check) for subject, check in doctor.COMPUTER_CHECKS.items()]
     assert [one.subject for one in found] == ["clock", "disk", "namespaces", "kernels", "group"]
     assert found[3].ok, found[3].text
 
@@ -237,17 +237,17 @@ def test_all_checks_run_on_this_computer(tmp_path: Path) -> None:
 def test_ports_are_opened_and_processes_that_hold_them_are_found(tmp_path: Path) -> None:
     link = tmp_path / "kobuki"
     here = fleet(robot(1, f'base = "{link}"')).robot_named("r1")
-    assert next(doctor.devices(here)).text.startswith(f"{link}: no such port")
+    assert next(doctor.check_devices(here)).text.startswith(f"{link}: no such port")
     with PseudoTerminal(link) as terminal:
-        assert next(doctor.devices(here)) == well("base", f"{link} opens")
-        assert doctor.holders(str(link)) == []
+        assert next(doctor.check_devices(here)) == well("base", f"{link} opens")
+        assert doctor.processes_using(str(link)) == []
         script = f"exec 3<>{terminal.port}; echo open; read line"
         with subprocess.Popen(
             ["/bin/sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         ) as holder:
             assert holder.stdout is not None
             assert holder.stdout.readline() == "open\n"
-            assert doctor.holders(str(link)) == [f"sh (PID {holder.pid})"]
+            assert doctor.processes_using(str(link)) == [f"sh (PID {holder.pid})"]
             holder.communicate("")
 
 
@@ -259,18 +259,18 @@ def test_findings_are_printed_and_failures_returned(
     newest = {("llvmlite", "0.50.0"), ("numba", "0.68.1"), ("numpy", "2.5.5")}
     versions = dict(pin for pin in pins if pin not in newest)
     Patient(versions=versions).admit(monkeypatch)
-    monkeypatch.setattr(doctor.packages, "__defaults__", (11,))
-    assert doctor.consult(None, None, json=False)
+    monkeypatch.setattr(doctor.check_packages, "__defaults__", (11,))
+    assert doctor.check_computer(None, None, json=False)
     lines = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"ok     packages base        \d+ packages, tested versions", lines[0])
     assert re.fullmatch(r"all \d+ checks passed", lines[-1])
     Patient(versions=versions, free=0).admit(monkeypatch)
-    assert not doctor.consult(OFFICE, "r2", json=False)
+    assert not doctor.check_computer(OFFICE, "r2", json=False)
     out = capsys.readouterr().out
     assert "\nfailed disk                 0.0 GB free at " in out
     assert re.search(r"\n2 of \d+ checks failed\n$", out), "the disk, and missing keys"
     Patient(versions=versions).admit(monkeypatch)
-    assert not doctor.consult(OFFICE, "r2", json=True)
-    report = msgspec.json.decode(capsys.readouterr().out, type=doctor.Report)
+    assert not doctor.check_computer(OFFICE, "r2", json=True)
+    report = msgspec.json.decode(capsys.readouterr().out, type=doctor.DoctorReport)
     assert (report.robot, report.ok) == ("r2", False)
     assert [finding.subject for finding in report.findings if not finding.ok] == ["keys"]

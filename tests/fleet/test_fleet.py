@@ -16,10 +16,10 @@ from cryptography.x509.verification import PolicyBuilder, Store
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.tls import Keys, load_keys
 from deploy.fleet.fleet_file import load_fleet
-from deploy.fleet.keys import FleetKeys, hosts_of, issue, renew
+from deploy.fleet.keys import FleetKeys, create_keys, parse_hosts, replace_keys
 from deploy.hosts import certificates
 from tests.cli.test_cli import acrc
-from tests.fleet.texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
+from tests.fleet.fleet_texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
 
 POWER = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"
 LISTEN = '"tls/HOST:PORT", such as "tls/0.0.0.0:7447"'
@@ -165,7 +165,7 @@ OF_FOUR = fleet(
 
 
 def made(out: Path) -> FleetKeys:
-    return issue(OF_FOUR, out, {"r1": ["192.168.1.11", "fd00::11"]}, now=NOW, days=30)
+    return create_keys(OF_FOUR, out, {"r1": ["192.168.1.11", "fd00::11"]}, now=NOW, days=30)
 
 
 def certificate(folder: Path, name: str = "certificate.pem") -> x509.Certificate:
@@ -228,7 +228,7 @@ def test_names_purposes_hosts_and_dates_are_in_the_certificates(tmp_path: Path) 
     with pytest.raises(x509.verification.VerificationError):
         verifier.build_server_verifier(address).verify(certificate(tmp_path / "keys" / "r1"), [])
     assert [one.listens_unnamed for one in keys.machines] == [False] * 5
-    bare = issue(OF_FOUR, tmp_path / "bare", {}, now=NOW, days=30)
+    bare = create_keys(OF_FOUR, tmp_path / "bare", {}, now=NOW, days=30)
     assert [one.listens_unnamed for one in bare.machines] == [True, False, False, False, False]
 
 
@@ -242,21 +242,21 @@ def test_keys_are_never_overwritten(tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match=f"{tmp_path}/keys/r2/key.pem cannot be read"):
         load_keys(keys.machines[1].folder)
     with pytest.raises(AcrcError, match=f"{tmp_path}/none: no keys to revoke"):
-        renew(OF_FOUR, tmp_path / "none", ["r2"], {}, now=NOW, days=30)
+        replace_keys(OF_FOUR, tmp_path / "none", ["r2"], {}, now=NOW, days=30)
 
 
 @pytest.mark.parametrize("word", ["r2", "r2=", "r2=a b", "r2=-a"])
 def test_invalid_hosts_are_refused(word: str) -> None:
     with pytest.raises(AcrcError, match=r"^--host: .*; must be a robot's id and its name or address, such"):
-        hosts_of([word], OF_FOUR)
-    names = hosts_of(["r2=a.example", "r2=10.0.0.2", "r1=fd00::1"], OF_FOUR)
+        parse_hosts([word], OF_FOUR)
+    names = parse_hosts(["r2=a.example", "r2=10.0.0.2", "r1=fd00::1"], OF_FOUR)
     assert names == {"r2": ["a.example", "10.0.0.2"], "r1": ["fd00::1"]}
 
 
 def test_machines_with_new_keys_reject_revoked_ones(tmp_path: Path) -> None:
     old = made(tmp_path / "keys")
     later = NOW + timedelta(days=3)
-    new, aside = renew(OF_FOUR, tmp_path / "keys", ["r2"], {"r4": ["10.0.0.4"]}, now=later, days=30)
+    new, aside = replace_keys(OF_FOUR, tmp_path / "keys", ["r2"], {"r4": ["10.0.0.4"]}, now=later, days=30)
     assert aside == tmp_path / "keys.until-20300504-120000"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["keys", aside.name]
     assert [one.hosts for one in new.machines[:3]] == [one.hosts for one in old.machines[:3]]

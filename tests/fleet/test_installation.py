@@ -27,8 +27,8 @@ from actors.runtime.errors import AcrcError
 from deploy.fleet import bundle, keys
 from deploy.fleet.bundle import RobotBundle
 from deploy.fleet.fleet_file import load_fleet
-from deploy.fleet.units import UsbPort, everyday_user, rules, service, unnamed, write
-from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
+from deploy.fleet.units import UsbPort, default_user, service_text, udev_rules, unassigned, write_units
+from tests.fleet.fleet_texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
 from tests.in_process import acrc
 from tests.onboard.standstill_rig import MAP, Rig
 
@@ -100,7 +100,7 @@ def _holds(key: str, value: str, device: Rule) -> bool:
 
 def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str, dict[str, list[str]]]:
     loaded = fleet(robot(2, more), path=path)
-    return read_unit(service(loaded, loaded.robot_named("r2"), program=program, user="robot"))
+    return read_unit(service_text(loaded, loaded.robot_named("r2"), program=program, user="robot"))
 
 
 def test_service_starts_the_robot_stops_the_wheels_at_exit_and_limits_restarts() -> None:
@@ -159,7 +159,7 @@ def test_special_characters_of_systemd_in_paths_are_escaped() -> None:
 
 def test_invalid_user_names_are_refused(tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match="--user: 'me\nExecStart=/bin/sh'; must be the name of a user of"):
-        write(load_fleet(OFFICE), R2, tmp_path, program=ACRC, user="me\nExecStart=/bin/sh", plugged=())
+        write_units(load_fleet(OFFICE), R2, tmp_path, program=ACRC, user="me\nExecStart=/bin/sh", plugged=())
 
 
 @pytest.mark.parametrize(
@@ -175,17 +175,17 @@ def test_invalid_user_names_are_refused(tmp_path: Path) -> None:
     ],
 )
 def test_every_device_gets_its_name_and_no_other(device: dict[str, str], expected: dict[str, str]) -> None:
-    made = read_rules(rules(R2, ALL))
+    made = read_rules(udev_rules(R2, ALL))
     assert effect(made, device) == expected
     assert effect(made, device, action="remove") == {}
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyACM0", "/dev/pts/3", "/dev/serial/by-id/x", "/tmp/k", "/dev/a b"])
 def test_rules_do_not_assign_kernel_names_or_invalid_names(port: str) -> None:
-    text = rules(fleet(robot(1, f'base = "{port}"')).robot_named("r1"), ALL)
+    text = udev_rules(fleet(robot(1, f'base = "{port}"')).robot_named("r1"), ALL)
     assert [rule["SYMLINK+="] for rule in read_rules(text) if "SYMLINK+=" in rule] == ["beeclick"]
     camera = fleet(robot(1, 'range = "openni"')).robot_named("r1")
-    assert effect(read_rules(rules(camera, ALL)), CP2102) == {}
+    assert effect(read_rules(udev_rules(camera, ALL)), CP2102) == {}
 
 
 SECOND = UsbPort("/dev/ttyUSB3", "0403", "6001", "B1", "1-1.4")
@@ -208,9 +208,9 @@ SECOND = UsbPort("/dev/ttyUSB3", "0403", "6001", "B1", "1-1.4")
     ],
 )
 def test_ambiguous_and_missing_chips_get_no_name(plugged: tuple[UsbPort, ...], name: str, why: str) -> None:
-    (said,) = unnamed(R2, plugged)
-    assert said.startswith(f"/dev/{name}: {why}") and unnamed(R2, ALL) == []
-    made = read_rules(text := rules(R2, plugged))
+    (said,) = unassigned(R2, plugged)
+    assert said.startswith(f"/dev/{name}: {why}") and unassigned(R2, ALL) == []
+    made = read_rules(text := udev_rules(R2, plugged))
     assert said.partition(": ")[2] in text
     names = [effect(made, seen(port)).get("SYMLINK+=") for port in (*plugged, BOARD_AT_1, LIDAR_AT_2)]
     assert name not in names and len({*names} - {None}) == 2, "other devices keep their names"
@@ -218,7 +218,7 @@ def test_ambiguous_and_missing_chips_get_no_name(plugged: tuple[UsbPort, ...], n
 
 @pytest.mark.parametrize("serial", ["", "0001", '*", RUN+="/bin/sh', "A?", "a b"])
 def test_a_chip_without_unique_serial_number_is_identified_by_its_socket(serial: str) -> None:
-    made = read_rules(rules(R2, (board := BOARD_AT_1._replace(serial=serial),)))
+    made = read_rules(udev_rules(R2, (board := BOARD_AT_1._replace(serial=serial),)))
     assert effect(made, seen(board)) == MINE | FAST | {"SYMLINK+=": "beeclick"}
     assert effect(made, seen(SECOND)) == MINE | FAST
 
@@ -227,7 +227,7 @@ def test_a_robot_never_runs_as_root_by_default(tmp_path: Path, monkeypatch: pyte
     def user(owner: str | Exception, sudo: str) -> str:
         monkeypatch.setattr(Path, "owner", Mock(side_effect=[owner]))
         monkeypatch.setenv("SUDO_USER", sudo)
-        return everyday_user(tmp_path)
+        return default_user(tmp_path)
 
     unknown = KeyError("uid not found")
     assert (user("robot", "ada"), user("root", "ada"), user(unknown, "ada")) == ("robot", "ada", "ada")
@@ -241,7 +241,7 @@ def test_systemds_verifiers_report_no_fault(name: str, tmp_path: Path) -> None:
     loaded = fleet(
         robot(1, 'range = "/dev/rplidar"') + robot(2, 'listen = "tls/10.0.0.2:7447"\nrange = "openni"')
     )
-    written = write(loaded, loaded.robot_named(name), tmp_path, program=ACRC, user="root", plugged=ALL)
+    written = write_units(loaded, loaded.robot_named(name), tmp_path, program=ACRC, user="root", plugged=ALL)
     read_unit(written.service_file.read_text())
     read_rules(written.rules_file.read_text())
     if shutil.which("systemd-analyze"):
@@ -278,7 +278,7 @@ class SmallClone:
         self.office.write_text(OFFICE.read_text().replace("../maps", "maps"))
         shutil.copytree(ROOT / "maps", folder / "maps")
         fleet = load_fleet(self.office)
-        keys.issue(fleet, Path(fleet.keys), {}, now=datetime.now(UTC), days=1)
+        keys.create_keys(fleet, Path(fleet.keys), {}, now=datetime.now(UTC), days=1)
 
     def bundle(self, out: Path, permit: Permit | None = None) -> RobotBundle:
         fleet, permit = load_fleet(self.office), permit or Permit()

@@ -27,11 +27,11 @@ from actors.runtime.isolation import credentials, rules
 from actors.runtime.isolation.credentials import Credentials
 from actors.runtime.isolation.tls import Keys, laptop_config, listening_router_config, load_keys
 from actors.topic import Message
-from deploy.fleet import watch
-from deploy.fleet.watch import WatchAnswer
+from deploy.fleet import operator_station
+from deploy.fleet.operator_station import OrderResult
 from deploy.hosts import certificates
 from deploy.hosts.certificates import CLIENT, SERVER, Pair
-from tests.fleet.texts import ROOT
+from tests.fleet.fleet_texts import ROOT
 
 pytestmark = pytest.mark.timeout(60)
 NOW = datetime.now(UTC)
@@ -292,7 +292,7 @@ def test_all_robots_are_stopped_in_parallel_and_failures_are_named(robots: list[
         theirs = stack.enter_context(base(foreign))
         nobody = f"tls/127.0.0.1:{_free_port()}"
         began = time.monotonic()
-        answers = watch.give(
+        answers = operator_station.send_order(
             [nobody, dumb, foreign.endpoint, deaf.endpoint, good.endpoint, good.endpoint], keys, Stop()
         )
         took = time.monotonic() - began
@@ -300,14 +300,14 @@ def test_all_robots_are_stopped_in_parallel_and_failures_are_named(robots: list[
     assert got == heard == [Stop()] and theirs == []
     late = "no connection within 2 s"
     assert answers == [
-        WatchAnswer(nobody, f"{late}: connection refused"),
-        WatchAnswer(dumb, f"{late}: no response within 1.5 s"),
-        WatchAnswer(
+        OrderResult(nobody, f"{late}: connection refused"),
+        OrderResult(dumb, f"{late}: no response within 1.5 s"),
+        OrderResult(
             foreign.endpoint,
             f"{late}: its certificate is rejected: unable to get local issuer certificate",
         ),
-        WatchAnswer(deaf.endpoint, "the order was sent, but not confirmed within 2 s"),
-        WatchAnswer(good.endpoint, None),
+        OrderResult(deaf.endpoint, "the order was sent, but not confirmed within 2 s"),
+        OrderResult(good.endpoint, None),
     ]
 
 
@@ -317,7 +317,7 @@ def test_a_rejected_laptop_certificate_is_reported_as_cause(
     mixed = robots[0].keys("operator", robots[0].stranger)
     shutil.copy(robots[0].own.authority, mixed.authority)
     with base(robots[0]) as got:
-        (answer,) = watch.give([robots[0].endpoint], mixed.authority.parent, Stop())
+        (answer,) = operator_station.send_order([robots[0].endpoint], mixed.authority.parent, Stop())
     assert got == [] and answer.failure is not None
     assert answer.failure.startswith("no connection within 2 s: it rejects this laptop's certificate: ")
 
@@ -332,9 +332,11 @@ def test_the_command_prints_each_robots_result_and_exits_with_1_after_a_failure(
             ("tls/r1:70000", "one with a"),
         ):
             with pytest.raises(OptionError, match=f"^ENDPOINT: {endpoint}; must be {right}"):
-                watch.give([robots[0].endpoint, endpoint], keys, Stop())
+                operator_station.send_order([robots[0].endpoint, endpoint], keys, Stop())
         for order in (Pause(), Resume()):
-            assert watch.give([robots[0].endpoint], keys, order) == [WatchAnswer(robots[0].endpoint, None)]
+            assert operator_station.send_order([robots[0].endpoint], keys, order) == [
+                OrderResult(robots[0].endpoint, None)
+            ]
         assert got == [Pause(), Resume()]
         words = ("fleet", "stop", nobody, robots[0].endpoint, "--keys", str(keys))
         command = [sys.executable, "-m", "acrc_testbed.command_line", *words]  # it exits its process
@@ -382,12 +384,12 @@ def test_watching_continues_without_one_of_the_robots_and_reconnects(robots: lis
 def test_listeners_pass_on_messages_of_further_topics(
     robots: list[Robot], keys: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(watch, "_RETRY_S", 3600.0)  # its thread never exits
+    monkeypatch.setattr(operator_station, "_RETRY_S", 3600.0)  # its thread never exits
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     taken: list[tuple[str, str, Message]] = []
     drive = Drive(7, 0.1, 0.0, 0.0, 0, pose=(1.0, 2.0, 0.5))
     with robots[0].router() as session:
-        watch.listen(
+        operator_station.start_listeners(
             [robots[0].endpoint],
             keys,
             lines,

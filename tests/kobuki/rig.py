@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from actors.geometry import Point, Pose, wrap
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays, cos, sin
-from firmware_bridge.device_lines import CLEAN
-from firmware_bridge.kobuki.base import BaseParameters, BodyTruth, EmulatedKobuki
+from firmware_bridge.device_lines import NO_NOISE
 from firmware_bridge.kobuki.driver import KobukiDriver, StateChange
+from firmware_bridge.kobuki.emulated_kobuki import BaseParameters, BodyTruth, EmulatedKobuki
 
 ROUND = milliseconds(5)
 SUBSTEP_US = 5_000
@@ -96,8 +96,8 @@ class Rig:
         self.base = EmulatedKobuki(self.body, np.random.default_rng(7), base or BaseParameters())
         self.driver = KobukiDriver(START)
         self.changes: list[StateChange] = []
-        self.noise, self._random = CLEAN, np.random.default_rng(8)
-        """Disturbance of the bytes from the base."""
+        self.noise, self._random = NO_NOISE, np.random.default_rng(8)
+        """Noise of the bytes from the base."""
         self.written: list[tuple[Instant, bytes]] = []
         self.fed = 0
 

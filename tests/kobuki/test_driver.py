@@ -17,11 +17,10 @@ from hypothesis import strategies as st
 from actors.geometry import Pose
 from actors.instant import START, Instant
 from actors.runtime.errors import AcrcError
-from firmware_bridge.device_lines import CLEAN, Disturbance, PseudoTerminal
+from firmware_bridge.device_lines import NO_NOISE, LineNoise, PseudoTerminal
 from firmware_bridge.kobuki.driver import BatteryLevel, StateChange
-from firmware_bridge.kobuki.motion import TRACK, velocity
-from firmware_bridge.kobuki.safety import AllowedMotion, HoldCause, SafetyStop
-from firmware_bridge.kobuki.wire import (
+from firmware_bridge.kobuki.kobuki_motion import TRACK, velocity
+from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,
     BaseControl,
     BaseFeedback,
@@ -31,6 +30,7 @@ from firmware_bridge.kobuki.wire import (
     Inertial,
     SoundSequence,
 )
+from firmware_bridge.kobuki.safety import AllowedMotion, HoldCause, SafetyStop
 from firmware_bridge.serial_port import KOBUKI, PortError, SerialPort
 from tests.kobuki.rig import Rig, Room
 
@@ -99,9 +99,9 @@ RULES: dict[str, list[Step]] = {
         ({}, 3000, FAST, "", 0.4),
     ],
     "external causes: immediate stop while they last": [
-        ({"BLIND": 1, "UNWATCHED": 1}, 20, FAST, "BLIND UNWATCHED", 0.0),
-        ({"BLIND": 0}, 20, BACK, "UNWATCHED", 0.0),
-        ({"UNWATCHED": 0}, 3000, FAST, "", 0.4),
+        ({"NO_RANGE_DATA": 1, "NO_GUARDIAN": 1}, 20, FAST, "NO_RANGE_DATA NO_GUARDIAN", 0.0),
+        ({"NO_RANGE_DATA": 0}, 20, BACK, "NO_GUARDIAN", 0.0),
+        ({"NO_GUARDIAN": 0}, 3000, FAST, "", 0.4),
     ],
     "wheel drop: stop until put down and at standstill": [
         ({"drop": 2}, 20, FAST, "WHEEL_DROP", 0.0),
@@ -362,14 +362,14 @@ def test_a_low_battery_is_signalled_and_a_nearly_empty_one_stops_the_base() -> N
 def test_on_a_noisy_line_stop_is_sent_at_the_line_rate() -> None:
     rig = Rig()
     rig.run(2.0, (0.4, 0.0))
-    rig.noise = Disturbance(0.1, 0.1, 0.1)
+    rig.noise = LineNoise(0.1, 0.1, 0.1)
     rig.run(0.2, (0.4, 0.0))
     assert {stop.cause for stop in rig.driver.allowed.stops} == {HoldCause.NO_FEEDBACK, HoldCause.NOISE}
     assert rig.body.truth().v == 0.0
     before = len(rig.written)
     rig.run(0.1, (0.4, 0.0))
     assert {data for _, data in rig.written[before:]} == {rig.driver.farewell() * 5}  # in 5 ms
-    rig.noise = CLEAN
+    rig.noise = NO_NOISE
     rig.run(0.5, (0.4, 0.0))
     assert rig.driver.allowed.stops == () and rig.body.truth().v > 0.0
 

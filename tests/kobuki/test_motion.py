@@ -13,10 +13,10 @@ from numpy.random import Generator
 from actors.geometry import Pose, wrap
 from actors.instant import START, Instant
 from actors.world.odometry import KobukiErrors
-from firmware_bridge.kobuki.base import BaseParameters
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.motion import KobukiOdometry, base_control, velocity
-from firmware_bridge.kobuki.wire import (
+from firmware_bridge.kobuki.emulated_kobuki import BaseParameters
+from firmware_bridge.kobuki.kobuki_motion import KobukiOdometry, base_control, velocity
+from firmware_bridge.kobuki.kobuki_packets import (
     HEADER,
     LONGEST,
     BaseControl,
@@ -287,10 +287,10 @@ def test_odometry_of_an_exact_base_is_exact_over_all_wraps() -> None:
     assert position < 0.001
     assert heading < 0.0005
     counts = rig.driver.odometry.counts
-    assert (counts.implausible, counts.restarts, counts.gaps, counts.on_wheels) == (0, 0, 0, 0)
+    assert (counts.implausible, counts.restarts, counts.gaps, counts.wheel_headings) == (0, 0, 0, 0)
     assert rig.driver.odometry.heading > 3 * math.pi  # unwrapped
     rig.run(3.0, (0.0, 0.0))
-    assert counts.on_wheels == 0, "the gyro of a standing base is not frozen"
+    assert counts.wheel_headings == 0, "the gyro of a standing base is not frozen"
 
 
 def test_odometry_with_realistic_errors_stays_within_one_percent_of_the_distance() -> None:
@@ -309,22 +309,22 @@ def test_without_a_gyro_the_heading_of_the_wheels_is_used_and_counted(gyro: str)
     start = rig.body.truth().pose
     counts = rig.driver.odometry.counts
     rig.run(2.0, (0.3, 0.5))
-    assert counts.on_wheels == 0
+    assert counts.wheel_headings == 0
     rig.base.faults.gyro = gyro  # type: ignore[assignment]
     rig.run(0.55, (0.3, 0.5))
-    assert rig.driver.odometry.gyro_is_still == (gyro == "frozen")
+    assert rig.driver.odometry.gyro_is_constant == (gyro == "frozen")
     if gyro == "frozen":
-        rig.driver.odometry.trust_wheels()
+        rig.driver.odometry.use_wheel_heading()
     rig.run(5.45, (0.3, 0.5))
-    assert counts.on_wheels > 200
+    assert counts.wheel_headings > 200
     position, heading = errors(rig, start)
     assert position < 0.05
     assert heading < 0.02
     rig.base.faults.gyro = "works"
     rig.run(0.1, (0.3, 0.5))
-    on_wheels = counts.on_wheels
+    on_wheels = counts.wheel_headings
     rig.run(3.9, (0.3, 0.5))
-    assert counts.on_wheels == on_wheels
+    assert counts.wheel_headings == on_wheels
     assert errors(rig, start)[1] < 0.03
     assert (counts.implausible, counts.restarts) == (0, 0)
 
@@ -333,7 +333,7 @@ def test_a_noise_free_gyro_is_trusted_despite_drift_of_the_wheels() -> None:
     # 17 m; 0.2 rad by the wheels
     ticks = [(20 * k, 100 * k, 100 * k + k // 4, 0) for k in range(2000)]
     odometry = fed(ticks)
-    assert odometry.counts.on_wheels == 0
+    assert odometry.counts.wheel_headings == 0
     assert odometry.heading == 0.0
 
 

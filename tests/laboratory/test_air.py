@@ -27,11 +27,11 @@ from actors.messages import (
 from actors.radio.program import build
 from actors.radio.radio_model import RadioSetup, WifiParameters, radio_model
 from actors.radio.walls import WallPatch
-from firmware_bridge.beeclick.air import Device, EmulatedAir, State, air
+from firmware_bridge.beeclick.answer_decoder import BoardEvent, BoardSettings, PacketOutcome
+from firmware_bridge.beeclick.board_link import BoardLink
+from firmware_bridge.beeclick.board_messages import SetChannel, SyncCommand, encode_command
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.reception import BoardSettings, Event, PacketEnd
-from firmware_bridge.beeclick.wire import SetChannel, Synchronise, encode_command
+from firmware_bridge.beeclick.emulated_medium import BodyState, EmulatedMedium, RadioDevice, create_medium
 from firmware_bridge.device_lines import SimulatedTransceiver, TransceiverLink
 from tests.beeclick.lab import Desk, Lab, standing
 from tests.laboratory.hosts import ROOT
@@ -40,7 +40,7 @@ STEP = 10_000
 """Physics sub-step, µs, after which a laboratory updates positions."""
 STEPS = 300
 ROBOTS = ("r1", "r2", "r3", "r4")
-DRIVEN: Sequence[State] = (
+DRIVEN: Sequence[BodyState] = (
     (12.5, 3.0, 0.0, 0.0, 0.4, 0.0),
     (17.4, 5.0, 0.0, 0.0, 0.2, 0.1),  # behind two walls from the first one
     (13.0, 12.5, 0.0, 0.3, 0.0, 0.0),
@@ -57,7 +57,7 @@ ROUGH = RadioSetup(
 JAM, LOSS = Jam(13.0, 12.5, 3.0, 2_500_000), Loss("r2", "r1")
 
 
-def states(step: int) -> list[State]:
+def states(step: int) -> list[BodyState]:
     """Return the states at the start of a step."""
     return [
         (x + vx * step / 100, y + vy * step / 100, heading, vx, vy, omega)
@@ -68,16 +68,16 @@ def states(step: int) -> list[State]:
 class WatchedAir:
     """Medium that stores the transmitted frames by step."""
 
-    def __init__(self, inner: EmulatedAir) -> None:
+    def __init__(self, inner: EmulatedMedium) -> None:
         self._inner = inner
         self.handed: dict[tuple[int, int], list[Outgoing]] = {}
 
-    def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
+    def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
         number = self._inner._number(device)
         self.handed.setdefault((now // STEP, number), []).append(Outgoing(tag, now, data))
         self._inner.transmit(device, now, tag, data)
 
-    def silence(self, device: Device) -> None:
+    def silence(self, device: RadioDevice) -> None:
         self._inner.silence(device)
 
 
@@ -85,13 +85,13 @@ class Room:
     """Hosts with links that send random packets, with or without boards."""
 
     def __init__(self, setup: RadioSetup, without_board: Sequence[str] = ()) -> None:
-        self.air = air(setup)
+        self.air = create_medium(setup)
         self.watched = WatchedAir(self.air)
         channel = radio_model(setup).parameters.channel
         self.links: list[BoardLink | TransceiverLink] = []
         for robot, address in ADDRESSES:
             settings = BoardSettings(address, channel)
-            board: Device
+            board: RadioDevice
             if robot in without_board:
                 board = SimulatedTransceiver(self.watched, settings)
                 self.links.append(TransceiverLink())
@@ -102,7 +102,7 @@ class Room:
             self.air.add(board)
         for link in self.links:
             link.connect(START)
-        self.events: list[list[Event]] = [[] for _ in ROBOTS]
+        self.events: list[list[BoardEvent]] = [[] for _ in ROBOTS]
 
     def run(self, jam_at: int, lose_at: int) -> None:
         """Send packets for `STEPS` steps; hosts serve their lines every ms."""
@@ -195,14 +195,14 @@ def test_boards_and_simulated_transceivers_lose_the_same_frames_for_the_same_cau
 
 
 def test_a_board_on_another_channel_receives_nothing_until_it_returns() -> None:
-    room = air(RadioSetup(seed=1, step_us=STEP, robots=ADDRESSES[:2], preset="beeclick"))
+    room = create_medium(RadioSetup(seed=1, step_us=STEP, robots=ADDRESSES[:2], preset="beeclick"))
     boards = [EmulatedBoard(room, START) for _ in range(2)]
     for board in boards:
         room.add(board)
     heard = []
     now = START
     for code in (4, 0, 4):
-        boards[1].take(now, b"\xff" + encode_command(Synchronise()) + encode_command(SetChannel(code)))
+        boards[1].take(now, b"\xff" + encode_command(SyncCommand()) + encode_command(SetChannel(code)))
         now = Instant(now + 20_000)
         room.advance(now)
         room.transmit(boards[0], now, 1, b"on 11")
@@ -217,7 +217,9 @@ class Pair(Lab):
     """Two transceivers without boards, 2 m apart, each with its link."""
 
     def __init__(self) -> None:
-        both = air(RadioSetup(seed=1, step_us=10_000, robots=(("r1", 1), ("r2", 2)), preset="beeclick"))
+        both = create_medium(
+            RadioSetup(seed=1, step_us=10_000, robots=(("r1", 1), ("r2", 2)), preset="beeclick")
+        )
         devices = [SimulatedTransceiver(both, BoardSettings(address, 11)) for address in (1, 2)]
         for device in devices:
             both.add(device)
@@ -227,8 +229,8 @@ class Pair(Lab):
         self.first, self.second = desks
         self.run(milliseconds(5))
 
-    def ends(self) -> list[tuple[type[Event], int]]:
-        return [(type(event), event.tag) for event in self.first.events if isinstance(event, PacketEnd)]
+    def ends(self) -> list[tuple[type[BoardEvent], int]]:
+        return [(type(event), event.tag) for event in self.first.events if isinstance(event, PacketOutcome)]
 
 
 def test_frames_that_cannot_be_sent_are_reported_at_once() -> None:

@@ -25,13 +25,13 @@ from actors.world.body import Bodies
 from actors.world.physics import SUBSTEP
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import TimedOrder
-from firmware_bridge.beeclick.wire import SendPacket, Synchronise
-from firmware_bridge.beeclick.wire import encode_command as encode_for_board
+from firmware_bridge.beeclick.board_messages import SendPacket, SyncCommand
+from firmware_bridge.beeclick.board_messages import encode_command as encode_for_board
 from firmware_bridge.device_lines import BASE, DEVICES, RADIO, RANGE, DevicePort, EmulatedLines
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.motion import base_control
+from firmware_bridge.kobuki.kobuki_motion import base_control
+from firmware_bridge.kobuki.kobuki_packets import encode_command, encode_frame
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import encode_command, encode_frame
 from firmware_bridge.laboratory.__main__ import main
 from firmware_bridge.laboratory.laboratory import LIDAR, FaultInjector, Laboratory, LaboratorySetup
 from firmware_bridge.range_sensors.rplidar import LidarRequest
@@ -63,7 +63,7 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     laboratory.take(DevicePort("r1", RANGE), START, LidarRequest.SCAN.bytes)
     for robot in ("r1", "r2"):
         packets = b"".join(encode_for_board(SendPacket(number, bytes(118))) for number in range(4))
-        laboratory.take(DevicePort(robot, RADIO), START, b"\xff" + encode_for_board(Synchronise()) + packets)
+        laboratory.take(DevicePort(robot, RADIO), START, b"\xff" + encode_for_board(SyncCommand()) + packets)
     for at in range(0, 2001, round_ms):
         laboratory.advance(Instant(1000 * at), wire)
     return laboratory, wire

@@ -106,7 +106,9 @@ FAULTS = {
 FLOORS = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 CELL, CLEARANCE, APART = 0.05, 0.6, 1.2
 """m."""
-_RIGHT = "NO_FEEDBACK LINK_RECOVERING WHEEL_DROP PUT_DOWN BUMPER BLIND NO_COMMAND STALE_COMMAND BLOCKED"
+_RIGHT = (
+    "NO_FEEDBACK LINK_RECOVERING WHEEL_DROP PUT_DOWN BUMPER NO_RANGE_DATA NO_COMMAND STALE_COMMAND BLOCKED"
+)
 REPORTS = frozenset(HoldCause) - {HoldCause[name] for name in _RIGHT.split()}
 """Causes that report a sensor fault; a blocked robot is reported correctly."""
 

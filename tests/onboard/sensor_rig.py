@@ -23,13 +23,13 @@ from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.world.physics import SUBSTEP
 from actors.world.world_setup import BodySetup, WorldSetup
-from firmware_bridge.device_lines import BASE, CLEAN, RADIO, RANGE, DevicePort, Disturbance
+from firmware_bridge.device_lines import BASE, NO_NOISE, RADIO, RANGE, DevicePort, LineNoise
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.laboratory.laboratory import LIDAR, Laboratory, LaboratorySetup
-from firmware_bridge.onboard.vehicle import GuardianLink, Lidar, TurtleBot
+from firmware_bridge.onboard.vehicle import GuardianLink, LidarDevice, TurtleBot
 from firmware_bridge.range_sensors.rplidar import FULL_TURN_Q6, Rplidar, Sample
-from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
+from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, RangeFunction
 from firmware_bridge.serial_port import SerialPort
 
 MODEL = load_model("turtlebot2", "chapter")
@@ -60,7 +60,7 @@ class LidarFault(NamedTuple):
 class FaultyRplidar(EmulatedRplidar):
     """A lidar with injected data faults."""
 
-    def __init__(self, sight: Sight, noise: Generator) -> None:
+    def __init__(self, sight: RangeFunction, noise: Generator) -> None:
         super().__init__(self._view, LIDAR, generator=noise)
         self._true_sight = sight
         self._noise = noise
@@ -192,13 +192,13 @@ class RigVehicle:
     def __init__(self, pilot: Pilot, noise: Generator) -> None:
         self.pilot: Pilot | None = pilot
         self.lines = {BASE: MemoryPort(), RANGE: MemoryPort()}
-        self.noise = {"in": CLEAN, "out": CLEAN}
-        """Disturbance of the bytes from and to the base."""
+        self.noise = {"in": NO_NOISE, "out": NO_NOISE}
+        """Noise of the bytes from and to the base."""
         self._random = noise
         self.log: list[str] = []
         self.held: list[HoldChange] = []
         self.kobuki, self.guardian = KobukiDriver(START), PassiveGuardian()
-        lidar = Lidar(lambda: self.lines[RANGE], Rplidar(MODEL.sensor, START), self.log.append)
+        lidar = LidarDevice(lambda: self.lines[RANGE], Rplidar(MODEL.sensor, START), self.log.append)
         ports = (lambda: self.lines[BASE], self.kobuki, lidar, self.guardian, self.log.append)
         self.bot = TurtleBot(*ports, MODEL.sensor.mount)
 
@@ -206,7 +206,7 @@ class RigVehicle:
         """Damage this share of the bytes; `ways`: in, out or both."""
         for way in self.noise:
             if ways in (way, "both"):
-                self.noise[way] = Disturbance(share / 3, share / 3, share / 3)
+                self.noise[way] = LineNoise(share / 3, share / 3, share / 3)
 
     def from_device(self, device: str, data: bytes) -> None:
         self.lines[device].inbox += self.noise["in"].apply(data, self._random) if device == BASE else data
@@ -278,11 +278,11 @@ class SensorRig:
     def cruises(self, speed: float, in_arc: bool) -> bool:
         """Return whether r1 drives faster than `speed`, and in an arc if `in_arc`."""
         omega = self.vehicles["r1"].kobuki.allowed.omega
-        return self.speed() > speed and not self.told_to_stand() and (not in_arc or abs(omega) > 0.3)
+        return self.speed() > speed and not self.commanded_to_stand() and (not in_arc or abs(omega) > 0.3)
 
-    def told_to_stand(self) -> bool:
+    def commanded_to_stand(self) -> bool:
         """Return whether the last command to the wheels of r1 was a stop."""
-        return self.laboratory.robots["r1"].body.is_told_to_stand
+        return self.laboratory.robots["r1"].body.is_commanded_to_stand
 
     def _step(self, now: Instant) -> None:
         self.laboratory.advance(now, self._deliver)

@@ -42,8 +42,8 @@ from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.core import Address, Output, at
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
-from firmware_bridge.beeclick.link import BoardLink
-from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardSettings
+from firmware_bridge.beeclick.board_link import BoardLink
 from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
 from firmware_bridge.onboard.bridge import MOST_PLANNED, Bridge, BridgeCore
 from firmware_bridge.onboard.device_loop import BridgeSetup, Clock, ReconnectingPort

@@ -17,12 +17,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from actors.instant import Instant
-from deploy.fleet.onboard_run import ServiceNotice, StandIn
+from deploy.fleet.onboard_run import FallbackStop, SystemdNotifier
 from firmware_bridge.device_lines import PseudoTerminal
-from firmware_bridge.kobuki import guardian, motion
-from firmware_bridge.kobuki.base import EmulatedKobuki
+from firmware_bridge.kobuki import guardian, kobuki_motion
+from firmware_bridge.kobuki.emulated_kobuki import EmulatedKobuki
 from firmware_bridge.kobuki.guardian import Standstill
-from firmware_bridge.kobuki.wire import BaseControl, Basic, encode_command, encode_feedback, encode_frame
+from firmware_bridge.kobuki.kobuki_packets import (
+    BaseControl,
+    Basic,
+    encode_command,
+    encode_feedback,
+    encode_frame,
+)
 from firmware_bridge.onboard.vehicle import GuardianLink, start_guardian
 from firmware_bridge.serial_port import KOBUKI, SerialPort
 from tests import helpers
@@ -70,7 +76,7 @@ class KobukiLine:
 
 
 SOON_S = 0.5
-DRIVE = encode_frame(encode_command(motion.base_control(0.3, 0.0)))
+DRIVE = encode_frame(encode_command(kobuki_motion.base_control(0.3, 0.0)))
 
 
 HUNG_BASE = """
@@ -262,13 +268,13 @@ def test_systemd_is_notified(tmp_path: Path, abstract: bool) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.bind(f"\0{name}" if abstract else name)
         systemd.settimeout(10)
-        notice = ServiceNotice({"NOTIFY_SOCKET": f"@{name}" if abstract else name})
-        notice.ready()
-        notice.lives()
+        notice = SystemdNotifier({"NOTIFY_SOCKET": f"@{name}" if abstract else name})
+        notice.notify_ready()
+        notice.reset_watchdog()
         assert [systemd.recv(100), systemd.recv(100)] == [b"READY=1", b"WATCHDOG=1"]
-    notice.lives()  # no receiver
+    notice.reset_watchdog()  # no receiver
     for environment in ({}, {"NOTIFY_SOCKET": "nonsense"}):
-        ServiceNotice(environment).lives()
+        SystemdNotifier(environment).reset_watchdog()
 
 
 STOPPED = "base process suspended (SIGSTOP or a debugger): sending stop commands to the wheels"
@@ -278,7 +284,7 @@ def test_stop_is_sent_for_a_suspended_base_only(tmp_path: Path) -> None:
     said: list[str] = []
     waits = [sys.executable, "-c", "input()"]
     with KobukiLine(tmp_path / "base") as line, subprocess.Popen(waits, stdin=subprocess.PIPE) as base:
-        stand_in = StandIn(str(line.link), said.append)
+        stand_in = FallbackStop(str(line.link), said.append)
         line.body.drive(0.3, 0.0)
         stand_in.look(None)
         stand_in.look(base.pid)

@@ -25,24 +25,24 @@ from actors.runtime.process import RunNote
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import Recorder
 from deploy.fleet import keys as fleet_keys
-from deploy.fleet import onboard
-from deploy.fleet.onboard import EpochCounter, Onboard, Ports, onboard_robot_program
+from deploy.fleet import onboard_processes
+from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports, onboard_robot_program
 from deploy.fleet.onboard_run import (
     OnboardOptions,
     OnboardSupervisor,
-    OperatorLink,
+    OperatorAccessCheck,
     _link_fault,
-    _told,
+    _parse_pose,
     prepare,
 )
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import load_scenario
-from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.onboard import base, last_pose
-from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseKeeper
-from tests.fleet.texts import fleet, robot
+from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseWriter
+from tests.fleet.fleet_texts import fleet, robot
 from tests.swarm.command import leftovers
 
 TODAY = 1_800_000_000.0
@@ -156,13 +156,15 @@ def alone(tmp_path: Path) -> RunPlan:
 
 def test_set_up_and_module_are_as_in_simulation(alone: RunPlan) -> None:
     robot = alone.world.robots[0]
-    on_board = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
+    on_board = onboard_processes.onboard_robot_program(OnboardRobot(alone, PORTS, lambda: 0), start=0)
     simulated = plan.robot_program(alone, robot, ProcessOrder("r1", 0), first_step=0)
     assert simulated.setup is not None and on_board.setup is not None
     spares = msgspec.structs.replace(simulated.setup.process, spares_record=True)
     outlives = msgspec.structs.replace(simulated.setup, process=spares)
     assert on_board == replace(simulated, setup=outlives), "it continues on a full disk"
-    debugged = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0, debug_port=5678), start=0)
+    debugged = onboard_processes.onboard_robot_program(
+        OnboardRobot(alone, PORTS, lambda: 0, debug_port=5678), start=0
+    )
     assert debugged.module == "debugpy"
     assert debugged.argv == ("--listen", "5678", "-m", on_board.module, *on_board.argv)
 
@@ -170,19 +172,19 @@ def test_set_up_and_module_are_as_in_simulation(alone: RunPlan) -> None:
 def test_the_robots_files_are_as_in_simulation(alone: RunPlan, tmp_path: Path) -> None:
     simulated = replace(alone, options=replace(alone.options, out=tmp_path / "simulated"))
     plan.lay_out(simulated)
-    onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
+    onboard_processes.lay_out(OnboardRobot(alone, PORTS, lambda: 0))
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
     for path in filter(Path.is_file, (simulated.out / "r1").iterdir()):
         assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
     with pytest.raises(OptionError) as refused:
-        onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
+        onboard_processes.lay_out(OnboardRobot(alone, PORTS, lambda: 0))
     assert str(refused.value) == f"--out: {alone.out} already contains r1/; choose another directory"
 
 
 def test_each_start_has_its_own_epoch_and_recording(alone: RunPlan) -> None:
     epochs = iter((7, 8, 12))
-    prepared = Onboard(alone, PORTS, lambda: next(epochs))
-    programs = [onboard.onboard_robot_program(prepared, start) for start in range(3)]
+    prepared = OnboardRobot(alone, PORTS, lambda: next(epochs))
+    programs = [onboard_processes.onboard_robot_program(prepared, start) for start in range(3)]
     assert [one.setup.actor.epoch for one in programs if one.setup is not None] == [7, 8, 12]
     names = [one.record.name for one in programs if one.record is not None]
     assert names == ["r1.mcap", "r1.1.mcap", "r1.2.mcap"]
@@ -199,10 +201,10 @@ def test_a_port_in_use_is_reported_and_no_files_are_left(
         keys.mkdir()
         for name in ("authority.pem", "certificate.pem", "key.pem"):
             (keys / name).touch()
-        prepared = Onboard(alone, PORTS._replace(listen=listen, keys=str(keys)), lambda: 0)
-        onboard.lay_out(prepared)
-        onboard.issue(prepared)
-        program = onboard.base_program(prepared, 0)
+        prepared = OnboardRobot(alone, PORTS._replace(listen=listen, keys=str(keys)), lambda: 0)
+        onboard_processes.lay_out(prepared)
+        onboard_processes.issue_passwords(prepared)
+        program = onboard_processes.base_program(prepared, 0)
         assert program.setup is not None
         process = msgspec.structs.replace(program.setup.process, with_parent=False)
         file = program.log.parent / SETUP
@@ -218,7 +220,7 @@ def test_a_port_in_use_is_reported_and_no_files_are_left(
 NOW = Instant(1_000_000)
 
 
-def told(prepared: Onboard, start: int) -> RobotSetup:
+def told(prepared: OnboardRobot, start: int) -> RobotSetup:
     """Return the robot's set-up at that start."""
     setup = onboard_robot_program(prepared, start).setup
     assert setup is not None and isinstance(setup.actor, RobotSetup)
@@ -227,7 +229,7 @@ def told(prepared: Onboard, start: int) -> RobotSetup:
 
 def test_the_pose_is_stored_twice_per_second_and_read_by_the_next_process(tmp_path: Path) -> None:
     path = tmp_path / "r1.pose"
-    keeper = PoseKeeper(path, NOW)
+    keeper = PoseWriter(path, NOW)
     assert keeper.begun is None
     for step in range(8):
         at = Instant(NOW + seconds(0.1) * step)
@@ -236,7 +238,7 @@ def test_the_pose_is_stored_twice_per_second_and_read_by_the_next_process(tmp_pa
     kept = LastPose((2.0, 3.0, 0.5), (5.0, 0.0, 0.0))
     assert last_pose.read(path) == kept
     assert kept.origin.compose(Pose(5.0, 0.0, 0.0)) == pytest.approx((2.0, 3.0, 0.5))
-    successor = PoseKeeper(path, NOW)
+    successor = PoseWriter(path, NOW)
     assert successor.begun == kept
     successor.doubt(1.0)
     assert last_pose.read(path) == LastPose((2.0, 3.0, 0.5), (0.0, 0.0, 0.0), SPREAD + 1.0)
@@ -261,7 +263,7 @@ def test_damaged_pose_files_are_ignored(tmp_path: Path, text: bytes) -> None:
 
 def test_a_restarted_robot_has_an_uncertain_pose(alone: RunPlan, tmp_path: Path) -> None:
     path = tmp_path / "r1.pose"
-    prepared = Onboard(alone, PORTS, lambda: 0, last_pose=path)
+    prepared = OnboardRobot(alone, PORTS, lambda: 0, last_pose=path)
     assert told(prepared, 0).doubt is None
     last_pose.write(path, LastPose((2.0, 3.0, 0.0), (1.0, 0.5, 0.0)))
     assert (told(prepared, 1).doubt, told(prepared, 1).start) == (0.3, (1.0, 2.5, 0.0))
@@ -279,15 +281,15 @@ def test_a_given_pose_is_certain(at: str, start: tuple[float, float, float], tmp
     assert not pose.exists() and told(prepared, 0).doubt is None
     for wrong in ("here", "1,2", "1,2,3,4", "nan,0,0"):
         with pytest.raises(OptionError, match=f"^--at: {wrong}; must be start, or X,Y,HEADING in m and rad"):
-            _told(wrong, stands.robot_named("r2"))
+            _parse_pose(wrong, stands.robot_named("r2"))
 
 
 def test_each_fault_of_the_keys_is_reported_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = robot(1, 'listen = "tls/127.0.0.1:7447"')
     one = fleet(text, head=f'keys = "{tmp_path}/keys"\nmap = "m.yaml"\n')
     faults, said = ["", "it is over", "it is over", "", "the clock is wrong"], list[str]()
-    monkeypatch.setattr(OperatorLink, "PERIOD_S", 0.0)
-    link = OperatorLink(lambda: faults.pop(0), said.append)
+    monkeypatch.setattr(OperatorAccessCheck, "PERIOD_S", 0.0)
+    link = OperatorAccessCheck(lambda: faults.pop(0), said.append)
     while faults:
         link.look()
     refused = "laptops cannot connect to watch or stop the robot"
@@ -295,7 +297,7 @@ def test_each_fault_of_the_keys_is_reported_once(tmp_path: Path, monkeypatch: py
     assert _link_fault(one, one.robot_named("r1")).startswith(
         f"{tmp_path}/keys/r1/authority.pem cannot be read (No "
     )
-    fleet_keys.issue(one, tmp_path / "keys", {}, now=datetime.now(UTC) - timedelta(days=3), days=1)
+    fleet_keys.create_keys(one, tmp_path / "keys", {}, now=datetime.now(UTC) - timedelta(days=3), days=1)
     assert ", today is " in _link_fault(one, one.robot_named("r1"))
 
 
@@ -327,7 +329,7 @@ class Played:
 def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupervisor, Played]:
     """Return a supervisor with running base, bridge and program."""
 
-    issued = SimpleNamespace(sockets={onboard.BRIDGE: tmp_path})
+    issued = SimpleNamespace(sockets={onboard_processes.BRIDGE: tmp_path})
 
     def program(name: str) -> object:
         return lambda _one, _start: Program(
@@ -335,15 +337,15 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
         )
 
     monkeypatch.setattr(OnboardSupervisor, "GRACE_S", 0.05)  # no real processes
-    monkeypatch.setattr(onboard, "issue", lambda _: issued)
-    monkeypatch.setattr(onboard, "base_program", program(onboard.BASE))
-    monkeypatch.setattr(onboard, "bridge_program", program(onboard.BRIDGE))
-    monkeypatch.setattr(onboard, "onboard_robot_program", program("r1"))
-    one: Onboard = type("One", (), {"robot": SimpleNamespace(id="r1"), "router": Path("router.json")})()
+    monkeypatch.setattr(onboard_processes, "issue_passwords", lambda _: issued)
+    monkeypatch.setattr(onboard_processes, "base_program", program(onboard_processes.BASE))
+    monkeypatch.setattr(onboard_processes, "bridge_program", program(onboard_processes.BRIDGE))
+    monkeypatch.setattr(onboard_processes, "onboard_robot_program", program("r1"))
+    one: OnboardRobot = type("One", (), {"robot": SimpleNamespace(id="r1"), "router": Path("router.json")})()
     launcher = Played()
     watch = OnboardSupervisor(one, launcher, launcher.said.append)  # type: ignore[arg-type]
     watch.start_robot()
-    assert launcher.started == [onboard.BASE, onboard.BRIDGE, "r1"]
+    assert launcher.started == [onboard_processes.BASE, onboard_processes.BRIDGE, "r1"]
     return watch, launcher
 
 
@@ -351,9 +353,9 @@ def test_a_finished_robot_is_not_restarted_while_its_base_exits(
     played: tuple[OnboardSupervisor, Played],
 ) -> None:
     watch, launcher = played
-    launcher.ends = [{"r1": 0}, {}, {onboard.BRIDGE: 0}, {onboard.BASE: 0}]
+    launcher.ends = [{"r1": 0}, {}, {onboard_processes.BRIDGE: 0}, {onboard_processes.BASE: 0}]
     assert not watch.look(0.0), "stopped by the operator"
-    assert launcher.started == [onboard.BASE, onboard.BRIDGE, "r1"]
+    assert launcher.started == [onboard_processes.BASE, onboard_processes.BRIDGE, "r1"]
     assert watch.restarts == 0
 
 
@@ -384,7 +386,7 @@ def test_each_warning_about_an_incomplete_recording_is_reported_once(
         log.write_text((log.read_text() if log.exists() else "") + text)
         assert watch.look(0.0)
     log.write_text(log.read_text() + f"{full}; 1234 records are missing\n")
-    launcher.ends = [{"r1": 0, onboard.BRIDGE: 0, onboard.BASE: 0}]
+    launcher.ends = [{"r1": 0, onboard_processes.BRIDGE: 0, onboard_processes.BASE: 0}]
     assert not watch.look(0.0)
     assert launcher.said == [
         f"r1: {full}; records are lost from here on",

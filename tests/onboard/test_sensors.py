@@ -10,10 +10,10 @@ import pytest
 
 from actors.geometry import Pose
 from actors.instant import Instant, milliseconds
-from firmware_bridge.kobuki.motion import METRES_PER_TICK
+from firmware_bridge.kobuki.kobuki_motion import METRES_PER_TICK
+from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, Basic, Inertial
 from firmware_bridge.kobuki.safety import HoldCause
-from firmware_bridge.kobuki.wire import BaseFeedback, Basic, Inertial
-from firmware_bridge.onboard.contradictions import REST, Contradictions, ScanChecks, of_the_room
+from firmware_bridge.onboard.contradictions import REST, ContradictionMonitor, ScanChecks, large_objects
 from firmware_bridge.onboard.motion_checks import Movement
 from firmware_bridge.range_sensors.sensor import SensorSweep
 from tests.helpers import in_order
@@ -33,11 +33,11 @@ SPEEDS = (0.5, 0.5, 0.3, 0.4)
 """m/s, by seed."""
 PATIENCE_S = 4.0
 EXPECTED = {
-    "lidar: repeats one turn": HoldCause.REPEATS,
-    "lidar: half of each turn repeated": HoldCause.REPEATS,
+    "lidar: repeats one turn": HoldCause.REPEATED_DATA,
+    "lidar: half of each turn repeated": HoldCause.REPEATED_DATA,
     "lidar: every other beam repeated": HoldCause.SCAN_PART,
     "lidar: one turn, with fresh noise": HoldCause.SCAN_STILL,
-    "lidar: turned by 90°": HoldCause.SCAN_TURNED,
+    "lidar: turned by 90°": HoldCause.SCAN_ROTATED,
     "lidar: mirrored": HoldCause.SCAN_MIRRORED,
     "both encoders: stand still": HoldCause.BLOCKED,
     "both encoders: count double": HoldCause.WHEELS,
@@ -45,11 +45,11 @@ EXPECTED = {
     "gyro: turns at 0.5 rad/s for ever": HoldCause.GYRO,
     "base's clock: stands still": HoldCause.BASE_CLOCK,
     "line to the base: 30% noise, both": HoldCause.NOISE,
-    "lidar: dark": HoldCause.BLIND,
+    "lidar: dark": HoldCause.NO_RANGE_DATA,
     "base: silent": HoldCause.NO_FEEDBACK,
     "base: motor over-current": HoldCause.OVERCURRENT,
     "base: battery nearly empty": HoldCause.BATTERY,
-    "guardian: gone": HoldCause.UNWATCHED,
+    "guardian: gone": HoldCause.NO_GUARDIAN,
 }
 
 
@@ -87,10 +87,10 @@ def reaction(task: tuple[str, int]) -> Reaction:
         rig.run(120.0, lambda: rig.cruises(0.9 * speed, fault.in_arc))
         fault.act(rig)
     began, way, before = rig.now, rig.laboratory.travelled("r1"), len(vehicle.held)
-    rig.run(PATIENCE_S, rig.told_to_stand)
+    rig.run(PATIENCE_S, rig.commanded_to_stand)
     causes = vehicle.held[-1].causes if len(vehicle.held) > before else frozenset()
     return Reaction(
-        (rig.now - began) / 1e6 if rig.told_to_stand() else None,
+        (rig.now - began) / 1e6 if rig.commanded_to_stand() else None,
         rig.laboratory.travelled("r1") - way,
         frozenset(cause.name for cause in causes),
     )
@@ -175,7 +175,7 @@ def test_a_frozen_gyro_is_replaced_by_wheels_confirmed_by_scans(tmp_path: Path) 
     rig.laboratory.robots["r1"].base.faults.gyro = "frozen"
     rig.run(4.0)
     vehicle = rig.vehicles["r1"]
-    assert vehicle.kobuki.odometry.on_wheels
+    assert vehicle.kobuki.odometry.uses_wheel_heading
     assert vehicle.bot.held() == ()
     assert any("gyro frozen: heading computed from the wheels" in line for line in vehicle.log)
 
@@ -194,7 +194,7 @@ class Wheels:
 
     def __init__(self) -> None:
         self.now, self.left, self.right, self.angle = Instant(0), 0.0, 0.0, 0.0
-        self.judge = Contradictions(None)
+        self.judge = ContradictionMonitor(None)
 
     def drive(
         self, time_s: float, left: float, right: float, turn: float, told: tuple[float, float], **basic: int
@@ -223,7 +223,7 @@ class Wheels:
         (0.0, 0.0, 1.0, (0.0, 0.0), {}, set()),  # and turned by hand
         (0.1, -0.1, 0.0, (-0.1, 0.0), {"bumper": 2}, set()),  # wheels may slip at a wall
         (0.5, 0.2, 0.0, (0.5, 0.0), {"wheel_drop": 3}, set()),
-        (0.0, 0.3, -1.0, (0.3, 0.0), {}, {HoldCause.TURNS}),  # the command agrees with neither
+        (0.0, 0.3, -1.0, (0.3, 0.0), {}, {HoldCause.TURN_MISMATCH}),  # the command agrees with neither
     ],
 )
 def test_checks_apply_to_a_moving_robot_on_the_floor_only(
@@ -288,10 +288,10 @@ def test_wheels_that_slip_at_a_wall_are_no_contradiction() -> None:
 
 def test_only_large_objects_are_compared() -> None:
     sweep = seen(Pose(3.0, 2.5, 0.0), 0, np.random.default_rng(1))
-    assert of_the_room(sweep).ranges.size == 360
+    assert large_objects(sweep).ranges.size == 360
     ranges = np.array(sweep.ranges)
     ranges[80:110] = 1.0  # half a metre wide
-    left = of_the_room(sweep._replace(ranges=ranges))
+    left = large_objects(sweep._replace(ranges=ranges))
     assert left.ranges.size == 330 and not (left.ranges == 1.0).any()
     empty = SensorSweep(np.empty(0, np.int64), np.empty(0), np.empty(0))
-    assert of_the_room(empty).ranges.size == 0
+    assert large_objects(empty).ranges.size == 0

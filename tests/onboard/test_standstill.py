@@ -17,7 +17,7 @@ from actors.messages import SENSES, Senses
 from actors.runtime.codec import decode
 from actors.runtime.recording import Note, RecordingError, read_notes, read_recording
 from firmware_bridge.device_lines import RADIO, RANGE
-from firmware_bridge.kobuki.motion import LONGEST_GAP
+from firmware_bridge.kobuki.kobuki_motion import LONGEST_GAP
 from tests.helpers import until
 from tests.onboard.standstill_rig import GUARDIAN, MAP, Rig, Where, held, killed, stopped
 from tests.swarm.command import acrc, begin, leftovers, processes_of
@@ -62,7 +62,7 @@ def senses(path: Path) -> list[Senses]:
     return found  # type: ignore[return-value]
 
 
-def told_to_stand(rig: Rig, event: Callable[[Rig], None]) -> tuple[Where, Where | None, Where | None]:
+def commanded_to_stand(rig: Rig, event: Callable[[Rig], None]) -> tuple[Where, Where | None, Where | None]:
     """Return ground truth before the event, at the stop command, and at standstill."""
     rig.until_driving()
     before = rig.where()
@@ -72,7 +72,7 @@ def told_to_stand(rig: Rig, event: Callable[[Rig], None]) -> tuple[Where, Where 
 
 def stands_soon(rig: Rig, word: str) -> None:
     """Kill the processes with this word and assert that the robot stops in time."""
-    before, told, _ = told_to_stand(rig, lambda rig: killed(rig.processes(word)))
+    before, told, _ = commanded_to_stand(rig, lambda rig: killed(rig.processes(word)))
     assert told is not None and told.time - before.time <= SOON_S
     assert told.way - before.way <= NEAR_M
 
@@ -102,7 +102,7 @@ def test_the_base_stops_after_any_failure(
         for trial in range(3 if full else int(case in FEW)):
             (folder := tmp_path / f"{len(list(tmp_path.iterdir()))}").mkdir()
             with Rig(folder) as rig:
-                before, *after = told_to_stand(rig, event)
+                before, *after = commanded_to_stand(rig, event)
             told, stood = (one and (one.time - before.time, one.way - before.way) for one in after)
             record_property(f"{case}, trial {trial}: told, stood (s, m)", (told, stood))
             in_time = told is not None and told[0] <= limits[0] and told[1] <= limits[1]

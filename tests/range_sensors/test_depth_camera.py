@@ -25,7 +25,7 @@ from firmware_bridge.range_sensors.depth import (
     OpenNICamera,
     column_slopes,
 )
-from firmware_bridge.range_sensors.sensor import StillBeams
+from firmware_bridge.range_sensors.sensor import FrozenBeamDetector
 from tests.helpers import until
 from tests.kobuki.rig import Room
 
@@ -105,7 +105,7 @@ def test_images_without_echoes_are_not_free_floor(depth_mm: int) -> None:
 
 @pytest.mark.parametrize(("share", "found"), [(0.0, False), (0.2, False), (0.35, True), (1.0, True)])
 def test_frozen_beams_are_detected_from_a_share_of_30_percent(share: float, found: bool) -> None:
-    beams, random = StillBeams(), np.random.default_rng(2)
+    beams, random = FrozenBeamDetector(), np.random.default_rng(2)
     still = np.arange(360) % 20 < 20 * share
     for _ in range(6):
         beams.take(np.radians(np.arange(360.0)), np.where(still, 4000, 4000 + random.integers(0, 3, 360)))
@@ -123,7 +123,7 @@ def test_repeated_images_are_detected_after_three() -> None:
     for at in range(3):
         assert scanner.fault is None
         scanner.take(Instant(33_000 * (5 + at)), images[at])
-    assert scanner.fault is HoldCause.REPEATS
+    assert scanner.fault is HoldCause.REPEATED_DATA
     assert scanner.sweep() is not None and scanner.sweep() is None
 
 
@@ -179,7 +179,7 @@ def test_a_failed_camera_is_reopened_and_a_hanging_one_does_not_block(
     hang.set()
 
 
-class StandIn:
+class FakeOpenNI:
     """A fake library with a camera of 4 x 2 pixels; `failing`: name of a failing call."""
 
     def __init__(self, failing: str = "", said: bytes = b"") -> None:
@@ -221,7 +221,7 @@ def test_errors_without_library_or_camera_name_the_packages(monkeypatch: pytest.
     def missing(_: str) -> Any:
         raise OSError("cannot open shared object file")
 
-    library = StandIn("oniDeviceOpen", b"\tDeviceOpen using default: no devices found\n\n")
+    library = FakeOpenNI("oniDeviceOpen", b"\tDeviceOpen using default: no devices found\n\n")
     with pytest.raises(CameraError) as failure:
         OpenNICamera(library=library)
     assert "(DeviceOpen using default: no devices found); install drivers with `sudo apt" in str(
@@ -236,7 +236,7 @@ def test_errors_without_library_or_camera_name_the_packages(monkeypatch: pytest.
 
 
 def test_images_are_read_unmirrored_without_padding_and_short_ones_refused() -> None:
-    library = StandIn()
+    library = FakeOpenNI()
     with OpenNICamera(4, 2, 30, library=library) as camera:
         image = camera.read(0.1)
         library.waiting = 102

@@ -14,7 +14,7 @@ from actors.instant import START, Instant, milliseconds
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.robot_model import load_model, scan_angles
-from firmware_bridge.device_lines import CLEAN, Disturbance
+from firmware_bridge.device_lines import NO_NOISE, LineNoise
 from firmware_bridge.range_sensors.rplidar import (
     HEALTH,
     SCANNING,
@@ -25,7 +25,7 @@ from firmware_bridge.range_sensors.rplidar import (
     Sample,
     SampleReader,
 )
-from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
+from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, RangeFunction
 from firmware_bridge.range_sensors.sensor import ScanRays
 from tests.kobuki.rig import Room
 
@@ -84,13 +84,13 @@ def test_a_reader_resynchronises_after_a_lost_byte() -> None:
 class Rig:
     """Emulated lidar and driver, served every 5 ms."""
 
-    def __init__(self, sight: Sight = room) -> None:
+    def __init__(self, sight: RangeFunction = room) -> None:
         self.now = START
         self.device = EmulatedRplidar(sight)
         self.lidar = Rplidar(CHAPTER, START)
         self.scans: list[Scan] = []
         self.noise = np.random.default_rng(3)
-        self.line = CLEAN
+        self.line = NO_NOISE
 
     def run(self, seconds: float) -> None:
         end = self.now + round(seconds * 1e6)
@@ -149,7 +149,7 @@ def test_an_object_on_the_left_is_on_the_correct_rays() -> None:
 def test_noise_loses_samples_but_no_scans() -> None:
     rig = Rig()
     rig.run(1.0)
-    rig.line = Disturbance(drop=0.002)
+    rig.line = LineNoise(drop=0.002)
     rig.run(10.0)
     assert len(rig.scans) > 50
     assert rig.lidar.samples.skipped > 50

@@ -34,10 +34,10 @@ from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from firmware_bridge.beeclick import wire as board_wire
-from firmware_bridge.beeclick.reception import Reader, parse_rmc
-from firmware_bridge.beeclick.wire import NoiseError, PacketSent, ReceivedPacket, Synchronised
-from firmware_bridge.kobuki.wire import (
+from firmware_bridge.beeclick import board_messages as board_wire
+from firmware_bridge.beeclick.answer_decoder import AnswerReader, parse_rmc
+from firmware_bridge.beeclick.board_messages import NoiseError, PacketConfirmation, ReceivedPacket, SyncAnswer
+from firmware_bridge.kobuki.kobuki_packets import (
     BaseControl,
     FrameReader,
     Inertial,
@@ -180,9 +180,9 @@ Made = tuple[str, tuple[bytes, ...], Callable[[bytes], object]]
 
 def device_parsers() -> Iterator[Made]:
     """Yield the parsers of radio board, base and lidar; noise on a wire is not an error there."""
-    said = board_wire.encode_answer(Synchronised()) + b"".join(
+    said = board_wire.encode_answer(SyncAnswer()) + b"".join(
         board_wire.encode_answer(ReceivedPacket(1, 2, 30, 200, 7, bytes(range(n))))
-        + board_wire.encode_answer(PacketSent(n, True))
+        + board_wire.encode_answer(PacketConfirmation(n, True))
         for n in range(10)
     )
     yield "board's answers", (said,), _answers
@@ -208,7 +208,7 @@ def _noisy(decode: Callable[[bytes], object]) -> Callable[[bytes], object]:
 
 
 def _answers(data: bytes) -> None:
-    reader = Reader()
+    reader = AnswerReader()
     reader.feed(data)
     while reader.next(True, (1, 2, 3)) is not None:
         pass

@@ -24,7 +24,7 @@ from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, R
 from actors.observer.layout import ViewerContents, ViewFile
 from actors.task.task import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
-from deploy.fleet.watched import HeardMessage, WatchedFleet
+from deploy.fleet.fleet_view import FleetView, ReceivedMessage
 from tests.view.conftest import rows
 
 MORE = {f"/{what}{robot}" for what in ("plots/places/", "world/heading/", "") for robot in ("r1", "r2")}
@@ -137,9 +137,9 @@ radio = "/dev/board2"
 ENDS = {"r1": "tls/10.0.0.1:7447", "r2": "tls/10.0.0.2:7447"}
 
 
-def said(robot: str, second: float, topic: Any, message: Any) -> HeardMessage:
+def said(robot: str, second: float, topic: Any, message: Any) -> ReceivedMessage:
     key = topic.key(robot) if "{id}" in topic.pattern else topic.key()
-    return HeardMessage(second, ENDS[robot], key, message)
+    return ReceivedMessage(second, ENDS[robot], key, message)
 
 
 def test_watched_robots_are_drawn_at_their_estimates_and_timeouts_are_shown(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ def test_watched_robots_are_drawn_at_their_estimates_and_timeouts_are_shown(tmp_
     fleet = load_fleet(tmp_path / "fleet.toml")
     arranged = ViewerContents(load_map(fleet.map), ("r1", "r2"), true=False)
     with ViewFile(tmp_path / "view.rrd", arranged, name="a fleet") as sheet:
-        view = WatchedFleet(fleet, sheet)
+        view = FleetView(fleet, sheet)
         view.draw((), 0.1, 0)
         words = [
             said("r1", 0.2, DRIVE, Drive(5, 0.3, 0.0, 0.0, 0, pose=(12.0, 13.0, 0.0))),

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from actors.runtime.errors import AcrcError
-from deploy.fleet.fleet_file import Fleet, parse
+from deploy.fleet.fleet_file import Fleet, parse_fleet
 from deploy.fleet.units import UsbPort
 
 ROOT = Path(__file__).parents[2]
@@ -25,13 +25,13 @@ radio = "/dev/beeclick"
 
 def fleet(text: str = ROBOT, head: str = HEAD, path: Path = ROOT / "some.toml") -> Fleet:
     """Parse a fleet file of `head` (the map's line) and `text`, located beside the maps."""
-    return parse(head + text, path)
+    return parse_fleet(head + text, path)
 
 
 def fault(text: str, head: str = HEAD) -> str:
     """Return the error about the text, without the file's name."""
     try:
-        parse(head + text, Path("some.toml"))
+        parse_fleet(head + text, Path("some.toml"))
     except AcrcError as error:
         return str(error).removeprefix("some.toml: ")
     return "nothing was wrong"

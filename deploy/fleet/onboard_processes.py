@@ -25,7 +25,7 @@ from actors.runtime.process_setup import ActorSetup, ProcessSetup
 from actors.runtime.recording import Note, RecordingError, read_recording
 from actors.world.world_setup import BodySetup
 from deploy.run.plan import MODEL, RunPlan, actor_program, client, lay_out_robot, robot_program, write_names
-from firmware_bridge.beeclick.reception import BoardSettings
+from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.device_loop import PATIENCE_S, BaseSetup, BridgeSetup
 
@@ -50,7 +50,7 @@ class Ports(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Onboard:
+class OnboardRobot:
     """One robot's plan, ports and start options; `plan` has this robot alone."""
 
     plan: RunPlan
@@ -85,7 +85,7 @@ class Onboard:
         return self.plan.folder(f"{self.robot.id}.{actor}")
 
 
-def lay_out(onboard: Onboard) -> None:
+def lay_out(onboard: OnboardRobot) -> None:
     """Write the set-up files of the processes. Raises OptionError if the robot's folder exists."""
     plan, robot = onboard.plan, onboard.robot
     if plan.folder(robot.id).exists():
@@ -97,7 +97,7 @@ def lay_out(onboard: Onboard) -> None:
         onboard.folder(actor).mkdir()
 
 
-def issue(onboard: Onboard) -> Credentials:
+def issue_passwords(onboard: OnboardRobot) -> Credentials:
     """Create new passwords: the robot's in its folder, all others in the base's."""
     plan = onboard.plan
     issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
@@ -105,12 +105,12 @@ def issue(onboard: Onboard) -> Credentials:
     return issued
 
 
-def withdraw(onboard: Onboard) -> None:
+def remove_passwords(onboard: OnboardRobot) -> None:
     """Remove remaining passwords and sockets."""
     credentials.remove_router_file(onboard.router)
 
 
-def base_program(onboard: Onboard, start: int) -> Program:
+def base_program(onboard: OnboardRobot, start: int) -> Program:
     """Return the base's program; `start`: number of earlier starts."""
     ports, folder, robot = onboard.ports, onboard.folder(BASE), onboard.robot
     base = BaseSetup(
@@ -136,7 +136,7 @@ def base_program(onboard: Onboard, start: int) -> Program:
     return actor_program(BASE, "firmware_bridge.onboard.base", folder, ActorSetup(base, process))
 
 
-def bridge_program(onboard: Onboard, start: int) -> Program:
+def bridge_program(onboard: OnboardRobot, start: int) -> Program:
     """Return the bridge's program."""
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
     bridge = BridgeSetup(onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board)
@@ -145,7 +145,7 @@ def bridge_program(onboard: Onboard, start: int) -> Program:
     return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))
 
 
-def onboard_robot_program(onboard: Onboard, start: int) -> Program:
+def onboard_robot_program(onboard: OnboardRobot, start: int) -> Program:
     """Return the robot's program in a new epoch; under a debugger if `debug_port` is set."""
     robot, doubt = onboard.robot, None
     if (last := last_pose.read(onboard.pose_file)) is not None:

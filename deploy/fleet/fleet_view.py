@@ -28,7 +28,7 @@ from actors.observer.panels import DrawnEvent
 from actors.processes.launch import scratch_folder
 from actors.runtime.core import at
 from actors.topic import Message
-from deploy.fleet import watch
+from deploy.fleet import operator_station
 from deploy.fleet.fleet_file import Fleet
 
 _PERIOD_S: Final = 0.2
@@ -41,7 +41,7 @@ _MOST: Final = 20_000
 """Maximum number of queued messages: those of ten robots for 90 s."""
 
 
-class HeardMessage(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message with its time of arrival."""
 
     second: float
@@ -50,7 +50,7 @@ class HeardMessage(NamedTuple):
     message: Message
 
 
-class WatchedFleet:
+class FleetView:
     """Incremental drawing of a fleet from its messages."""
 
     def __init__(self, fleet: Fleet, sheet: ViewFile) -> None:
@@ -81,7 +81,7 @@ class WatchedFleet:
         for robot in self.robots:
             panels.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
-    def draw(self, heard: Sequence[HeardMessage], now: float, missed: int) -> None:
+    def draw(self, heard: Sequence[ReceivedMessage], now: float, missed: int) -> None:
         """Draw messages up to `now`, s; `missed`: total of messages dropped by the view."""
         events = [event for one in heard for event in self._take(one)]
         if missed > self._missed:
@@ -100,7 +100,7 @@ class WatchedFleet:
         if now >= self._counted + _COUNTED_S:
             self._plot_frames(now)
 
-    def _take(self, heard: HeardMessage) -> Iterator[DrawnEvent]:
+    def _take(self, heard: ReceivedMessage) -> Iterator[DrawnEvent]:
         """Add a message to the model at its time of arrival; yield its events."""
         second, endpoint, key, message = heard
         robot = robot_of(key) or self._endpoints.get(endpoint, "")
@@ -113,7 +113,7 @@ class WatchedFleet:
                     self._counts.update(FRAME_OUTCOMES[type(event)] for event in message.events)
                 self._model.extend(key, with_instants(message, lambda _: round(second * 1e6)), second)
             case Progress():
-                who, told = robot or endpoint, watch.told(message)
+                who, told = robot or endpoint, operator_station.progress_text(message)
                 if self._reports.get(who) != told:
                     self._reports[who] = told
                     yield DrawnEvent(second, who, told, "WARN" if message.held else "INFO")
@@ -140,17 +140,19 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
 
     In a window if there is a display, else in a browser. Raises AcrcError for invalid endpoints, keys or map.
     """
-    waiting, lines = queue.Queue[HeardMessage](_MOST), queue.SimpleQueue[str]()
+    waiting, lines = queue.Queue[ReceivedMessage](_MOST), queue.SimpleQueue[str]()
     grid, began, missed = load_map(fleet.map), time.monotonic(), 0
 
     def take(endpoint: str, key: str, message: Message) -> None:
         nonlocal missed
         try:
-            waiting.put_nowait(HeardMessage(time.monotonic() - began, endpoint, key, message))
+            waiting.put_nowait(ReceivedMessage(time.monotonic() - began, endpoint, key, message))
         except queue.Full:
             missed += 1
 
-    watch.listen(endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=take)
+    operator_station.start_listeners(
+        endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=take
+    )
     opened = viewer.open_any(say_at_once, "reports are printed only")
     try:
         if opened is not None and opened.page:
@@ -159,7 +161,7 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
             arranged = ViewerContents(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address
             with ViewFile(folder / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
-                watched = WatchedFleet(fleet, sheet)
+                watched = FleetView(fleet, sheet)
                 while True:
                     heard = [waiting.get_nowait() for _ in range(waiting.qsize())]
                     watched.draw(heard, time.monotonic() - began, missed)

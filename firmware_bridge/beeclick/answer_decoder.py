@@ -32,23 +32,23 @@ from actors.messages import (
 )
 from actors.radio.frame import DataFrame, rssi_dbm
 from actors.settings import ParameterError, Settings
-from firmware_bridge.beeclick.wire import (
+from firmware_bridge.beeclick.board_messages import (
     LONGEST_COMMAND,
     SENT_SIZE,
     SENT_TYPE,
     SYNC_PATTERN,
     Answer,
+    BoardInfo,
+    GpsSentence,
     HumidityReading,
     NoiseError,
-    Notes,
-    PacketSent,
+    PacketConfirmation,
     ReceivedPacket,
-    Sentence,
     SetAddress,
     SetChannel,
     SetPower,
     Setting,
-    Synchronised,
+    SyncAnswer,
     TemperatureReading,
     read_answer,
 )
@@ -59,7 +59,7 @@ _LARGE_STEP: Final = 100
 """Tenths of a dB (DS39776C, register RFCON3)."""
 
 
-def radiated(asked: int) -> int:
+def actual_power(asked: int) -> int:
     """Return the transmit power that the firmware sets for the request `asked`; tenths of a dBm, 0 to -363.
 
     Whole tens of dB are exact. A unit error leaves two of the small steps: a remainder of -0.5 or -0.6 dB
@@ -76,7 +76,7 @@ def power_setting(power_dbm: float) -> int:
     Raises ParameterError for a power that the firmware would change.
     """
     asked = round(power_dbm * 10)
-    if abs(asked - power_dbm * 10) < 1e-6 and -363 <= asked <= 0 and radiated(asked) == asked:
+    if abs(asked - power_dbm * 10) < 1e-6 and -363 <= asked <= 0 and actual_power(asked) == asked:
         return asked
     raise ParameterError("board.power_dbm", power_dbm, POWERS)
 
@@ -176,7 +176,7 @@ _BEHIND: Final = len(SYNC_PATTERN) - 1
 """Number of bytes kept before the read position: a SYNC pattern may start in an apparent answer."""
 
 
-class Reader:
+class AnswerReader:
     """Incremental parser of answers; buffers less than 300 bytes."""
 
     def __init__(self) -> None:
@@ -255,7 +255,7 @@ class Reader:
             self._skip_to(max(pattern - len(SYNC_PATTERN), self._at))
             self._at = pattern
             self.aligned = True
-            return Synchronised()
+            return SyncAnswer()
         self._skip_to(max(end - _BEHIND, self._at))
         return None
 
@@ -263,14 +263,14 @@ class Reader:
         self.junk_bytes += at - self._at
         self._at = at
 
-    def _confirmation(self, number: int, end: int) -> tuple[int, PacketSent] | None:
+    def _confirmation(self, number: int, end: int) -> tuple[int, PacketConfirmation] | None:
         """Return position and value of the packet's first complete confirmation before `end`."""
         wanted = SENT_TYPE + number.to_bytes(4, "little")
         begin = self._at
         while (begin := self._bytes.find(wanted, begin, end - 1)) >= 0:
             status = self._bytes[begin + SENT_SIZE - 1]
             if status <= 1:
-                return begin, PacketSent(number, bool(status))
+                return begin, PacketConfirmation(number, bool(status))
             begin += 1
         return None
 
@@ -312,7 +312,7 @@ def _degrees(angle: str, side: str, digits: int, sides: str, most: float) -> flo
     return math.copysign(degrees, 1.0 if side == sides[0] else -1.0)
 
 
-NAMES: Final = (
+COUNTER_NAMES: Final = (
     # Outcomes of packets.
     *("sent", "failed", "unconfirmed", "overflowed", "refused", "forgotten"),
     # Received messages: passed on, dropped or damaged.
@@ -336,9 +336,9 @@ NAMES: Final = (
 """Counters of a link, in the order of output."""
 
 
-PacketEnd = Sent | AccessFailure | Unconfirmed | Overflow | Refused
+PacketOutcome = Sent | AccessFailure | Unconfirmed | Overflow | Refused
 """Outcome of a packet; each packet has exactly one."""
-Event = PacketEnd | Heard | BoardNote
+BoardEvent = PacketOutcome | Heard | BoardNote
 
 
 _NO_SENSOR: Final = -397
@@ -349,14 +349,14 @@ gives 615.6 degrees."""
 _WETTEST: Final = 1000
 
 
-def news(
+def board_events(
     now: Instant, answer: Answer, settings: BoardSettings, counters: Counter[str], drop_bad_fcs: bool
-) -> list[Event]:
+) -> list[BoardEvent]:
     """Convert an unsolicited message to events; [] if it is dropped."""
     match answer:
         case ReceivedPacket():
             return _heard(now, answer, settings, counters, drop_bad_fcs)
-        case Sentence(text):
+        case GpsSentence(text):
             fix = parse_rmc(now, text)
             counters["bad_sentence" if fix is None else "fixes"] += 1
             return [] if fix is None else [fix]
@@ -368,7 +368,7 @@ def news(
             valid = 0 <= tenths <= _WETTEST
             counters["humidities" if valid else "bad_sensor"] += 1
             return [Humidity(now, tenths / 10, valid)]
-        case Notes(text):
+        case BoardInfo(text):
             counters["infos"] += 1
             return [Info(now, text.decode())]
         case _:
@@ -377,7 +377,7 @@ def news(
 
 def _heard(
     now: Instant, packet: ReceivedPacket, settings: BoardSettings, counters: Counter[str], drop_bad_fcs: bool
-) -> list[Event]:
+) -> list[BoardEvent]:
     if packet.fcs != DataFrame(packet.pan, packet.address, packet.data).check:
         counters["bad_fcs"] += 1
         if drop_bad_fcs:

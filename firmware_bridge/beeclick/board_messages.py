@@ -52,13 +52,13 @@ _ADDRESS: Final = struct.Struct("<BHH")
 
 
 @dataclass(frozen=True)
-class Synchronise:
-    """Resynchronise message boundaries; the board answers `Synchronised`."""
+class SyncCommand:
+    """Resynchronise message boundaries; the board answers `SyncAnswer`."""
 
 
 @dataclass(frozen=True)
 class SendPacket:
-    """Broadcast a packet; the board answers `PacketSent` with the outcome."""
+    """Broadcast a packet; the board answers `PacketConfirmation` with the outcome."""
 
     number: int
     data: bytes
@@ -87,13 +87,13 @@ class SetAddress:
 
 
 Setting = SetChannel | SetPower | SetAddress
-Command = Synchronise | SendPacket | Setting
+Command = SyncCommand | SendPacket | Setting
 
 
 def encode_command(command: Command) -> bytes:
     """Encode a command. Raises ParameterError for values out of range."""
     match command:
-        case Synchronise():
+        case SyncCommand():
             return SYNC_PATTERN
         case SendPacket(number, data):
             check_range("SendPacket.number", number, 0, NUMBER_END - 1)
@@ -119,8 +119,8 @@ _LENGTHS: Final = {1: (0, FRAME_DATA_LIMIT), 6: (len(_SENTENCE), 254), 7: (1, 25
 
 
 @dataclass(frozen=True)
-class Synchronised:
-    """Answer to Synchronise."""
+class SyncAnswer:
+    """Answer to SyncCommand."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class ReceivedPacket:
 
 
 @dataclass(frozen=True)
-class PacketSent:
+class PacketConfirmation:
     """Outcome of a packet."""
 
     number: int
@@ -146,14 +146,14 @@ class PacketSent:
 
 
 @dataclass(frozen=True)
-class Sentence:
+class GpsSentence:
     """A line from the GPS module, without line end."""
 
     text: bytes
 
 
 @dataclass(frozen=True)
-class Notes:
+class BoardInfo:
     """INFO: state of the board as UTF-8 text, sent when its button is pressed."""
 
     text: bytes
@@ -174,19 +174,19 @@ class HumidityReading:
 
 
 Answer = (
-    Synchronised
+    SyncAnswer
     | ReceivedPacket
-    | PacketSent
+    | PacketConfirmation
     | Setting
-    | Sentence
-    | Notes
+    | GpsSentence
+    | BoardInfo
     | TemperatureReading
     | HumidityReading
 )
 
 
 _FIXED: Final[dict[int, tuple[type[Any], struct.Struct]]] = {
-    2: (PacketSent, struct.Struct("<BI?")),
+    2: (PacketConfirmation, struct.Struct("<BI?")),
     3: (SetChannel, _CHANNEL),
     4: (SetPower, _POWER),
     5: (SetAddress, _ADDRESS),
@@ -209,14 +209,14 @@ _KINDS: Final = {of: kind for kind, (of, _) in _FIXED.items()}
 def encode_answer(answer: Answer) -> bytes:
     """Encode an answer of the board. Raises ParameterError for too long text or data."""
     match answer:
-        case Synchronised():
+        case SyncAnswer():
             return SYNC_PATTERN
         case ReceivedPacket(pan, address, rssi, lqi, fcs, data):
             check_range("the length of ReceivedPacket.data", len(data), 0, FRAME_DATA_LIMIT)
             return _RECEIVED.pack(1, len(data), pan, address, rssi, lqi, fcs) + data
-        case Sentence(text) | Notes(text):
+        case GpsSentence(text) | BoardInfo(text):
             check_range(f"the length of {type(answer).__name__}.text", len(text), 0, 0xFF)
-            return bytes((6 if isinstance(answer, Sentence) else 7, len(text))) + text
+            return bytes((6 if isinstance(answer, GpsSentence) else 7, len(text))) + text
         case _:
             kind = _KINDS[type(answer)]
             return _FIXED[kind][1].pack(kind, *astuple(answer))
@@ -267,16 +267,16 @@ def _expect(cause: str, pattern: bytes, data: bytes | bytearray) -> None:
 def _decode_answer(body: bytes) -> Answer:
     match body[0]:
         case 0:
-            return Synchronised()
+            return SyncAnswer()
         case 1:
             _, _, pan, address, rssi, lqi, fcs = _RECEIVED.unpack_from(body)
             return ReceivedPacket(pan, address, rssi, lqi, fcs, body[_RECEIVED.size :])
         case 2 if body[-1] > 1:
             raise NoiseError("bad_status")
         case 6:
-            return Sentence(body[2:])
+            return GpsSentence(body[2:])
         case 7:
-            return Notes(_readable(body[2:]))
+            return BoardInfo(_readable(body[2:]))
         case kind:
             of, layout = _FIXED[kind]
             _, *fields = layout.unpack(body)

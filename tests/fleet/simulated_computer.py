@@ -19,7 +19,7 @@ from deploy.fleet import doctor, units
 from deploy.fleet.units import UsbPort
 from firmware_bridge.range_sensors.depth import CameraError
 from firmware_bridge.serial_port import PortDevice
-from tests.fleet.texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2
+from tests.fleet.fleet_texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2
 
 CACHE = Path("/clone/actors/__pycache__/kernels-1")
 DIALOUT = 20
@@ -58,13 +58,13 @@ class Patient:
         for module, name, value in (
             (units, "usb_port", self.names.get),
             (units, "usb_ports", lambda: list(self.plugged)),
-            (doctor, "holders", lambda path: self.held.get(path, [])),
+            (doctor, "processes_using", lambda path: self.held.get(path, [])),
             (doctor, "SerialPort", self._opened),
             (doctor, "find_library", self._library),
             (doctor, "now", lambda: self.time),
             (doctor, "clock_error", lambda: self.error),
             (doctor, "version_of", self.versions.get),
-            (doctor, "certificate", self._certificate),
+            (doctor, "read_certificate", self._certificate),
             (doctor, "compiled_kernels", lambda: self.compiled),
             (doctor, "cache_folder", lambda: CACHE),
             (sandbox, "available", lambda: self.isolation),

@@ -17,8 +17,8 @@ from actors.instant import START, Instant, in_seconds
 from actors.portable import cos, sin
 from actors.portable.draws import normals
 from actors.world.odometry import KobukiErrors
-from firmware_bridge.kobuki import motion, wire
-from firmware_bridge.kobuki.wire import (
+from firmware_bridge.kobuki import kobuki_motion, kobuki_packets
+from firmware_bridge.kobuki.kobuki_packets import (
     BaseControl,
     Basic,
     Command,
@@ -59,7 +59,7 @@ class Body(Protocol):
         """Return the pressed sectors: bit 0 right, 1 centre, 2 left."""
 
 
-EXACT: Final = KobukiErrors(
+NO_ERRORS: Final = KobukiErrors(
     gyro_noise_deg=0.0, gyro_bias_deg=0.0, gyro_walk_deg=0.0, wheel_scale=0.0, slip=0.0
 )
 """No errors except the protocol's resolution."""
@@ -72,7 +72,7 @@ _RAW_GYRO: Final = struct.Struct("<BB6h")
 class BaseParameters:
     """Errors and initial counters of an emulated base."""
 
-    errors: KobukiErrors = EXACT
+    errors: KobukiErrors = NO_ERRORS
     stamp_ms: int = 0
     left_ticks: int = 0
     right_ticks: int = 0
@@ -81,7 +81,7 @@ class BaseParameters:
 
 
 @dataclass
-class Faults:
+class KobukiFaults:
     """Faults of the base, set and cleared by tests."""
 
     silent: bool = False
@@ -149,8 +149,8 @@ class EmulatedKobuki:
         """Start time and bytes of frames to send."""
         self._sent = 0
         """Number of sent bytes of the first frame."""
-        self.faults = Faults()
-        self.outputs = wire.POWER_RAILS
+        self.faults = KobukiFaults()
+        self.outputs = kobuki_packets.POWER_RAILS
         """Last setting of digital outputs, power rails and LEDs."""
         self.heard: deque[tuple[Instant, Command]] = deque(maxlen=1024)
         """Last commands with their time of arrival."""
@@ -186,8 +186,8 @@ class EmulatedKobuki:
 
     def _obey(self, command: Command) -> None:
         if isinstance(command, BaseControl):
-            self._body.drive(*((0.0, 0.0) if self.faults.wheel_drop else motion.velocity(command)))
-        elif isinstance(command, wire.GeneralOutput):
+            self._body.drive(*((0.0, 0.0) if self.faults.wheel_drop else kobuki_motion.velocity(command)))
+        elif isinstance(command, kobuki_packets.GeneralOutput):
             self.outputs = command.flags
 
     def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:

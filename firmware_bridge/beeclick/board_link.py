@@ -18,25 +18,25 @@ from typing import Final
 from actors.instant import Duration, Instant
 from actors.messages import AccessFailure, LinkState, Overflow, Refused, Sent, Unconfirmed
 from actors.radio.frame import size_fault
-from firmware_bridge.beeclick.reception import (
+from firmware_bridge.beeclick.answer_decoder import (
+    COUNTER_NAMES,
     DEFAULTS,
-    NAMES,
+    AnswerReader,
     BeeClickParameters,
+    BoardEvent,
     BoardSettings,
-    Event,
-    PacketEnd,
-    Reader,
-    news,
+    PacketOutcome,
+    board_events,
 )
-from firmware_bridge.beeclick.wire import (
+from firmware_bridge.beeclick.board_messages import (
     NUMBER_END,
     Answer,
     NoiseError,
-    PacketSent,
+    PacketConfirmation,
     SendPacket,
     Setting,
-    Synchronise,
-    Synchronised,
+    SyncAnswer,
+    SyncCommand,
     encode_command,
 )
 
@@ -64,7 +64,7 @@ class _Packet:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _PendingCommand:
     """An unanswered command, with the expected answer."""
 
     answer: Answer | None
@@ -81,26 +81,26 @@ class BoardLink:
     def __init__(self, settings: BoardSettings, parameters: BeeClickParameters = DEFAULTS) -> None:
         self.settings = settings
         self.phase = LinkPhase.OFF
-        self.counters = Counter(dict.fromkeys(NAMES, 0))
+        self.counters = Counter(dict.fromkeys(COUNTER_NAMES, 0))
         self._p = parameters
-        self._reader = Reader()
+        self._reader = AnswerReader()
         self._setup = settings.commands()
-        self._asked: deque[_Asked] = deque()
+        self._pending: deque[_PendingCommand] = deque()
         self._waiting: deque[_Packet] = deque()
         self._to_set: deque[Setting] = deque()
-        self._events: list[Event] = []
+        self._events: list[BoardEvent] = []
         self._packets = 0
         """Number of packets sent."""
-        self._pace = SendingPace(parameters)
+        self._pace = SyncPacing(parameters)
         self._sync_began = self._heard_at = self._answered_at = 0
         self._given_up = False
         """True after a timeout of all SYNCs, when pending commands are unanswerable."""
-        self._standing = LinkStanding(self.counters, self._events)
+        self._standing = LinkStatus(self.counters, self._events)
 
     @property
     def in_flight(self) -> int:
         """Number of packets sent to the board and not confirmed."""
-        return sum(asked.answer is None for asked in self._asked)
+        return sum(pending.answer is None for pending in self._pending)
 
     @property
     def waiting(self) -> int:
@@ -112,20 +112,20 @@ class BoardLink:
         assert self.phase is LinkPhase.OFF, "lost() comes before another connect()"
         self._reader.reset()
         # It may be another board: allow a SYNC immediately.
-        self._pace = SendingPace(self._p, now - self._p.sync_interval)
+        self._pace = SyncPacing(self._p, now - self._p.sync_interval)
         self._standing.fruitless_packets = 0
         self._begin_sync(now)
 
-    def lost(self, now: Instant) -> list[Event]:
+    def lost(self, now: Instant) -> list[BoardEvent]:
         """Handle the loss of the port: packets in flight are unconfirmed, others stay queued."""
         self._standing.down(now, "lost")
         self.phase = LinkPhase.OFF
         self.counters["lost"] += 1
-        self._settle(now, len(self._asked))
+        self._settle(now, len(self._pending))
         return self._given()
 
-    def send(self, now: Instant, tag: int, data: bytes) -> list[Event]:
-        """Queue `data` for broadcast; exactly one PacketEnd will return `tag`.
+    def send(self, now: Instant, tag: int, data: bytes) -> list[BoardEvent]:
+        """Queue `data` for broadcast; exactly one PacketOutcome will return `tag`.
 
         Returned immediately: Refused for more than 118 bytes, Overflow for a full queue.
         """
@@ -138,13 +138,13 @@ class BoardLink:
         return self._given()
 
     def forget(self) -> int:
-        """Drop queued packets without a PacketEnd; return how many. Packets in flight stay."""
+        """Drop queued packets without a PacketOutcome; return how many. Packets in flight stay."""
         forgotten = len(self._waiting)
         self._waiting.clear()
         self.counters["forgotten"] += forgotten
         return forgotten
 
-    def take(self, now: Instant, data: bytes = b"") -> list[Event]:
+    def take(self, now: Instant, data: bytes = b"") -> list[BoardEvent]:
         """Process bytes read and the passing of time; return the resulting events in order."""
         if self.phase is LinkPhase.OFF:
             return self._given()
@@ -171,7 +171,7 @@ class BoardLink:
             most = self._p.in_flight if self._standing.is_up else 1
             while self._waiting and self.in_flight < most and self._pace.has_room:
                 out += self._ask_packet(now, self._waiting.popleft())
-            if not self._asked and now >= self._answered_at + self._p.probe_interval:
+            if not self._pending and now >= self._answered_at + self._p.probe_interval:
                 self.counters["probes"] += 1
                 out += self._ask(now, self._setup[0])
             if now >= self._sync_due():
@@ -185,7 +185,7 @@ class BoardLink:
         if self.phase is LinkPhase.SYNCING:
             give_up = [] if self._given_up else [self._sync_began + self._p.give_up]
             return Instant(min([self._sync_due(), *give_up]))
-        times = [self._deadline(), self._sync_due()] if self._asked else []
+        times = [self._deadline(), self._sync_due()] if self._pending else []
         times = times or [self._answered_at + self._p.probe_interval]
         if self._reader.partial:
             times.append(self._heard_at + self._p.stall)
@@ -195,7 +195,7 @@ class BoardLink:
 
     def _read(self, now: Instant) -> None:
         while True:
-            in_flight = (asked.number for asked in self._asked if asked.answer is None)
+            in_flight = (pending.number for pending in self._pending if pending.answer is None)
             found = self._reader.next(self._sync_asked(), in_flight)
             if found is None:
                 break
@@ -205,7 +205,7 @@ class BoardLink:
                 self._answer(now, found)
 
     def _answer(self, now: Instant, answer: Answer) -> None:
-        if isinstance(answer, Synchronised | PacketSent | Setting):
+        if isinstance(answer, SyncAnswer | PacketConfirmation | Setting):
             self.counters["answers"] += 1
             place = self._place(answer)
             if place is None:
@@ -214,32 +214,32 @@ class BoardLink:
                 self._answered(now, answer, place)
         else:
             self._pace.unasked += 1
-            self._events += news(now, answer, self.settings, self.counters, self._p.drop_bad_fcs)
+            self._events += board_events(now, answer, self.settings, self.counters, self._p.drop_bad_fcs)
 
     def _place(self, answer: Answer) -> int | None:
         """Return the index of the pending command that it answers."""
-        for place, asked in enumerate(self._asked):
-            if asked.answer == answer:
+        for place, pending in enumerate(self._pending):
+            if pending.answer == answer:
                 return place
-            if isinstance(answer, PacketSent) and answer.number == asked.number:
+            if isinstance(answer, PacketConfirmation) and answer.number == pending.number:
                 return place
         return None
 
     def _answered(self, now: Instant, answer: Answer, place: int) -> None:
         skipped_setting = any(
-            asked.answer not in (None, Synchronised()) for asked in list(self._asked)[:place]
+            pending.answer not in (None, SyncAnswer()) for pending in list(self._pending)[:place]
         )
         self._settle(now, place)
-        asked = self._asked.popleft()
+        pending = self._pending.popleft()
         self._answered_at = now
-        self._pace.unanswered, self._pace.unasked = len(self._asked), 0
-        if isinstance(answer, PacketSent):
-            self._confirmed(now, asked.tag, answer.failed)
-        elif isinstance(answer, Synchronised):
+        self._pace.unanswered, self._pace.unasked = len(self._pending), 0
+        if isinstance(answer, PacketConfirmation):
+            self._confirmed(now, pending.tag, answer.failed)
+        elif isinstance(answer, SyncAnswer):
             self._synchronised(now, skipped=place > 0)
         elif skipped_setting:
             self._begin_sync(now, "echo_skipped")
-        elif self.phase is LinkPhase.SETTING and not self._to_set and not self._asked:
+        elif self.phase is LinkPhase.SETTING and not self._to_set and not self._pending:
             self.phase = LinkPhase.READY
             self._standing.ready(now)
 
@@ -258,14 +258,14 @@ class BoardLink:
 
     def _unasked(self, now: Instant, answer: Answer) -> None:
         """Handle an answer to no pending command."""
-        if isinstance(answer, Synchronised):
+        if isinstance(answer, SyncAnswer):
             self.counters["late_sync"] += 1  # answers an earlier one of several
-        elif isinstance(answer, PacketSent) and self._was_used(answer.number):
+        elif isinstance(answer, PacketConfirmation) and self._was_used(answer.number):
             self.counters["late_confirmation"] += 1
         elif self.phase is LinkPhase.SYNCING:
             self.counters["late_echo"] += 1
         else:
-            cause = "strange_confirmation" if isinstance(answer, PacketSent) else "strange_echo"
+            cause = "strange_confirmation" if isinstance(answer, PacketConfirmation) else "strange_echo"
             self._noise(now, cause)
             self._reader.search()
 
@@ -285,9 +285,9 @@ class BoardLink:
                 if self.in_flight:
                     self._standing.fruitless(now)
                 self._standing.silent(now)
-                self._settle(now, len(self._asked))
-        elif self._asked and now >= self._deadline():
-            if self._asked[0].answer is None:
+                self._settle(now, len(self._pending))
+        elif self._pending and now >= self._deadline():
+            if self._pending[0].answer is None:
                 self._standing.fruitless(now)
                 self._noise(now, "no_confirmation")
             else:
@@ -297,7 +297,7 @@ class BoardLink:
     def _deadline(self) -> int:
         """Return the deadline of the oldest pending command; shorter in set-up, without packets in flight."""
         patience = self._p.doubt if self.phase is LinkPhase.SETTING else self._p.answer_timeout
-        return self._asked[0].since + patience
+        return self._pending[0].since + patience
 
     # --- output to the board --------------------------------------------------------------------------
 
@@ -321,32 +321,32 @@ class BoardLink:
         due = self._pace.due(not self._reader.aligned)
         if self.phase is LinkPhase.SYNCING:
             return due
-        if not self._asked or not self._pace.has_room or self.phase is LinkPhase.SETTING:
+        if not self._pending or not self._pace.has_room or self.phase is LinkPhase.SETTING:
             return 2**62
-        since = self._pace.last if self._doubted else self._asked[0].since
+        since = self._pace.last if self._doubted else self._pending[0].since
         return max(due, since + self._p.doubt)
 
     def _sync(self, now: Instant) -> bytes:
         if not self._sync_asked():
-            self._asked.append(_Asked(Synchronised(), now))
+            self._pending.append(_PendingCommand(SyncAnswer(), now))
         self.counters["syncs"] += 1
         self._pace.last = now
         self._pace.unheard += 1
         self._pace.unanswered += 1
-        return _FILLER * self._p.filler + encode_command(Synchronise())
+        return _FILLER * self._p.filler + encode_command(SyncCommand())
 
     def _sync_asked(self) -> bool:
-        return bool(self._asked) and self._asked[-1].answer == Synchronised()
+        return bool(self._pending) and self._pending[-1].answer == SyncAnswer()
 
     def _ask(self, now: Instant, command: Setting) -> bytes:
-        self._asked.append(_Asked(command, now))
+        self._pending.append(_PendingCommand(command, now))
         self._pace.unanswered += 1
         return encode_command(command)
 
     def _ask_packet(self, now: Instant, packet: _Packet) -> bytes:
         number = (self._packets * _SPREAD + self.settings.address) % NUMBER_END
         self._packets += 1
-        self._asked.append(_Asked(None, now, number, packet.tag))
+        self._pending.append(_PendingCommand(None, now, number, packet.tag))
         self._pace.unanswered += 1
         return encode_command(SendPacket(number, packet.data))
 
@@ -360,22 +360,22 @@ class BoardLink:
     def _settle(self, now: Instant, count: int) -> None:
         """Remove the first `count` pending commands, which can no longer be answered."""
         for _ in range(count):
-            asked = self._asked.popleft()
-            if asked.answer is None:
-                self._end(Unconfirmed(now, asked.tag), "unconfirmed")
+            pending = self._pending.popleft()
+            if pending.answer is None:
+                self._end(Unconfirmed(now, pending.tag), "unconfirmed")
 
-    def _end(self, end: PacketEnd, counter: str) -> None:
+    def _end(self, end: PacketOutcome, counter: str) -> None:
         self.counters[counter] += 1
         self._events.append(end)
 
-    def _given(self) -> list[Event]:
+    def _given(self) -> list[BoardEvent]:
         events = self._events.copy()
         self._events.clear()
         return events
 
 
 @dataclass
-class SendingPace:
+class SyncPacing:
     """Timing of SYNCs, by the commands and bytes since the last answer."""
 
     parameters: BeeClickParameters
@@ -415,10 +415,10 @@ _FRUITLESS: Final = 2
 line."""
 
 
-class LinkStanding:
+class LinkStatus:
     """Alternating up and down events of a link; `silent` is reported once per outage."""
 
-    def __init__(self, counters: Counter[str], events: list[Event]) -> None:
+    def __init__(self, counters: Counter[str], events: list[BoardEvent]) -> None:
         """Create a link that is down; `events`: output list."""
         self._counters = counters
         self._events = events

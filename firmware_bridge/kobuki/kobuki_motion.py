@@ -12,7 +12,7 @@ from actors.geometry import wrap
 from actors.instant import in_seconds
 from actors.messages import Odometry
 from actors.portable import cos, sin
-from firmware_bridge.kobuki.wire import BaseControl, BaseFeedback, Basic, WireMisuseError
+from firmware_bridge.kobuki.kobuki_packets import BaseControl, BaseFeedback, Basic, WireMisuseError
 
 TRACK: Final = 0.230
 """Distance between the wheels, m."""
@@ -64,7 +64,7 @@ def ticks_between(before: Basic, after: Basic) -> tuple[int, int]:
     return ((left + 0x8000) & 0xFFFF) - 0x8000, ((right + 0x8000) & 0xFFFF) - 0x8000
 
 
-def ways_between(before: Basic, after: Basic) -> tuple[float, float]:
+def distances_between(before: Basic, after: Basic) -> tuple[float, float]:
     """Return the distances travelled by left and right wheel, m."""
     left, right = ticks_between(before, after)
     return left * METRES_PER_TICK, right * METRES_PER_TICK
@@ -107,7 +107,7 @@ class OdometryCounts:
     """Restarts of the base's counters; the motion in between is unknown."""
     gaps: int = 0
     """Too long without feedback; the motion in between is unknown."""
-    on_wheels: int = 0
+    wheel_headings: int = 0
     """Turns taken from the wheels, without a working gyro."""
 
 
@@ -144,16 +144,16 @@ class KobukiOdometry:
         return self.counts.gaps + self.counts.restarts
 
     @property
-    def gyro_is_still(self) -> bool:
+    def gyro_is_constant(self) -> bool:
         """True if the gyro's values stay constant while the wheels turn: one of them is faulty."""
         return self._unmoved >= _STILL_FEEDBACKS and abs(self._owed) >= _STILL_TURN
 
     @property
-    def on_wheels(self) -> bool:
+    def uses_wheel_heading(self) -> bool:
         """True while the heading is computed from the wheels, without a working gyro."""
         return self._frozen
 
-    def trust_wheels(self) -> None:
+    def use_wheel_heading(self) -> None:
         """Use the heading of the wheels until the gyro's values change."""
         self._frozen = True
 
@@ -226,13 +226,13 @@ class KobukiOdometry:
             # A recovering gyro may jump by the turn that the wheels have already counted.
             on_wheels = motion.turn is None or self._frozen
             self._trust_gyro()
-            self.counts.on_wheels += on_wheels
+            self.counts.wheel_headings += on_wheels
             return by_wheels if motion.turn is None or on_wheels else motion.turn
         self._unmoved += 1
         self._owed += by_wheels
         if not self._frozen:
             return motion.turn
-        self.counts.on_wheels += 1
+        self.counts.wheel_headings += 1
         owed, self._owed = self._owed, 0.0
         return owed
 
@@ -242,4 +242,4 @@ def _between(before: BaseFeedback, after: BaseFeedback) -> _Motion:
     if before.inertial is not None and after.inertial is not None:
         turn = wrap((after.inertial.angle_cdeg - before.inertial.angle_cdeg) * _CENTIDEGREE)
     time = ((after.basic.stamp_ms - before.basic.stamp_ms) & 0xFFFF) / 1000
-    return _Motion(time, *ways_between(before.basic, after.basic), turn)
+    return _Motion(time, *distances_between(before.basic, after.basic), turn)

@@ -26,7 +26,7 @@ _REFUSAL_S = 0.3
 """Timeout for a robot's rejection of the laptop's certificate, which in TLS 1.3 follows the handshake."""
 
 
-def cause(endpoint: str, keys: Keys) -> str:
+def connection_fault(endpoint: str, keys: Keys) -> str:
     """Return why this laptop cannot connect to `tls/HOST:PORT`; empty if a handshake succeeds."""
     host, _, port = endpoint.removeprefix("tls/").rpartition(":")
     host = host.strip("[]")
@@ -69,7 +69,7 @@ _LOOK_S: Final = 0.02
 
 
 @dataclass(frozen=True)
-class WatchAnswer:
+class OrderResult:
     """Result of an order to one robot."""
 
     endpoint: str
@@ -80,12 +80,12 @@ class WatchAnswer:
 _DONE = {Stop: "stopped", Pause: "paused until resumed", Resume: "resumed"}
 
 
-def done(order: Order) -> str:
+def state_after(order: Order) -> str:
     """Return the robot's state after the order, in words."""
     return _DONE[type(order)]
 
 
-def give(endpoints: Sequence[str], keys: Path, order: Order) -> list[WatchAnswer]:
+def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[OrderResult]:
     """Send an order to all robots in parallel and return the results, after `_ORDER_S` at the latest.
 
     Raises AcrcError for an invalid endpoint or keys, before anything is sent.
@@ -105,7 +105,7 @@ def give(endpoints: Sequence[str], keys: Path, order: Order) -> list[WatchAnswer
             failures[endpoint] = f"the order may not have been received: {error}"
 
     def ask(endpoint: str) -> None:
-        causes[endpoint] = cause(endpoint, own)
+        causes[endpoint] = connection_fault(endpoint, own)
 
     # Daemon threads: connection attempts that hang must not delay the exit.
     threads = [threading.Thread(target=tell, args=(name,), daemon=True) for name in names]
@@ -113,12 +113,12 @@ def give(endpoints: Sequence[str], keys: Path, order: Order) -> list[WatchAnswer
         thread.start()
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
-    return [_answer(name, failures[name], causes) for name in names]
+    return [_result(name, failures[name], causes) for name in names]
 
 
-def _answer(endpoint: str, failure: str | None, causes: Mapping[str, str]) -> WatchAnswer:
+def _result(endpoint: str, failure: str | None, causes: Mapping[str, str]) -> OrderResult:
     why = causes.get(endpoint) if failure else ""
-    return WatchAnswer(endpoint, f"{failure}: {why}" if why else failure)
+    return OrderResult(endpoint, f"{failure}: {why}" if why else failure)
 
 
 def _tell(endpoint: str, keys: Keys, order: Order, deadline: float) -> Iterator[str | None]:
@@ -151,7 +151,7 @@ def watch(endpoints: Sequence[str], keys: Path) -> None:
     A lost connection is reported once, and retried until it succeeds.
     """
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-    listen(endpoints, keys, lines)
+    start_listeners(endpoints, keys, lines)
     while True:
         try:
             sys.stdout.write(lines.get(timeout=0.1) + "\n")
@@ -159,7 +159,7 @@ def watch(endpoints: Sequence[str], keys: Path) -> None:
             sys.stdout.flush()
 
 
-def listen(
+def start_listeners(
     endpoints: Sequence[str],
     keys: Path,
     lines: "queue.SimpleQueue[str]",
@@ -173,11 +173,11 @@ def listen(
     """
     own, names = _checked(endpoints, keys)
     for name in names:
-        listener = _Listener(name, own, lines, more, take)
+        listener = _RobotListener(name, own, lines, more, take)
         threading.Thread(target=listener.listen, daemon=True).start()
 
 
-class _Listener:
+class _RobotListener:
     """Connection to one robot that passes on its reports and its connection state."""
 
     def __init__(
@@ -201,7 +201,9 @@ class _Listener:
             try:
                 self._session()
             except Exception as error:  # a failure of one robot must not affect the others
-                self._set_state(f"not connected, retrying: {cause(self._endpoint, self._keys) or error}")
+                self._set_state(
+                    f"not connected, retrying: {connection_fault(self._endpoint, self._keys) or error}"
+                )
             time.sleep(_RETRY_S)
 
     def _session(self) -> None:
@@ -241,13 +243,13 @@ def _checked(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
 def _lines(message: Message) -> list[str]:
     """Return the printed lines of a message; [] for data messages."""
     if isinstance(message, Progress):
-        return [f"step {message.step}: {told(message)}"]
+        return [f"step {message.step}: {progress_text(message)}"]
     if isinstance(message, Board):
         return [f"{in_seconds(note.instant):.3f} {note}" for note in message.notes]
     return []
 
 
-def told(progress: Progress) -> str:
+def progress_text(progress: Progress) -> str:
     """Return a robot's progress, in words."""
     state = "stopped" if progress.finished else "paused" if progress.paused else "running"
     return (

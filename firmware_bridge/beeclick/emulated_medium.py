@@ -16,15 +16,15 @@ from actors.messages import Heard, Jam, RadioEvent, RobotTruth
 from actors.radio.frame import DataFrame, rssi_codes
 from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
 from actors.radio.robot_medium import FrameCounters, RobotMedium, SubmittedFrame, TransceiverTruth
-from firmware_bridge.beeclick.reception import FIRST_CHANNEL, BoardSettings
+from firmware_bridge.beeclick.answer_decoder import FIRST_CHANNEL, BoardSettings
 
-USUAL_DBM: Final = BoardSettings(0).power_dbm
+REFERENCE_DBM: Final = BoardSettings(0).power_dbm
 """Power setting that corresponds to the transmit power of the radio's preset."""
-State = tuple[float, float, float, float, float, float]
+BodyState = tuple[float, float, float, float, float, float]
 """x, y, heading; vx, vy, omega, as in `Bodies.truth`."""
 
 
-class Device(Protocol):
+class RadioDevice(Protocol):
     """A transceiver on the medium, such as an `EmulatedBoard`."""
 
     pan: int
@@ -52,13 +52,13 @@ class Device(Protocol):
         """Accept a received frame, with RSSI and LQI codes of the chip."""
 
 
-class BoardRadio(Protocol):
+class DeviceMedium(Protocol):
     """Interface of the medium to devices."""
 
-    def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
+    def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
         """Send a frame; the device's `finished` is called with the outcome."""
 
-    def silence(self, device: Device) -> None:
+    def silence(self, device: RadioDevice) -> None:
         """Drop all frames of the device."""
 
 
@@ -80,7 +80,7 @@ class _Channel:
         return Instant(min(due) + 1) if due else None
 
 
-class EmulatedAir:
+class EmulatedMedium:
     """Event-driven simulation of all devices and the frames between them."""
 
     def __init__(self, addresses: Sequence[int], model: Callable[[int], RadioModel], seed: int) -> None:
@@ -89,7 +89,7 @@ class EmulatedAir:
         `addresses`: of the devices in the order of `add`; with `seed` the key of all random numbers. `model`:
         returns the radio model of a channel, 11 to 26.
         """
-        self.devices: list[Device] = []
+        self.devices: list[RadioDevice] = []
         self._addresses = tuple(addresses)
         self._model = model
         self._seed = seed
@@ -97,17 +97,17 @@ class EmulatedAir:
         self._epochs = [0] * len(addresses)
         self._jams: list[Jam] = []
         self._since = START
-        self._states: Sequence[State] = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(addresses)
+        self._states: Sequence[BodyState] = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(addresses)
 
     def prepare(self, channel: int) -> None:
         """Create the medium of a channel, 11 to 26, before the start, as it reads a map."""
         self._channel(channel - FIRST_CHANNEL)
 
-    def add(self, device: Device) -> None:
+    def add(self, device: RadioDevice) -> None:
         """Add the next device, created with this medium as its radio."""
         self.devices.append(device)
 
-    def place(self, now: Instant, states: Sequence[State]) -> None:
+    def place(self, now: Instant, states: Sequence[BodyState]) -> None:
         """Set positions and velocities of all devices from `now` on."""
         self._since, self._states = now, states
 
@@ -124,14 +124,14 @@ class EmulatedAir:
         """Call `Medium.withhold` on the sender's channel; devices by number."""
         self._channel(self.devices[sender].channel).robots.medium.withhold(sender, receiver)
 
-    def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
+    def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
         """Send a frame of the device; its `finished` is called with the outcome."""
         number, channel = self._number(device), self._channel(device.channel)
-        power_dbm = channel.usual_dbm + (device.power_dbm - USUAL_DBM)
+        power_dbm = channel.usual_dbm + (device.power_dbm - REFERENCE_DBM)
         channel.robots.medium.set_power(number, power_dbm)
         channel.handed.append(SubmittedFrame(now, number, tag, data))
 
-    def silence(self, device: Device) -> None:
+    def silence(self, device: RadioDevice) -> None:
         """Drop all frames of a device that was reset, without a call of `finished`."""
         number = self._number(device)
         self._epochs[number] += 1
@@ -183,7 +183,7 @@ class EmulatedAir:
             self._channels[code] = _Channel(self._addresses, model, self._seed, self._jams)
         return self._channels[code]
 
-    def _number(self, device: Device) -> int:
+    def _number(self, device: RadioDevice) -> int:
         return next(number for number, one in enumerate(self.devices) if one is device)
 
     def _run(self, code: int, channel: _Channel, now: Instant) -> None:
@@ -207,12 +207,12 @@ class EmulatedAir:
                     device.finished(now, event)
 
 
-def air(setup: RadioSetup) -> EmulatedAir:
+def create_medium(setup: RadioSetup) -> EmulatedMedium:
     """Create the medium of a radio set-up, for all channels. Raises AcrcError."""
 
     def model(channel: int) -> RadioModel:
         return radio_model(msgspec.structs.replace(setup, channel=channel))
 
-    made = EmulatedAir([address for _, address in setup.robots], model, setup.seed)
+    made = EmulatedMedium([address for _, address in setup.robots], model, setup.seed)
     made.prepare(setup.channel or preset(setup.preset).channel)
     return made
