@@ -1,4 +1,4 @@
-"""Sphinx configuration of the documentation; `acrc docs` builds it."""
+"""Sphinx configuration for `acrc docs`."""
 
 import re
 
@@ -17,7 +17,7 @@ html_theme = "furo"
 html_show_copyright = html_show_sphinx = html_show_sourcelink = html_copy_source = False
 
 myst_heading_anchors = 4
-# Links to folders of the repository; tests/documentation checks that all links lead somewhere.
+# Links to folders of the repository; tests/documentation checks all links.
 suppress_warnings = ["myst.xref_missing"]
 
 autodoc_member_order = "bysource"
@@ -28,7 +28,7 @@ python_use_unqualified_type_names = True
 
 
 def setup(app: Sphinx) -> None:
-    """Make the navigation of the lists of links in index.md, which code hosts show as they are."""
+    """Generate the navigation from the lists of links in index.md."""
     app.connect("source-read", _add_toctrees)
 
 

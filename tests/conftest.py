@@ -1,4 +1,4 @@
-"""Settings of all tests: order of files, claims, and skips, which are failures under CI."""
+"""Pytest configuration: order of files, claims, and skips, which are failures under CI."""
 
 import gc
 import json
@@ -18,17 +18,17 @@ from tests import warm
 if TYPE_CHECKING:
     from tests.control.browser import Browser
 
-if "CI" not in os.environ:  # there hypothesis has a profile of its own, without a limit as well
-    settings.register_profile("here", deadline=None)  # no test may fail because others take the processor
+if "CI" not in os.environ:  # hypothesis has its own profile for CI, also without a deadline
+    settings.register_profile("here", deadline=None)  # the machine may be busy
     settings.load_profile("here")
 
 pytest_plugins = ["tests.recorded_runs"]
 
 LONGEST: Final = (
     "swarm/test_known_digests.py",
-    "swarm/test_house.py",
+    "swarm/test_transports.py",
     "hosts/test_hosted_runs.py",
-    "cli/test_story.py",
+    "cli/test_workflow.py",
     "swarm/test_outcomes.py",
     "failures/test_failures.py",
     "failures/test_kills.py",
@@ -38,9 +38,9 @@ LONGEST: Final = (
     "navigation/test_goals.py",
     "development/test_wheel.py",
 )
-"""Files of over 10 s, the longest first: started last, they would keep one worker busy alone."""
+"""Files of over 10 s, the longest first, so that none runs alone at the end."""
 CLAIM: Final = "claim"
-"""The marker of tests that check a statement of docs/how-true.md: `@pytest.mark.claim("name")`."""
+"""Marker of tests that check a claim of docs/how-true.md: `@pytest.mark.claim("name")`."""
 _RANK: Final = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
 _SKIPPED: list[str] = []
 _CLAIM_REPORT: list[Path] = []
@@ -54,12 +54,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let tests inherit neither an ignored Ctrl-C nor another project's modules."""
+    """Set module path, garbage collection and Ctrl-C for all tests."""
     if (report := config.getoption("--claim-report")) is not None and not hasattr(config, "workerinput"):
         _CLAIM_REPORT.append(report)
-    # Programs and strategies of the tests lie beside the project, where no process of it looks by itself.
+    # Programs and strategies of the tests are outside the installed packages.
     os.environ.setdefault("PYTHONPATH", str(Path(__file__).parents[1]))
-    gc.disable()  # all that modules and tests are made of stays: looking for garbage in it finds none
+    gc.disable()  # collection creates no garbage
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -74,18 +74,18 @@ def forked_servers() -> Iterator[None]:
 
 @pytest.fixture
 def full(request: pytest.FixtureRequest) -> bool:
-    """True if `--full` asks for the size whose figures docs/how-true.md reports."""
+    """Return whether `--full` requests the size reported in docs/how-true.md."""
     return bool(request.config.getoption("--full"))
 
 
 @pytest.fixture
 def browser(tmp_path: Path) -> "Iterator[Browser]":
-    """A Chromium with an empty page; skips the test where there is none."""
+    """Yield a Chromium with an empty page; skip the test without Chromium."""
     found = pytest.importorskip(
-        "tests.control.browser", reason="websockets comes with `./acrc run --control`"
+        "tests.control.browser", reason="websockets is installed by `./acrc run --control`"
     )
     if found.CHROMIUM is None:
-        pytest.skip("there is no Chromium on this machine")
+        pytest.skip("Chromium is not installed")
     with found.Browser(tmp_path / "browser", "about:blank") as page:
         yield page
 
@@ -96,7 +96,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _select_claims(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Note each test's claim in its report; with `--claim`, keep the tests of those claims only."""
+    """Record each test's claim in its report; with `--claim`, select the tests of those claims."""
     wanted = config.getoption("--claim")
     for item in items:
         if (mark := item.get_closest_marker(CLAIM)) is not None:
@@ -108,7 +108,7 @@ def _select_claims(config: pytest.Config, items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """From here on garbage is looked for in what the tests themselves make."""
+    """Enable garbage collection for objects created by the tests."""
     gc.freeze()
     gc.enable()
 
@@ -121,7 +121,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Iterator[None]:
-    """Reduce recorded properties to plain values: pytest-xdist sends no others to its controller."""
+    """Convert recorded properties to plain values, as pytest-xdist requires."""
     report: pytest.TestReport = yield  # type: ignore[assignment]
     report.user_properties = [
         (name, msgspec.to_builtins(value, enc_hook=lambda other: getattr(other, "item", other.__str__)()))
@@ -131,7 +131,7 @@ def pytest_runtest_makereport() -> Iterator[None]:
 
 
 def _report_claim(report: pytest.TestReport) -> None:
-    """Append a row about a claim's test to the report file; `reason`: of a skip."""
+    """Append a row about a claim's test to the report file; `reason`: reason of a skip."""
     properties = dict(report.user_properties)
     if _CLAIM_REPORT and CLAIM in properties and (report.when == "call" or report.outcome != "passed"):
         row = {
@@ -153,14 +153,14 @@ def pytest_collectreport(report: pytest.CollectReport) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
-    """A worker of pytest-xdist has ended: modules that it skipped whole are known to it alone."""
-    told = getattr(node, "workeroutput", {}).get("skipped", ())
-    _SKIPPED.extend(name for name in told if name not in _SKIPPED)
+    """Collect skipped modules from an exited pytest-xdist worker."""
+    skipped = getattr(node, "workeroutput", {}).get("skipped", ())
+    _SKIPPED.extend(name for name in skipped if name not in _SKIPPED)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    if (told := getattr(session.config, "workeroutput", None)) is not None:
-        told["skipped"] = _SKIPPED
+    if (output := getattr(session.config, "workeroutput", None)) is not None:
+        output["skipped"] = _SKIPPED
         return
     if _under_ci() and _SKIPPED and session.exitstatus == pytest.ExitCode.OK:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED

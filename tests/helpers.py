@@ -1,4 +1,4 @@
-"""Helpers of several folders: work on all processors, seeds that run nightly, small disks."""
+"""Helpers for tests: in-memory runs, process pools, waiting, nightly seeds, small disks."""
 
 import multiprocessing
 import os
@@ -27,7 +27,7 @@ _MOUNT = 'size=$1 folder=$2; shift 2; mount -t tmpfs -o size="$size" none "$fold
 
 @contextmanager
 def in_memory(scenario: Scenario) -> Iterator[tuple[RunPlan, RunResult]]:
-    """Run a scenario in this process, in a folder that is gone afterwards. Raises AcrcError."""
+    """Run a scenario in this process, in a temporary folder. Raises AcrcError."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         plan = swarm.plan(scenario, RunOptions(Path(folder) / "run", bus="memory", json=True))
         result = swarm.run_in_memory(plan, lambda progress: None)
@@ -38,7 +38,7 @@ def in_memory(scenario: Scenario) -> Iterator[tuple[RunPlan, RunResult]]:
 def in_order(
     work: Callable[[Task], Result], tasks: Sequence[Task], workers: int | None = None
 ) -> Iterator[Result]:
-    """What `work`, a function of a module, makes of each task, in the order of the tasks.
+    """Yield the results of `work`, a module-level function, for each task in order.
 
     `workers`: None: one per processor; 1: in this process.
     """
@@ -51,10 +51,10 @@ def in_order(
 
 
 def until(condition: Callable[[], object], patience_s: float = 30.0, pause_s: float = 0.005) -> None:
-    """Wait until the condition holds, looking at it again and again; fail after the patience."""
+    """Poll until the condition holds; fail after `patience_s`."""
     deadline = time.monotonic() + patience_s
     while not condition():
-        assert time.monotonic() < deadline, f"it has not come to that within {patience_s:g} s"
+        assert time.monotonic() < deadline, f"condition not met within {patience_s:g} s"
         time.sleep(pause_s)
 
 
@@ -64,13 +64,13 @@ def sampled(seeds: Iterable[int], every_day: Collection[int]) -> Any:
 
 
 def on_small_disk(folder: Path, size: str, words: Sequence[str]) -> list[str]:
-    """Return the command that runs `words` with `folder` on a disk of `size`, such as `64k`."""
+    """Return a command that runs `words` with `folder` on a disk of `size`, such as `64k`."""
     folder.mkdir(exist_ok=True)
     return ["unshare", "--map-root-user", "--mount", "sh", "-c", _MOUNT, "sh", size, str(folder), *words]
 
 
 def free_port() -> int:
-    """Return a TCP port of this computer that no process uses."""
+    """Return an unused TCP port of this computer."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])

@@ -1,4 +1,4 @@
-"""The command line called in the process of the test: no interpreter starts, nothing is imported twice."""
+"""Commands called in the process of the test, without starting an interpreter."""
 
 import gc
 import io
@@ -18,9 +18,9 @@ from actors.robot.behaviour.loading import set_folders
 def acrc(
     *words: object, cwd: Path = REPOSITORY, env: Mapping[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run `acrc WORDS…` in this process and return its exit code and what it printed.
+    """Run `acrc WORDS…` in this process and return its exit code and output.
 
-    `env` is added to the environment. Modules imported from outside the repository are removed afterwards.
+    `env` is added to the environment. Modules imported from outside the repository are unloaded afterwards.
     """
     out, err, threshold, loaded = io.StringIO(), io.StringIO(), gc.get_threshold(), set(sys.modules)
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
@@ -37,7 +37,7 @@ def acrc(
             code = leave.code if isinstance(leave.code, int) else int(leave.code is not None)
         finally:
             gc.set_threshold(*threshold)
-            set_folders(())  # no folder of modules is searched any more
+            set_folders(())  # reset the search path of modules
             _unload_foreign(loaded)
     return subprocess.CompletedProcess([*map(str, words)], code, out.getvalue(), err.getvalue())
 

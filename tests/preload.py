@@ -1,4 +1,4 @@
-"""Imports what commands need, in the process that `tests.warm` forks; Dask reads its configuration later."""
+"""Imports of commands, in the process that `tests.warm` forks; not Dask, which reads its configuration."""
 
 import tempfile
 from importlib import import_module
@@ -10,7 +10,11 @@ from actors.installation.repository import REPOSITORY
 from actors.runtime.isolation import sandbox
 
 LATER = (
-    *("acrc_testbed.benchmarks.", "acrc_testbed.experiments.", "acrc_testbed.command_line.campaigns."),
+    *(
+        "acrc_testbed.benchmarks.",
+        "acrc_testbed.experiments.",
+        "acrc_testbed.command_line.campaign_commands.",
+    ),
     "deploy.hosts.",
 ) + (() if find_spec("rerun") else ("deploy.fleet.fleet_view", "acrc_testbed.view."))
 
@@ -20,7 +24,7 @@ for _package in ("acrc_testbed", "deploy"):
         _name = ".".join(_file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
         if not _name.endswith("__main__") and not f"{_name}.".startswith(LATER):
             import_module(_name)
-version.software()  # starts two processes, as does the next: once for all forks
+version.software()  # this and the next call start two processes each, once for all forks
 sandbox.available()
-tempfile.tempdir = None  # each fork has a TMPDIR of its own
-import_module("actors.runtime.process").settle()  # no collection copies the shared pages
+tempfile.tempdir = None  # each fork has its own TMPDIR
+import_module("actors.runtime.process").settle()  # garbage collection would copy the shared pages

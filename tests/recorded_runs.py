@@ -1,6 +1,6 @@
-"""Recorded runs in memory: three that each worker of pytest makes once, and a function that makes others.
+"""Recorded runs in memory: three fixtures with session scope, and a function that records others.
 
-The folders of the three runs are shared by all tests of a worker. A test that changes files works on a copy.
+All tests of a worker share the folders of the three runs. A test that changes files works on a copy.
 """
 
 import shutil
@@ -23,9 +23,9 @@ HEAD_ON = REPOSITORY / "scenarios" / "head_on.toml"
 def record(
     out: Path, scenario: Path | str | Scenario = HEAD_ON, *, detail: RecordDetail = "full", **overrides: Any
 ) -> RunResult:
-    """Run a scenario in memory; `scenario` is a file, the text of one, or settled already.
+    """Run a scenario in memory; `scenario`: a file, its text, or a loaded scenario.
 
-    Maps in a text are found as from the folder `scenarios` of this project. `overrides`: see `Overrides`.
+    Map paths in a text are relative to the folder `scenarios` of this project. `overrides`: see `Overrides`.
     """
     if isinstance(scenario, str):
         settled = parse(scenario, HEAD_ON.parent / "of_a_test.toml", Overrides(**overrides))
@@ -64,5 +64,5 @@ def complete_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def short_run_copy(short_run: Path, tmp_path: Path) -> Path:
-    """A copy of its folder, to be changed."""
+    """Copy of the folder, to be changed."""
     return shutil.copytree(short_run, tmp_path / "copy")

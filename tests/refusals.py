@@ -1,4 +1,4 @@
-"""Refusals in exactly one sentence."""
+"""Assertion of error messages."""
 
 import re
 from typing import Any
@@ -9,5 +9,5 @@ from actors.runtime.errors import AcrcError
 
 
 def refused(sentence: str, kind: type[Exception] = AcrcError) -> Any:
-    """Return a context whose body must raise `kind` with exactly this text."""
+    """Return a context that expects `kind` with exactly this message."""
     return pytest.raises(kind, match=rf"\A{re.escape(sentence)}\Z")

@@ -1,4 +1,4 @@
-"""Runs made of columns, for tests of what reads runs."""
+"""Runs built from columns, for tests of their analysis."""
 
 from pathlib import Path
 from typing import Any

@@ -1,6 +1,6 @@
-"""Commands in forks of a process that has imported their modules, which takes a new interpreter a second.
+"""Commands in forks of a process with imported modules, which saves a second per command.
 
-A fork has its own folder, environment, streams, exit code and end, and forks the forkserver of its run.
+A fork has its own working directory, environment, streams and exit code, and forks the forkserver of its run.
 """
 
 import atexit
@@ -34,33 +34,33 @@ def run(
     words: Sequence[str], cwd: Path, env: Mapping[str, str], timeout_s: float,
     *, finds_cwd: bool, program: str = ACRC,
 ) -> subprocess.CompletedProcess[str]:  # fmt: skip
-    """Run `acrc WORDS…` in this folder and environment; `finds_cwd`: modules in the folder are found."""
-    begun = begin(words, cwd, env, finds_cwd=finds_cwd, program=program)
+    """Run `acrc WORDS…` in this folder and environment; `finds_cwd`: put the folder on the module path."""
+    command = begin(words, cwd, env, finds_cwd=finds_cwd, program=program)
     try:
-        out, err = begun.communicate(timeout_s)
-        return subprocess.CompletedProcess(words, begun.wait(), out, err)
+        out, err = command.communicate(timeout_s)
+        return subprocess.CompletedProcess(words, command.wait(), out, err)
     finally:
-        begun.kill()
-        begun.close()
+        command.kill()
+        command.close()
 
 
 def begin(
     words: Sequence[str], cwd: Path, env: Mapping[str, str], *, finds_cwd: bool, program: str = ACRC
-) -> "Begun":
-    """Start a command and return at once."""
-    return Begun(program, words, cwd, dict(env), finds_cwd)
+) -> "ForkedCommand":
+    """Start a command and return immediately."""
+    return ForkedCommand(program, words, cwd, dict(env), finds_cwd)
 
 
 def begin_server(command: Sequence[str], channel: socket.socket) -> launch.Server:
-    """Replacement of `launch.begin` in the process of a test: the server is a fork of the same process."""
+    """Replace `launch.begin` in the process of a test: fork the server from the preloaded process."""
     *_, how, whose = command
     if how != "fork":
         return BEGIN_SERVER(command, channel)
-    return Server(_started(_be_server, channel, [how, whose], dict(os.environ)))
+    return Server(_start(_run_server, channel, [how, whose], dict(os.environ)))
 
 
 class Server:
-    """A forkserver, as `actors.processes.launch` uses it."""
+    """A forkserver with the interface of `actors.processes.launch`."""
 
     def __init__(self, process: Any) -> None:
         self._process, self.pid, self.kill = process, process.pid, process.kill
@@ -70,13 +70,13 @@ class Server:
         return int(self._process.exitcode)
 
 
-class Begun:
+class ForkedCommand:
     """A started command, with the interface of subprocess.Popen."""
 
     def __init__(self, program: str, words: Sequence[str], cwd: Path, env: dict[str, str], finds_cwd: bool):
         self._words, pipes = words, [_CONTEXT.Pipe(duplex=False) for _ in range(2)]
         writing = [end for _, end in pipes]
-        self._process = _started(_be_command, program, list(words), cwd, env, finds_cwd, writing)
+        self._process = _start(_run_command, program, list(words), cwd, env, finds_cwd, writing)
         self.stdout, self.stderr = (os.fdopen(os.dup(end.fileno()), errors="replace") for end, _ in pipes)
         self.pid: int = self._process.pid
         for end in writing:
@@ -84,21 +84,21 @@ class Begun:
 
     @property
     def returncode(self) -> int | None:
-        """Exit code, or minus the signal that ended it; None while it runs."""
+        """Exit code, or the negative signal number; None while running."""
         return self._process.exitcode  # type: ignore[no-any-return]
 
     def poll(self) -> int | None:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Return the exit code once it has ended. Raises subprocess.TimeoutExpired."""
+        """Wait for the exit and return the exit code. Raises subprocess.TimeoutExpired."""
         self._process.join(timeout)
         if (code := self.returncode) is None:
             raise subprocess.TimeoutExpired(self._words, timeout or 0.0)
         return code
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
-        """Return the output once it has ended. Raises subprocess.TimeoutExpired."""
+        """Wait for the exit and return the output. Raises subprocess.TimeoutExpired."""
         texts = ["", ""]
 
         def read(number: int) -> None:
@@ -124,11 +124,11 @@ class Begun:
         self.stderr.close()
 
 
-def _started(target: Any, *args: object) -> Any:
-    """Return a started fork of the preloaded process, which starts at the first call."""
+def _start(target: Any, *args: object) -> Any:
+    """Start a fork of the preloaded process, which starts at the first call."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("NPY_", "GLIBC_"))}
-    settled = {**kept, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    with mock.patch.dict(os.environ, settled, clear=True):
+    env = {**kept, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    with mock.patch.dict(os.environ, env, clear=True):
         stdlib_forkserver.ensure_running()
     process = _CONTEXT.Process(target=target, args=args, daemon=True)
     process.start()
@@ -148,10 +148,10 @@ def _enter(cwd: Path, env: Mapping[str, str], places: Sequence[str]) -> None:
     invalidate_caches()
 
 
-def _be_command(
+def _run_command(
     program: str, words: list[str], cwd: Path, env: dict[str, str], finds_cwd: bool, streams: list[Any]
 ) -> NoReturn:
-    """Become the command, and end as an interpreter does."""
+    """Run the command in this fork and exit like an interpreter."""
     for number, end in enumerate(streams, 1):
         os.dup2(end.fileno(), number)
         end.close()
@@ -160,24 +160,24 @@ def _be_command(
     _enter(cwd, env, [str(cwd)] if finds_cwd else [])
     sys.argv = [str(ROOT / "acrc_testbed" / "command_line" / "__main__.py"), *words]
     launch.begin = _fork_server
-    _leave(lambda: import_module(program).main())
+    _exit_after(lambda: import_module(program).main())
 
 
 def _fork_server(command: Sequence[str], channel: socket.socket) -> launch.Server:
-    """Replacement of `launch.begin` in a fork without threads: the server is a fork of the fork."""
+    """Replace `launch.begin` in a fork without threads: fork the server from the fork."""
     *_, how, whose = command
     forks = how == "fork" or (whose == "reap" and "--spawn" not in sys.argv)
     if not forks or len(list(Path("/proc/self/task").iterdir())) > 1:
         return BEGIN_SERVER(command, channel)
     process = multiprocessing.get_context("fork").Process(
-        target=_be_server, args=(channel, ["fork", whose], dict(os.environ))
+        target=_run_server, args=(channel, ["fork", whose], dict(os.environ))
     )
     process.start()
     return Server(process)
 
 
-def _be_server(channel: socket.socket, words: Sequence[str], env: dict[str, str]) -> NoReturn:
-    """Become the server, with no more of the starter than a new interpreter has."""
+def _run_server(channel: socket.socket, words: Sequence[str], env: dict[str, str]) -> NoReturn:
+    """Run the server in this fork, with only what a new interpreter inherits."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -191,16 +191,16 @@ def _be_server(channel: socket.socket, words: Sequence[str], env: dict[str, str]
     os.closerange(descriptor + 1, os.sysconf("SC_OPEN_MAX"))
     _enter(ROOT, passed_on(env), ())
     launch.begin = _fork_server
-    _leave(partial(forkserver.main, [str(descriptor), *words]))
+    _exit_after(partial(forkserver.main, [str(descriptor), *words]))
 
 
-def _leave(main: Any) -> NoReturn:
+def _exit_after(main: Any) -> NoReturn:
     code: object = 1
     try:
         code = main()
     except SystemExit as leave:
         code = leave.code
-    except BaseException:  # a fork must not return into the process that it was forked from
+    except BaseException:  # a fork must not continue the code of its parent
         traceback.print_exc()
     finally:
         atexit._run_exitfuncs()

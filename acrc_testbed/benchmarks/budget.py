@@ -1,4 +1,4 @@
-"""`acrc bench budget`: counted cost of a robot in one step, in memory and over Zenoh."""
+"""`acrc bench budget`: counted cost of a robot-step, in memory and over Zenoh."""
 
 import shutil
 import sys
@@ -13,10 +13,10 @@ from typing import Any, Final, get_args
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import ACRC, Measured, Spent, spent
+from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, CommandCost, run_timed
 from acrc_testbed.benchmarks.swarm_runs import (
     SwarmTask,
-    by_room,
+    by_package,
     counted_blocks,
     entries,
     name_of,
@@ -34,44 +34,44 @@ from deploy.scenario.tables import document
 
 ROBOTS: Final = 8
 SECONDS: Final = 9.0
-"""Simulated, of the longer run."""
+"""Simulated duration of the longer run, s."""
 TABLE: Final = Path(__file__).with_name("python{}.{}.toml".format(*sys.version_info))
-"""Counts kept for this version of Python; absent for others, which call other functions."""
+"""Saved counts of this version of Python; other versions, which call other functions, may have none."""
 TOLERANCE: Final = 0.02
-"""Largest relative difference of a sum from the kept one."""
+"""Maximum relative difference of a sum from the saved one."""
 KEPT: Final = {
     "calls": "Python calls",
     "messages": "messages",
     "sent": "bytes sent",
     "recorded": "bytes recorded",
 }
-"""Fields of `StepCounts` that are kept and compared, with their descriptions."""
+"""Fields of `StepCounts` that are saved and compared, with their descriptions."""
 _SEED: Final = 1
 _STEPS_PER_SECOND: Final = 10
 """Steps of the scenario per simulated second."""
 _OWN: Final = "acrc_testbed/benchmarks"
-"""Calls from these packages are the counting itself."""
+"""Package of the counting code, whose calls are excluded."""
 _TRACER: Final = "strace"
 _LEAST: Final = 0.0005
 _NAMED: Final = 5
-"""Largest number of packages that a difference names."""
+"""Maximum number of packages named per difference."""
 _DIGITS: Final = 3
 _HEAD: Final = (
-    "# What one robot costs in one step, counted. `acrc bench budget` shows it, and with --write it writes\n"
-    "# this file. A commit that changes it says why a step costs more, or less.\n\n"
+    "# Counted cost of a robot-step, written by `acrc bench budget --write`.\n"
+    "# The commit that changes it gives the reason.\n\n"
 )
 
 
 @dataclass(frozen=True)
 class CountedSteps:
-    """The steps by which a run exceeds one a third as long; start and end of a run are not counted."""
+    """The last two thirds of a run, counted as the difference of two runs, without start and end."""
 
     seconds: float = SECONDS
-    """Simulated, of the longer run."""
+    """Simulated duration of the longer run, s."""
 
     @property
     def first_s(self) -> float:
-        """Return the start of the counted steps, simulated s; a whole number."""
+        """Return the start of the counted steps, simulated s (integral)."""
         return float(self.seconds // 3)
 
     @property
@@ -83,7 +83,7 @@ class CountedSteps:
         )
 
     def per_step(self, short: Mapping[str, float], long: Mapping[str, float]) -> dict[str, float]:
-        """Return the difference of two runs per robot and step; by name, the greatest first."""
+        """Return the difference of two runs per robot-step by name, the greatest first."""
         steps = ROBOTS * (self.seconds - self.first_s) * _STEPS_PER_SECOND
         more = {name: (long.get(name, 0.0) - short.get(name, 0.0)) / steps for name in {**short, **long}}
         return dict(sorted(more.items(), key=lambda one: (-one[1], one[0])))
@@ -91,12 +91,12 @@ class CountedSteps:
 
 @dataclass(frozen=True)
 class StepCounts:
-    """Per robot and step in memory, the work of world and radio for it included."""
+    """Counts per robot-step in memory, including world and radio."""
 
     calls: dict[str, float]
     """Python calls, built-in functions included, by package folder."""
     messages: dict[str, float]
-    """By topic."""
+    """Messages by topic."""
     sent: dict[str, float]
     """Bytes of these messages, by topic."""
     recorded: dict[str, float]
@@ -107,19 +107,19 @@ class StepCounts:
 
 @dataclass(frozen=True)
 class MeshCounts:
-    """Per robot and step over Zenoh, all processes together; scheduling changes it slightly."""
+    """Counts per robot-step of all processes over Zenoh; they vary slightly with scheduling."""
 
     system_calls: dict[str, float] | None
-    """By name; None: strace is not installed."""
+    """System calls by name; None: strace is not installed."""
     voluntary: float
-    """Context switches of processes that waited."""
+    """Voluntary context switches."""
     forced: float
-    """Context switches of processes that could have continued."""
+    """Involuntary context switches."""
     recorded: dict[str, float]
     """Bytes of recordings, by kind of actor."""
 
 
-def counted(window: CountedSteps) -> StepCounts:
+def count_steps(window: CountedSteps) -> StepCounts:
     """Count in memory, after a short run that imports modules and loads kernels."""
     with planned(ROBOTS, replace(window.tasks[0], seconds=2.0), "memory") as plan:
         swarm.run_in_memory(plan, lambda progress: None)
@@ -128,8 +128,8 @@ def counted(window: CountedSteps) -> StepCounts:
     return StepCounts(*(window.per_step(getattr(short, name), getattr(long, name)) for name in names))
 
 
-def blocks(window: CountedSteps) -> float:
-    """Count memory blocks allocated per robot and step, freed ones included, in a warm process."""
+def count_blocks(window: CountedSteps) -> float:
+    """Count memory blocks allocated per robot-step, including freed ones, in a warm process."""
     found = []
     for task in window.tasks:
         with planned(ROBOTS, task, "memory") as plan, counted_blocks() as count:
@@ -139,15 +139,15 @@ def blocks(window: CountedSteps) -> float:
 
 
 def _profiled(task: SwarmTask) -> StepCounts:
-    """Count one whole run, from planning to its result."""
+    """Count one complete run, from planning to the result."""
     bus = _CountingBus()
     profile, recorded = profiled(ROBOTS, task, bus)
     called = entries(profile)
     functions: defaultdict[str, float] = defaultdict(float)
     for function, (times, _) in called.items():
         functions[name_of(function)] += times
-    rooms = {room: times for room, times in by_room(called).items() if not room.startswith(_OWN)}
-    return StepCounts(rooms, bus.messages, bus.sent, recorded, functions)
+    packages = {name: times for name, times in by_package(called).items() if not name.startswith(_OWN)}
+    return StepCounts(packages, bus.messages, bus.sent, recorded, functions)
 
 
 class _CountingBus(MemoryBus):
@@ -169,7 +169,7 @@ class _CountingBus(MemoryBus):
         super().publish(key, payload)
 
 
-def mesh_counted(window: CountedSteps) -> MeshCounts:
+def count_over_mesh(window: CountedSteps) -> MeshCounts:
     """Count over Zenoh. Raises AcrcError if a run fails."""
     plain = [_over_mesh(task) for task in window.tasks]
     switches = window.per_step(*({"voluntary": of.voluntary, "forced": of.forced} for of, _, _ in plain))
@@ -182,8 +182,8 @@ def mesh_counted(window: CountedSteps) -> MeshCounts:
 
 def _over_mesh(
     task: SwarmTask, *, traced: bool = False
-) -> tuple[Spent, Mapping[str, float], Mapping[str, float]]:
-    """Return cost and recorded bytes of one run, and its system calls by name if it is `traced`."""
+) -> tuple[CommandCost, Mapping[str, float], Mapping[str, float]]:
+    """Return cost and recorded bytes of a run and, if `traced`, system calls by name."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         out, table = Path(folder) / "out", Path(folder) / "calls"
         tracer = (_TRACER, "-f", "-c", "-U", "name,calls", "-o", str(table)) if traced else ()
@@ -191,15 +191,15 @@ def _over_mesh(
             *("run", str(task.scenario), "--robots", str(ROBOTS), "--seed", str(task.seed)),
             *("--duration", f"{task.seconds:g}", "--bus", "zenoh", "--json", "--out", str(out)),
         )
-        of = spent([*tracer, *ACRC, *words])
+        of = run_timed([*tracer, *ACRC, *words])
         rows = [line.split() for line in table.read_text().splitlines()] if traced else []
         counts = {row[0]: float(row[1]) for row in rows if len(row) == 2 and row[1].isdecimal()}
         counts.pop("total", None)
         return of, recorded_bytes(out), counts
 
 
-def written(counts: StepCounts) -> str:
-    """Return the text of the file of kept counts, without negligible ones."""
+def as_toml(counts: StepCounts) -> str:
+    """Return the text of the file of saved counts, without negligible ones."""
     tables = {
         name: {one: round(value, _DIGITS) for one, value in getattr(counts, name).items() if value >= _LEAST}
         for name in KEPT
@@ -207,8 +207,8 @@ def written(counts: StepCounts) -> str:
     return _HEAD + document(tables)
 
 
-def kept_counts() -> StepCounts | None:
-    """Read the kept counts of this Python, without functions; None if there are none."""
+def saved_counts() -> StepCounts | None:
+    """Read the saved counts of this Python version, without functions; None if missing."""
     if not TABLE.is_file():
         return None
     content = tomllib.loads(TABLE.read_text())
@@ -216,20 +216,20 @@ def kept_counts() -> StepCounts | None:
 
 
 def differences(now: StepCounts, kept: StepCounts) -> Iterator[str]:
-    """Describe each sum that differs by more than TOLERANCE, with the packages that differ most."""
+    """Yield a sentence per sum that differs by more than TOLERANCE, with the packages that differ most."""
     for name, words in KEPT.items():
         new, old = getattr(now, name), getattr(kept, name)
         change = sum(new.values()) / sum(old.values()) - 1
         if abs(change) > TOLERANCE:
             yield (
-                f"a robot-step has {sum(new.values()):.1f} {words}, {TABLE.name} keeps "
-                f"{sum(old.values()):.1f} ({change:+.1%}): {_causes(new, old)}; if that is meant, "
-                "`acrc bench budget --write` keeps it, and the commit says why"
+                f"a robot-step has {sum(new.values()):.1f} {words}, {TABLE.name} "
+                f"{sum(old.values()):.1f} ({change:+.1%}): {_causes(new, old)}; if intended, run "
+                "`acrc bench budget --write` and give the reason in the commit"
             )
 
 
 def _causes(new: Mapping[str, float], old: Mapping[str, float]) -> str:
-    """List the greatest changes."""
+    """Return the greatest changes as text."""
     changes = {name: new.get(name, 0.0) - old.get(name, 0.0) for name in {**old, **new}}
     most = sorted(changes, key=lambda name: -abs(changes[name]))[:_NAMED]
     return ", ".join(f"{name} {changes[name]:+.1f}" for name in most if abs(changes[name]) >= 0.05)
@@ -238,20 +238,19 @@ def _causes(new: Mapping[str, float], old: Mapping[str, float]) -> str:
 _LEAST_S: Final = 3.0
 _MOST_CALLED: Final = 25
 _SHOWN: Final = 0.05
-"""Least count per robot-step in the tables."""
+"""Minimum count per robot-step in the tables."""
 
 
-def measure(bus: str | None = None, duration: float = SECONDS, write: bool = False) -> Measured:
+def measure(bus: str | None = None, duration: float = SECONDS, write: bool = False) -> BenchmarkResult:
     """Count on one bus, or on both; `duration`: simulated s, of which the first third is not counted.
 
-    `write`: keep the counts in memory as those of this version of Python.
+    `write`: save the counts in memory for this version of Python.
     """
     check_choice("--bus", bus, get_args(Bus))
     if duration < _LEAST_S:
         raise wrong_value("--duration", f"{duration:g}", f"at least {_LEAST_S:g} for budget")
     if write and (bus == "zenoh" or duration != SECONDS):
-        raise OptionError("--write: keeps counts in memory as a test repeats them; cannot be combined with "
-                          "--bus zenoh or --duration")  # fmt: skip
+        raise OptionError("--write: cannot be combined with --bus zenoh or --duration")
     if write:
         clone("acrc bench budget --write")
     say, window = screen(stderr=True), CountedSteps(duration)
@@ -259,18 +258,18 @@ def measure(bus: str | None = None, duration: float = SECONDS, write: bool = Fal
     shown: list[Table | str] = []
     if bus != "zenoh":
         say.print(f"{ROBOTS} robots in memory …")
-        found, allocated = counted(window), blocks(window)
+        found, allocated = count_steps(window), count_blocks(window)
         figures["memory"] = asdict(found) | {"blocks": allocated}
-        shown += _memory(found, allocated, kept_counts() if duration == SECONDS else None)
+        shown += _memory(found, allocated, saved_counts() if duration == SECONDS else None)
         if write:
-            TABLE.write_text(written(found))
-            shown.append(f"{TABLE.name} is written")
+            TABLE.write_text(as_toml(found))
+            shown.append(f"{TABLE.name} written")
     if bus != "memory":
         say.print(f"{ROBOTS} robots over Zenoh …")
-        mesh = mesh_counted(window)
+        mesh = count_over_mesh(window)
         figures["zenoh"] = asdict(mesh)
         shown += _mesh(mesh)
-    return Measured(figures, shown)
+    return BenchmarkResult(figures, shown)
 
 
 def _memory(found: StepCounts, allocated: float, kept: StepCounts | None) -> list[Table | str]:
@@ -279,17 +278,17 @@ def _memory(found: StepCounts, allocated: float, kept: StepCounts | None) -> lis
         for name, words in KEPT.items()
     ]
     most = dict(islice(found.functions.items(), _MOST_CALLED))
-    tables.insert(1, _table("the functions called most, per robot-step", most, None, whole=False))
-    tables.append(f"memory blocks allocated per robot-step, freed ones included: {allocated:.1f}")
+    tables.insert(1, _table("most frequent functions, calls per robot-step", most, None, whole=False))
+    tables.append(f"memory blocks allocated per robot-step, including freed ones: {allocated:.1f}")
     if kept is not None:
-        tables += [*differences(found, kept)] or [f"{TABLE.name} keeps the same, within 2 %"]
+        tables += [*differences(found, kept)] or [f"equal to {TABLE.name} within 2 %"]
     return tables
 
 
 def _mesh(found: MeshCounts) -> list[Table | str]:
     shown: list[Table | str] = [_table("bytes recorded per robot-step, over Zenoh", found.recorded, None)]
     if found.system_calls is None:
-        shown.append("system calls are not counted: that requires strace")
+        shown.append("system calls not counted: strace is not installed")
     else:
         shown.append(_table("system calls per robot-step, over Zenoh", found.system_calls, None))
     switches = f"{found.voluntary:.1f} voluntary, {found.forced:.1f} forced"
@@ -299,8 +298,8 @@ def _mesh(found: MeshCounts) -> list[Table | str]:
 def _table(
     title: str, found: Mapping[str, float], kept: Mapping[str, float] | None, *, whole: bool = True
 ) -> Table:
-    """Tabulate counts by name beside the kept ones, with the sum if they are the `whole`."""
-    rows = Table("", "now", *(("kept",) if kept is not None else ()), title=title)
+    """Return a table of current and saved counts by name, with the sum if they are the `whole`."""
+    rows = Table("", "now", *(("saved",) if kept is not None else ()), title=title)
     old = kept or {}
     lines = {name: (found.get(name, 0.0), old.get(name, 0.0)) for name in {**found, **old}}
     if whole:

@@ -1,6 +1,6 @@
-"""Network namespaces as hosts, a Dask cluster on them, and `acrc bench hosts`: a swarm on 1 to 3 hosts.
+"""Network namespaces as emulated hosts, a Dask cluster on them, and `acrc bench hosts`.
 
-All hosts share this computer's cores, so more of them make nothing faster: the cost of links is measured.
+All hosts share this computer's cores, so the benchmark measures the cost of links, not a speed-up.
 """
 
 import json
@@ -23,7 +23,7 @@ from typing import Final, Self
 import msgspec
 import yaml
 
-from acrc_testbed.benchmarks.measured import ACRC, Measured, table_of
+from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, table_of
 from actors.installation.repository import REPOSITORY
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
@@ -38,7 +38,7 @@ ADDRESS: Final = f"tls://{HERE}:8786"
 _DELAYS_MS: Final = (0.0, 1.0, 10.0)
 _START_S: Final = 60.0
 _ENTER: Final = 'exec nsenter --target="$0" --net --uts --mount env --chdir="$PWD" "$@"'
-"""The shell becomes the program, so a signal to the process reaches the program."""
+"""Shell command that is replaced by the program, so that the program receives signals."""
 _HOLD: Final = (
     'echo "$0" > /proc/sys/kernel/hostname; '
     '[ "$1" = 0 ] || mount -t tmpfs -o "size=$1" none "$2"; echo ready; read -r _'
@@ -46,7 +46,7 @@ _HOLD: Final = (
 
 
 class HostsError(AcrcError):
-    """Hosts or a cluster that cannot be started."""
+    """Hosts or a cluster cannot be started."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ class RigHost:
     name: str
     address: str
     disk: Path | None
-    """Folder for temporary files, a small disk of its own; None: the machine's."""
+    """Mount point of its own small disk, for temporary files; None: the machine's disk."""
     holder: int
-    """Process that keeps the namespaces."""
+    """Process that keeps the namespaces alive."""
 
     def command(self, words: Sequence[str]) -> list[str]:
         """Return the command that runs `words` on the host, in the caller's folder."""
@@ -66,12 +66,12 @@ class RigHost:
         return ["sh", "-c", _ENTER, str(self.holder), *disk, *words]
 
     def processes(self) -> list[int]:
-        """Return the ids of all processes on the host; sandboxed robots keep its host name."""
+        """Return the ids of all processes on the host, including sandboxed robots."""
         own = _uts(self.holder)
         return [pid for pid in process_table.table() if pid != self.holder and own and _uts(pid) == own]
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal to every process on the host, also to new ones."""
+        """Send a signal to every process on the host, including new ones."""
         done: set[int] = set()
         while new := set(self.processes()) - done:
             for pid in new:
@@ -81,20 +81,20 @@ class RigHost:
 
 
 class Hosts(ExitStack):
-    """Hosts h1, h2, … that reach "here" and not one another, until the context ends."""
+    """Context with hosts h1, h2, …, each connected to "here" only."""
 
     here: RigHost
     each: tuple[RigHost, ...]
 
     def __init__(self, count: int, *, disk_bytes: int = 0) -> None:
-        """`disk_bytes`: size of each host's own disk; 0: none."""
+        """Define `count` hosts; `disk_bytes`: size of each host's own disk, 0: none."""
         super().__init__()
         self._count, self._disk_bytes = count, disk_bytes
 
     def __enter__(self) -> Self:
-        """Raises HostsError where hosts cannot be made."""
+        """Create the hosts. Raises HostsError."""
         if os.geteuid() != 0 or not all(map(shutil.which, ("ip", "nsenter", "unshare"))):
-            raise HostsError("hosts are network namespaces: they need root, and the programs ip and nsenter")
+            raise HostsError("emulated hosts (network namespaces) require root, ip, nsenter and unshare")
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="acrc-host-")))
             names = ["here", *(f"h{number}" for number in range(1, self._count + 1))]
@@ -120,11 +120,11 @@ class Hosts(ExitStack):
         stack.callback(holder.communicate)
         assert holder.stdout is not None
         if holder.stdout.readline() != "ready\n":
-            raise HostsError(f"host {name} cannot be made: unshare failed")
+            raise HostsError(f"host {name} cannot be created: unshare failed")
         return holder.pid
 
     def delay(self, milliseconds: float) -> None:
-        """Delay all packets by so much each way. Raises HostsError where the kernel has no netem."""
+        """Delay all packets each way. Raises HostsError if the kernel lacks netem."""
         for host in self.each:
             for there, link in ((host, "here"), (self.here, host.name)):
                 words = ["tc", "qdisc", "replace", "dev", link, "root", "netem", "delay", f"{milliseconds}ms"]
@@ -133,7 +133,7 @@ class Hosts(ExitStack):
                     raise HostsError(f"links cannot be delayed: {done.stderr.strip()}")
 
     def stall(self, *, stalled: bool) -> None:
-        """Drop all packets to the hosts by a wrong link-layer address, or stop that."""
+        """Drop all packets to the hosts by a wrong link-layer address, or stop dropping them."""
         for host in self.each:
             wrong = ("replace", host.address, "lladdr", "02:00:00:00:00:99", "nud", "permanent")
             words = ["ip", "neigh", *(wrong if stalled else ("del", host.address)), "dev", host.name]
@@ -167,10 +167,10 @@ def _ip(holder: int, lines: Sequence[str]) -> None:
 
 
 class TlsCluster(ExitStack):
-    """A Dask scheduler on "here" and a worker on each host, with TLS, until the context ends."""
+    """Context with a Dask scheduler on "here" and a worker on each host, over TLS."""
 
     def __init__(self, hosts: Hosts, folder: Path) -> None:
-        """`folder`: made for keys, temporary files and logs (here.log, h1.log, …)."""
+        """Define the cluster; `folder` is created for keys, temporary files and logs (h1.log, …)."""
         super().__init__()
         self.folder = folder.absolute()
         self.environment = os.environ | {"DASK_CONFIG": str(self.folder / "keys")}
@@ -178,7 +178,7 @@ class TlsCluster(ExitStack):
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> Self:
-        """Return when all workers have joined. Raises HostsError where one does not."""
+        """Start scheduler and workers. Raises HostsError if one does not join."""
         self.folder.mkdir(parents=True)
         _write_keys(self.folder / "keys", self.folder / "scratch")
         with ExitStack() as stack:
@@ -197,13 +197,13 @@ class TlsCluster(ExitStack):
             host.signal(signal.SIGKILL)
 
     def start_worker(self, host: RigHost) -> None:
-        """Start a worker, and wait until it joins."""
+        """Start a worker and wait until it joins."""
         words = (ADDRESS, "--host", host.address, "--name", host.name, "--nthreads", "1", "--no-nanny")
         disk = () if host.disk is None else ("--local-directory", str(host.disk))
         self._start(host, "Registered to:", "dask_worker", *words, *disk)
 
     def kill(self, name: str) -> None:
-        """End the program on the host of that name by SIGKILL."""
+        """Kill the program on the host of that name (SIGKILL)."""
         self._processes[name].kill()
         self._processes[name].wait()
 
@@ -217,7 +217,7 @@ class TlsCluster(ExitStack):
         deadline = time.monotonic() + _START_S
         while sign not in " ".join(path.read_text("utf-8", "replace").split()):
             if process.poll() is not None or time.monotonic() > deadline:
-                raise HostsError(f"{program} on {host.name} does not start; see {path}")
+                raise HostsError(f"{program} on {host.name} did not start; see {path}")
             time.sleep(0.02)
 
 
@@ -243,11 +243,11 @@ def _write_keys(folder: Path, scratch: Path) -> None:
 
 
 _COLUMNS: Final = ("hosts", "robots", "delay, ms", "steps/s", "CPU of world and radio, ms", "of a robot, ms")
-"""Titles of the figures of one swarm."""
+"""Column titles of the figures of one swarm."""
 
 
-def measure(robots: Sequence[int] | None = None, duration: float | None = None) -> Measured:
-    """Measure each number of robots on each number of hosts, with each delay that the kernel offers."""
+def measure(robots: Sequence[int] | None = None, duration: float | None = None) -> BenchmarkResult:
+    """Measure each number of robots on 1 to 3 hosts, with delays if the kernel supports them."""
     found: list[dict[str, float]] = []
     notes: dict[str, None] = {}
     numbers, seconds = tuple(robots or (6, 20, 60)), duration or 10.0
@@ -267,14 +267,14 @@ def measure(robots: Sequence[int] | None = None, duration: float | None = None) 
                     break
                 found += (_figures(hosted, delay_ms, count, seconds, hosts, cluster) for count in numbers)
     rows = [dict(zip(_COLUMNS, one.values(), strict=True)) for one in found]
-    title = "swarms over hosts, CPU per step; 0 hosts: all on this computer"
-    return Measured({"cores": os.cpu_count(), "swarms": found}, [table_of(rows, title, ".4g"), *notes])
+    title = "swarms on emulated hosts, CPU per step; 0 hosts: all on this computer"
+    return BenchmarkResult({"cores": os.cpu_count(), "swarms": found}, [table_of(rows, title, ".4g"), *notes])
 
 
 def _figures(
     number: int, delay_ms: float, robots: int, seconds: float, hosts: Hosts | None, cluster: TlsCluster | None
 ) -> dict[str, float]:
-    """Run one swarm and return its speed and CPU per step; without hosts all is on this computer."""
+    """Run one swarm and return speed and CPU per step; without hosts, on this computer."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         out = Path(name) / "run"
         given = {"--robots": str(robots), "--duration": f"{seconds:g}", "--out": str(out)}
@@ -286,7 +286,7 @@ def _figures(
             words, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False
         )
         if done.returncode:
-            raise HostsError(f"{robots} robots on {number} hosts do not run: {done.stderr.strip()[-500:]}")
+            raise HostsError(f"run of {robots} robots on {number} hosts failed: {done.stderr.strip()[-500:]}")
         steps = seconds * 10
         spent = {path.stem: _spent_s(path) for path in out.glob("*/*.mcap")}
         centre = spent.pop("world") + spent.pop("radio")
@@ -302,6 +302,6 @@ def _figures(
 
 
 def _spent_s(recording: Path) -> float:
-    """Return the CPU time of an actor from its first step to its end, s."""
+    """Return the CPU time of an actor from its first to its last step, s."""
     note = msgspec.json.decode(read_notes(recording)["final"], type=FinalNote)
     return note.cpu_s - note.startup_cpu_s

@@ -1,4 +1,4 @@
-"""Our particle filter on logged courses, beside the results of another localisation on the same logs."""
+"""Comparison of the particle filter with another localisation on the same logs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
 from acrc_testbed.benchmarks.localisation_tracking import (
     BEYOND,
     LOST,
@@ -20,28 +21,27 @@ from acrc_testbed.benchmarks.localisation_tracking import (
     CourseLogError,
     FilterRun,
     Preset,
-    beside_truth,
+    errors_against_truth,
     localisation,
     read,
     replay,
 )
-from acrc_testbed.benchmarks.measured import Measured, table_of
 from acrc_testbed.experiments.paired_tests import Interval
 
 _RESAMPLES: Final = 2000
 
 
 def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (_RESAMPLES,) means of as many values, drawn with replacement."""
+    """Return (_RESAMPLES,) bootstrap means of the values."""
     draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
     means: NDArray[np.float64] = values[draws].mean(axis=1)
     return means
 
 
 def root_mean_square(runs: Sequence[FilterRun]) -> Interval:
-    """Return the error over all poses of all runs, m, with the 95 % interval of a bootstrap over the runs.
+    """Return the RMS error over all poses of all runs, m, with a 95 % bootstrap interval over runs.
 
-    Percentiles of the bootstrap: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+    Percentile method: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
     """
     squares = np.array([run.mean_square for run in runs])
     low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
@@ -49,7 +49,7 @@ def root_mean_square(runs: Sequence[FilterRun]) -> Interval:
 
 
 def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
-    """Return the columns of a table, as LEGEND describes them, for at least one run."""
+    """Return a table row of at least one run, with the columns that LEGEND describes."""
     rmse, lost = root_mean_square(runs), sum(run.lost for run in runs)
     errors = np.concatenate([run.errors for run in runs])
     nees = np.concatenate([run.tracking for run in runs])
@@ -69,80 +69,80 @@ def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
         "lost": f"{lost}/{len(runs)} [{share.low:.0%}, {share.high:.0%}]",
         "NEES": f"{np.median(nees):.2f}" if nees.size and math.isfinite(np.median(nees)) else "∞",
         "low/high": "/".join(f"{one:.0%}" for one in outside),
-        "told": f"{sum(spells)}/{len(spells)}",
+        "detected": f"{sum(spells)}/{len(spells)}",
         "false": f"{sum(run.false_alarms for run in runs)} in {errors.size * STEP_US / 3.6e9:.1f} h",
         "µs": f"{costs.mean():.0f} ({costs.min():.0f})" if costs.size else "-",
     }
 
 
 LEGEND: Final = (
-    "rmse: over all poses of all runs [95 % by bootstrap over runs]; median run: of the runs' own rmse; "
-    f"lost: > {LOST:g} m off at the end, of all runs [95 %, Wilson]; NEES: median while at most {BEYOND:g} m "
-    "off, where 2.37 is right; low/high: share of that time below and above its two-sided 95 % bounds, where "
-    "2.5 % each is right; told: spells of being lost that the robot announced, of all that took 3 s; false: "
-    f"announcements while it was at most {BEYOND:g} m off for 5 s before and after; µs: CPU per update, mean "
-    "(minimum)."
+    "rmse: over all poses of all runs [95 %, bootstrap over runs]; median run: median rmse of runs; "
+    f"lost: runs with a final error > {LOST:g} m [95 %, Wilson]; NEES: median while the error is at most "
+    f"{BEYOND:g} m, ideally 2.37; low/high: share of that time below and above the two-sided 95 % bounds, "
+    "ideally 2.5 % each; detected: intervals of at least 3 s in which the robot was lost and reported it; "
+    f"false: reports with an error of at most {BEYOND:g} m for 5 s before and after; µs: CPU per update, "
+    "mean (minimum)."
 )
 
 
 _LARGEST: Final = 10_000_000
 
 
-class OtherRun(msgspec.Struct):
+class ReferenceRun(msgspec.Struct):
     """Result of another localisation on a log, from one seed; further fields are ignored."""
 
     rmse: float
-    """Over all poses, m."""
+    """Error over all poses, m."""
     lost: bool
-    """More than 1 m off at the end."""
+    """Final error above 1 m."""
     nmed: float | None = None
-    """Median of the normalised error (NEES)."""
+    """Median NEES."""
 
 
-class Other(msgspec.Struct):
-    """All runs on one log."""
+class ReferenceRuns(msgspec.Struct):
+    """All runs of another localisation on one log."""
 
     log: str
-    """The log's file name, without .zip."""
-    runs: list[OtherRun]
+    """File name of the log, without .zip."""
+    runs: list[ReferenceRun]
 
 
 @dataclass(frozen=True)
 class PairedRow:
-    """One log, or all of them together."""
+    """Comparison on one log, or on all logs."""
 
     log: str
     preset: str
     ours: float
-    """Mean error, m; of all logs, the geometric mean."""
+    """Mean error, m; geometric mean for all logs."""
     theirs: float
     ratio: float
     low: float
     high: float
-    """The ratio of the two, with its 95 % interval: a bootstrap over the runs of each, and over the logs."""
+    """95 % interval of the ratio: a bootstrap over runs of each side, and over logs."""
     lost: str
-    """Runs, ours and theirs."""
+    """Lost runs, ours and theirs."""
     nees: str
-    """Median over the runs, ours and theirs."""
+    """Median over runs, ours and theirs."""
 
 
-def load_other(file: Path) -> dict[str, Other]:
-    """By log, what another localisation made of it. Raises LogError."""
+def load_reference_runs(file: Path) -> dict[str, ReferenceRuns]:
+    """Read the results of another localisation, by log. Raises CourseLogError."""
     try:
         with file.open("rb") as stream:
             data = stream.read(_LARGEST + 1)
         if len(data) > _LARGEST:
-            raise CourseLogError(f"{file}: may have at most {_LARGEST} bytes, and has more.")
-        others = msgspec.json.decode(data, type=list[Other])
+            raise CourseLogError(f"{file}: larger than the limit of {_LARGEST} bytes.")
+        others = msgspec.json.decode(data, type=list[ReferenceRuns])
     except OSError as error:
         raise CourseLogError(f"{file}: cannot be read: {error.strerror}.") from None
     except (msgspec.DecodeError, RecursionError) as error:
         raise CourseLogError(
-            f"{file}: must be a list of logs, each with its runs (docs/localisation-log.md): {error}."
+            f"{file}: must be a list of logs with runs (docs/localisation-log.md): {error}."
         ) from None
     for other in others:
         if not other.runs or not all(math.isfinite(run.rmse) and run.rmse > 0 for run in other.runs):
-            raise CourseLogError(f"{file}: {other.log[:80]}: must have runs, each with an rmse above 0.")
+            raise CourseLogError(f"{file}: {other.log[:80]}: must contain runs, each with an rmse above 0.")
     return {other.log: other for other in others}
 
 
@@ -150,8 +150,8 @@ _Runs = Mapping[str, Mapping[Preset, Sequence[FilterRun]]]
 """Our runs by log and preset."""
 
 
-def paired(ours: _Runs, others: Mapping[str, Other]) -> list[PairedRow]:
-    """Return a row per preset and log and, of several logs, one for all of them; odometry alone has none."""
+def paired(ours: _Runs, others: Mapping[str, ReferenceRuns]) -> list[PairedRow]:
+    """Return a row per preset and log and, for several logs, one for all; odometry alone has no row."""
     found = []
     for preset in PRESETS:
         its = [_row(log, preset, by[preset], others[log].runs) for log, by in ours.items()]
@@ -161,8 +161,8 @@ def paired(ours: _Runs, others: Mapping[str, Other]) -> list[PairedRow]:
     return found
 
 
-def as_good(found: Sequence[PairedRow], ours: _Runs, others: Mapping[str, Other]) -> bool:
-    """Return whether preset `chapter` errs no more than the other one over all logs, and is lost no more."""
+def is_as_good(found: Sequence[PairedRow], ours: _Runs, others: Mapping[str, ReferenceRuns]) -> bool:
+    """Return whether preset `chapter` has no larger error over all logs, and no larger share of lost runs."""
     preset = PRESETS[0]
     ratio = [row.ratio for row in found if row.preset == preset][-1]
     lost = [run.lost for by_preset in ours.values() for run in by_preset[preset]]
@@ -170,7 +170,7 @@ def as_good(found: Sequence[PairedRow], ours: _Runs, others: Mapping[str, Other]
     return ratio <= 1.0 and sum(lost) / len(lost) <= sum(their) / len(their)
 
 
-def _row(log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[OtherRun]) -> PairedRow:
+def _row(log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[ReferenceRun]) -> PairedRow:
     ours, theirs = (np.array([run.rmse for run in side]) for side in (runs, others))
     low, high = np.percentile(resampled(ours) / resampled(theirs), (2.5, 97.5)).tolist()
     nees = [
@@ -191,7 +191,7 @@ def _row(log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[Othe
 
 
 def _together(
-    preset: Preset, its: Sequence[PairedRow], ours: _Runs, others: Mapping[str, Other]
+    preset: Preset, its: Sequence[PairedRow], ours: _Runs, others: Mapping[str, ReferenceRuns]
 ) -> PairedRow:
     logs = np.log([(row.ours, row.theirs, row.ratio) for row in its])
     low, high = np.exp(np.percentile(resampled(logs[:, 2]), (2.5, 97.5))).tolist()
@@ -212,7 +212,7 @@ def _together(
     )
 
 
-def _lost(runs: Sequence[FilterRun] | Sequence[OtherRun]) -> str:
+def _lost(runs: Sequence[FilterRun] | Sequence[ReferenceRun]) -> str:
     return f"{sum(run.lost for run in runs)}/{len(runs)}"
 
 
@@ -228,42 +228,42 @@ def _table_row(row: PairedRow) -> dict[str, str]:
     }
 
 
-def check(source: Path, seeds: int = 1, other: Path | None = None) -> Measured:
-    """Feed each preset, and the odometry alone, with each log.
+def check(source: Path, seeds: int = 1, other: Path | None = None) -> BenchmarkResult:
+    """Run each preset, and the odometry alone, on each log.
 
-    `source`: a log, or a folder with logs, *.zip. `seeds`: of the filter's own chance, from 1 on. `other`:
-    what another localisation made of the same logs (docs/localisation-log.md); it holds where preset
-    `chapter` errs no more than that one over all logs, and is lost no more often. Raises LogError.
+    `source`: a log, or a folder with logs, *.zip. `seeds`: number of filter seeds, from 1. `other`: results
+    of another localisation on the same logs (docs/localisation-log.md); the claim holds if preset `chapter`
+    has no larger error over all logs and no larger share of lost runs. Raises CourseLogError.
     """
-    known = None if other is None else load_other(other)
+    known = None if other is None else load_reference_runs(other)
     runs = {file.stem: _run_all(file, seeds) for file in _logs(source, other, known)}
-    told: dict[str, Any] = {
+    by_log: dict[str, Any] = {
         log: {preset: [one.figures() for one in its] for preset, its in by_preset.items()}
         for log, by_preset in runs.items()
     }
-    figures = told if source.is_dir() else next(iter(told.values()))
+    figures = by_log if source.is_dir() else next(iter(by_log.values()))
     if known is None:
         tables = [
             table_of([{"preset": preset, **table_row(its)} for preset, its in by_preset.items()], log)
             for log, by_preset in runs.items()
         ]
-        return Measured(figures, [*tables, LEGEND])
+        return BenchmarkResult(figures, [*tables, LEGEND])
     rows = paired(runs, known)
-    table = table_of([_table_row(row) for row in rows], "beside another localisation, on the same logs")
+    table = table_of([_table_row(row) for row in rows], "compared with another localisation on the same logs")
     figures = {"logs": figures, "against": [asdict(row) for row in rows]}
-    return Measured(figures, [table], as_good(rows, runs, known))
+    return BenchmarkResult(figures, [table], is_as_good(rows, runs, known))
 
 
-def _logs(source: Path, other: Path | None, known: dict[str, Other] | None) -> Sequence[Path]:
+def _logs(source: Path, other: Path | None, known: dict[str, ReferenceRuns] | None) -> Sequence[Path]:
     files = sorted(source.glob("*.zip")) if source.is_dir() else [source]
     if not files:
-        raise CourseLogError(f"{source}: this folder holds no log, which would be a *.zip.")
+        raise CourseLogError(f"{source}: contains no log (*.zip).")
     if known is None:
         return files
     unknown = [file.stem for file in files if file.stem not in known]
     if unknown:
         raise CourseLogError(
-            f"{other}: says nothing of the log {unknown[0]!r}; it must have every log's runs."
+            f"{other}: the log {unknown[0]!r} is missing; every log must be listed with its runs."
         )
     return files
 
@@ -273,7 +273,7 @@ def _run_all(file: Path, seeds: int) -> dict[Preset, list[FilterRun]]:
 
     def run(preset: Preset, seed: int) -> FilterRun:
         track = replay(course, localisation(course, preset, seed))
-        return beside_truth(seed, course.truth, course.odometry, track)
+        return errors_against_truth(seed, course.truth, course.odometry, track)
 
     presets: tuple[Preset, ...] = (*PRESETS, "odometry")
     return {preset: [run(preset, 1 + seed) for seed in range(seeds)] for preset in presets}

@@ -35,27 +35,27 @@ POSES: Final = "time_us,x,y,heading"
 
 
 class CourseLogError(AcrcError):
-    """A log that cannot be read."""
+    """A log is not readable."""
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Input of a localisation on one drive, with the ground truth. All arrays are in order of time."""
+    """Input of a localisation on one drive, with the ground truth; all arrays are in order of time."""
 
     grid: OccupancyGrid
     sensor: RangeSensor
     start: Pose
     """The true pose at the first odometry pose, m and rad, map frame."""
     instants: NDArray[np.int64]
-    """(n,), µs: when the odometry was read."""
+    """(n,): times of the odometry, µs."""
     odometry: NDArray[np.float64]
-    """(n, 3): x, y, heading, m and rad, in the odometry's frame."""
+    """(n, 3): x, y, heading, m and rad, odometry frame."""
     truth: NDArray[np.float64]
-    """(n, 3): the true poses of these instants, m and rad, map frame."""
+    """(n, 3): true poses at `instants`, m and rad, map frame."""
     stamps: NDArray[np.int64]
-    """(k,), µs: when the scans were made."""
+    """(k,): times of the scans, µs."""
     scans: NDArray[np.uint16]
-    """(k, rays), mm; NO_ECHO_MM = nothing within reach."""
+    """(k, rays): ranges, mm; NO_ECHO_MM = no echo within range."""
 
     @property
     def origin(self) -> Pose:
@@ -68,7 +68,7 @@ TEXT_BYTES: Final = 400_000_000
 _SMALL_BYTES: Final = 65_536
 """Largest about.json and map.yaml."""
 _IMAGE_BYTES: Final = 32_000_000
-"""Largest map.png, as it lies in the archive."""
+"""Largest map.png in the archive."""
 _FARTHEST: Final = 1e6
 """Largest coordinate, m."""
 _Coordinate = Annotated[float, msgspec.Meta(ge=-_FARTHEST, le=_FARTHEST)]
@@ -80,8 +80,7 @@ def read(file: Path) -> Course:
         with zipfile.ZipFile(file) as archive:
             return _Log(file, archive).course()
     except zipfile.BadZipFile as error:
-        wrong = f"this is not a localisation log, which is a ZIP archive: {error}."
-        raise CourseLogError(f"{file}: {wrong}") from error
+        raise CourseLogError(f"{file}: not a localisation log (a ZIP archive): {error}.") from error
     except (OSError, EOFError, zlib.error, RuntimeError, NotImplementedError, ValueError) as error:
         raise CourseLogError(f"{file}: the log cannot be read: {error}.") from error
 
@@ -100,7 +99,7 @@ class _Log:
         stamps, truth = self._poses("truth.csv")
         if stamps[0] > instants[0] or stamps[-1] < instants[-1]:
             raise self._wrong(
-                f"truth.csv goes from {stamps[0]} to {stamps[-1]} µs, but must hold all of odometry.csv, "
+                f"truth.csv covers {stamps[0]} to {stamps[-1]} µs, but must cover odometry.csv, "
                 f"{instants[0]} to {instants[-1]} µs"
             )
         if not np.array_equal(stamps, instants):  # headings turn the short way round
@@ -164,13 +163,13 @@ class _Log:
                 f"{name} begins with {header.strip()[:40]!r}, but its first line must be {short}"
             )
         if not rows.strip():
-            raise self._wrong(f"{name} has no rows, but must have one at least")
+            raise self._wrong(f"{name} has no rows; at least one is required")
         try:
             table = np.loadtxt(io.StringIO(rows), delimiter=",", comments=None, ndmin=2)
         except (ValueError, OverflowError) as error:
             raise self._wrong(f"{name} is not a table of numbers: {error}") from error
         if table.shape[1] != columns.count(",") + 1:
-            raise self._wrong(f"{name} has {table.shape[1]} columns, but its first line names others")
+            raise self._wrong(f"{name} has {table.shape[1]} columns, but its first line names another number")
         times = table[:, 0]
         if not (np.isfinite(times) & (np.abs(times) < 2**53) & (times == np.floor(times))).all():
             raise self._wrong(f"{name} has a time_us that is not a whole number")
@@ -189,30 +188,30 @@ class _Log:
             raise self._wrong(f"{name} has more than the {most} bytes allowed")
         return content
 
-    def _wrong(self, what: str) -> CourseLogError:
-        return CourseLogError(f"{self._file}: {what}.")
+    def _wrong(self, problem: str) -> CourseLogError:
+        return CourseLogError(f"{self._file}: {problem}.")
 
 
 Preset = Literal["chapter", "robust", "odometry"]
-"""A preset of the filter, or the odometry alone."""
+"""Preset of the filter, or the odometry alone."""
 PRESETS: Final[tuple[Preset, ...]] = ("chapter", "robust")
 STEP_US: Final = 100_000
 """Interval between odometry poses of the simulated courses, µs."""
 BEYOND: Final = 0.5
-"""An error above this counts as time off, m."""
+"""Error above which a robot is not tracking, m."""
 LOST: Final = 1.0
-"""A robot so far off at the end of its course is lost, m."""
+"""Error above which a robot is lost, m."""
 NEES_BOUNDS: Final = (0.2158, 9.3484)
 """The two-sided 95 % bounds of χ² with three degrees of freedom (quantiles 0.025 and 0.975)."""
 ANNOUNCED: Final = 0.95
-"""A robot announces that it is lost above this probability. With 0.5, more than half of the announcements
-among many others at 58° are short doubts."""
+"""Estimated probability above which a robot reports that it is lost. With 0.5, more than half of the reports
+among many robots at 58° would be short doubts."""
 SPELL: Final = 30
-"""A robot farther off than LOST for so many steps on end is lost in a spell of its own; 3 s."""
+"""Minimum number of consecutive steps with an error above LOST that count as a lost interval; 3 s."""
 AROUND: Final = 50
-"""An announcement is false if the robot was nowhere beyond BEYOND so many steps before and after it; 5 s."""
+"""Number of steps before and after a report without an error above BEYOND that make it false; 5 s."""
 FOUND: Final = (0.5, math.radians(15.0))
-"""Nearer than both, m and rad, a robot that was lost has found itself."""
+"""Position and heading errors, m and rad, below which a lost robot has relocalised."""
 
 Floats = NDArray[np.float64]
 
@@ -226,7 +225,7 @@ class EstimatedTrack:
     covariances: Floats
     """(n, 3, 3)."""
     lost: Floats
-    """(n,): its estimated probability of being lost."""
+    """(n,): estimated probability of being lost."""
     costs: Floats
     """(n,), CPU s of each call."""
     outcome: dict[str, object]
@@ -234,9 +233,9 @@ class EstimatedTrack:
 
 
 def localisation(course: Course, preset: Preset, seed: int, *, placed: bool = True) -> Localisation:
-    """Return a new localisation for that course, with its own random stream.
+    """Return a new localisation for a course, with its own random stream.
 
-    `placed`: the filter is given the start pose; otherwise the robot may be anywhere on the map.
+    `placed`: initialise the filter at the start pose; otherwise globally on the map.
     """
     if preset == "odometry":
         return DeadReckoning(course.origin)
@@ -253,7 +252,7 @@ def _field(grid: OccupancyGrid, max_distance: float) -> LikelihoodField:
 
 
 def replay(course: Course, localisation: Localisation) -> EstimatedTrack:
-    """Feed the whole course: per odometry pose one call, with the newest scan since the previous call."""
+    """Run a localisation on a course: a call per odometry pose, with the newest scan since the last call."""
     sweeps = OdometryBuffer(course.sensor)
     newest = np.searchsorted(course.stamps, course.instants, side="right") - 1
     poses = course.odometry.tolist()
@@ -280,59 +279,59 @@ class FilterRun:
 
     seed: int
     errors: NDArray[np.float32]
-    """(n,), m: distance from the true position, at every odometry pose, nothing aligned."""
+    """(n,): position error at every odometry pose, m, without alignment."""
     turns: NDArray[np.float32]
-    """(n,), rad ≥ 0: how far the heading was off."""
+    """(n,): absolute heading error, rad."""
     nees: NDArray[np.float32]
     """(n,): normalised estimation error squared; inf where the covariance is singular."""
     announced: NDArray[np.bool_]
-    """(n,): it announces that it is lost."""
+    """(n,): whether the robot reports that it is lost."""
     costs: NDArray[np.float32]
-    """(m,), CPU s of the calls that weighed a scan."""
+    """(m,): CPU time of the calls that weighed a scan, s."""
     outcome: dict[str, object]
 
     @property
     def rmse(self) -> float:
-        """Root of the mean square error, m: the absolute trajectory error."""
+        """Root mean square error (absolute trajectory error), m."""
         return math.sqrt(self.mean_square)
 
     @property
     def mean_square(self) -> float:
-        """m²."""
+        """Mean square error, m²."""
         return float(np.mean(np.square(self.errors, dtype=np.float64)))
 
     @property
     def tracking(self) -> NDArray[np.float32]:
-        """The NEES of the steps at which it was no farther off than BEYOND."""
+        """NEES of the steps with an error of at most BEYOND."""
         return self.nees[self.errors <= BEYOND]
 
     @property
     def spells(self) -> list[bool]:
-        """For each spell of being lost: True if the robot announced it meanwhile."""
+        """For each lost interval: whether the robot reported it."""
         edges = np.flatnonzero(np.diff(np.concatenate(([False], self.errors > LOST, [False])).astype(int)))
         pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
         return [bool(self.announced[begin:end].any()) for begin, end in pairs if end - begin >= SPELL]
 
     @property
     def false_alarms(self) -> int:
-        """Number of announcements while it was not lost."""
-        said = np.flatnonzero(np.diff(self.announced.astype(int)) > 0) + 1
+        """Number of reports while the robot was not lost."""
+        starts = np.flatnonzero(np.diff(self.announced.astype(int)) > 0) + 1
         return sum(
-            bool((self.errors[max(at - AROUND, 0) : at + AROUND] <= BEYOND).all()) for at in said.tolist()
+            bool((self.errors[max(at - AROUND, 0) : at + AROUND] <= BEYOND).all()) for at in starts.tolist()
         )
 
     @property
     def lost(self) -> bool:
-        """True if the end finds it more than LOST off."""
+        """True if the final error exceeds LOST."""
         return bool(self.errors[-1] > LOST)
 
     def found(self, step: int) -> bool:
-        """True if it is within FOUND at that step; steps beyond the last are the last."""
+        """Return whether the errors are within FOUND at a step, or at the last one."""
         step = min(step, len(self.errors) - 1)
         return bool(self.errors[step] <= FOUND[0] and self.turns[step] <= FOUND[1])
 
     def figures(self) -> dict[str, Any]:
-        """The run in JSON."""
+        """Return the figures for JSON."""
         low, high = NEES_BOUNDS
         return {
             "seed": self.seed,
@@ -356,8 +355,8 @@ class FilterRun:
         }
 
 
-def beside_truth(seed: int, truth: Floats, odometry: Floats, track: EstimatedTrack) -> FilterRun:
-    """The run's errors. `truth`, `odometry`: (n, 3), m and rad."""
+def errors_against_truth(seed: int, truth: Floats, odometry: Floats, track: EstimatedTrack) -> FilterRun:
+    """Return the errors of a run. `truth`, `odometry`: (n, 3), m and rad."""
     off = track.poses - truth
     off[:, 2] -= math.tau * np.rint(off[:, 2] / math.tau)
     return FilterRun(
@@ -372,7 +371,7 @@ def beside_truth(seed: int, truth: Floats, odometry: Floats, track: EstimatedTra
 
 
 def weighed(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
-    """(n,): which calls did more than to move the estimate as the odometry moved; both arrays (n, 3)."""
+    """Return (n,): calls that changed the estimate beyond the odometry's motion; both arrays (n, 3)."""
     turn = poses[:, 2] - odometry[:, 2]
     c, s = np.cos(turn), np.sin(turn)
     x = poses[:, 0] - c * odometry[:, 0] + s * odometry[:, 1]
@@ -384,13 +383,13 @@ def weighed(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
 
 
 def nees(off: Floats, covariances: Floats) -> Floats:
-    """Normalised estimation error squared eᵀ P⁻¹ e: (n,) of errors (n, 3) and covariances (n, 3, 3).
+    """Return (n,) normalised estimation errors squared eᵀ P⁻¹ e of errors (n, 3), covariances (n, 3, 3).
 
     inf where P is not positive definite, even for an error of zero (Bar-Shalom, Li and
     Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.2).
     """
     values = np.full(len(off), math.inf)
-    # scaled to a unit diagonal first, as m² and rad² may be worlds apart
+    # scaled to a unit diagonal, since m² and rad² may differ by orders of magnitude
     scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
     sound = (scale > 0).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
     scale, unit = scale[sound], off[sound] / scale[sound]
@@ -402,5 +401,5 @@ def nees(off: Floats, covariances: Floats) -> Floats:
 
 
 def finite(value: Any) -> float | None:
-    """The value for JSON, which has no infinity: None then."""
+    """Return the value, or None if it is infinite or NaN, which JSON cannot express."""
     return float(value) if math.isfinite(value) else None

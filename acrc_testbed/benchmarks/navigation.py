@@ -1,8 +1,8 @@
-"""Preset `chapter` of navigation, held against what the original ROS stack made of the same inputs.
+"""Comparison of the navigation preset `chapter` with the original ROS stack on the same inputs.
 
-A folder of rows holds local_*.npz, global_*.npz and inflation.npz. For each control cycle they have the
-marks, the plan, poses and velocity, and the total cost that ROS Indigo gave to every sample; for pairs of
-points the plans of navfn; for marks the costs of costmap_2d.
+A folder of reference data has local_*.npz, global_*.npz and inflation.npz. They contain, for each control
+cycle, marks, plan, poses, velocity and the total cost of every sample in ROS Indigo; for pairs of points, the
+plans of navfn; for marks, the costs of costmap_2d.
 """
 
 import json
@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import Measured, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
@@ -35,13 +35,12 @@ from actors.settings import ParameterError
 
 PRESET: Final = "chapter"
 CATEGORIES: Final = ("free", "near_goal", "turning")
-"""By their number in the rows."""
+"""Categories of cycles, by their number in the data."""
 LEAST_SAME, LEAST_WITHIN_ONE, LEAST_EQUAL = 0.95, 0.99, 0.999
 MOST_REGRET, MOST_LONGER = 1.0, 0.005
-"""The claim: shares of cycles and of cells, the regret that 90 % of cycles do not exceed, and by what share a
-plan is longer or shorter."""
+"""Limits of the claim: shares of cycles and cells, 90 % quantile of the regret, relative plan length."""
 _SAME: Final = 1e-4
-"""Velocities that differ by less are the same, m/s and rad/s."""
+"""Maximum difference of equal velocities, m/s and rad/s."""
 _NOW: Final = Instant(1)
 Rows = Mapping[str, NDArray[Any]]
 _T = TypeVar("_T")
@@ -49,33 +48,34 @@ _DAMAGE: Final = (
     *(OSError, EOFError, zipfile.BadZipFile, zlib.error),
     *(ValueError, TypeError, IndexError, AttributeError, ParameterError),
 )
-"""Errors from files of another kind, or with arrays that do not fit together."""
+"""Errors of files of another kind, or with inconsistent arrays."""
 
 
 class RowsError(AcrcError):
-    """A folder of rows that cannot be read."""
+    """Reference data are not readable."""
 
 
 @dataclass(frozen=True)
-class JudgedCycle:
-    """One choice beside the original's."""
+class CycleComparison:
+    """Comparison of one chosen velocity with the original's."""
 
     category: int
     here: bool
-    """There is a valid trajectory."""
+    """Whether a valid trajectory exists here."""
     there: bool
+    """Whether a valid trajectory exists in the original."""
     same: bool = False
     within_one: bool = False
-    """Speed and turn rate are at most a sample away."""
+    """Whether speed and turn rate differ by at most one sample."""
     refused: bool = False
-    """The original would not drive it."""
+    """Whether the original rejects the velocity."""
     regret: float = math.nan
-    """The original's cost of the choice, less that of its own; nan if one of the two has none."""
+    """Cost of the velocity in the original, minus the original's minimum; nan if either is missing."""
 
 
 @dataclass(frozen=True)
 class CycleFigures:
-    """Some cycles together; shares are of those in which both have a valid trajectory."""
+    """Figures of some cycles; shares refer to cycles with a valid trajectory on both sides."""
 
     cycles: int
     same: float
@@ -89,78 +89,77 @@ class CycleFigures:
 
 @dataclass(frozen=True)
 class PlanFigures:
-    """The plans on one map."""
+    """Comparison of plans on one map."""
 
     pairs: int
     none: int
-    """Pairs between which there is no plan here."""
+    """Pairs without a plan here."""
     length_ratio_median: float
-    """Ours by the original's."""
+    """Our length divided by the original's."""
     length_ratio_max: float
     farthest_apart: float
-    """From any point of one of ours to the nearest of the original's, m."""
+    """Maximum distance of our points from the original's plan, m."""
 
 
 def _body() -> RobotModel:
     return load_model("turtlebot2", None)
 
 
-def check(folder: Path) -> Measured:
-    """Compare with all rows of a folder. Raises RowsError."""
+def check(folder: Path) -> BenchmarkResult:
+    """Compare with all reference data in a folder. Raises RowsError."""
     logs = dict(_of_files(folder, "local_*.npz", _cycles))
     judged = [cycle for of_file in logs.values() for cycle in of_file]
     if not judged:
-        raise RowsError(f"{folder}: holds no local_*.npz; must be a folder of rows of the original")
+        raise RowsError(f"{folder}: contains no local_*.npz; give a folder of reference data")
     cycles = _by_category(judged)
     files = {name: _by_category(of_file) for name, of_file in logs.items()}
     costs = next((found for _, found in _of_files(folder, "inflation.npz", _inflation)), None)
     plans = dict(found for _, found in _of_files(folder, "global_*.npz", _plans))
     own: dict[str, Any] = {**cycles, "files": files, "plans": plans, "inflation": costs}
     figures = msgspec.to_builtins(own)
-    title = f"preset {PRESET} beside dwa_local_planner of ROS Indigo"
+    title = f"preset {PRESET} compared with dwa_local_planner of ROS Indigo"
     shown: list[Table | str] = [
         table_of([_cycles_row(name, one) for name, one in cycles.items()], title),
         table_of([_file_row(*one) for one in files.items()], "same, within one sample, of n cycles"),
-        *_maps_told(plans, costs),
+        *_map_sentences(plans, costs),
     ]
-    return Measured(figures, shown, _holds(cycles, plans, costs))
+    return BenchmarkResult(figures, shown, _holds(cycles, plans, costs))
 
 
-def _by_category(judged: Sequence[JudgedCycle]) -> dict[str, CycleFigures]:
-    """Return the figures of all of these cycles, and of those of each category."""
+def _by_category(judged: Sequence[CycleComparison]) -> dict[str, CycleFigures]:
+    """Return the figures of all cycles and of each category."""
     named = {name: [one for one in judged if one.category == index] for index, name in enumerate(CATEGORIES)}
     return {name: _figures(cycles) for name, cycles in {"all": judged, **named}.items()}
 
 
 def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[tuple[str, _T]]:
-    """Compare each of these files, which may hold any arrays. Raises RowsError."""
+    """Compare each file, with any arrays. Raises RowsError."""
     for file in sorted(folder.glob(pattern)):
         try:
             with np.load(file, allow_pickle=False) as rows:
                 found = compare({name: rows[name] for name in rows.files})
         except KeyError as error:
-            raise RowsError(f"{file}: lacks {error}; must hold the rows of the original") from None
+            raise RowsError(f"{file}: array {error} is missing; give reference data") from None
         except _DAMAGE as error:
-            wrong = f"{file}: cannot be compared: {error}; must hold the rows of the original"
-            raise RowsError(wrong) from None
+            raise RowsError(f"{file}: cannot be compared: {error}; give reference data") from None
         yield file.stem, found
 
 
-def _cycles(rows: Rows) -> list[JudgedCycle]:
-    """Choose the velocity of every cycle of a log from the inputs of the original."""
+def _cycles(rows: Rows) -> list[CycleComparison]:
+    """Choose the velocity of every cycle from the original's inputs, and compare."""
     model = _body()
     local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
     planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])
     for name in ("plan_points", "pose_odometry", "pose_map", "velocity"):
-        if not np.isfinite(rows[name]).all():  # kernels take numbers for places in their arrays
-            raise ValueError(f"{name} must hold finite numbers")
+        if not np.isfinite(rows[name]).all():  # kernels compute array indices from them
+            raise ValueError(f"{name} must contain finite numbers")
     side = len(local.squared)
     if rows["costs"].shape[1:] != (side, side):
         raise ValueError(f"the windows of costs must have {side} by {side} cells")
-    return [_judged(rows, index, local, planner) for index in range(len(rows["time"]))]
+    return [_compared_cycle(rows, index, local, planner) for index in range(len(rows["time"]))]
 
 
-def _judged(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) -> JudgedCycle:
+def _compared_cycle(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) -> CycleComparison:
     column, row = rows["corner"][index]
     local.restore(_NOW, Cell(int(row), int(column)), (rows["costs"][index] == 254).astype(np.uint8))
     begin, end = rows["plan_start"][rows["plan"][index] :][:2]
@@ -170,12 +169,12 @@ def _judged(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) ->
     chosen = planner.dynamic_window(here, estimate, Twist(*map(float, rows["velocity"][index])), barred)
     category, there = int(rows["category"][index]), bool(rows["indigo_valid"][index])
     if chosen.cost < 0.0 or not there:
-        return JudgedCycle(category, chosen.cost >= 0.0, there)
-    return _compared(rows, index, category, (chosen.speed, chosen.turn))
+        return CycleComparison(category, chosen.cost >= 0.0, there)
+    return _compared_choice(rows, index, category, (chosen.speed, chosen.turn))
 
 
-def _compared(rows: Rows, index: int, category: int, choice: tuple[float, float]) -> JudgedCycle:
-    """Both have a valid trajectory."""
+def _compared_choice(rows: Rows, index: int, category: int, choice: tuple[float, float]) -> CycleComparison:
+    """Return the comparison of a cycle in which both sides have a valid trajectory."""
     samples = [values[~np.isnan(values)] for values in (rows["vx"][index], rows["omega"][index])]
     spacing = [np.ptp(values) / (count - 1) for values, count in zip(samples, (15, 20), strict=True)]
     nearest = tuple(int(np.abs(values - one).argmin()) for values, one in zip(samples, choice, strict=True))
@@ -183,9 +182,9 @@ def _compared(rows: Rows, index: int, category: int, choice: tuple[float, float]
     refused = bool(rows["indigo_refused"][index][nearest] != 0)
     regret = math.nan
     if not refused:
-        # the rows' costs are of 32 bits
+        # the data have 32-bit costs
         regret = round(float(rows["indigo_total"][index][nearest] - rows["indigo_cost"][index]), 3) + 0.0
-    return JudgedCycle(
+    return CycleComparison(
         category,
         here=True,
         there=True,
@@ -196,7 +195,7 @@ def _compared(rows: Rows, index: int, category: int, choice: tuple[float, float]
     )
 
 
-def _figures(judged: Sequence[JudgedCycle]) -> CycleFigures:
+def _figures(judged: Sequence[CycleComparison]) -> CycleFigures:
     both = [one for one in judged if one.here and one.there]
     regrets = [one.regret for one in both if not math.isnan(one.regret)] or [0.0]
     share = 1.0 / max(len(both), 1)
@@ -213,7 +212,7 @@ def _figures(judged: Sequence[JudgedCycle]) -> CycleFigures:
 
 
 def _plans(rows: Rows) -> tuple[str, PlanFigures]:
-    """The map's name, and the plans between its pairs of points beside navfn's."""
+    """Return the map's name, and the comparison of our plans with navfn's."""
     about = json.loads(str(rows["about"]))
     cells = np.where(rows["occupied"], OCCUPIED, np.where(rows["unknown"], UNKNOWN, FREE))
     grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
@@ -221,24 +220,24 @@ def _plans(rows: Rows) -> tuple[str, PlanFigures]:
     planner = NavfnPlanner(global_costs(grid, _body().footprint.circumradius, parameters), parameters)
     ratios, apart = [], []
     theirs = np.split(rows["plan_points"], rows["plan_start"][1:-1])
-    for start, goal, way in zip(rows["starts"], rows["goals"], theirs, strict=True):
+    for start, goal, path in zip(rows["starts"], rows["goals"], theirs, strict=True):
         ours = planner.path(Point(*map(float, start)), Point(*map(float, goal)))
         if ours is not None:
-            ratios.append(_length(ours) / _length(way))
-            apart.append(max(map(min, np.hypot(*(ours[:, None] - way[None]).T))))
+            ratios.append(_length(ours) / _length(path))
+            apart.append(max(map(min, np.hypot(*(ours[:, None] - path[None]).T))))
     if not ratios:
-        raise ValueError("there is no plan between any of the pairs")
+        raise ValueError("no pair of points has a plan")
     middle, most = float(np.median(ratios)), max(ratios)
     return about["map"], PlanFigures(len(theirs), len(theirs) - len(ratios), middle, most, float(max(apart)))
 
 
-def _length(way: NDArray[np.float64]) -> float:
+def _length(path: NDArray[np.float64]) -> float:
     """Return the length of a path of (n, 2) points, m."""
-    return float(np.hypot(*np.diff(way, axis=0).T).sum())
+    return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
 def _inflation(rows: Rows) -> dict[str, float]:
-    """Cells, and the share of them with the original's cost."""
+    """Return the number of cells and the share with the original's cost."""
     about = json.loads(str(rows["about"]))
     marks = np.unpackbits(rows["marks"], axis=-1)
     parts = {"costs_local": "local", "costs_global": "glob"}
@@ -291,14 +290,14 @@ def _file_row(file: str, cycles: Mapping[str, CycleFigures]) -> dict[str, str]:
     return {"file": file} | {name.replace("_", " "): cell for name, cell in cells.items()}
 
 
-def _maps_told(plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None) -> list[str]:
-    told = []
+def _map_sentences(plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None) -> list[str]:
+    lines = []
     for name, plan in plans.items():
-        lengths = f"{plan.length_ratio_median:.4f} in the median, at most {plan.length_ratio_max:.4f}"
-        told.append(
-            f"plans on {name}: {plan.pairs - plan.none} of {plan.pairs}; length by navfn's {lengths}; "
-            f"at most {plan.farthest_apart:.3f} m apart"
+        lengths = f"median {plan.length_ratio_median:.4f}, maximum {plan.length_ratio_max:.4f}"
+        lines.append(
+            f"plans on {name}: {plan.pairs - plan.none} of {plan.pairs}; length relative to navfn: {lengths}"
+            f"; distance at most {plan.farthest_apart:.3f} m"
         )
     if costs is not None:
-        told.append(f"costs after inflation: {costs['equal']:.2%} of {costs['cells']:.0f} cells are equal")
-    return told
+        lines.append(f"costs after inflation: {costs['equal']:.2%} of {costs['cells']:.0f} cells are equal")
+    return lines

@@ -1,4 +1,4 @@
-"""`acrc bench radio`: speed of the medium, the firmware's carrier sense, and the figures of docs/radio.md."""
+"""`acrc bench radio`: speed of the medium, carrier sense of the firmware, figures of docs/radio.md."""
 
 import math
 import time
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from acrc_testbed.benchmarks.measured import Measured, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
 from acrc_testbed.benchmarks.radio_trials import (
     NS3,
     SECOND,
@@ -45,16 +45,16 @@ from actors.radio.radio_model import (
 from actors.radio.walls import build
 
 PER_FLOOR: Final = 20
-"""Robots to each copy of the floor plan."""
+"""Robots per copy of the floor plan."""
 _CROWD_OCTETS: Final = 100
 _STEP_NS: Final = SECOND // 10
 
 
 def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int) -> float:
-    """Return the CPU time of one frame, µs: preset `chapter`, a frame a second from each robot, all listen.
+    """Return the CPU time per frame, µs: preset `chapter`, each robot sends a frame per second, all listen.
 
-    Copies of the plan lie side by side in a rectangle, with 20 robots to each. Robots stand at random on free
-    cells and swing to and fro by up to 0.3 m, so that losses are not cached.
+    Copies of the plan with 20 robots each form a rectangle. Robots start at random free cells and oscillate
+    by up to 0.3 m, so that losses are not cached.
     """
     parameters = preset("chapter")
     copies = max(1, round(robots / PER_FLOOR))
@@ -82,13 +82,13 @@ def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int) -> flo
 
 
 _SPACING_NS: Final = 45_000_000
-"""Between frames that shall not meet: longer than the longest channel access."""
-_ARRIVES: Final = "share of frames that arrive"
+"""Interval between frames without contention; longer than the longest channel access."""
+_ARRIVES: Final = "share of frames received"
 _WIDTH, _HEIGHT = 7.6, 3.8
 """Inches."""
 _BLACK: Final = 3
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#000000")
-"""Told apart by the colour-blind (Okabe and Ito, "Color Universal Design", 2008); black: others' dots."""
+"""Colour-blind safe palette (Okabe and Ito, "Color Universal Design", 2008); black: reference data."""
 _LENGTHS: Final = (20, 60, 127)
 _PLOTTED_LOADS: Final = ("0.200", "0.800", "sat")
 MEASURED_LINKS: Final[Mapping[int, float]] = {
@@ -96,8 +96,8 @@ MEASURED_LINKS: Final[Mapping[int, float]] = {
     -88: 0.9324, -87: 0.9427, -86: 0.9562, -85: 0.9611, -84: 0.9739, -83: 0.9745, -82: 0.9844, -81: 0.9854,
     -80: 0.9903,
 }  # fmt: skip
-"""Share of frames over signal strength, dBm, as measured by motes in a building: the connectivity data "dust"
-of wsn.eecs.berkeley.edu, as the 6TiSCH simulator gives them (SimEngine/Connectivity.py)."""
+"""Packet delivery ratio by signal strength, dBm, measured by motes in a building: connectivity data "dust" of
+wsn.eecs.berkeley.edu, from the 6TiSCH simulator (SimEngine/Connectivity.py)."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ class PlotTask:
     """Size of the figures."""
 
     frames: int = 1000
-    """Per measured point."""
+    """Frames per measured point."""
     places: int = 4000
-    """Pairs of places that shadowing is averaged over."""
+    """Pairs of positions over which shadowing is averaged."""
     seeds: int = 2
     """Runs per point of contention."""
     senders: tuple[int, ...] = (2, 5, 10, 20, 50)
@@ -115,8 +115,10 @@ class PlotTask:
     """Position on the map of the corridor, m: the first robot's start."""
 
 
-def draw(folder: Path, map_file: Path, data: Path | None = None, task: PlotTask | None = None) -> Measured:
-    """Write the figures into the folder; without `data`, rows of ns-3, without its dots."""
+def draw(
+    folder: Path, map_file: Path, data: Path | None = None, task: PlotTask | None = None
+) -> BenchmarkResult:
+    """Write the figures into the folder, with results of ns-3 as dots if `data` is given."""
     task = task or PlotTask()
     folder.mkdir(parents=True, exist_ok=True)
     for name, plot in _FIGURES.items():
@@ -130,8 +132,8 @@ def draw(folder: Path, map_file: Path, data: Path | None = None, task: PlotTask 
             style.save(figure, folder / name)
     _corridor(folder / "corridor.png", map_file, task)
     written = [str(folder / name) for name in (*_FIGURES, "corridor.png")]
-    dots = [] if data else ["Without the dots of ns-3, whose figures --data gives."]
-    return Measured({"written": written, "reference": data is not None}, [*written, *dots])
+    dots = [] if data else ["Results of ns-3 not drawn: --data is missing."]
+    return BenchmarkResult({"written": written, "reference": data is not None}, [*written, *dots])
 
 
 def _label(
@@ -149,12 +151,12 @@ def _line(axes: Axes, name: str, x: ArrayLike, y: ArrayLike, colour: int) -> Non
 
 
 def _dots(axes: Axes, name: str, x: ArrayLike = (), y: ArrayLike = (), colour: int = _BLACK) -> None:
-    """Plot dots; without points, as an entry of the legend alone. Names that begin with _ are not in it."""
+    """Plot dots; without points, add a legend entry only. Names that begin with _ have no entry."""
     axes.plot(x, y, color=_COLOURS[colour], label=name, linestyle="none", marker="o", markersize=4)
 
 
 def _points(axes: Axes, data: Path | None, family: str) -> list[OperatingPoint]:
-    """Return the points of a family of ns-3, with an entry in the legend if there are any."""
+    """Return the points of a family of ns-3; add a legend entry if there are any."""
     found = [] if data is None else points(data, family)
     if found:
         _dots(axes, "dots: ns-3.44")
@@ -164,7 +166,7 @@ def _points(axes: Axes, data: Path | None, family: str) -> list[OperatingPoint]:
 def _heard(
     parameters: RadioParameters, distance: float, task: PlotTask, wifi: WifiParameters | None = None
 ) -> float:
-    """Count the share of 127-octet frames that arrive over a distance in line of sight."""
+    """Simulate the share of 127-octet frames received over a distance in line of sight."""
     propagation = IndoorPropagation(parameters.propagation)
     stations = (
         [WifiInterferer(wifi, parameters.channel, propagation, lambda: np.random.default_rng(5))]
@@ -180,7 +182,7 @@ def _heard(
 
 
 def _arriving(parameters: RadioParameters, loss_db: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the same share by the formula, for each loss."""
+    """Return the share of 127-octet frames received for each loss, by formula."""
     snr_db = parameters.transceiver.tx_power_dbm - loss_db - parameters.phy.noise_dbm
     arriving: NDArray[np.float64] = 1.0 - frame_error_rate(snr_db, 127)
     return arriving
@@ -188,10 +190,10 @@ def _arriving(parameters: RadioParameters, loss_db: NDArray[np.float64]) -> NDAr
 
 def _reach(axes: Axes, task: PlotTask, data: Path | None) -> None:
     ticks = (4, 6, 8, 10, 15, 20, 30, 40, 60, 80)
-    _label(axes, "How far 127-octet frames get", "distance in line of sight, m", ticks, scale="log")
+    _label(axes, "Range of 127-octet frames", "distance in line of sight, m", ticks, scale="log")
     distances = np.geomspace(4.0, 80.0, 300)
     away = np.stack([distances, np.zeros(300)], axis=1)
-    _dots(axes, "dots: counted")
+    _dots(axes, "dots: simulated")
     for colour, name in enumerate(("chapter", "rosomnet", "beeclick")):
         parameters = preset(name)
         propagation = IndoorPropagation(parameters.propagation)
@@ -223,7 +225,7 @@ def _grey_zone(axes: Axes, task: PlotTask, data: Path | None) -> None:
 
 
 def grey_zone(sigma_db: float, places: int = PlotTask.places) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return mean received powers, dBm, and the share of frames that arrive over links with shadowing."""
+    """Return mean received powers, dBm, and the share of frames received over links with shadowing."""
     parameters, powers = preset("beeclick"), np.arange(-100.0, -78.0, 0.25)
     ends = np.random.default_rng(1).uniform(0.0, 2000.0, (2, places, 2))
     shadows: NDArray[np.float64] = np.zeros(places)
@@ -240,7 +242,7 @@ def grey_zone(sigma_db: float, places: int = PlotTask.places) -> tuple[NDArray[A
 
 
 def _wifi(axes: Axes, task: PlotTask, data: Path | None) -> None:
-    title = "127-octet frames over 3 m beside Wi-Fi on the same channel"
+    title = "127-octet frames over 3 m with Wi-Fi on the same channel"
     label = "distance of the Wi-Fi station from the receiver, m"
     _label(axes, title, label, (1, 2, 3, 5, 8, 12, 20, 40), scale="log")
     distances = np.geomspace(1.0, 40.0, 12).tolist()
@@ -253,7 +255,7 @@ def _wifi(axes: Axes, task: PlotTask, data: Path | None) -> None:
 
 def _contention(axes: Axes, task: PlotTask, data: Path | None) -> None:
     label = "senders, all in range of each other"
-    _label(axes, "60-octet broadcasts that arrive, of those sent", label, (2, 5, 10, 20, 50), scale="log")
+    _label(axes, "60-octet broadcasts received, share of those sent", label, (2, 5, 10, 20, 50), scale="log")
     reference = _points(axes, data, "c_contention")
     for colour, load in enumerate(_PLOTTED_LOADS):
         scenes = [
@@ -274,7 +276,7 @@ _FIGURES: Final[Mapping[str, Callable[[Axes, PlotTask, Path | None], None]]] = {
 
 
 def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
-    """Received power on the free floor: darker is stronger; red: fewer than half of the frames arrive."""
+    """Draw received power on the free floor: darker is stronger; red: fewer than half of frames received."""
     setup = RadioSetup(seed=1, step_us=100_000, robots=(), preset="chapter", map=str(map_file))
     found, grid = radio_model(setup), load_map(map_file)
     x, y = (axis[1::4] for axis in grid.centres())
@@ -298,33 +300,33 @@ _CORRIDOR: Final = SHIPPED / "maps" / "corridor.yaml"
 _SENDERS: Final = (1, 10, 50, 200)
 _CROWDS: Final = (20, 50, 100, 200, 500)
 _FRAMES_EACH: Final = 2000
-"""About as many does a crowd send in one measurement."""
+"""Approximate number of frames of a crowd in one measurement."""
 _LOADS: Final = (0.2, 0.8)
 """G, of all senders together; arrivals are Poisson."""
 _OCTETS: Final = 60
 _FRAMES: Final = 50_000
-"""About as many are offered in one measurement of speed."""
+"""Approximate number of frames offered in one measurement of speed."""
 _REPEATS: Final = 5
-"""The median counts."""
+"""Number of measurements, of which the median is reported."""
 _ROBOTS: Final = 10
-"""Where assessments are compared: at random in a square, exponent 3, all at -10 dBm."""
+"""Robots in the comparison of channel assessments: random in a square, exponent 3, all at -10 dBm."""
 _SIDES: Final = (3.0, 10.0, 20.0, 30.0)
 """Sides of the square, m."""
 _PAIR_LOADS: Final = (0.1, 0.4)
 _SECONDS: Final = 60
 _DRAWS: Final = 10
-"""Number of drawn sets of positions."""
+"""Number of random sets of positions."""
 
 
-def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> Measured:
+def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> BenchmarkResult:
     """Measure; or, with `out`, only draw the figures of docs/radio.md into that folder.
 
-    `data`: rows of ns-3, drawn as dots. `map_file`: floor of the crowds and of the last figure.
+    `data`: results of ns-3, drawn as dots. `map_file`: floor of the crowds and of the last figure.
     """
     if out is not None:
         return draw(out, map_file, data)
     if data is not None:
-        raise OptionError("--data: needs --out; without it nothing is drawn")
+        raise OptionError("--data: requires --out")
     plan, seeds = load_map(map_file), range(1, _REPEATS + 1)
     speeds = [
         {
@@ -344,14 +346,14 @@ def measure(out: Path | None = None, data: Path | None = None, map_file: Path = 
     ]
     costs = [_assessment(side, load) for side in _SIDES for load in _PAIR_LOADS]
     shown = (
-        table_of(speeds, "the medium alone: frames on the air per CPU second"),
+        table_of(speeds, "medium only: frames on the air per CPU second"),
         table_of(
             [{"robots": one["robots"], "µs": f"{one['us']:.0f}"} for one in crowds],
-            f"the medium alone, {PER_FLOOR} driving robots to each copy of the floor: CPU time of a frame",
+            f"medium only, {PER_FLOOR} driving robots per copy of the floor: CPU time per frame",
         ),
         table_of(costs, "mean pair delivery, robots in a square", ".3g"),
     )
-    return Measured({"speeds": speeds, "crowds": crowds, "assessment": costs}, shown)
+    return BenchmarkResult({"speeds": speeds, "crowds": crowds, "assessment": costs}, shown)
 
 
 def medium_speed(senders: int, load: float, seed: int) -> float:
@@ -378,11 +380,11 @@ def _frame_s(medium: Medium, end_ns: int, step_ns: int | None = None) -> float:
 
 
 def _assessment(side: float, load: float) -> dict[str, float]:
-    """Return what pairs deliver with a textbook's clear channel assessment and with the BEE-click firmware's.
+    """Return the delivery ratios of pairs with textbook and with BEE-click clear channel assessment.
 
-    Textbook: energy from 10 dB above the sensitivity, or while receiving. Firmware: energy from -69 dBm alone
-    (d3scomp/beeclickarm, MRF24J40.cpp, CCAEDTH and BBREG2). All else is as in preset `ns3`, also places and
-    arrivals, so that only the assessment differs.
+    Textbook: energy from 10 dB above the sensitivity, or while receiving. Firmware: energy from -69 dBm only
+    (d3scomp/beeclickarm, MRF24J40.cpp, CCAEDTH and BBREG2). Everything else equals preset `ns3`, including
+    positions and arrivals.
     """
     textbook = replace(NS3.transceiver, tx_power_dbm=-10.0)
     hardware = preset("beeclick").transceiver
@@ -396,7 +398,7 @@ def _assessment(side: float, load: float) -> dict[str, float]:
 
 
 def _delivery(settings: Transceiver, side: float, load: float, draw: int) -> float:
-    """Return the share of sent frames that are heard, mean over all pairs."""
+    """Return the share of sent frames that are received, mean over all pairs."""
     transceivers = [settings.numbered(address) for address in range(_ROBOTS)]
     medium = Medium(transceivers, IndoorPropagation(NS3.propagation), NS3.phy, seed=draw, watched=())
     medium.place(np.random.default_rng(draw).uniform(0.0, side, (_ROBOTS, 2)))

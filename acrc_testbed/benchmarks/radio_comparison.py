@@ -1,12 +1,12 @@
 """Comparison of the medium with reference figures of another simulator, in preset `ns3`.
 
-For each figure of each point: the difference to the own mean, and the combined standard error of both sides.
-Both sides are runs of one experiment, of the same length, so that one variance stands for both (Student's t
-for two samples): the handful of the reference's runs often lie together by chance. Where a point is one run
-of many frames, errors are binomial. A comparison says something if it is a latency or a share between 0.02
-and 0.98; the others are trivial. `inside`: within the combined 95 % interval. `z`: t as the score of a normal
-variable that is exceeded as rarely (Wallace, "Bounds on normal approximations to Student's and the chi-square
-distributions", Annals of Mathematical Statistics 30, 1959). `welch_t`: with each side's own variance.
+For each figure of each point: the difference from our mean, and the combined standard error of both sides.
+Both sides are runs of one experiment with the same length, so a pooled variance is used (two-sample Student's
+t): the few reference runs often have a small variance by chance. If a point is one run of many frames, errors
+are binomial. A comparison is informative if it is a latency or a share between 0.02 and 0.98; the others are
+trivial. `inside`: within the combined 95 % interval. `z`: t converted to the normal score of equal
+probability (Wallace, "Bounds on normal approximations to Student's and the chi-square distributions", Annals
+of Mathematical Statistics 30, 1959). `welch_t`: with the variance of each side.
 """
 
 import math
@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from acrc_testbed.benchmarks.measured import Measured, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
 from acrc_testbed.benchmarks.radio_trials import (
     FAMILIES,
     LATENCIES,
@@ -33,14 +33,14 @@ _FREEDOM_ENOUGH: Final = 200.0
 _ROUNDING: Final = 1e-5
 """Rounding error of figures in the files."""
 _FAR: Final = 99.0
-"""As many standard errors is a difference where there should be none at all."""
+"""Score of a difference whose standard error is 0."""
 GOALS: Final = {"inside_goal": 0.95, "excess_goal": 0.005, "z_goal": 4.5, "throughput_goal": 0.002}
-"""Least share of figures inside; excess of a share; score; relative throughput of one backlogged sender."""
+"""Minimum share of figures inside; maximum excess of a share, score, and relative throughput error."""
 
 
 @dataclass(frozen=True)
 class FigureComparison:
-    """One figure of one point."""
+    """Comparison of one figure of one point."""
 
     point: str
     figure: str
@@ -53,12 +53,12 @@ class FigureComparison:
     inside: bool
     informative: bool
     excess: float
-    """How far the difference of a share lies beyond three combined standard errors; 0 or less: nowhere."""
+    """Difference of a share minus three combined standard errors; at most 0: within."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """A family, or all."""
+    """Agreement of a family, or of all."""
 
     family: str
     points: int
@@ -69,11 +69,11 @@ class Agreement:
     worst_welch_t: float
     worst_ratio_excess: float
     worst: str
-    """Where `worst_z` is."""
+    """Point and figure of `worst_z`."""
 
 
-def check(data: Path, runs: int = 10) -> Measured:
-    """Compare the medium with the rows in the folder, with `runs` own frames per frame of them."""
+def check(data: Path, runs: int = 10) -> BenchmarkResult:
+    """Compare the medium with reference data in a folder; `runs`: our frames per reference frame."""
     console = screen(stderr=True)
     every: list[FigureComparison] = []
     agreements: list[Agreement] = []
@@ -81,7 +81,7 @@ def check(data: Path, runs: int = 10) -> Measured:
     for family in FAMILIES:
         there = points(data, family)
         if not there:
-            console.print(f"{family}: no file {family}.csv with rows, left out.")
+            console.print(f"{family}: skipped, {family}.csv is missing or empty.")
             continue
         found: list[FigureComparison] = []
         for point in there:
@@ -96,14 +96,14 @@ def check(data: Path, runs: int = 10) -> Measured:
         agreements.append(agreement(family, len(there), found))
         every += found
     if not agreements:
-        raise AcrcError(f"{data}: there is none of the files {', '.join(FAMILIES)}, each with .csv.")
-    return _judged(agreements, every, max(throughput), runs)
+        raise AcrcError(f"{data}: contains none of the files {', '.join(FAMILIES)} (.csv).")
+    return _result(agreements, every, max(throughput), runs)
 
 
-def _judged(
+def _result(
     agreements: Sequence[Agreement], every: Sequence[FigureComparison], worst: float, runs: int
-) -> Measured:
-    """`worst`: throughput error."""
+) -> BenchmarkResult:
+    """Check the goals; `worst`: greatest throughput error."""
     total = agreement("all", sum(one.points for one in agreements), every)
     met = {
         "inside": total.inside >= GOALS["inside_goal"] * total.comparisons,
@@ -121,18 +121,18 @@ def _judged(
     }
     missed = [name for name, reached in met.items() if not reached]
     shown = (
-        table_of([_row(one) for one in (*agreements, total)], "The medium beside the reference, preset ns3"),
+        table_of([_row(one) for one in (*agreements, total)], "Medium and reference, preset ns3"),
         f"Worst: {total.worst}",
-        f"One backlogged sender: within {worst:.3%} of the closed formula.",
+        f"One backlogged sender: throughput within {worst:.3%} of the formula.",
         f"Goals missed: {', '.join(missed)}." if missed else "All goals met.",
     )
-    return Measured(figures, shown, not missed)
+    return BenchmarkResult(figures, shown, not missed)
 
 
 def compare(
     point: OperatingPoint, figure: str, reference: ReferenceEstimate, own: ReferenceEstimate
 ) -> FigureComparison:
-    """One figure on both sides."""
+    """Compare one figure of both sides."""
     difference = own.value - reference.value
     error, freedom = combined(reference, own)
     t = _ratio(difference, error)
@@ -152,16 +152,18 @@ def compare(
 
 
 def normal_score(t: float, freedom: float) -> float:
-    """Return the score that a normal variable exceeds as rarely as a t variable exceeds t ≥ 0, by Wallace."""
+    """Convert t ≥ 0 to the normal score of equal probability, by Wallace's approximation."""
     if freedom >= _FREEDOM_ENOUGH:
         return t
     return (8 * freedom + 1) / (8 * freedom + 3) * math.sqrt(freedom * math.log1p(t * t / freedom))
 
 
 def formula_kbps(point: OperatingPoint) -> float:
-    """Throughput of one backlogged sender, kb/s of MSDU: spacing, mean back-off, CCA, turnaround, frame; and
-    turnaround and acknowledgement where there is one (Latré et al., "Throughput and delay analysis of
-    unslotted IEEE 802.15.4", Journal of Networks 1(1), 2006, with CCA and turnaround added).
+    """Return the throughput of one backlogged sender, kb/s of MSDU.
+
+    Its period is spacing, mean back-off, CCA, turnaround and frame, plus turnaround and acknowledgement if
+    used (Latré et al., "Throughput and delay analysis of unslotted IEEE 802.15.4", Journal of Networks 1(1),
+    2006, with CCA and turnaround added).
     """
     octets = int(point.settings["psdu"])
     symbols = (12 if octets <= 18 else 40) + 3.5 * 20 + 8 + 12 + (12 + 2 * octets)
@@ -172,23 +174,23 @@ def formula_kbps(point: OperatingPoint) -> float:
 
 def agreement(family: str, number: int, found: Sequence[FigureComparison]) -> Agreement:
     """Summarise the comparisons of a family."""
-    telling = [comparison for comparison in found if comparison.informative]
-    worst = max(telling, key=lambda comparison: abs(comparison.z), default=None)
+    informative = [comparison for comparison in found if comparison.informative]
+    worst = max(informative, key=lambda comparison: abs(comparison.z), default=None)
     return Agreement(
         family=family,
         points=number,
-        comparisons=len(telling),
-        inside=sum(comparison.inside for comparison in telling),
-        trivial=len(found) - len(telling),
+        comparisons=len(informative),
+        inside=sum(comparison.inside for comparison in informative),
+        trivial=len(found) - len(informative),
         worst_z=abs(worst.z) if worst else 0.0,
-        worst_welch_t=max((abs(comparison.welch_t) for comparison in telling), default=0.0),
+        worst_welch_t=max((abs(comparison.welch_t) for comparison in informative), default=0.0),
         worst_ratio_excess=max((comparison.excess for comparison in found), default=0.0),
         worst=f"{worst.point}: {worst.figure}" if worst else "",
     )
 
 
 def combined(one: ReferenceEstimate, other: ReferenceEstimate) -> tuple[float, float]:
-    """The standard error of the difference of two means, and its degrees of freedom."""
+    """Return the standard error of the difference of two means, and its degrees of freedom."""
     if not (math.isfinite(one.freedom) and math.isfinite(other.freedom)):
         return math.hypot(one.error, other.error), math.inf
     freedom = one.freedom + other.freedom

@@ -1,13 +1,13 @@
-"""Rows of another radio simulation, and the same experiments in our medium, in preset `ns3`.
+"""Reference data of another radio simulator, and the same experiments in our medium, in preset `ns3`.
 
-The rows lie in folders of CSV files, one row per run, one file per family.
+The data are folders of CSV files, one file per family, one row per run.
 
-A family's points are the rows that agree in all settings. Where several runs made a point, its figures are
-their means with standard errors; where it was one run of many frames, shares with binomial errors.
+A point of a family consists of the rows with equal settings. Figures of several runs are means with standard
+errors; figures of one run of many frames are shares with binomial errors.
 
 `a_per`: one sender and one receiver over a loss. `b`, `c`, `d`: n contenders and a silent sink, with Poisson
-arrivals of G/n each or always backlogged, a second to warm up, then 30 s measured (60 with hidden senders, 20
-from 35 senders on). `e`: two hidden senders whose frames are made to overlap.
+arrivals of G/n each or always backlogged, a warm-up of 1 s, then 30 s measured (60 with hidden senders, 20
+from 35 senders on). `e`: two hidden senders with overlapping frames.
 """
 
 import csv
@@ -46,7 +46,7 @@ _CAPTURE_SETTINGS: Final = ("psdu0", "psdu1", "delta_db", "offset_us")
 
 @dataclass(frozen=True)
 class ReferenceEstimate:
-    """A figure with its standard error; `freedom`: degrees of freedom of the error, inf if it is known."""
+    """A figure with its standard error and the degrees of freedom of the error (inf: known)."""
 
     value: float
     error: float
@@ -61,31 +61,31 @@ class OperatingPoint:
     settings: Mapping[str, str]
     runs: int
     frames: int
-    """Sent or handed over in all runs."""
+    """Frames sent in all runs."""
     figures: Mapping[str, ReferenceEstimate]
 
     def __str__(self) -> str:
-        """For people."""
+        """Return family and settings."""
         return f"{self.family} " + " ".join(f"{name}={value}" for name, value in self.settings.items())
 
 
 def share(hits: float, of: int) -> ReferenceEstimate:
-    """A share of independent trials."""
+    """Return the share of hits in independent trials."""
     p = hits / of
     return ReferenceEstimate(p, math.sqrt(p * (1 - p) / of))
 
 
 def over_runs(values: Sequence[float]) -> ReferenceEstimate:
-    """The mean of one figure over several runs."""
+    """Return the mean of a figure over runs."""
     if len(values) < 2:
         return ReferenceEstimate(values[0], math.inf, 1)
     return ReferenceEstimate(mean(values), stdev(values) / math.sqrt(len(values)), len(values) - 1)
 
 
 def points(folder: Path, family: str) -> list[OperatingPoint]:
-    """The points of a family, in the order of its file; none if there is no such file.
+    """Return the points of a family in the order of its file; empty if the file is missing.
 
-    Raises AcrcError where a column is missing or not a number.
+    Raises AcrcError if a column is missing or not a number.
     """
     path = folder / f"{family}.csv"
     if not path.exists():
@@ -97,7 +97,7 @@ def points(folder: Path, family: str) -> list[OperatingPoint]:
             return _contention(family, rows)
         return [_binomial(family, row) for row in rows]
     except (KeyError, ValueError) as error:
-        raise AcrcError(f"{path}: a row lacks {error}, or has no number there.") from None
+        raise AcrcError(f"{path}: a row has a missing or non-numeric column: {error}.") from None
 
 
 def _binomial(family: str, row: Mapping[str, str]) -> OperatingPoint:
@@ -131,14 +131,14 @@ def _contention(family: str, rows: Sequence[Mapping[str, str]]) -> list[Operatin
 SECOND: Final = 1_000_000_000
 NS3: Final = preset("ns3")
 NS3_MAC_OCTETS: Final = 11
-"""Around the data of its frames: short addresses and PAN compression."""
+"""MAC octets of a frame in ns-3: short addresses and PAN compression."""
 _SENSITIVITY_LEAD_DB: Final = 0.4066
-"""How far ns-3's noise lies below the sensitivity that it is given."""
+"""Sensitivity minus noise in ns-3, dB."""
 _BATCH: Final = 20_000
 
 
 class LossTable:
-    """A propagation where transceiver i stands at (i, 0): the losses, dB, are given one by one."""
+    """Propagation given by a table of losses, dB; transceiver i is at (i, 0)."""
 
     def __init__(self, losses_db: NDArray[np.float64]) -> None:
         self._losses_db = losses_db
@@ -146,14 +146,14 @@ class LossTable:
     def loss_db(
         self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
     ) -> NDArray[np.float64]:
-        """As `channel.Propagation` says."""
+        """Return the losses as `Propagation.loss_db`."""
         rows, columns = senders[:, 0].astype(np.intp), receivers[:, 0].astype(np.intp)
         losses: NDArray[np.float64] = self._losses_db[np.ix_(rows, columns)]
         return losses
 
     @property
     def places(self) -> NDArray[np.float64]:
-        """(n, 2): where the transceivers stand."""
+        """(n, 2): positions of the transceivers, m."""
         n = len(self._losses_db)
         return np.stack([np.arange(n, dtype=np.float64), np.zeros(n)], axis=1)
 
@@ -164,18 +164,18 @@ class TrialScene:
 
     propagation: Propagation
     places: NDArray[np.float64]
-    """(senders + 1, 2); the last is the sink."""
+    """(senders + 1, 2), m; the last is the sink."""
     phy: PhyParameters
     settings: Transceiver
     octets: int
     load: float
-    """G, the share of the time that all frames together would take; inf: always backlogged."""
+    """Offered load G of all senders; inf: always backlogged."""
     acknowledged: bool
     seconds: int
 
 
 def measure(point: OperatingPoint, times: int) -> Mapping[str, ReferenceEstimate]:
-    """The same figures as the point's, from `times` as many frames."""
+    """Measure the figures of a point with `times` as many frames."""
     if point.family == "a_per":
         return _measured_error_rate(point.settings, times * point.frames)
     if point.family in CAPTURE:
@@ -186,7 +186,7 @@ def measure(point: OperatingPoint, times: int) -> Mapping[str, ReferenceEstimate
 
 
 def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
-    """The experiment that a row of a family of contention is about."""
+    """Return the experiment of a row of a contention family."""
     senders = int(settings["n"])
     fields = {"min_be": "minbe", "max_be": "maxbe", "max_backoffs": "maxnb"}
     given: dict[str, Any] = {field: int(settings[name]) for field, name in fields.items() if name in settings}
@@ -217,7 +217,7 @@ def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
 
 
 def contend(stage: TrialScene, seed: int) -> dict[str, float]:
-    """The figures of one run."""
+    """Run an experiment and return its figures."""
     sink = len(stage.places) - 1
     medium = Medium(
         [replace(stage.settings, address=i) for i in range(sink + 1)],
@@ -251,7 +251,7 @@ def contend(stage: TrialScene, seed: int) -> dict[str, float]:
 
 
 def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
-    """Give all but the sink their traffic; backlogged ones begin at phases of their own."""
+    """Offer traffic of all transceivers but the sink; backlogged senders begin at random phases."""
     sink = len(stage.places) - 1
     to = sink if stage.acknowledged else BROADCAST
     phases = np.random.default_rng(seed).integers(0, SECOND // 10, sink).tolist()
@@ -264,7 +264,7 @@ def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
 
 
 def _hidden(weaker_db: float) -> LossTable:
-    """Senders 0 and 1 hear 2 only; 1 arrives there so much weaker than 0."""
+    """Return losses with which 0 and 1 reach only 2; 1 is `weaker_db` weaker there than 0."""
     losses = np.full((3, 3), 200.0)
     losses[0, 2] = losses[2, 0] = 70.0
     losses[1, 2] = losses[2, 1] = 70.0 + weaker_db
@@ -272,7 +272,7 @@ def _hidden(weaker_db: float) -> LossTable:
 
 
 def _scattered(senders: int, side: float) -> NDArray[np.float64]:
-    """Places by a linear congruential generator, x before y; the last one in the middle."""
+    """Return positions by a linear congruential generator, x before y; the last one is the centre."""
     state, draws = 1, []
     for _ in range(2 * (senders + 1)):
         state = (1103515245 * state + 12345) % 2**31
@@ -305,7 +305,7 @@ def _measured_capture(settings: Mapping[str, str], frames: int) -> Mapping[str, 
 def _heard(
     losses: LossTable, phy: PhyParameters, one: Callable[[int], list[Request]], lasts_ns: int, frames: int
 ) -> list[int]:
-    """Return how many frames of each sender the last transceiver hears in rounds that do not overlap."""
+    """Return how many frames of each sender the last transceiver receives in separate rounds."""
     last, round_ns = len(losses.places) - 1, lasts_ns + SECOND // 50
     sender = replace(NS3.transceiver, cca=Cca.NEVER, min_be=0)
     transceivers = [replace(sender, address=address) for address in range(last + 1)]

@@ -47,18 +47,18 @@ Entry = tuple[float, Mapping[Function, float]]
 """Calls, or seconds, of a function: all, and by caller."""
 _ROUNDS: Final = 50
 """Longest chain of calls within packages that is attributed to a caller of this project."""
-NO_ROOM: Final = "elsewhere"
+NO_PACKAGE: Final = "elsewhere"
 _ADDRESS: Final = re.compile(r" at 0x[0-9a-f]+")
 _OBJECTS: Final = 2
-"""PYMEM_DOMAIN_OBJ of CPython: objects and their contents."""
+"""PYMEM_DOMAIN_OBJ of CPython."""
 
 
 def entries(
     profile: cProfile.Profile, weight: Literal["callcount", "inlinetime"] = "callcount"
 ) -> dict[Function, Entry]:
-    """Return calls, or seconds without callees, of every function; sum functions of one label.
+    """Return calls, or seconds without callees, of every function; functions with equal labels are summed.
 
-    `pstats` keeps only the last of the functions with one label, such as `__new__` of named tuples.
+    `pstats` keeps only the last function of a label, such as `__new__` of named tuples.
     """
     whole: Counter[Function] = Counter()
     callers: defaultdict[Function, Counter[Function]] = defaultdict(Counter)
@@ -74,30 +74,30 @@ def _label(code: CodeType | str) -> Function:
     return ("~", 0, code) if isinstance(code, str) else (code.co_filename, code.co_firstlineno, code.co_name)
 
 
-def by_room(called: Mapping[Function, Entry]) -> dict[str, float]:
+def by_package(called: Mapping[Function, Entry]) -> dict[str, float]:
     """Sum `called` by package folder.
 
-    Functions outside this project count for their callers, in proportion; the sum of all is kept.
+    Functions outside this project are attributed to their callers in proportion; the total is preserved.
     """
-    rooms: defaultdict[str, float] = defaultdict(float)
+    packages: defaultdict[str, float] = defaultdict(float)
     waiting = {function: calls for function, (calls, _) in called.items()}
     for _ in range(_ROUNDS):
         foreign: defaultdict[Function, float] = defaultdict(float)
         for function, calls in waiting.items():
             callers = called[function][1]
             whole = sum(callers.values())
-            if (room := room_of(function)) is not None or not whole:
-                rooms[room or NO_ROOM] += calls
+            if (package := package_of(function)) is not None or not whole:
+                packages[package or NO_PACKAGE] += calls
             else:
                 for caller, times in callers.items():
                     foreign[caller] += calls * times / whole
         waiting = foreign
-    rooms[NO_ROOM] += sum(waiting.values())
-    return rooms
+    packages[NO_PACKAGE] += sum(waiting.values())
+    return packages
 
 
-def room_of(function: Function) -> str | None:
-    """Return the package folder of a function of this project, with `/`; None for any other function."""
+def package_of(function: Function) -> str | None:
+    """Return the package folder of a function of this project, with `/`; None for others."""
     path = Path(function[0])
     if not path.is_relative_to(REPOSITORY):
         return None
@@ -111,7 +111,7 @@ def name_of(function: Function) -> str:
     if file == "~":
         return _ADDRESS.sub("", name.strip("<>"))
     path = Path(file)
-    if path.is_relative_to(REPOSITORY) and room_of(function):
+    if path.is_relative_to(REPOSITORY) and package_of(function):
         return f"{path.relative_to(REPOSITORY).as_posix()}: {name}"
     return f"{path.name}: {name}"
 
@@ -124,9 +124,9 @@ class _Allocator(ctypes.Structure):
 
 @contextmanager
 def counted_blocks() -> Iterator[NDArray[np.int64]]:
-    """Count blocks requested from Python's allocator, freed ones included, in the only element of an array.
+    """Count blocks requested from Python's allocator in the only element of an array, including freed ones.
 
-    Small tuples, floats and the like from CPython's free lists are not allocated and not counted.
+    Objects from CPython's free lists (small tuples, floats) are not counted.
     """
     count, before = np.zeros(1, np.int64), _Allocator()
     ctypes.pythonapi.PyMem_GetAllocator(_OBJECTS, ctypes.byref(before))
@@ -155,7 +155,7 @@ KINDS: Final = ("world", "radio", "robots")
 """Kinds of processes of a run; world and radio are one process each."""
 _CLEARANCE: Final = 0.22
 _APART: Final = 0.42
-"""m, where the scenario's own distances leave no room; a TurtleBot is 0.354 m wide."""
+"""Clearance and distance if the scenario's are too large, m; a TurtleBot is 0.354 m wide."""
 _MEMORY_REPEATS: Final = 2
 
 
@@ -165,10 +165,10 @@ class SwarmTask:
 
     robots: tuple[int, ...] = (4, 20, 50, 100)
     seconds: float = 60.0
-    """Simulated time of each run, at most."""
+    """Maximum simulated time of each run, s."""
     robot_seconds: float | None = 800.0
     """Limit of robots times simulated seconds of each run; None: no limit.
-    Own choice: the default swarms take less than five minutes on two cores."""
+    Own choice: less than five minutes for the default swarms on two cores."""
     repeat: int = 3
     """Measured runs over Zenoh, after one that reads memory and warms up the machine."""
     scenario: Path = SHIPPED / "scenarios" / "chapter.toml"
@@ -205,13 +205,13 @@ def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
         scenario = load_scenario(task.scenario, overrides)
         try:
             plan = swarm.plan(scenario, options)
-        except LayoutError:  # the scenario draws starts 0.6 m apart: the corridor holds some 140
+        except LayoutError:  # with starts 0.6 m apart the corridor fits about 140 robots
             plan = swarm.plan(_dense(scenario, count), options)
         yield plan
 
 
 def _dense(scenario: Scenario, count: int) -> Scenario:
-    """Return the scenario with drawn starts, as close to walls and each other as robots can stand."""
+    """Return the scenario with random starts at minimum distances from walls and each other."""
     grid = load_map(scenario.map)
     rng = np.random.default_rng(scenario.run.seed)
     points = draw_points(grid, count, rng=rng, clearance=_CLEARANCE, apart=_APART)
@@ -221,13 +221,13 @@ def _dense(scenario: Scenario, count: int) -> Scenario:
 
 @dataclass(frozen=True)
 class MemoryFigures:
-    """The swarm in one process."""
+    """Figures of a swarm in one process."""
 
     real_time_factor: float
     ms: float
     """CPU per robot and simulated second, ms."""
-    rooms: dict[str, float]
-    """`ms` by package, shared out as in a profiled run."""
+    packages: dict[str, float]
+    """`ms` by package, in the proportions of a profiled run."""
     simulated_s: float
     frames: dict[str, int]
     """Outcomes of frames, as in `RunResult.frames`."""
@@ -236,15 +236,15 @@ class MemoryFigures:
 
 
 def in_memory(count: int, task: SwarmTask) -> MemoryFigures:
-    """Measure the fastest of some runs, and profile one more."""
+    """Measure the fastest of several runs and profile another one."""
     runs = [_timed(count, task) for _ in range(min(task.repeat, _MEMORY_REPEATS))]
     ms, result = min(runs, key=itemgetter(0))
-    rooms = by_room(entries(profiled(count, task, MemoryBus())[0], "inlinetime"))
-    total = sum(rooms.values())
+    packages = by_package(entries(profiled(count, task, MemoryBus())[0], "inlinetime"))
+    total = sum(packages.values())
     return MemoryFigures(
         real_time_factor=result.real_time_factor,
         ms=ms,
-        rooms={room: ms * share / total for room, share in rooms.items()},
+        packages={package: ms * share / total for package, share in packages.items()},
         simulated_s=result.simulated_s,
         frames=result.frames,
         node=result.deeco.counters,
@@ -274,7 +274,7 @@ def profiled(count: int, task: SwarmTask, bus: MemoryBus) -> tuple[cProfile.Prof
     """Profile a run in memory; return the profile and the bytes recorded by kind of actor."""
     with planned(count, task, "memory") as plan:
         profile = cProfile.Profile()
-        gc.collect()  # free what an earlier run has left before this one is profiled
+        gc.collect()  # otherwise the profile contains garbage collection of earlier runs
         profile.runcall(swarm.run_in_memory, plan, lambda progress: None, bus)
         return profile, recorded_bytes(plan.out)
 
@@ -295,7 +295,7 @@ def recorded_bytes(out: Path) -> dict[str, float]:
 PARENT: Final = "parent"
 _PROC: Final = Path("/proc")
 _ENDLESS_S: Final = 36_000.0
-"""Longer than any swarm takes to settle all places."""
+"""Longer than any swarm takes to finish all places, s."""
 
 
 @dataclass(frozen=True)
@@ -325,7 +325,7 @@ class MeshFigures:
     """CPU of all processes from the first step to the last, per robot and simulated second, ms."""
     startup_s: Range
     startup_cpu_s: Range
-    """CPU before the first step of all processes but the forkserver, s."""
+    """CPU before the first step, of all processes but the forkserver, s."""
     by_actor: dict[str, float]
     """`ms` by kind of process; medians."""
     memory: dict[str, Memory]
@@ -340,7 +340,7 @@ class _MeshRun:
 
 
 def over_mesh(count: int, task: SwarmTask) -> MeshFigures:
-    """Read the memory of one run, and time `task.repeat` others."""
+    """Read the memory of one run and time `task.repeat` others."""
     memory = _memory_of_run(count, task)
     runs = [_mesh_run(count, task) for _ in range(task.repeat)]
     robot_s = count * runs[0].result.simulated_s
@@ -378,24 +378,24 @@ def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
 
 
 class _MemoryRead(Exception):  # noqa: N818  # ends a run early
-    """Memory has been read."""
+    """Signal that memory has been read."""
 
 
 def _memory_of_run(count: int, task: SwarmTask) -> dict[str, Memory]:
-    """Read memory by kind of process at the task's simulated time, while the run goes on."""
+    """Read memory by kind of process during the run, at the task's simulated time."""
     memory: dict[str, Memory] = {}
 
-    def look(progress: Progress) -> None:
+    def read_memory(progress: Progress) -> None:
         if in_seconds(progress.instant) < task.simulated_s(count):
             return
         pids = actors_of(plan.out) | {PARENT: [os.getpid()]}
         pids["forkserver"] = [int(_stat(pids["world"][0])[1])]
-        memory.update({name: memory_of(them) for name, them in pids.items()})
+        memory.update({name: memory_of(each) for name, each in pids.items()})
         raise _MemoryRead
 
     endless = SwarmTask((count,), _ENDLESS_S, None, task.repeat, task.scenario, task.seed)
     with planned(count, endless, "zenoh") as plan, contextlib.suppress(_MemoryRead):
-        swarm.run_processes(plan, "forkserver", look)
+        swarm.run_processes(plan, "forkserver", read_memory)
     return memory
 
 
@@ -415,7 +415,7 @@ def actors_of(out: Path) -> dict[str, list[int]]:
 
 
 def _stat(pid: int) -> list[str]:
-    """Return the fields of proc_pid_stat(5) after the name, which may contain anything."""
+    """Return the fields of proc_pid_stat(5) after the process name."""
     return (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
 
 

@@ -1,4 +1,4 @@
-"""`acrc bench start`: time until a command's first output, and until the first step of `acrc run`."""
+"""`acrc bench start`: time until the first output of commands and the first step of `acrc run`."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from typing import Final
 import msgspec
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_most, spent, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, SpeedGoal, at_most, run_timed, table_of
 from actors.installation.repository import clone
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote
@@ -36,28 +36,30 @@ _WRONG: Final = "[robots]\ncuont = 4\n"
 _NO_BYTECODE: Final = "PYTHONDONTWRITEBYTECODE"
 
 
-def measure(robots: Sequence[int] = ROBOTS, repeat: int = 10) -> Measured:
-    """Return medians of `repeat` calls of each command, and of runs of each size, after one of each."""
+def measure(robots: Sequence[int] = ROBOTS, repeat: int = 10) -> BenchmarkResult:
+    """Return medians of `repeat` calls of each command and runs of each size, after one warm-up each."""
     acrc = str(clone("acrc bench start") / "acrc")
     words = [{"command": command, **_first_word(acrc, command, repeat)} for command in _COMMANDS]
     runs = [{"robots": count, **_first_step(acrc, count, repeat)} for count in robots]
     goals = list(_goals(words, runs))
     shown: list[Table | str] = [
-        table_of(words, f"from Enter to the first word, medians of {repeat}"),
-        table_of(runs, f"acrc run over Zenoh, from Enter to the first step, medians of {repeat}"),
+        table_of(words, f"time to first output, medians of {repeat}"),
+        table_of(runs, f"acrc run over Zenoh: time to first step, medians of {repeat}"),
         *map(str, goals),
     ]
-    return Measured({"first_word": words, "first_step": runs}, shown)
+    return BenchmarkResult({"first_word": words, "first_step": runs}, shown)
 
 
 def _goals(
     words: Sequence[Mapping[str, object]], runs: Sequence[Mapping[str, object]]
 ) -> Iterator[SpeedGoal]:
     slowest = max(float(str(row[name])) for row in words for name in ("s", "s without byte code"))
-    yield at_most("s until the first word of the slowest command", slowest, _WORD_S)
+    yield at_most("s until the first output of the slowest command", slowest, _WORD_S)
     for row in runs:
         if row["robots"] == ROBOTS[0]:
-            yield at_most(f"s until {row['robots']} robots take a step", float(str(row["all s"])), _STEP_S)
+            yield at_most(
+                f"s until the first step of {row['robots']} robots", float(str(row["all s"])), _STEP_S
+            )
 
 
 def _first_word(acrc: str, command: str, repeat: int) -> dict[str, float]:
@@ -89,7 +91,7 @@ def _word(acrc: str, command: str, env: Mapping[str, str]) -> tuple[float, float
             process.stdout.read()
     after = os.times()
     if not first:
-        raise AcrcError(f"acrc {command} writes nothing")
+        raise AcrcError(f"acrc {command} printed nothing")
     cpu_s = sum(after[2:4]) - sum(before[2:4])
     return wall_s, cpu_s
 
@@ -101,19 +103,19 @@ def _first_step(acrc: str, robots: int, repeat: int) -> dict[str, float]:
 
 
 def _parts(acrc: str, robots: int) -> dict[str, float]:
-    """Time the parts of one run of a second, by the modification times of files written between them."""
+    """Time the phases of a run of one second, by modification times of the files written between them."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         out = Path(folder) / "out"
         words = [acrc, "run", "--robots", str(robots), "--duration", "1", "--json", "--out", str(out)]
         enter = time.time()
-        of = spent(words, Path(folder))
+        of = run_timed(words, Path(folder))
         notes = read_notes(out / "world" / "world.mcap")
         first = msgspec.json.decode(notes["final"], type=FinalNote).started_s
-        planned = first - float(json.loads(of.answer)["startup_s"])
+        planned = first - float(json.loads(of.output)["startup_s"])
         stamps = {
             "imports, planning": planned,
-            "server, trying once": _written(out / "scenario.toml"),
-            "laying out": _written(out / "world" / SETUP),
+            "forkserver, preflight": _written(out / "scenario.toml"),
+            "folders": _written(out / "world" / SETUP),
             "starting world and radio": _written(out / "r1" / SETUP),
             "starting robots": max(_written(file) for file in out.glob(f"r*/{SETUP}")),
             "first step": first,

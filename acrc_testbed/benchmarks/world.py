@@ -1,4 +1,4 @@
-"""Speed of physics and scans alone, beside pymunk and given figures of Stage."""
+"""`acrc bench world`: speed of physics and scans, compared with pymunk and published figures of Stage."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import pymunk
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, SpeedGoal, at_least, at_most, table_of
 from actors.floor.grid import OccupancyGrid, outline
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
@@ -26,28 +26,28 @@ from actors.world.sensing import RangeSensors
 T = TypeVar("T")
 
 
-def best(prepare: Callable[[], T], work: Callable[[T], object], repeats: int) -> float:
-    """CPU seconds of the fastest of several repeats of `work`, after one that does not count.
+def fastest_s(prepare: Callable[[], T], work: Callable[[T], object], repeats: int) -> float:
+    """Return the CPU time of the fastest repeat of `work`, after a warm-up, s.
 
-    Each gets a new result of `prepare`, whose own time is left out.
+    Each repeat gets a new result of `prepare`, which is not timed.
     """
     work(prepare())
     times = []
     for _ in range(repeats):
-        thing = prepare()
+        prepared = prepare()
         begun = time.process_time()
-        work(thing)
+        work(prepared)
         times.append(time.process_time() - begun)
     return min(times)
 
 
 def turtlebot(rays: int) -> RobotModel:
-    """Return the chapter's robot with so many rays."""
+    """Return the chapter's robot with this number of rays."""
     return load_model("turtlebot2", "chapter").with_sensor(rays=rays)
 
 
-def strewn(grid: OccupancyGrid, count: int, rng: Generator) -> list[Pose]:
-    """So many poses on the largest region of the map, apart from each other and from the walls."""
+def random_poses(grid: OccupancyGrid, count: int, rng: Generator) -> list[Pose]:
+    """Draw poses on the largest region of the map, apart from each other and from walls."""
     points = draw_points(grid, count, rng=rng, clearance=0.25, apart=0.5)
     return [Pose(x, y, rng.uniform(-np.pi, np.pi)) for x, y in points]
 
@@ -59,39 +59,41 @@ class ScanTask:
     rays: tuple[int, ...] = (64, 128, 640)
     robots: int = 20
     repeats: int = 15
-    """Runs, of which the fastest counts."""
+    """Number of runs, of which the fastest counts."""
     peer_repeats: int = 3
-    """Runs of pymunk."""
+    """Number of runs of pymunk."""
     seed: int = 1
     ratio_goal: float = 20.0
     difference_goal_mm: float = 5.0
 
 
-def measure_scans(map_file: Path, task: ScanTask | None = None) -> Measured:
-    """The speeds for each number of rays on that map."""
+def measure_scans(map_file: Path, task: ScanTask | None = None) -> BenchmarkResult:
+    """Measure the speed of scans on a map for each number of rays."""
     task = task or ScanTask()
     speeds = [_measure_scan(map_file, rays, task) for rays in task.rays]
     goals = []
     for speed in speeds:
         rays = f"pymunk with {speed['rays']} rays"
-        goals.append(at_least(f"times {rays}", speed["ratio"], task.ratio_goal))
+        goals.append(at_least(f"speed relative to {rays}", speed["ratio"], task.ratio_goal))
         goals.append(at_most(f"mm from {rays}", speed["median_difference_mm"], task.difference_goal_mm))
     figures = {"task": asdict(task), "speeds": speeds, "goal_met": all(goal.met for goal in goals)}
     title = f"scans by {task.robots} robots on {map_file.name}; disagreements: share of rays beyond 5 mm"
-    return Measured(figures, (table_of(speeds, title, ".4g"), *map(str, goals)))
+    return BenchmarkResult(figures, (table_of(speeds, title, ".4g"), *map(str, goals)))
 
 
 def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> dict[str, float]:
-    """Return scans per CPU second of ours and of pymunk, one query per ray, and how far both differ."""
+    """Return scans per CPU second here and in pymunk (one query per ray), and the differences of ranges."""
     grid, model = load_map(map_file), turtlebot(rays)
     rng = np.random.default_rng(task.seed)
-    poses = strewn(grid, task.robots, rng)
+    poses = random_poses(grid, task.robots, rng)
     everyone, where, nothing = range(task.robots), np.array(poses), np.empty((0, 3))
     sensors = RangeSensors(grid, [model] * task.robots, rng.spawn(task.robots))
     sensor, radius = model.sensor, model.footprint.circumradius
     peer = _PymunkScene(outline(grid), poses, radius, scan_angles(sensor), sensor.x, sensor.range_max)
-    ours = task.robots / best(lambda: sensors, lambda it: it.scan(everyone, where, nothing), task.repeats)
-    theirs = task.robots / best(lambda: peer, lambda it: list(map(it.scan, everyone)), task.peer_repeats)
+    ours = task.robots / fastest_s(
+        lambda: sensors, lambda it: it.scan(everyone, where, nothing), task.repeats
+    )
+    theirs = task.robots / fastest_s(lambda: peer, lambda it: list(map(it.scan, everyone)), task.peer_repeats)
     scans = np.array(sensors.scan(everyone, where, nothing), np.float64)
     scans[scans == NO_ECHO_MM] = np.inf
     others = np.array([peer.scan(k) for k in everyone]) * 1000
@@ -111,7 +113,7 @@ def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> dict[str, float]
 
 
 class _PymunkScene:
-    """The same scene in pymunk, asked ray by ray."""
+    """The same scene in pymunk, with one query per ray."""
 
     def __init__(
         self,
@@ -137,10 +139,10 @@ class _PymunkScene:
             x, y, heading = pose.compose(Pose(mount, 0.0, 0.0))
             ends = np.stack([np.cos(heading + angles), np.sin(heading + angles)], axis=1) * reach
             self.rays.append(((x, y), (ends + np.array([x, y])).tolist()))
-        self.space.step(1e-6)  # so that the shapes are where their bodies are
+        self.space.step(1e-6)  # moves shapes to their bodies
 
     def scan(self, robot: int) -> list[float]:
-        """Ranges, m; inf where nothing was met. Where the rays end was computed beforehand."""
+        """Return ranges, m; inf without a hit."""
         start, ends = self.rays[robot]
         hits = [self.space.segment_query_first(start, end, 0.0, self.filters[robot]) for end in ends]
         return [hit.alpha * self._reach if hit else np.inf for hit in hits]
@@ -151,7 +153,7 @@ STAGE: Final = {
     **{(640, 4): 71.0, (640, 20): 9.3, (640, 50): 3.5, (640, 100): 1.9},
     **{(60, 4): 422.0, (60, 20): 61.0, (60, 50): 24.0, (60, 100): 9.6},
 }
-"""Simulated seconds per CPU second by rays and robots, given: Stage 4.3, one core of such a machine."""
+"""Simulated seconds per CPU second by rays and robots of Stage 4.3, one core of such a machine."""
 
 
 @dataclass(frozen=True)
@@ -163,18 +165,18 @@ class WorldTask:
     seconds_long: int = 10
     """Simulated time of a run; steps of 0.1 s, a scan of each robot per step."""
     repeats: int = 3
-    """The fastest counts."""
+    """Number of runs, of which the fastest counts."""
     seed: int = 1
     stage_goal: float = 20.0
-    """How many times as fast as Stage with 640 rays and 20 robots; nowhere slower than Stage."""
+    """Speed relative to Stage with 640 rays and 20 robots; elsewhere at least 1."""
 
 
-def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measured:
-    """The speeds for each number of robots and rays on that map, and those of scans beside pymunk's."""
+def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> BenchmarkResult:
+    """Measure physics and scans for each number of robots and rays, and scans compared with pymunk."""
     task = task or WorldTask()
     grid = load_map(map_file)
     speeds = [_measure(grid, robots, rays, task) for rays in task.rays for robots in task.robots]
-    goals, scans = _judged(speeds, task), measure_scans(map_file)
+    goals, scans = _goals(speeds, task), measure_scans(map_file)
     figures = {
         "task": asdict(task),
         "speeds": speeds,
@@ -183,18 +185,22 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measur
     }
     shown = (
         table_of(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s", ".4g"),
-        "Stage: given figures of Stage 4.3, one core of such a machine.",
+        "Stage: published figures of Stage 4.3, one core of such a machine.",
         *map(str, goals),
         *scans.shown,
     )
-    return Measured(figures, shown)
+    return BenchmarkResult(figures, shown)
 
 
-def _judged(speeds: list[dict[str, Any]], task: WorldTask) -> list[SpeedGoal]:
-    """Each goal that can be judged from what was measured."""
+def _goals(speeds: list[dict[str, Any]], task: WorldTask) -> list[SpeedGoal]:
+    """Return the goals of the measured speeds."""
     dense = [speed["ratio"] for speed in speeds if (speed["rays"], speed["robots"]) == (640, 20)]
-    goals = [at_least("times Stage with 640 rays and 20 robots", dense[0], task.stage_goal)] if dense else []
-    goals.append(at_least("times Stage everywhere", min(speed["ratio"] for speed in speeds), 1))
+    goals = (
+        [at_least("speed relative to Stage with 640 rays and 20 robots", dense[0], task.stage_goal)]
+        if dense
+        else []
+    )
+    goals.append(at_least("minimum speed relative to Stage", min(speed["ratio"] for speed in speeds), 1))
     return goals
 
 
@@ -205,8 +211,8 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> di
         return _WanderingSwarm(grid, robots, rays, task)
 
     contacts: list[int] = []
-    whole = best(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
-    physics = best(swarm, lambda it: it.wander(scanning=False), task.repeats)
+    whole = fastest_s(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
+    physics = fastest_s(swarm, lambda it: it.wander(scanning=False), task.repeats)
     speed, stage = task.seconds_long / whole, STAGE[rays, robots]
     return {
         "robots": robots,
@@ -227,7 +233,7 @@ class _WanderingSwarm:
         rng = np.random.default_rng(task.seed)
         models = [turtlebot(rays)] * robots
         names = [f"r{index}" for index in range(robots)]
-        self.arena = Arena(outline(grid), names, models, strewn(grid, robots, rng))
+        self.arena = Arena(outline(grid), names, models, random_poses(grid, robots, rng))
         self.sensors = RangeSensors(grid, models, rng.spawn(robots))
         self.velocities: NDArray[np.float64] = np.random.default_rng(task.seed).uniform(
             (0.0, 0.0, -1.0), (0.5, 0.0, 1.0), (task.seconds_long, robots, 3)

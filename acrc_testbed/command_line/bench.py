@@ -1,4 +1,4 @@
-"""`acrc bench`: measurements of time and memory; `acrc verify`: claims and reference data."""
+"""Commands `acrc bench` (time and memory) and `acrc verify` (claims and reference data)."""
 
 import difflib
 import json as json_module
@@ -15,8 +15,8 @@ from typing import Annotated, Any, Final
 import typer
 from rich.table import Table
 
-from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, argument, flag, option
+from acrc_testbed.command_line import shared_options
+from acrc_testbed.command_line.shared_options import Json, argument, flag, option
 
 
 @dataclass(frozen=True)
@@ -24,91 +24,92 @@ class Benchmark:
     """One benchmark."""
 
     module: str
-    """Its function `measure` returns `Measured`."""
-    says: str
-    takes: tuple[str, ...] = ()
-    """Settings of `measure` that the command line accepts."""
+    """Module with a function `measure` that returns a `BenchmarkResult`."""
+    summary: str
+    options: tuple[str, ...] = ()
+    """Parameters of `measure` that the command line accepts."""
 
 
 BENCHMARKS: Final = {
     "swarm": Benchmark(
-        "swarm", "the whole stack: speed, CPU by package, traffic, memory",
+        "swarm_speed", "whole stack: speed, CPU by package, traffic, memory",
         ("robots", "duration", "repeat"),
     ),
     "budget": Benchmark(
-        "budget", "what one robot's step costs, counted: calls, messages, bytes",
+        "budget", "counted cost of a robot-step: calls, messages, bytes",
         ("duration", "bus", "write"),
     ),
     "beside": Benchmark(
-        "beside", "this state and another COMMIT in turn: wall and CPU time, digests",
+        "commit_comparison", "this state and COMMIT alternately: wall and CPU time, digests",
         ("commit", "robots", "duration", "seed", "scenario", "bus", "pairs", "navigation", "record"),
     ),
     "hosts": Benchmark(
-        "hosts", "a swarm over 1 to 3 network namespaces as hosts, by delay",
+        "hosts", "a swarm on 1 to 3 emulated hosts, by network delay",
         ("robots", "duration"),
     ),
     "start": Benchmark(
-        "swarm_start", "from Enter to a command's first word, and to a run's first step",
+        "swarm_start", "start-up time of commands and runs",
         ("robots", "repeat"),
     ),
     "radio": Benchmark(
-        "radio", "the medium; with --out the figures of docs/radio.md",
+        "radio", "radio medium; with --out the figures of docs/radio.md",
         ("out", "data", "map_file"),
     ),
-    "world": Benchmark("world", "physics and scans beside other simulators", ("map_file",)),
+    "world": Benchmark("world", "physics and scans compared with other simulators", ("map_file",)),
 }  # fmt: skip
 
 
 def bench(
     name: Annotated[
-        str | None, argument("NAME", f"{', '.join(BENCHMARKS)}.", autocompletion=lambda: list(BENCHMARKS))
+        str | None,
+        argument("NAME", f"Benchmark: {', '.join(BENCHMARKS)}.", autocompletion=lambda: list(BENCHMARKS)),
     ] = None,
     commit: Annotated[str | None, argument("COMMIT", "beside: a commit, or the folder of a clone.")] = None,
     robots: Annotated[
         list[int] | None,
-        option("N", "swarm, start, beside, hosts: number of robots. Repeatable.", min=1, max=1000),
+        option("N", "swarm, start, beside, hosts: use this many robots. Repeatable.", min=1, max=1000),
     ] = None,
     duration: Annotated[
-        float | None, option("S", "swarm, budget, beside, hosts: simulated seconds.", min=1, max=3600)
+        float | None,
+        option("S", "swarm, budget, beside, hosts: simulate this many seconds.", min=1, max=3600),
     ] = None,
     repeat: Annotated[
-        int | None, option("N", "swarm, start: number of runs whose median counts.", min=1, max=100)
+        int | None, option("N", "swarm, start: report the median of this many runs.", min=1, max=100)
     ] = None,
-    seed: Annotated[int | None, option("N", "beside: random seed.", min=0)] = None,
+    seed: Annotated[int | None, option("N", "beside: set the random seed.", min=0)] = None,
     scenario: Annotated[
-        Path | None, option("SCENARIO.toml", "beside: run this scenario.", autocompletion=options.scenarios)
+        Path | None,
+        option("SCENARIO.toml", "beside: run this scenario.", autocompletion=shared_options.scenarios),
     ] = None,
     bus: Annotated[
         str | None,
         option("zenoh|memory", "budget, beside: run on this bus.  [default: budget: both; beside: zenoh]"),
     ] = None,
     pairs: Annotated[
-        int | None, option("N", "beside: number of pairs of runs.  [default: 5]", min=2, max=1000)
+        int | None, option("N", "beside: run this many pairs.  [default: 5]", min=2, max=1000)
     ] = None,
     navigation: Annotated[
         str | None,
         option(
-            "PRESET", "beside: run this state, not the other, with it.", autocompletion=options.navigation
+            "PRESET", "beside: use this preset in this state only.", autocompletion=shared_options.navigation
         ),
     ] = None,
     record: Annotated[
         str | None,
-        option("full|lean", "beside: how much this state, not the other, records.  [default: full]"),
+        option("full|lean", "beside: record this much in this state only.  [default: full]"),
     ] = None,
-    write: Annotated[
-        bool | None, flag("budget: keep the counts as what a change is held to.", "--write")
-    ] = None,
+    write: Annotated[bool | None, flag("budget: save the counts as the new limits.", "--write")] = None,
     out: Annotated[Path | None, option("DIR", "radio: only draw the figures, into this folder.")] = None,
-    data: Annotated[Path | None, option("DIR", "radio --out: draw these rows of ns-3 as dots.")] = None,
+    data: Annotated[Path | None, option("DIR", "radio --out: also draw these results of ns-3.")] = None,
     map_file: Annotated[Path | None, option("YAML", "world, radio --out: use this map.", "--map")] = None,
     json: Json = False,
 ) -> None:
-    """Measure time and memory; without NAME, list the benchmarks."""
+    """Measure time and memory; without NAME, list benchmarks."""
     from actors.installation.usage import wrong_value
 
     if name is None:
         for known, one in BENCHMARKS.items():
-            print(f"{known:<12}{one.says}")
+            print(f"{known:<12}{one.summary}")
         return
     if name not in BENCHMARKS:
         raise wrong_value("NAME", name, f"one of {', '.join(BENCHMARKS)}")
@@ -119,25 +120,30 @@ def bench(
         "record": record,
     }  # fmt: skip
     given = {key: value for key, value in options.items() if value is not None}
-    _check_taken(
-        given, {known: one.takes for known, one in BENCHMARKS.items()}, name, f"is not for {name}, but for"
+    _check_accepted(
+        given,
+        {known: one.options for known, one in BENCHMARKS.items()},
+        name,
+        f"not an option of {name}, but of",
     )
     measure = import_module(f"acrc_testbed.benchmarks.{BENCHMARKS[name].module}").measure
-    raise typer.Exit(measure(**given).tell(json_output=json))
+    raise typer.Exit(measure(**given).report(json_output=json))
 
 
 _SPELLINGS: Final = {"map_file": "--map", "commit": "COMMIT"}
-"""How the command line spells parameters that have another name."""
+"""Command-line names of parameters, where they differ."""
 
 
-def _check_taken(given: Iterable[str], takes: Mapping[str, Sequence[str]], name: str, wrong: str) -> None:
-    """Raise OptionError for an option that is for others of `takes` than for `name`."""
+def _check_accepted(
+    given: Iterable[str], accepted: Mapping[str, Sequence[str]], name: str, problem: str
+) -> None:
+    """Raise OptionError for an option that `accepted` lists for other names than `name`."""
     from actors.installation.usage import OptionError
 
     for key in given:
-        if key not in takes.get(name, ()):
-            others = ", ".join(taker for taker, its in takes.items() if key in its)
-            raise OptionError(f"{_SPELLINGS.get(key, f'--{key}')}: {wrong} {others}")
+        if key not in accepted.get(name, ()):
+            others = ", ".join(other for other, its in accepted.items() if key in its)
+            raise OptionError(f"{_SPELLINGS.get(key, f'--{key}')}: {problem} {others}")
 
 
 _MARKER: Final = re.compile(r"""mark\.claim\(\s*["']([\w-]+)["']\s*\)""")
@@ -145,7 +151,7 @@ _COMMAND: Final = re.compile(r"`acrc verify ([\w-]+)")
 _COMPLETE: Final = (0, 1, 5)
 """Exit codes of pytest after a complete run: all passed, some failed, no tests selected."""
 _SHOWN_FIGURES: Final = 5
-_NIGHTLY: Final = "nightly: name the claim, or give --full"
+_NIGHTLY: Final = "nightly: name the claim, or use --full"
 
 
 @dataclass(frozen=True)
@@ -164,7 +170,7 @@ class ClaimResult:
 
     @property
     def verdict(self) -> str:
-        """The verdict for people, with the reason of a skip."""
+        """The verdict in words, with the reason of a skip."""
         if self.holds is not None:
             return "holds" if self.holds else "DOES NOT HOLD"
         return f"skipped: {self.tests[0]['reason'] if self.tests else _NIGHTLY}"
@@ -176,7 +182,7 @@ class ClaimResult:
 
     @property
     def figures(self) -> str:
-        """The first figures of its tests as text, without lists and tables."""
+        """The first figures of the tests as text, without lists and tables."""
         named = [(name, value) for test in self.tests for name, value in test["figures"].items()]
         scalars = [f"{name} {value}" for name, value in named if not isinstance(value, list | dict)]
         return ", ".join(scalars[:_SHOWN_FIGURES])
@@ -197,13 +203,13 @@ def verify(
         ),
     ] = None,
     listed: Annotated[bool, flag("List the claims and the files of their tests.", "--list")] = False,
-    full: Annotated[bool, flag("Run the size that docs/how-true.md reports.", "--full")] = False,
-    data: Annotated[Path | None, option("DIR", "radio: compare with these rows of ns-3.")] = None,
+    full: Annotated[bool, flag("Run tests at the size reported in docs/how-true.md.", "--full")] = False,
+    data: Annotated[Path | None, option("DIR", "radio: compare with these results of ns-3.")] = None,
     source: Annotated[
         Path | None,
         option(
             "FILE|DIR",
-            "localisation: feed the filter with these logs; navigation: compare with these rows.",
+            "localisation: run the filter on these logs; navigation: compare with these results.",
             "--from",
         ),
     ] = None,
@@ -211,7 +217,7 @@ def verify(
         int | None,
         option(
             "N",
-            "radio --data: number of own frames per frame of ns-3; localisation --from: number of runs.",
+            "radio --data: send this many frames per frame of ns-3; localisation --from: number of runs.",
             min=1,
             max=10_000,
         ),
@@ -221,10 +227,10 @@ def verify(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Run the tests of the claims of docs/how-true.md.
+    """Run the tests of the claims in docs/how-true.md.
 
-    This needs a clone. With --data or --from, compare the radio, the localisation or the navigation with
-    given data instead. The exit code is 1 if a claim does not hold.
+    Requires a clone. With --data or --from, compare the radio, the localisation or the navigation with given
+    data instead. The exit code is 1 if a claim does not hold.
     """
     options = {"data": data, "from": source, "runs": runs, "against": against}
     given = {name: value for name, value in options.items() if value is not None}
@@ -243,7 +249,7 @@ def verify(
     raise typer.Exit(1 if any(result.holds is False for result in results) else 0)
 
 
-_TAKES: Final = {
+_COMPARISON_OPTIONS: Final = {
     "radio": ("data", "runs"),
     "localisation": ("from", "runs", "against"),
     "navigation": ("from",),
@@ -256,9 +262,9 @@ def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) 
     from actors.installation.usage import OptionError
 
     name = names[0] if len(names) == 1 else ""
-    wrong = f"is not for {', '.join(names)}, but for" if names else "must stand beside what it is for:"
-    _check_taken(given, _TAKES, name, wrong)
-    if (required := _TAKES[name][0]) not in given:
+    problem = f"not an option of {', '.join(names)}, but of" if names else "requires a claim:"
+    _check_accepted(given, _COMPARISON_OPTIONS, name, problem)
+    if (required := _COMPARISON_OPTIONS[name][0]) not in given:
         raise OptionError(f"--{next(iter(given))}: requires --{required}, the data to compare with")
     if name == "radio":
         from acrc_testbed.benchmarks.radio_comparison import check as radio
@@ -274,11 +280,11 @@ def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) 
         found = navigation(given["from"])
     if not json_output and found.holds is not None:
         found = found.with_line(f"{name}: {'holds' if found.holds else 'DOES NOT HOLD'}")
-    return found.tell(json_output=json_output)
+    return found.report(json_output=json_output)
 
 
 def _claim_files(root: Path) -> dict[str, list[str]]:
-    """Return the claims of the marked tests, each with the files of its tests, relative to the clone."""
+    """Return the test files of each claim, relative to the clone."""
     found: dict[str, list[str]] = {}
     for path in sorted((root / "tests").rglob("test_*.py")):
         for name in dict.fromkeys(_MARKER.findall(path.read_text("utf-8"))):
@@ -293,8 +299,8 @@ def _chosen(names: Sequence[str], known: Mapping[str, object]) -> list[str]:
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
-            right = f"did you mean {near[0]}?" if near else f"must be one of {', '.join(known)}"
-            raise OptionError(f"CLAIM: {name}; {right}")
+            right = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
+            raise OptionError(f"CLAIM: unknown claim {name}; {right}")
     return list(dict.fromkeys(names or known))
 
 
@@ -309,8 +315,8 @@ def statements(root: Path) -> dict[str, str]:
 
 
 def _show_list(root: Path, files: Mapping[str, Sequence[str]], *, json_output: bool) -> None:
-    says = statements(root)
-    rows = [{"name": name, "says": says.get(name, ""), "files": list(its)} for name, its in files.items()]
+    known = statements(root)
+    rows = [{"name": name, "says": known.get(name, ""), "files": list(its)} for name, its in files.items()]
     table = Table("claim", "statement", "tests", title="acrc verify CLAIM …")
     for row in rows:
         table.add_row(str(row["name"]), str(row["says"]).replace("`", ""), "\n".join(row["files"]))
@@ -318,9 +324,9 @@ def _show_list(root: Path, files: Mapping[str, Sequence[str]], *, json_output: b
 
 
 def _run(root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: bool) -> list[ClaimResult]:
-    """Run the tests of these claims; their progress goes to standard error.
+    """Run the tests of these claims, with progress on standard error.
 
-    Nightly tests run only if the claims are named or in full size. Raises AcrcError if pytest breaks off.
+    Nightly tests run only if the claims are `named` or in `full` size. Raises AcrcError if pytest aborts.
     """
     from acrc_testbed.command_line.development import run_pytest
     from actors.processes.kernels import compile_kernels
@@ -336,7 +342,7 @@ def _run(root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: b
         code = run_pytest(root, words, stdout=sys.stderr)
         lines = report.read_text("utf-8").splitlines() if report.exists() else []
     if code not in _COMPLETE:
-        raise AcrcError(f"verify: pytest ended with exit code {code} before it had run all tests; see above")
+        raise AcrcError(f"verify: pytest aborted with exit code {code}; see above")
     rows = [json_module.loads(line) for line in lines]
     return [ClaimResult(name, [row for row in rows if row["claim"] == name]) for name in files]
 
@@ -353,6 +359,6 @@ def _show(results: Sequence[ClaimResult], *, json_output: bool) -> None:
 
 
 def _print(figures: Any, table: Table, *, json_output: bool) -> None:
-    from acrc_testbed.benchmarks.measured import Measured
+    from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult
 
-    Measured(figures, (table,)).tell(json_output=json_output)
+    BenchmarkResult(figures, (table,)).report(json_output=json_output)

@@ -1,4 +1,4 @@
-"""`acrc test` and `acrc check`, for those who change the testbed."""
+"""Commands `acrc test` and `acrc check`, for developers of the testbed."""
 
 import os
 import subprocess
@@ -22,11 +22,11 @@ from actors.installation.repository import clone
 
 @dataclass(frozen=True)
 class Check:
-    """A program that says whether the sources are in order."""
+    """A program that checks the sources."""
 
     name: str
     command: tuple[str, ...]
-    """Arguments of this Python."""
+    """Arguments of the Python interpreter."""
 
 
 CHECKS: Final = (
@@ -39,7 +39,7 @@ CHECKS: Final = (
 
 
 def run_checks(root: Path, console: Console, checks: tuple[Check, ...] = CHECKS) -> bool:
-    """Run every check in the folder `root`, also after one has failed; True if all are content."""
+    """Run all checks in the folder `root`, also after a failure; return whether all passed."""
     failed = []
     for check in checks:
         console.rule(Text(check.name, style="bold"), align="left")
@@ -54,12 +54,12 @@ def run_checks(root: Path, console: Console, checks: tuple[Check, ...] = CHECKS)
 
 
 NIGHTLY: Final = "nightly"
-"""The marker of tests that the suite leaves to `acrc test --nightly`."""
+"""Marker of tests that only `acrc test --nightly` runs."""
 BY_FILE: Final = ("--dist", "loadfile", "--no-loadscope-reorder", "--max-worker-restart", "0")
-"""Each file runs on one worker, which makes its fixtures once, in the order of tests/conftest.py. A crashed
-worker ends the suite: replaced, it can block the others (pytest-dev/pytest-xdist#1378)."""
+"""One worker per file creates its fixtures once, in the order of tests/conftest.py. A crashed worker ends the
+suite: a replacement can block the others (pytest-dev/pytest-xdist#1378)."""
 BUDGET: Final = Path("tests", "development", "budget.toml")
-"""The file with the number of processes that the suite may start."""
+"""File with the maximum number of processes of the suite."""
 _PERIOD_S: Final = 0.02
 
 
@@ -73,7 +73,7 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
     if words and not whole:
         return run_pytest(root, words)
     selected = () if whole else ("-m", f"not {NIGHTLY}")
-    workers = str((os.cpu_count() or 1) + 1)  # some tests wait while others compute
+    workers = str((os.cpu_count() or 1) + 1)  # one more: some tests wait most of the time
     with ProcessCounter() as started:
         code = run_pytest(root, (*selected, "-n", workers, *BY_FILE))
     exceeded = not whole and _is_over_budget(root, started.count)
@@ -81,7 +81,7 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
 
 
 class ProcessCounter:
-    """Counts descendants started from now on by sampling /proc; processes of under 20 ms may be missed."""
+    """Counter of new descendants that samples /proc; may miss processes of under 20 ms."""
 
     def __init__(self) -> None:
         self._own, self._foreign = {os.getpid()}, set[int]()
@@ -118,7 +118,7 @@ def _processes() -> set[int]:
 
 
 def _is_over_budget(root: Path, started: int) -> bool:
-    """Print the number of started processes; return whether it exceeds the limit of the budget file."""
+    """Print the number of started processes; return whether it exceeds the budget."""
     if not (root / BUDGET).is_file():
         return False
     limit = int(tomllib.loads((root / BUDGET).read_text())["suite"]["processes"])
@@ -127,13 +127,13 @@ def _is_over_budget(root: Path, started: int) -> bool:
 
 
 def run_pytest(root: Path, words: Sequence[str], stdout: TextIO | None = None) -> int:
-    """Run pytest; byte code is kept, since the tests start many interpreters that import the same modules."""
+    """Run pytest with byte code caching, since tests start many interpreters; return the exit code."""
     kept = {
         name: value
         for name, value in os.environ.items()
         if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")
     }
-    kept["PYTHONPATH"] = str(root)  # nothing else: a sourced ROS brings plugins for pytest
+    kept["PYTHONPATH"] = str(root)  # nothing else: a sourced ROS adds pytest plugins
     return subprocess.run(
         [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, stdout=stdout, check=False
     ).returncode
@@ -145,17 +145,17 @@ def test(context: typer.Context) -> None:
     words = [_absolute(word) for word in context.args]
     from actors.processes.kernels import compile_kernels
 
-    compile_kernels()  # or the first tests would wait for it, and see it said where a result is due
+    compile_kernels()  # first: its messages would appear in the output that tests read
     raise typer.Exit(run_suite(root, words))
 
 
 def check() -> None:
-    """Check style, types and imports of the sources."""
+    """Check style, types, imports and arithmetic of the sources."""
     if not run_checks(clone("check"), screen()):
         raise typer.Exit(1)
 
 
 def _absolute(word: str) -> str:
-    """An argument that names a file, or a test in one, as it is found from any folder."""
+    """Make an argument that names a file, or a test in one, absolute."""
     path, colons, name = word.partition("::")
     return f"{Path(path).absolute()}{colons}{name}" if Path(path).exists() else word

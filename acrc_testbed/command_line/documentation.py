@@ -1,4 +1,4 @@
-"""`acrc docs`: the documentation as a site, and its page of all commands, made from the command line."""
+"""Command `acrc docs`: the documentation as a site, with a generated page of all commands."""
 
 import re
 from collections.abc import Iterator
@@ -7,20 +7,18 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from acrc_testbed.command_line.options import flag, option
+from acrc_testbed.command_line.shared_options import flag, option
 
-_HEAD: Final = (
-    "# Commands\n\n`acrc COMMAND --help` says the same. `acrc docs` makes this page from the command line."
-)
+_HEAD: Final = "# Commands\n\n`acrc docs` generates this page from the output of `acrc COMMAND --help`."
 
 
 def docs(
-    out: Annotated[Path, option("DIR", "Folder for the pages.")] = Path("build/docs"),
-    show: Annotated[bool, flag("Open it in a browser.", "--open")] = False,
+    out: Annotated[Path, option("DIR", "Write the pages to this folder.")] = Path("build/docs"),
+    show: Annotated[bool, flag("Open the site in a browser.", "--open")] = False,
 ) -> None:
-    """Build the documentation as a site of plain files.
+    """Build the documentation as a static site.
 
-    It needs no network and no server.
+    Requires no network and no server.
     """
     from actors.installation.repository import clone
 
@@ -35,7 +33,7 @@ def docs(
 def build(pages: Path, out: Path) -> Path:
     """Write the site of the folder `pages` into the folder `out` and return its home page.
 
-    Raises AcrcError where Sphinx warns of anything; it prints its warnings.
+    Raises AcrcError if Sphinx prints a warning.
     """
     from sphinx.cmd.build import build_main
 
@@ -48,12 +46,12 @@ def build(pages: Path, out: Path) -> Path:
     with scratch_folder() as trees:
         options = ("--fail-on-warning", "--keep-going", "--quiet", "--fresh-env", "-d", str(trees))
         if build_main([*options, str(pages), str(out)]):
-            raise AcrcError(f"docs: {pages} has faults, see above")
+            raise AcrcError(f"docs: warnings in {pages}, see above")
     return (out / "index.html").resolve()
 
 
-def tree() -> dict[str, Any]:
-    """Return every visible command and group by the words that call it, the root by "acrc"."""
+def command_tree() -> dict[str, Any]:
+    """Return every visible command and group by its full name; "acrc" is the root."""
     from acrc_testbed.command_line.app import app
 
     found: dict[str, Any] = {}
@@ -66,7 +64,7 @@ def tree() -> dict[str, Any]:
 
 
 def _below(command: Any) -> list[tuple[str, Any]]:
-    """Return the visible commands of a group, in its order."""
+    """Return the visible commands of a group, in order."""
     if not hasattr(command, "list_commands"):
         return []
     named = [(name, command.get_command(None, name)) for name in command.list_commands(None)]
@@ -74,8 +72,8 @@ def _below(command: Any) -> list[tuple[str, Any]]:
 
 
 def as_markdown() -> str:
-    """Return the page: a section per command with its usage, its help and a table of its parameters."""
-    sections = [_section(words, command) for words, command in tree().items()]
+    """Return the page: a section per command with usage, help and a table of parameters."""
+    sections = [_section(words, command) for words, command in command_tree().items()]
     return "\n\n".join([_HEAD, *sections]) + "\n"
 
 
@@ -104,7 +102,7 @@ def _rows(command: Any, context: Any) -> Iterator[str]:
 
 
 def _escaped(text: str) -> str:
-    """Return plain text as Markdown, in which only backticks have a meaning."""
+    """Escape plain text for Markdown, except backticks."""
     pieces = re.split(r"(`[^`\n]+`)", " ".join(text.split()))
     return "".join(
         piece.replace("|", r"\|") if number % 2 else re.sub(r"([\\*_<>\[\]|#])", r"\\\1", piece)

@@ -1,4 +1,4 @@
-"""`acrc fleet`: real robots; `acrc cluster`: computers that run simulations together."""
+"""Commands `acrc fleet` for real robots and `acrc cluster` for simulations on several computers."""
 
 import contextlib
 import os
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from acrc_testbed.command_line.options import (
+from acrc_testbed.command_line.shared_options import (
     Endpoints,
     FleetFile,
     Json,
@@ -35,13 +35,14 @@ if TYPE_CHECKING:
 
 def collect(
     folders: Annotated[
-        list[Path], argument("FOLDER…", "A robot's folder, such as runs/mine/r2, or a folder of these.")
+        list[Path], argument("FOLDER…", "Folder of a robot, such as runs/mine/r2, or a folder of these.")
     ],
     out: Annotated[
-        Path | None, option("DIR", "New folder for run.json and places.csv.  [default: print only]")
+        Path | None,
+        option("DIR", "Write run.json and places.csv to this new folder.  [default: print only]"),
     ] = None,
     truth: Annotated[
-        Path | None, option("FILE", "Ground truth, by the laboratory of emulated devices.")
+        Path | None, option("FILE", "Read ground truth from this file of the device emulation.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -59,7 +60,7 @@ def watch(
         Path | None, option("FLEET.toml", "Show robots in the viewer, on the fleet's map.")
     ] = None,
 ) -> None:
-    """Watch robots from a laptop, until Ctrl-C."""
+    """Watch robots from a laptop until Ctrl-C."""
     from deploy.fleet import operator_station
 
     with contextlib.suppress(Interrupted):
@@ -67,7 +68,7 @@ def watch(
             operator_station.watch(endpoints, keys)
         else:
             _show(endpoints, keys, view)
-    _leave(130)
+    _exit_now(130)
 
 
 def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
@@ -81,54 +82,56 @@ def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
 def stop(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
     """Stop all robots for good.
 
-    Within 2 s each robot has confirmed, or is named with what is in the way; then the exit code is 1.
+    Each robot confirms within 2 s; otherwise an error names it and the exit code is 1.
     """
     from actors.orders import Stop
 
-    _give(endpoints, keys, Stop(), json=json)
+    _send_order(endpoints, keys, Stop(), json=json)
 
 
 def pause(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
-    """Pause all robots until resume; answers as of stop."""
+    """Pause all robots until resume; output as for stop."""
     from actors.orders import Pause
 
-    _give(endpoints, keys, Pause(), json=json)
+    _send_order(endpoints, keys, Pause(), json=json)
 
 
 def resume(endpoints: Endpoints, keys: OperatorKeys, json: Json = False) -> None:
-    """Resume paused robots; answers as of stop."""
+    """Resume paused robots; output as for stop."""
     from actors.orders import Resume
 
-    _give(endpoints, keys, Resume(), json=json)
+    _send_order(endpoints, keys, Resume(), json=json)
 
 
-def _give(endpoints: list[str], keys: Path, order: "Order", *, json: bool) -> NoReturn:
-    """Give an order to all robots, and say what became of it."""
+def _send_order(endpoints: list[str], keys: Path, order: "Order", *, json: bool) -> NoReturn:
+    """Send an order to all robots, print each outcome and exit."""
     from deploy.fleet import operator_station
 
     answers = operator_station.send_order(endpoints, keys, order)
     for one in answers:
         if one.failure:
             print(f"acrc: {one.endpoint}: {one.failure}", file=sys.stderr)
-    said = [
+    lines = [
         f"acrc: {one.endpoint}: {operator_station.state_after(order)}" for one in answers if not one.failure
     ]
-    answer(said, [{"endpoint": one.endpoint, "failure": one.failure} for one in answers], json=json)
-    _leave(1 if any(one.failure for one in answers) else 0)
+    answer(lines, [{"endpoint": one.endpoint, "failure": one.failure} for one in answers], json=json)
+    _exit_now(1 if any(one.failure for one in answers) else 0)
 
 
-def _leave(code: int) -> NoReturn:
-    """End at once: attempts that hang in the network keep their interpreter, and are not waited for."""
+def _exit_now(code: int) -> NoReturn:
+    """Exit without waiting for threads that hang in the network."""
     sys.stdout.flush()
     os._exit(code)
 
 
 def onboard(
     fleet: FleetFile,
-    robot: Annotated[str, option("ID", "Id of the robot that this computer is.")],
-    out: Annotated[Path | None, option("DIR", "New folder for the recordings.  [default: in runs/]")] = None,
+    robot: Annotated[str, option("ID", "Run as this robot of the fleet.")],
+    out: Annotated[
+        Path | None, option("DIR", "Write recordings to this new folder.  [default: in runs/]")
+    ] = None,
     isolate: Annotated[
-        bool | None, isolation("Run the robot's process in a sandbox that leaves it base and bridge only.")
+        bool | None, isolation("Run the robot's process in a sandbox with access to base and bridge only.")
     ] = None,
     debugpy: Annotated[
         int | None,
@@ -138,13 +141,13 @@ def onboard(
         str | None,
         option(
             "WHERE",
-            "Where the robot stands: `start` (as in the fleet file), or X,Y,HEADING in m and rad.  "
-            "[default: near its last pose, which it verifies; `start` the first time]",
+            "Set the start pose: `start` (as in the fleet file), or X,Y,HEADING in m and rad.  "
+            "[default: near the last pose, verified by scans; the first time `start`]",
         ),
     ] = None,
     modules: Modules = None,
 ) -> None:
-    """Be a robot: drive the plugged-in TurtleBot and radio board."""
+    """Run a robot: drive the connected TurtleBot and radio board."""
     from actors.processes.kernels import compile_kernels
     from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import onboard_run
@@ -158,23 +161,25 @@ def onboard(
     options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, named)
     with out_folder.dropped_if_empty(folder):
         prepared = onboard_run.prepare(loaded, robot, options, console.print)
-        compile_kernels(onboard=True)  # else it would seem to hang for a minute, or five on a small board
+        compile_kernels(onboard=True)  # reports progress: it takes a minute, five on a small board
         onboard_run.run(prepared, console.print)
 
 
 def bundle(
     fleet: FleetFile,
-    robot: Annotated[str, option("ID", "Id of the robot that the bundle is for.")],
-    machine: Annotated[str, option("NAME", "Processor of its computer: x86-64 or aarch64.")] = "x86-64",
-    python: Annotated[str, option("3.N", "Python of its computer, from 3.11 to 3.14.")] = "3.11",
-    out: Annotated[Path | None, option("FILE", "New archive.  [default: acrc-ID.tar]")] = None,
+    robot: Annotated[str, option("ID", "Make the bundle for this robot.")],
+    machine: Annotated[
+        str, option("NAME", "Processor of the robot's computer: x86-64 or aarch64.")
+    ] = "x86-64",
+    python: Annotated[str, option("3.N", "Python of the robot's computer, from 3.11 to 3.14.")] = "3.11",
+    out: Annotated[Path | None, option("FILE", "Write this new archive.  [default: acrc-ID.tar]")] = None,
     modules: Modules = None,
     json: Json = False,
 ) -> None:
-    """Pack all that a robot needs, for a computer without a network.
+    """Pack a robot's software and keys, for a computer without a network.
 
-    The archive holds wheels, program, map, fleet file and the robot's keys. Only you can read it. Faults of
-    fleet file, map and keys that `acrc fleet doctor` would report are refused.
+    The archive contains wheels, program, map, fleet file and the robot's keys; only you can read it. Fleet
+    file, map and keys are checked as by `acrc fleet doctor`.
     """
     from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import bundle as robot_bundle
@@ -190,23 +195,23 @@ def bundle(
         python=python,
         out=out or Path(f"acrc-{robot}.tar"),
     )
-    said = (
+    text = (
         f"{made.file}: {made.bytes / 1e6:.1f} MB, {made.files} files, for {machine} with Python {python}\n"
         f"SHA-256 {made.sha256}\n\n"
-        "Copy it onto the robot's computer, then in /srv there:\n\n"
+        "Copy it to the robot's computer, then run in /srv there:\n\n"
         f"  tar -xf {made.file.name}\n"
         f"  acrc-{robot}/acrc fleet units acrc-{robot}/{made.fleet} --robot {robot}"
         + (f" --modules acrc-{robot}/modules" if made.own_code else "")
     )
-    answer([said], made._asdict(), json=json)
+    answer([text], made._asdict(), json=json)
     if made.lacks:
-        sys.stderr.write(f"acrc: the bundle lacks what requirements.txt names: {made.lacks}\n")
+        sys.stderr.write(f"acrc: the bundle lacks packages of requirements.txt: {made.lacks}\n")
 
 
 def units(
     fleet: FleetFile,
-    robot: Annotated[str, option("ID", "Id of the robot that this computer is.")],
-    out: Annotated[Path, option("DIR", "Folder for the files.")] = Path("units"),
+    robot: Annotated[str, option("ID", "Write the files for this robot.")],
+    out: Annotated[Path, option("DIR", "Write the files to this folder.")] = Path("units"),
     user: Annotated[
         str | None, option("NAME", "Run the robot as this user.  [default: the clone's owner]")
     ] = None,
@@ -215,9 +220,9 @@ def units(
 ) -> None:
     """Write a robot's systemd service and udev rules.
 
-    Run it on the robot's own computer with all devices plugged in: the service holds the paths of this clone
-    and of the fleet file, the rules hold the serial numbers of the devices. It installs nothing, and prints
-    the commands that do.
+    Run it on the robot's own computer with all devices plugged in: the service contains the paths of this
+    clone and of the fleet file, the rules contain the serial numbers of the devices. Nothing is installed;
+    the installation commands are printed.
     """
     from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import units as unit_files
@@ -237,18 +242,17 @@ def units(
         modules=permit_of(modules).modules,
     )
     service, rules = written.service_file, written.rules_file
-    said = (
+    text = (
         f"{service}\n{rules}\n\n"
-        "Look at them, then install them, here on the robot's own computer:\n\n"
+        "Review them, then install them on this computer:\n\n"
         f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
         f"  sudo install -m 644 {service} /etc/systemd/system/\n"
         "  sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty\n"
         "  sudo systemctl daemon-reload\n"
         f"  sudo systemctl enable --now {service.name}\n\n"
-        f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc fleet doctor` what is "
-        "wrong."
+        f"Then `journalctl -fu {service.name}` shows the robot's log, and `acrc fleet doctor` finds faults."
     )
-    answer([said], {"service": service, "rules": rules}, json=json)
+    answer([text], {"service": service, "rules": rules}, json=json)
     for sentence in written.unassigned:
         sys.stderr.write(f"acrc: {sentence}\n")
 
@@ -256,21 +260,23 @@ def units(
 def keys(
     fleet: FleetFile,
     out: Annotated[
-        Path | None, option("DIR", "New folder for the keys.  [default: as in the fleet file]")
+        Path | None, option("DIR", "Write the keys to this new folder.  [default: as in the fleet file]")
     ] = None,
-    host: Annotated[list[str] | None, option("ID=HOST", "Name or address of a robot. Repeatable.")] = None,
-    days: Annotated[int, option("N", "Days that the keys are valid.")] = 730,
+    host: Annotated[
+        list[str] | None, option("ID=HOST", "Add a name or address of a robot. Repeatable.")
+    ] = None,
+    days: Annotated[int, option("N", "Make the keys valid for this many days.")] = 730,
     revoke: Annotated[
         list[str] | None,
         option("ID", "Replace all keys after this robot (or the operator) lost its own. Repeatable."),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Make the keys of a fleet.
+    """Create the keys of a fleet.
 
-    They are a certificate authority, and a certificate for each robot and the operator. Only the operator's
-    laptop can then watch and stop robots. A robot's certificate is valid for its id, its id with .local, the
-    address it listens at, and what --host says.
+    Create a certificate authority, and a certificate for each robot and the operator. Only the operator's
+    laptop can then watch and stop robots. A robot's certificate is valid for its id, its id with .local, its
+    listening address, and the hosts of --host.
     """
     from deploy.fleet import keys as fleet_keys
     from deploy.fleet.fleet_file import load_fleet
@@ -283,24 +289,24 @@ def keys(
         _answer_keys(loaded, made, [], None, json=json)
         return
     made, aside = fleet_keys.replace_keys(loaded, folder, revoke, hosts, now=now, days=days)
-    said = [
+    revoked = [
         f"Machines with their new folders reject the old keys of {', '.join(revoke)}: copy all folders, "
-        "the operator's first, and start the robots again.",
+        "the operator's first, and restart the robots.",
         f"The old keys are in {aside}; delete them after that.",
     ]
-    _answer_keys(loaded, made, said, aside, json=json)
+    _answer_keys(loaded, made, revoked, aside, json=json)
 
 
 def doctor(
-    fleet: Annotated[Path | None, argument("FLEET.toml", "Fleet file: which robots there are.")] = None,
-    robot: Annotated[str | None, option("ID", "Id of the robot that this computer is.")] = None,
+    fleet: Annotated[Path | None, argument("FLEET.toml", "Fleet file, which lists the robots.")] = None,
+    robot: Annotated[str | None, option("ID", "Check this computer as this robot.")] = None,
     modules: Modules = None,
     json: Json = False,
 ) -> None:
-    """Find what is wrong with this computer, and say the remedy.
+    """Diagnose this computer and print remedies.
 
-    With a fleet file and a robot it also checks the robot's ports, map and keys. It changes nothing, except
-    that it compiles numeric kernels. The exit code is 1 if anything is wrong.
+    With a fleet file and a robot, check also the robot's ports, map and keys. Nothing is changed, except that
+    numeric kernels are compiled. The exit code is 1 if a check fails.
     """
     from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet.doctor import check_computer
@@ -312,29 +318,28 @@ def doctor(
 def _answer_keys(
     fleet: "Fleet", made: "FleetKeys", revoked: list[str], aside: Path | None, *, json: bool
 ) -> None:
-    """Say where the keys are, then what was `revoked`, and where the old keys are now: `aside`."""
-    told = {"home": made.home, "valid_until": made.valid_until, "machines": made.machines, "old_keys": aside}
-    answer([*_keys_told(fleet, made), *revoked], told, json=json)
+    """Print the folders of the keys and the sentences `revoked`; `aside`: folder of the old keys."""
+    data = {"home": made.home, "valid_until": made.valid_until, "machines": made.machines, "old_keys": aside}
+    answer([*_key_sentences(fleet, made), *revoked], data, json=json)
     for machine in made.machines:
         if machine.listens_unnamed:
             sys.stderr.write(
-                f"acrc: {machine.machine} listens at all its addresses, but its certificate holds for "
-                f"names only; to reach it by an address, give that: --host {machine.machine}=192.168.1.12\n"
+                f"acrc: {machine.machine} listens at all its addresses, but its certificate is valid for "
+                f"names only; to reach it by address, add: --host {machine.machine}=192.168.1.12\n"
             )
 
 
-def _keys_told(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
+def _key_sentences(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
     yield (
-        f"{made.home}\n  stays with you, and off the robots: it can make keys of this fleet, "
-        "for its key is not encrypted"
+        f"{made.home}\n  keep it private and off the robots: its unencrypted key can sign keys of this fleet"
     )
     for machine in made.machines:
         if machine.hosts:
-            goal = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
-            yield f"{machine.folder}\n  to {goal}; holds for {', '.join(machine.hosts)}"
+            target = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
+            yield f"{machine.folder}\n  copy to {target}; valid for {', '.join(machine.hosts)}"
         else:
-            yield f"{machine.folder}\n  to the laptop that watches and stops the robots"
-    yield f"All hold until {made.valid_until:%Y-%m-%d}."
+            yield f"{machine.folder}\n  copy to the operator's laptop"
+    yield f"All are valid until {made.valid_until:%Y-%m-%d}."
 
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -343,7 +348,7 @@ for _command in (keys, units, bundle, doctor, onboard, watch, stop, pause, resum
 
 
 cluster = typer.Typer(
-    help="Start a cluster, add this computer to one, fetch what it has kept.",
+    help="Start a cluster, add this computer to one, fetch its recordings.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -356,28 +361,28 @@ Address = Annotated[
 
 @cluster.command()
 def start(address: Address) -> None:
-    """Start a cluster's scheduler here, until Ctrl-C.
+    """Run a cluster's scheduler on this computer until Ctrl-C.
 
-    It listens at the address, by which others reach this computer.
+    It listens at ADDRESS, which must reach this computer from the others.
     """
     from deploy.hosts.address import host_and_port, plain
 
     place = plain(address, "ADDRESS")
     host, port = host_and_port(place)
     protocol = place.partition("://")[0]
-    _become("dask_scheduler", "--protocol", protocol, "--host", host, "--port", str(port))
+    _exec("dask_scheduler", "--protocol", protocol, "--host", host, "--port", str(port))
 
 
 @cluster.command()
 def join(
     address: Address,
     workers: Annotated[
-        int | None, option("N", "Number of workers.  [default: one per core]", min=1, max=1024)
+        int | None, option("N", "Run this many workers.  [default: one per core]", min=1, max=1024)
     ] = None,
 ) -> None:
-    """Let a cluster use this computer, until Ctrl-C.
+    """Add this computer to a cluster until Ctrl-C.
 
-    The first time it installs and compiles what that needs.
+    The first call installs packages and compiles kernels.
     """
     from actors.processes.kernels import compile_kernels
     from deploy.hosts.address import plain
@@ -385,38 +390,40 @@ def join(
 
     place = plain(address, "ADDRESS")
     if place.startswith("tls://"):
-        security(place, PATIENCE_S, "ADDRESS")  # what is wrong with the certificates is said in a sentence
+        security(place, PATIENCE_S, "ADDRESS")  # reports faults of the certificates
     compile_kernels()
     local = ("--host", "127.0.0.1") if place.startswith("tcp://") else ()
     number = workers or len(os.sched_getaffinity(0))
-    _become("dask_worker", place, *local, "--nworkers", str(number), "--nthreads", "1")
+    _exec("dask_worker", place, *local, "--nworkers", str(number), "--nthreads", "1")
 
 
 @cluster.command()
 def fetch(
-    out: Annotated[Path, argument("OUT", "Folder of a run over several computers.")],
-    on: Annotated[str | None, option("ADDRESS", "Scheduler address.  [default: the run's scheduler]")] = None,
+    out: Annotated[Path, argument("OUT", "Folder of a run on a cluster.")],
+    on: Annotated[
+        str | None, option("ADDRESS", "Connect to this scheduler.  [default: the run's scheduler]")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Bring what a run has left on other computers, and remove it there."""
+    """Fetch a run's recordings from other computers and delete them there."""
     from acrc_testbed.recordings.topics import is_running
     from deploy.hosts.address import plain
     from deploy.hosts.files import fetch
 
     address = plain(on) if on else ""
     if not (out / "run.json").is_file() and is_running(out):
-        raise AcrcError(f"{out}: the run is going on; must have ended")
-    fetched = fetch(out, address, _say)
-    what = "1 file has come" if fetched.files == 1 else f"{fetched.files} files have come"
-    answer([f"{what}, {fetched.bytes} B"], asdict(fetched), json=json)
+        raise AcrcError(f"{out}: the run is in progress; wait for its end")
+    fetched = fetch(out, address, _log)
+    files = "1 file" if fetched.files == 1 else f"{fetched.files} files"
+    answer([f"fetched {files}, {fetched.bytes} B"], asdict(fetched), json=json)
 
 
-def _say(sentence: str) -> None:
+def _log(sentence: str) -> None:
     sys.stderr.write(f"acrc: {sentence}\n")
 
 
-def _become(program: str, *words: str) -> NoReturn:
-    command = [sys.executable, "-P", "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
+def _exec(program: str, *arguments: str) -> NoReturn:
+    command = [sys.executable, "-P", "-m", f"distributed.cli.{program}", *arguments, "--no-dashboard"]
     sys.stdout.flush()
     sys.stderr.flush()
     os.execv(sys.executable, command)

@@ -1,4 +1,4 @@
-"""`acrc list`: strategies, presets, robot models, scenarios and maps, as tables or JSON.
+"""Commands `acrc list`: strategies, presets, robot models, scenarios and maps, as tables or JSON.
 
 Summaries come from docstrings and from the comments at the head of files.
 """
@@ -17,7 +17,7 @@ from typing import Any
 
 import typer
 
-from acrc_testbed.command_line.options import Json, answer
+from acrc_testbed.command_line.shared_options import Json, answer
 from actors.installation.repository import REPOSITORY, SHIPPED
 
 Row = Mapping[str, Any]
@@ -34,7 +34,7 @@ def strategies(json: Json = False) -> None:
     columns = {
         "name": [row["name"] for row in rows],
         "from": [row["source"] for row in rows],
-        "what it does, and its entry": [f"{row['error'] or row['summary']}\n{row['entry']}" for row in rows],
+        "summary and entry": [f"{row['error'] or row['summary']}\n{row['entry']}" for row in rows],
     }
     _print(rows, columns, json=json)
 
@@ -42,9 +42,9 @@ def strategies(json: Json = False) -> None:
 @app.command()
 def presets(json: Json = False) -> None:
     """List presets of radio, localisation and navigation."""
-    # read from the sources: importing them takes as long as starting a simulation
+    # parsed, not imported: the import takes as long as starting a simulation
     actors = REPOSITORY / "actors"
-    summary = constant(actors / "robot" / "stack.py", "ODOMETRY")[1].removesuffix(".")
+    summary = dict_constant(actors / "robot" / "stack.py", "ODOMETRY")[1].removesuffix(".")
     odometry = {"table": "localisation", "name": "odometry", "summary": summary}
     rows = [
         *_presets("radio", actors / "radio" / "radio_model.py", "PRESETS"),
@@ -55,7 +55,7 @@ def presets(json: Json = False) -> None:
     columns = {
         "table": [f"[{row['table']}]" for row in rows],
         "preset": [row["name"] for row in rows],
-        "what it is": [row["summary"] for row in rows],
+        "summary": [row["summary"] for row in rows],
     }
     _print(rows, columns, json=json)
 
@@ -68,7 +68,7 @@ def models(json: Json = False) -> None:
         "model": [row["name"] for row in rows],
         "drive": [row["drive"] for row in rows],
         "sensors": ["\n".join(map(_sensor_words, row["sensors"])) for row in rows],
-        "what it is": [row["summary"] for row in rows],
+        "summary": [row["summary"] for row in rows],
     }
     _print(rows, columns, json=json)
 
@@ -80,7 +80,7 @@ def scenarios(json: Json = False) -> None:
         {"name": path.stem, "path": os.path.relpath(path), "summary": head_comment(path.read_text("utf-8"))}
         for path in sorted((SHIPPED / "scenarios").glob("*.toml"))
     ]
-    columns = {"scenario": [row["path"] for row in rows], "what it is": [row["summary"] for row in rows]}
+    columns = {"scenario": [row["path"] for row in rows], "summary": [row["summary"] for row in rows]}
     _print(rows, columns, json=json)
 
 
@@ -98,7 +98,7 @@ def maps(json: Json = False) -> None:
 
 
 def _print(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: bool) -> None:
-    """Print all rows as JSON, or the cells of each column by its title."""
+    """Print all rows as JSON, or a table of `columns` (cells by title)."""
     from rich.table import Table
 
     table = Table(*columns, box=None, pad_edge=False)
@@ -108,7 +108,7 @@ def _print(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: b
 
 
 def _strategy(strategy: Any) -> Row:
-    """Return the row of a strategy; a broken one has an `error`."""
+    """Return the row of a strategy, with an `error` if it cannot be imported."""
     from actors.robot.behaviour.loading import entry_function
     from actors.runtime.errors import AcrcError
 
@@ -124,7 +124,7 @@ def _strategy(strategy: Any) -> Row:
 
 
 def _presets(table: str, source: Path, name: str) -> list[Row]:
-    names, doc = constant(source, name)
+    names, doc = dict_constant(source, name)
     return [{"table": table, "name": one, "summary": preset_summary(one, doc)} for one in names]
 
 
@@ -155,7 +155,7 @@ def _map(path: Path) -> Row:
 
 
 def head_comment(text: str) -> str:
-    """Return the first sentence of the comment that a TOML file begins with, or ""."""
+    """Return the first sentence of the comment at the head of a TOML file, or ""."""
     lines = []
     for line in text.splitlines():
         if not line.startswith("#"):
@@ -164,8 +164,8 @@ def head_comment(text: str) -> str:
     return re.split(r"(?<=\.)\s", " ".join(lines), maxsplit=1)[0]
 
 
-def constant(source: Path, name: str) -> tuple[list[str], str]:
-    """Return the keys of a module's constant, if it is a dict display, and its docstring on one line."""
+def dict_constant(source: Path, name: str) -> tuple[list[str], str]:
+    """Return the keys of a module's dict literal and its docstring on one line."""
     for here, below in pairwise(ast.parse(source.read_text("utf-8")).body):
         targets = here.targets if isinstance(here, ast.Assign) else [getattr(here, "target", None)]
         if any(isinstance(target, ast.Name) and target.id == name for target in targets):
@@ -177,9 +177,9 @@ def constant(source: Path, name: str) -> tuple[list[str], str]:
 
 
 def preset_summary(name: str, doc: str) -> str:
-    """Return the part about `name` of a docstring "`name`: this. `other`: that.", or "".
+    """Return the text of `name` in a docstring "`name`: this. `other`: that.", or "".
 
-    Brackets are left out; the part ends at the first full stop, colon or semicolon.
+    Drops brackets; ends at the first full stop, colon or semicolon.
     """
     found = re.search(rf"`{re.escape(name)}`[^:`]*: (.+?)[.:;](?: |$)", re.sub(r" \([^()]*\)", "", doc))
     return found[1] if found else ""

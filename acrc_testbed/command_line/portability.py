@@ -1,6 +1,6 @@
-"""Check that cores use portable arithmetic: methods, operators and compiler options whose results differ.
+"""Check of cores for non-portable arithmetic: methods, operators and compiler options.
 
-Functions and modules are banned by ruff (`banned-api` in pyproject.toml).
+ruff bans functions and modules (`banned-api` in pyproject.toml).
 """
 
 import ast
@@ -120,7 +120,7 @@ def _is_whole(node: ast.expr) -> bool:
 
 
 def _is_integer(node: ast.expr) -> bool:
-    """Return whether a term is an integer by its form: a comparison, len(…), int(…) or a literal."""
+    """Return whether a term is an integer by syntax: a comparison, len(…), int(…) or a literal."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id in {"len", "int", "bool", "isinstance"}
     return isinstance(node, ast.Compare) or _is_whole(node)

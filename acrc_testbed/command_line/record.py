@@ -1,4 +1,4 @@
-"""`acrc record`: what a run has recorded, in figures, in full, drawn, and checked."""
+"""Commands `acrc record`: summarise, print, plot and check recordings."""
 
 import json as json_
 import time
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acrc_testbed.command_line.options import Json, answer, argument, flag, option
+from acrc_testbed.command_line.shared_options import Json, answer, argument, flag, option
 from actors.installation.usage import OptionError, output_file
 
 if TYPE_CHECKING:
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from acrc_testbed.recordings.topics import LoggedMessage
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-_Recorded = Annotated[Path, argument("OUT", "A run's folder, or one recording.")]
-_Growing = Annotated[Path, argument("OUT", "A run's folder, also while it goes on, or one recording.")]
-_KEY = "r1/drive, truth, */senses for all robots, or in full"
-_Begin = Annotated[float, option("S", "Begin at this simulated second.", "--from", min=0)]
-_End = Annotated[float | None, option("S", "End at this simulated second.", "--to", min=0)]
-_Follow = Annotated[bool, flag("Follow what the run adds, to its end.", "--follow", "-f")]
-_EVERY_S = 1.0
+_Recorded = Annotated[Path, argument("OUT", "Folder of a run, or one recording.")]
+_Growing = Annotated[Path, argument("OUT", "Folder of a run (may be in progress), or one recording.")]
+_KEY = "Key: r1/drive, truth, */senses for all robots, or a full key"
+_Begin = Annotated[float, option("S", "Begin at this simulated time.", "--from", min=0)]
+_End = Annotated[float | None, option("S", "End at this simulated time.", "--to", min=0)]
+_Follow = Annotated[bool, flag("Follow new messages until the run ends.", "--follow", "-f")]
+_PERIOD_S = 1.0
 
 
 @app.command()
@@ -37,36 +37,36 @@ def info(
 ) -> None:
     """Summarise recordings, or the messages on a key.
 
-    For each recording: span, messages, bytes, whether it is complete. For each KEY ('*': all): its fields,
-    and messages and bytes per simulated second.
+    For each recording: time span, messages, bytes, completeness. For each KEY ('*': all): fields, and
+    messages and bytes per simulated second.
     """
     if keys:
-        _tell_keys(_messages(out, keys, begin, end, follow), follow=follow, json=json)
+        _answer_rates(_messages(out, keys, begin, end, follow), follow=follow, json=json)
         return
     if follow or begin or end is not None:
-        raise OptionError("--follow, --from, --to: must stand beside a KEY, such as '*'")
+        raise OptionError("--follow, --from, --to: require a KEY, such as '*'")
     from acrc_testbed.recordings import message_formats as figures
 
     found = figures.info(out)
-    said = list(chain(*(figures.sentences(one, topics=out.is_file()) for one in found)))
-    answer([*said, *([figures.total_sentence(found)] if len(found) > 1 else [])], found, json=json)
+    lines = list(chain(*(figures.sentences(one, topics=out.is_file()) for one in found)))
+    answer([*lines, *([figures.total_sentence(found)] if len(found) > 1 else [])], found, json=json)
 
 
 @app.command()
 def echo(
     out: _Growing,
-    keys: Annotated[list[str], argument("KEY…", f"{_KEY}; r1/log: what r1's strategy printed.")],
+    keys: Annotated[list[str], argument("KEY…", f"{_KEY}; r1/log: output of r1's strategy.")],
     begin: _Begin = 0.0,
     end: _End = None,
     follow: _Follow = False,
-    csv: Annotated[bool, flag("Print a table: a column for each field.", "--csv")] = False,
-    json: Annotated[bool, flag("Print a JSON object for each line.", "--json")] = False,
+    csv: Annotated[bool, flag("Print a table with a column per field.", "--csv")] = False,
+    json: Annotated[bool, flag("Print a JSON object per line.", "--json")] = False,
 ) -> None:
-    """Print messages, or lines of a log, with their time."""
+    """Print messages, or lines of a log, with their times."""
     from acrc_testbed.recordings import message_formats
 
     if csv and json:
-        raise OptionError("--csv, --json: must be one of them")
+        raise OptionError("--csv: cannot be combined with --json")
     form = (
         message_formats.OutputFormat.CSV
         if csv
@@ -75,8 +75,8 @@ def echo(
         else message_formats.OutputFormat.TEXT
     )
     if all(message_formats.is_log(key) for key in keys):
-        told = message_formats.read_logs(out, keys, begin, end, follow=follow)
-        texts = message_formats.format_logs(told, form, named=len(keys) > 1 or "*" in keys[0])
+        logged = message_formats.read_logs(out, keys, begin, end, follow=follow)
+        texts = message_formats.format_logs(logged, form, named=len(keys) > 1 or "*" in keys[0])
     else:
         texts = message_formats.format_messages(_messages(out, keys, begin, end, follow), form)
     for text in texts:
@@ -87,13 +87,13 @@ def echo(
 def plot(
     out: _Growing,
     key: Annotated[str, argument("KEY", f"{_KEY}.")],
-    field: Annotated[str, argument("FIELD", "A number: vx, odometry.x, robots[0].x.")],
-    file: Annotated[Path, option("FILE", "The drawing: a .png, or an .svg for papers.", "--out", "-o")],
+    field: Annotated[str, argument("FIELD", "Field with a number: vx, odometry.x, robots[0].x.")],
+    file: Annotated[Path, option("FILE", "Write the plot to a .png, or an .svg for papers.", "--out", "-o")],
     begin: _Begin = 0.0,
     end: _End = None,
     json: Json = False,
 ) -> None:
-    """Draw a field over simulated time."""
+    """Plot a field over simulated time."""
     output_file("--out", file, ".png", ".svg")
     from acrc_testbed.recordings import message_formats
     from acrc_testbed.recordings.topics import short_key
@@ -109,7 +109,7 @@ def plot(
 
 @app.command()
 def check(out: _Recorded, json: Json = False) -> None:
-    """Check whether a run's files are as it left them.
+    """Check that the files of a run are unchanged.
 
     Compare recordings with their checksums, one another and the result, and all files with the seal. A single
     recording is compared with its checksums only.
@@ -118,15 +118,15 @@ def check(out: _Recorded, json: Json = False) -> None:
     from acrc_testbed.results import seal
 
     if out.is_file():
-        plainly, said = record_check.check_recording(out)
-        answer([said], plainly, json=json)
+        data, sentence = record_check.check_recording(out)
+        answer([sentence], data, json=json)
         return
     if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:
         answer([seal.sentence(out, sealed)], {"sealed": sealed._asdict()}, json=json)
         return
     report = record_check.check(out)
-    told = vars(report) | {"sealed": None if report.sealed is None else report.sealed._asdict()}
-    answer([*record_check.sentences(report), seal.sentence(out, report.sealed)], told, json=json)
+    data = vars(report) | {"sealed": None if report.sealed is None else report.sealed._asdict()}
+    answer([*record_check.sentences(report), seal.sentence(out, report.sealed)], data, json=json)
 
 
 def _messages(
@@ -138,28 +138,28 @@ def _messages(
     return topics.within(recorded, begin, end)
 
 
-def _tell_keys(recorded: Iterator["LoggedMessage"], *, follow: bool, json: bool) -> None:
-    """Say at the end what is on each key; with `follow` also from time to time what there is by then."""
+def _answer_rates(recorded: Iterator["LoggedMessage"], *, follow: bool, json: bool) -> None:
+    """Print the rates of each key at the end; with `follow` also about once a second."""
     from acrc_testbed.recordings.message_formats import KeyStatistics
 
-    found: dict[str, KeyStatistics] = {}
-    due = time.monotonic() + _EVERY_S
+    rates: dict[str, KeyStatistics] = {}
+    due = time.monotonic() + _PERIOD_S
     for one in recorded:
-        found.setdefault(one.key, KeyStatistics()).take(one)
+        rates.setdefault(one.key, KeyStatistics()).take(one)
         if follow and time.monotonic() >= due:
-            _print_keys(found, json=json)
-            due = time.monotonic() + _EVERY_S
-    _print_keys(found, json=json)
+            _print_rates(rates, json=json)
+            due = time.monotonic() + _PERIOD_S
+    _print_rates(rates, json=json)
 
 
-def _print_keys(found: dict[str, "KeyStatistics"], *, json: bool) -> None:
+def _print_rates(rates: dict[str, "KeyStatistics"], *, json: bool) -> None:
     from acrc_testbed.recordings import message_formats
     from acrc_testbed.recordings.topics import short_key
 
-    by_key = sorted(found.items(), key=lambda item: short_key(item[0]))
-    told = [rate.figures(key) for key, rate in by_key]
+    by_key = sorted(rates.items(), key=lambda item: short_key(item[0]))
+    figures = [rate.figures(key) for key, rate in by_key]
     if json:
-        print(json_.dumps(told), flush=True)
+        print(json_.dumps(figures), flush=True)
         return
-    for one in told:
+    for one in figures:
         print("\n".join(message_formats.statistics_sentences(one)), flush=True)

@@ -1,4 +1,4 @@
-"""`acrc run` and `acrc order`: a run is started, and told what to do while it goes on."""
+"""Commands `acrc run`, `acrc branch` and `acrc order`."""
 
 import re
 import sys
@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Final, Literal, cast
 
-from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import (
+from acrc_testbed.command_line import shared_options
+from acrc_testbed.command_line.shared_options import (
     Json,
     Modules,
     Record,
@@ -35,97 +35,100 @@ def run(
     robots: Robots = None,
     seed: Seed = None,
     key: Annotated[
-        str | None, option("HEX", "Secret part of the random seed, which no strategy can guess.")
+        str | None, option("HEX", "Set the secret part of the random seed, hidden from strategies.")
     ] = None,
-    duration: Annotated[str | None, option("S", "Simulated seconds.")] = None,
-    step: Annotated[str | None, option("MS", "Length of a step, 10 to 100 ms.")] = None,
+    duration: Annotated[str | None, option("S", "Simulate at most this many seconds.")] = None,
+    step: Annotated[str | None, option("MS", "Set the length of a step, 10 to 100 ms.")] = None,
     strategy: Annotated[
         str | None,
         option(
             "NAME",
-            "Adaptation strategy: a name from `acrc list strategies`, or module:function. "
-            "Drops the scenario's settings of another strategy.",
-            autocompletion=options.strategies,
+            "Use this adaptation strategy: a name from `acrc list strategies`, or module:function. "
+            "Ignores the scenario's settings of another strategy.",
+            autocompletion=shared_options.strategies,
         ),
     ] = None,
     navigation: Annotated[
         str | None,
         option(
             "PRESET",
-            "Preset of navigation: robust, or chapter (the original's; robots may get stuck).",
-            autocompletion=options.navigation,
+            "Use this navigation preset: robust, or chapter (the original; robots may get stuck).",
+            autocompletion=shared_options.navigation,
         ),
     ] = None,
     setting: Setting = None,
     record: Record = "full",
     speed: Annotated[
-        str | None, option("X", "Simulated seconds per second, or max.  [default: max; with --control: 1]")
+        str | None,
+        option("X", "Limit simulated seconds per second; max: no limit.  [default: max; with --control: 1]"),
     ] = None,
     bus: Annotated[
         str,
         option(
             "zenoh|memory",
-            "Run each robot as a process (zenoh), or all in one process (memory).",
+            "Run each robot in its own process (zenoh), or all in one process (memory).",
             autocompletion=lambda: ["zenoh", "memory"],
         ),
     ] = "zenoh",
     spawn: Annotated[
         str,
-        option("forkserver|exec", "How to start processes.", autocompletion=lambda: ["forkserver", "exec"]),
+        option(
+            "forkserver|exec",
+            "Start processes by this method.",
+            autocompletion=lambda: ["forkserver", "exec"],
+        ),
     ] = "forkserver",
     isolate: Annotated[
-        bool | None, isolation("Run each robot in a sandbox that leaves it its own senses and radio only.")
+        bool | None, isolation("Run each robot in a sandbox with access to its sensors and radio only.")
     ] = None,
     out: Annotated[
-        Path | None, option("DIR", "New folder for the recordings and the result.  [default: in runs/]")
+        Path | None, option("DIR", "Write recordings and result to this new folder.  [default: in runs/]")
     ] = None,
     log: Annotated[
-        list[str] | None, option("NAME", "Show what this robot's strategy prints; * for all. Repeatable.")
+        list[str] | None, option("NAME", "Show the output of this robot's strategy; * for all. Repeatable.")
     ] = None,
-    view: Annotated[bool, flag("Show the run while it goes on.", "--view")] = False,
+    view: Annotated[bool, flag("Show the run in the viewer.", "--view")] = False,
     robot: Annotated[
         list[str] | None,
-        option("ID", "With --view: show what this robot perceives; repeatable.  [default: the first eight]"),
+        option("ID", "With --view: show this robot's perception; repeatable.  [default: the first eight]"),
     ] = None,
     debug: Annotated[
         str | None,
         option(
             "ROBOT",
-            "breakpoint() in this robot's strategy stops here, and with it the run; nothing times out.",
+            "Stop at breakpoint() in this robot's strategy; pauses the run and disables timeouts.",
         ),
     ] = None,
     control: Annotated[
-        bool, flag("Serve a map page on this computer: drag robots, add walls, pause.", "--control")
+        bool, flag("Serve a map page on this computer to drag robots, add walls, pause.", "--control")
     ] = False,
     hardware: Annotated[
         bool,
         flag(
-            "Run the processes of real robots, with emulated devices, in wall time.", "--hardware-in-the-loop"
+            "Run the processes of real robots with emulated devices, in wall time.", "--hardware-in-the-loop"
         ),
     ] = False,
     board: Annotated[
         list[str] | None,
         option(
             "ID",
-            "With --hardware-in-the-loop: give this robot a board, all others a simulated transceiver; "
-            "repeatable.  [default: all]",
+            "With --hardware-in-the-loop: emulate the radio board of this robot, simulate the transceivers "
+            "of others; repeatable.  [default: all]",
         ),
     ] = None,
     on: Annotated[
         str | None,
-        option(
-            "ADDRESS", "Run the robots on the computers of a Dask cluster: tls://HOST:PORT.  [default: here]"
-        ),
+        option("ADDRESS", "Run the robots on a Dask cluster: tls://HOST:PORT.  [default: on this computer]"),
     ] = None,
     listen: Annotated[
         str | None,
         option(
-            "HOST[:PORT]", "With --on: address and port here that those computers connect to.  [default: any]"
+            "HOST[:PORT]", "With --on: accept connections of the cluster at this address.  [default: any]"
         ),
     ] = None,
     leave: Annotated[
         bool,
-        flag("With --on: leave recordings there, until `acrc cluster fetch`.  [default: bring]", "--leave"),
+        flag("With --on: leave recordings on the hosts until `acrc cluster fetch`.", "--leave"),
     ] = False,
     modules: Modules = None,
     trust: Trust = False,
@@ -139,15 +142,15 @@ def run(
     ] = None,
     timeout: Annotated[
         float,
-        option("S", "End the run if one process keeps all others waiting for longer.", min=1, max=86400),
+        option("S", "Abort the run if one process delays the others for longer.", min=1, max=86400),
     ] = 30.0,
     json: Json = False,
     check: Annotated[
         bool,
-        flag("Replay every robot afterwards, and fail if one depends on more than its inputs.", "--check"),
+        flag("Replay every robot after the run; fail if one depends on more than its inputs.", "--check"),
     ] = False,
 ) -> None:
-    """Run a swarm and say what came of it. Options replace what the scenario says."""
+    """Run a swarm and print the result. Options override the scenario."""
     from actors.robot.behaviour import code_permit
 
     permit = code_permit.permit_of(modules, trust=trust)
@@ -208,53 +211,55 @@ def run(
     chosen, options = prepared
     if not json:
         adapted = chosen.run.strategy not in _BASELINES
-        summary.print_next(options.out, [*_baseline(sys.argv[1:], out)] if adapted else ())
+        summary.print_next(options.out, [*_baseline_arguments(sys.argv[1:], out)] if adapted else ())
     if view:
         summary.print_view(options.out)
     demand_all(result.undelivered, result.not_delivered)
     if check:
-        _check_again(options.out, options.modules)
+        _check_replay(options.out, options.modules)
 
 
-def _baseline(words: Iterable[str], out: Path | None) -> Iterator[str]:
-    """Yield the words of the same run without adaptation, in a folder beside `out` if that was given."""
-    rest = iter(words)
+def _baseline_arguments(arguments: Iterable[str], out: Path | None) -> Iterator[str]:
+    """Yield the arguments of the same run without adaptation, in `out`-none if `out` was given."""
+    rest = iter(arguments)
     for word in rest:
-        found = (word, next(rest)) if word in {"--set", "--strategy", "--out"} else (word,)
-        if not re.match(r"--(strategy|out|set[ =]strategy\.)", " ".join(found)):
-            yield from found
+        group = (word, next(rest)) if word in {"--set", "--strategy", "--out"} else (word,)
+        if not re.match(r"--(strategy|out|set[ =]strategy\.)", " ".join(group)):
+            yield from group
     yield from ("--strategy", "none")
     if out is not None:
         yield from ("--out", f"{out}-none")
 
 
-def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
-    """Execute a run's actors again; what comes out stands on standard error, beside the result."""
+def _check_replay(out: Path, modules: tuple[Path, ...]) -> None:
+    """Replay all actors of a run and report on standard error."""
     from acrc_testbed.recordings.record_replay import recheck
 
-    again = recheck(out, modules)
-    screen(stderr=True).print(f"checked: {again.actors} actors replayed, all {again.outputs} messages equal")
+    report = recheck(out, modules)
+    screen(stderr=True).print(
+        f"checked: {report.actors} actors replayed, all {report.outputs} messages equal"
+    )
 
 
 def branch(
-    place: Annotated[str, argument("RUN@S", "A recorded run's folder, and an instant in simulated seconds.")],
+    place: Annotated[str, argument("RUN@S", "Folder of a recorded run, and simulated time of the branch.")],
     strategy: Annotated[
         str | None,
-        option("NAME", "Let robots follow this strategy from then on.", autocompletion=options.strategies),
+        option("NAME", "Use this strategy from that time on.", autocompletion=shared_options.strategies),
     ] = None,
     setting: Annotated[
         list[str] | None,
-        option("KEY=VALUE", "Set a setting of --strategy: strategy.N=3. Repeatable.", "--set"),
+        option("KEY=VALUE", "Change a setting of --strategy: strategy.N=3. Repeatable.", "--set"),
     ] = None,
-    event: Annotated[
-        list[str] | None, option("ORDER", "Give an order: 'kill r2 at 130'. Repeatable.")
+    event: Annotated[list[str] | None, option("ORDER", "Add an order: 'kill r2 at 130'. Repeatable.")] = None,
+    out: Annotated[
+        Path | None, option("DIR", "Write the branch to this new folder.  [default: in runs/]")
     ] = None,
-    out: Annotated[Path | None, option("DIR", "New folder for the branch.  [default: in runs/]")] = None,
     modules: Modules = None,
     trust: Trust = False,
     json: Json = False,
 ) -> None:
-    """Continue a recorded run with a change and say what differs.
+    """Continue a recorded run with a change and print the differences.
 
     Without a change the branch equals the run.
     """
@@ -266,25 +271,25 @@ def branch(
 
 
 def order(
-    out: Annotated[Path, argument("OUT", "The folder of a run in progress.")],
+    out: Annotated[Path, argument("OUT", "Folder of a run in progress.")],
     verb: Annotated[
-        str, argument("VERB", "kill, freeze, move, pause, stop, …", autocompletion=options.orders)
+        str,
+        argument("VERB", "Order: kill, freeze, move, pause, stop, …", autocompletion=shared_options.orders),
     ],
     words: Annotated[list[str] | None, argument("WORDS", "Arguments of the verb.")] = None,
     json: Json = False,
 ) -> None:
-    """Give an order to a run in progress.
+    """Send an order to a run in progress.
 
-    Example: acrc order runs/mine kill r2. It prints what became of the order; the exit code is 1 if the run
-    refused it.
+    Example: acrc order runs/mine kill r2. The exit code is 1 if the run refuses the order.
     """
     from deploy.run import orders, out_folder
 
     if str(out) in orders.VERBS and verb not in orders.VERBS:
         folder = out_folder.newest(Path("runs")) or "runs/NAME"
         raise OptionError(f"OUT: missing; example: {typed('order', folder, out, verb)}")
-    given = " ".join([verb, *(words or [])])
+    sent = " ".join([verb, *(words or [])])
     refusal = orders.send(out, orders.parse(verb, words or []))
     if refusal:
-        raise AcrcError(f"the run refused the order {given!r} {refusal}")
-    answer([f"acrc: the run has carried out: {given}"], {"order": given}, json=json)
+        raise AcrcError(f"the run refused the order {sent!r} {refusal}")
+    answer([f"acrc: order executed: {sent}"], {"order": sent}, json=json)

@@ -120,8 +120,8 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
         answer = _await_answer(bus, ticket, time.monotonic() + patience_s)
     if answer is None:
         raise AcrcError(
-            f"{out}: the run has not said within {patience_s:g} s what becomes of the order; if it goes on, "
-            "the order is carried out at the start of its next step; run.json will name it if it is refused"
+            f"{out}: the run has not answered within {patience_s:g} s; it executes the order at the start of "
+            "its next step, or run.json lists it as refused"
         )
     return "; ".join(answer.refusals) or None
 

@@ -16,7 +16,7 @@ TOOLS = (
     *("sh", "cat", "cksum", "cp", "cut", "date", "dirname", "du", "env", "grep", "awk", "ln", "mkdir"),
     *("mv", "readlink", "rm", "sed", "sleep", "sort", "tr", "wc"),
 )
-NEEDED = "but Python 3.11 or newer with venv is needed; on Debian or Ubuntu: sudo apt install"
+NEEDED = "but Python 3.11 or newer with venv is required; on Debian or Ubuntu: sudo apt install"
 
 EXTRAS = {
     "record check out": "",
@@ -56,7 +56,7 @@ def extras_of(commands: Iterable[str]) -> dict[str, str]:
 
 @dataclass
 class Clone:
-    """A fresh clone in a folder of its own, and a machine that has nothing but a few tools."""
+    """A fresh clone in its own folder, and a PATH with only a few tools."""
 
     folder: Path
     tools: Path
@@ -127,9 +127,9 @@ def test_first_run_installs_pinned_packages_by_hash_and_second_run_nothing(clone
     )
     size, first, second, third, last = err.splitlines()
     assert size == "acrc: .venv will take 274 MB"
-    assert first == "acrc: making .venv with Python 3.11.7"
+    assert first == "acrc: creating .venv with Python 3.11.7"
     assert second == "acrc: installing 19 packages: base sim"
-    assert third == "acrc: installing this project into it"
+    assert third == "acrc: installing this project"
     assert last.startswith("acrc: .venv is ready: 0 MB in ")
     assert {"numba", "pymunk"} <= clone.installed()
     assert not {"rerun-sdk", "pytest", "lz4", "zstandard"} & clone.installed()
@@ -179,7 +179,7 @@ def test_extras_are_added_when_a_command_needs_them(clone: Clone) -> None:
     with (clone.folder / "constraints.txt").open("a") as file:
         file.write("# changed\n")
     _, _, err = clone.call("--help")
-    assert "acrc: installing 24 packages: base observe sim\n" in err and "making .venv" not in err
+    assert "acrc: installing 24 packages: base observe sim\n" in err and "creating .venv" not in err
 
 
 def test_a_command_installs_the_extras_that_it_needs() -> None:
@@ -187,18 +187,17 @@ def test_a_command_installs_the_extras_that_it_needs() -> None:
 
 
 @pytest.mark.nightly
-def test_packages_that_are_added_stay_over_every_new_installation(clone: Clone) -> None:
+def test_added_packages_survive_a_new_installation(clone: Clone) -> None:
     own = clone.folder / "requirements.txt"
     clone.call("run")
     code, out, err = clone.call("add", "pandas==3.0.0", "networkx[default]")
     assert (code, out) == (0, "")
     assert own.read_text() == "pandas==3.0.0\nnetworkx[default]\n"
     assert err.splitlines()[-1] == (
-        "acrc: requirements.txt names what strategies need beside what is pinned here: "
-        "pandas==3.0.0 networkx[default] "
+        "acrc: requirements.txt lists the added packages: pandas==3.0.0 networkx[default] "
     )
-    told = "install --no-compile -c .venv/pins.txt -r requirements.txt"
-    assert clone.notes.read_text().splitlines()[-1].endswith(told)
+    command = "install --no-compile -c .venv/pins.txt -r requirements.txt"
+    assert clone.notes.read_text().splitlines()[-1].endswith(command)
     calls = clone.pip_calls()
     clone.call("add", "pandas==3.0.0")
     clone.call("run")
@@ -206,20 +205,20 @@ def test_packages_that_are_added_stay_over_every_new_installation(clone: Clone) 
     with (clone.folder / "constraints.txt").open("a") as file:
         file.write("# changed\n")
     clone.call("run")
-    assert clone.notes.read_text().splitlines()[-1].endswith(told)
+    assert clone.notes.read_text().splitlines()[-1].endswith(command)
 
 
 @pytest.mark.nightly
-def test_what_cannot_be_added_leaves_no_trace(clone: Clone) -> None:
+def test_packages_that_cannot_be_installed_are_not_added(clone: Clone) -> None:
     own = clone.folder / "requirements.txt"
     assert clone.call("add") == (
-        2, "", "acrc: NAME: is missing; must be as in ./acrc add pandas networkx\n"
+        2, "", "acrc: NAME: missing; example: ./acrc add pandas networkx\n"
     )  # fmt: skip
     for name in ("--index-url", "x;y"):
         assert clone.call("add", name) == (
             2,
             "",
-            f"acrc: NAME: {name}; must be a package as pip knows it, such as pandas or pandas==3.0.0\n",
+            f"acrc: NAME: {name}; must be a package as for pip, such as pandas or pandas==3.0.0\n",
         )
     assert not own.exists()
     clone.call("run")
@@ -231,7 +230,7 @@ def test_what_cannot_be_added_leaves_no_trace(clone: Clone) -> None:
 
 
 @pytest.mark.nightly
-def test_the_tabulator_key_installs_nothing_and_says_nothing(clone: Clone) -> None:
+def test_completion_installs_and_prints_nothing(clone: Clone) -> None:
     clone.settings["_ACRC_COMPLETE"] = "complete_bash"
     assert clone.call() == (0, "", "")
     assert clone.pip_calls() == 0 and not (clone.folder / ".venv").exists()
@@ -246,14 +245,12 @@ def test_a_failed_installation_is_resumed(clone: Clone) -> None:
     clone.settings["FAKE_PIP_FAILS"] = "yes"
     code, out, err = clone.call("run")
     assert (code, out) == (1, "")
-    assert err.splitlines()[-1] == (
-        "acrc: the installation failed, see above; the same command goes on where it stopped."
-    )
+    assert err.splitlines()[-1] == ("acrc: the installation failed, see above; the same command resumes it.")
     assert not (clone.folder / ".venv/installed").exists()
     del clone.settings["FAKE_PIP_FAILS"]
     code, _, err = clone.call("run")
     assert code == 0
-    assert "making .venv" not in err
+    assert "creating .venv" not in err
 
 
 @pytest.mark.nightly
@@ -293,22 +290,22 @@ def test_links_keep_the_working_directory_and_a_moved_clone_is_installed_again(
         ({"TOO_OLD": "yes", "VERSION": "3.9.2"},
          f"python3 is Python 3.9, {NEEDED} python3.11 python3.11-venv"),
         ({"NO_VENV": "yes", "VERSION": "3.12.1"},
-         f"Python 3.12 lacks its module venv, {NEEDED} python3.12-venv"),
+         f"Python 3.12 lacks the module venv, {NEEDED} python3.12-venv"),
     ],
 )  # fmt: skip
-def test_a_python_that_does_not_do_is_refused(clone: Clone, settings: dict[str, str], sentence: str) -> None:
+def test_an_unsuitable_python_is_refused(clone: Clone, settings: dict[str, str], sentence: str) -> None:
     clone.settings |= settings
     assert clone.call("run") == (1, "", f"acrc: {sentence}\n")
 
 
-def test_a_machine_without_python_is_told_what_to_install(clone: Clone) -> None:
+def test_without_python_the_error_names_the_packages(clone: Clone) -> None:
     (clone.tools / "python3").unlink()
     sentence = f"no python3 was found, {NEEDED} python3.11 python3.11-venv"
     assert clone.call("run") == (1, "", f"acrc: {sentence}\n")
 
 
 @pytest.mark.nightly
-def test_an_older_python3_beside_a_newer_one_does_not_matter(clone: Clone) -> None:
+def test_a_newer_python_is_found_beside_an_older_python3(clone: Clone) -> None:
     (clone.tools / "python3").rename(clone.tools / "python3.12")
     (clone.tools / "python3").write_text('#!/bin/sh\ncase "$2" in *print*) echo 3.9 ;; *) exit 1 ;; esac\n')
     (clone.tools / "python3").chmod(0o755)

@@ -1,4 +1,4 @@
-"""The command line as a person meets it."""
+"""Messages, help and results of the command line."""
 
 import ast
 import io
@@ -14,7 +14,7 @@ from rich.console import Console
 
 from acrc_testbed.command_line import development, run
 from acrc_testbed.command_line.development import Check, run_checks
-from acrc_testbed.command_line.documentation import tree
+from acrc_testbed.command_line.documentation import command_tree
 from acrc_testbed.results import summary
 from acrc_testbed.results.outcome import DeecoResult, NavigationResult
 from acrc_testbed.results.result import Origin, RobotResult, RunResult
@@ -27,7 +27,7 @@ from actors.world.sensing import PoseError
 from cleaning.strategies import STRATEGIES
 from tests import in_process
 
-TREE = tree()
+TREE = command_tree()
 
 
 HEAVY = ("distributed", "matplotlib", "numba", "pyarrow", "pymunk", "rerun", "scipy", "zenoh")
@@ -77,20 +77,20 @@ def test_usage_errors_have_one_form(words: str, sentence: str) -> None:
     assert acrc(*words.split()) == (2, "", f"acrc: {sentence}\n")
 
 
-def test_help_can_be_asked_for_by_its_name() -> None:
+def test_acrc_help_is_the_same_as_the_option() -> None:
     assert acrc("--version")[1].startswith(f"acrc {release()}")
     assert acrc("help") == acrc("--help")
     assert acrc("help", "list", "maps") == acrc("list", "maps", "--help")
 
 
-def test_without_a_folder_it_is_the_newest_run(tmp_path: Path) -> None:
+def test_the_default_folder_is_the_newest_run(tmp_path: Path) -> None:
     none = "acrc: OUT: missing, and runs/ contains no run; give a run's folder\n"
     assert acrc("view", "--png", cwd=tmp_path) == (2, "", none)
     for name in ("a", "b"):
         (tmp_path / "runs" / name).mkdir(parents=True)
         (tmp_path / "runs" / name / "scenario.toml").touch()
     os.utime(tmp_path / "runs" / "a" / "scenario.toml", (1e9, 1e9))
-    assert acrc("view", "--png", cwd=tmp_path)[2].splitlines()[0] == "acrc: runs/b: the newest run"
+    assert acrc("view", "--png", cwd=tmp_path)[2].splitlines()[0] == "acrc: newest run: runs/b"
     said = f"acrc: OUT: missing; example: {REPOSITORY / 'acrc'} order runs/b kill r1\n"
     assert acrc("order", "kill", "r1", cwd=tmp_path) == (2, "", said)
 
@@ -115,7 +115,7 @@ def test_help_and_lists_import_no_heavy_package() -> None:
     assert "cleaning.strategies" in imported and not imported & {*HEAVY, "acrc_testbed.benchmarks"}
 
 
-def test_what_is_for_developers_stands_apart() -> None:
+def test_commands_for_developers_are_listed_separately() -> None:
     code, out, _ = acrc("--help")
     users, developers = out.partition("Commands for developers of the testbed:\n")[::2]
     assert code == 0
@@ -165,7 +165,7 @@ RESULT = RunResult(
 )  # fmt: skip
 
 
-def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_as_text(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_result(RESULT, json=False)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert lines[-8:] == [
@@ -188,7 +188,7 @@ def cells(lines: list[str]) -> list[list[str]]:
     return [[cell.strip() for cell in row] for row in rows]
 
 
-def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
+def test_places_given_up_falsely_reported_or_lost_are_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     some = msgspec.structs.replace(
@@ -214,7 +214,7 @@ def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
     assert "False reports" not in said
 
 
-def test_what_was_done_and_what_the_radio_lost_are_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+def test_places_cleaned_and_frames_lost_are_sentences(capsys: pytest.CaptureFixture[str]) -> None:
     some = msgspec.structs.replace(
         RESULT, completion_s=356.0, places_done=4, unread=1, origin=Origin(strategy="chapter"), contacts=0,
         direct_reach=0.65,
@@ -238,7 +238,7 @@ def test_what_was_done_and_what_the_radio_lost_are_sentences(capsys: pytest.Capt
     assert lines[-5] == "Contacts: none."
 
 
-def test_a_run_says_what_shows_it(
+def test_a_result_names_the_next_commands(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(REPOSITORY)
@@ -266,13 +266,13 @@ def test_a_run_says_what_shows_it(
         (("run", "--out", "x"), Path("x"), "run --strategy none --out x-none"),
     ],
 )  # fmt: skip
-def test_the_same_without_adaptation_has_the_options_that_were_given(
+def test_the_command_without_adaptation_keeps_other_options(
     given: tuple[str, ...], out: Path | None, hint: str
 ) -> None:
-    assert shlex.join(run._baseline(given, out)) == hint
+    assert shlex.join(run._baseline_arguments(given, out)) == hint
 
 
-def test_a_hint_names_the_command_as_it_can_be_typed_there(
+def test_suggested_commands_work_in_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -287,6 +287,6 @@ def test_a_hint_names_the_command_as_it_can_be_typed_there(
     assert usage.command() == "./acrc"
 
 
-def test_a_result_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_result(RESULT, json=True)
     assert msgspec.json.decode(capsys.readouterr().out, type=RunResult) == RESULT

@@ -1,4 +1,4 @@
-"""Commands in shells that users have: a sourced ROS, conda, optimised Python, odd folders, little space."""
+"""Commands in users' environments: a sourced ROS, conda, optimised Python, unusual folders and encodings."""
 
 import json
 import os
@@ -20,7 +20,7 @@ RUN = ("run", "--bus", "memory", "--robots", "1", "--duration", "1", "--json")
 
 @pytest.fixture(scope="module")
 def ros(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Packages of a sourced ROS, built for another Python, and modules that Python imports by itself."""
+    """Create packages of a sourced ROS for another Python, and modules that Python imports at start."""
     folder = tmp_path_factory.mktemp("ros")
     for name in FOREIGN:
         (folder / name).mkdir()
@@ -38,7 +38,7 @@ def acrc(folder: Path, settings: Mapping[str, str], *words: str) -> subprocess.C
 
 
 def test_variables_of_another_environment_change_nothing(ros: Path, tmp_path: Path) -> None:
-    """One run with all of them: whichever had an effect, the run would fail."""
+    """Run once with all variables: any effect would fail the run."""
     settings = {
         "PYTHONPATH": str(ros), "PYTHONHOME": "/usr", "PYTHONOPTIMIZE": "2", "PYTHONWARNINGS": "error",
         "PYTHONDEVMODE": "1", "PYTHONSAFEPATH": "", "PYTHONNOUSERSITE": "1", "PYTHONUSERBASE": str(ros),
@@ -72,4 +72,4 @@ def test_a_scenario_from_an_editor_on_windows(encoding: str, tmp_path: Path) -> 
 
 def test_a_folder_whose_name_is_not_utf_8_is_refused(tmp_path: Path) -> None:
     done = in_process.acrc(*RUN, "--out", os.fsdecode(b"\xff\xfeout"), cwd=tmp_path)
-    assert done.returncode == 2 and "the name is not UTF-8" in done.stderr and not list(tmp_path.iterdir())
+    assert done.returncode == 2 and "not UTF-8" in done.stderr and not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Lists, tables, JSON and completion: what commands print, at any width of a terminal."""
+"""Output of commands: lists, tables, JSON and completion, at any terminal width."""
 
 import json
 import re
@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from rich.table import Table
 
-from acrc_testbed.command_line.documentation import tree
+from acrc_testbed.command_line.documentation import command_tree
 from acrc_testbed.command_line.lists import head_comment, preset_summary
-from acrc_testbed.command_line.options import answer
+from acrc_testbed.command_line.shared_options import answer
 from actors.console import print_table, screen
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY as ROOT
@@ -34,14 +34,14 @@ def listed(what: str, cwd: Path = ROOT) -> list[dict[str, Any]]:
     return rows
 
 
-def test_every_preset_is_listed_with_what_its_docstring_says() -> None:
+def test_every_preset_is_listed_with_its_summary() -> None:
     rows = listed("presets")
     known = [("radio", name) for name in RADIO]
     known += [("localisation", name) for name in (*LOCALISATION, "odometry")]
     known += [("navigation", name) for name in NAVIGATION]
     assert [(row["table"], row["name"]) for row in rows] == known
     assert all(10 < len(row["summary"]) < 300 for row in rows), rows
-    assert rows[0]["summary"].startswith("a BEE click's chip and power, ")
+    assert rows[0]["summary"].startswith("chip and power of a BEE click, ")
 
 
 def test_every_model_is_listed_with_its_sensors() -> None:
@@ -71,7 +71,7 @@ def test_scenarios_and_maps_are_listed_as_they_are_found_from_here(tmp_path: Pat
         )  # fmt: skip
 
 
-def test_what_a_comment_or_a_docstring_says() -> None:
+def test_summaries_of_comments_and_docstrings() -> None:
     assert head_comment("# One (2016, a.b). Two.\n\nmap = 1\n# Three.") == "One (2016, a.b)."
     assert head_comment("# One\n# and more.\nmap = 1") == "One and more."
     assert head_comment("map = 1") == ""
@@ -96,7 +96,7 @@ def test_a_table_breaks_no_word_at_any_width(width: int, capsys: pytest.CaptureF
     assert width < 60 or max(map(len, told.splitlines())) <= width
 
 
-def test_a_table_that_does_not_fit_is_told_row_by_row(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_that_does_not_fit_is_printed_row_by_row(capsys: pytest.CaptureFixture[str]) -> None:
     table = Table("name", "", "entry", title="Two")
     table.add_row("none", "", "cleaning.strategies.none:behaviour")
     table.add_row("mine", "of\nmine", "")
@@ -112,7 +112,7 @@ def test_a_table_that_does_not_fit_is_told_row_by_row(capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize("columns", ["40", "80"])
-def test_a_list_for_people_has_a_line_for_each_and_breaks_no_name(columns: str) -> None:
+def test_lists_break_no_name(columns: str) -> None:
     for what in ("strategies", "presets", "models", "scenarios", "maps"):
         done = acrc("list", what, env={"COLUMNS": columns})
         assert (done.returncode, done.stderr) == (0, "")
@@ -121,7 +121,7 @@ def test_a_list_for_people_has_a_line_for_each_and_breaks_no_name(columns: str) 
     assert {*STRATEGIES, *STRATEGIES.values()} <= shown
 
 
-def test_colons_and_brackets_in_a_name_stay_what_they_are(tmp_path: Path) -> None:
+def test_colons_and_brackets_in_a_name_are_printed_as_they_are(tmp_path: Path) -> None:
     done = acrc("view", "a:x:[b]", "--png", cwd=tmp_path)
     assert done.stderr == "acrc: a:x:[b]: not a run's folder: it contains no */*.mcap\n"
 
@@ -134,8 +134,10 @@ def test_there_is_one_kind_of_console() -> None:
     assert listed.stdout.split() == ["actors/console.py"]
 
 
-def test_every_command_that_answers_does_so_in_json_too() -> None:
-    commands = {words: command for words, command in tree().items() if not hasattr(command, "list_commands")}
+def test_every_command_with_output_offers_json() -> None:
+    commands = {
+        words: command for words, command in command_tree().items() if not hasattr(command, "list_commands")
+    }
     without = {
         words
         for words, command in commands.items()
@@ -144,14 +146,14 @@ def test_every_command_that_answers_does_so_in_json_too() -> None:
     assert without == {
         *("acrc add", "acrc check", "acrc docs", "acrc test", "acrc fleet onboard", "acrc fleet watch"),
         *("acrc cluster start", "acrc cluster join"),
-    }, "what only does something, or goes on until it is ended"  # fmt: skip
+    }, "commands without output, or that run until they are stopped"  # fmt: skip
 
 
 def test_json_is_alone_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
-    told = {"file": Path("runs/a:x:"), "rows": 3}
-    answer(["one :x:", "two"], told, json=False)
+    data = {"file": Path("runs/a:x:"), "rows": 3}
+    answer(["one :x:", "two"], data, json=False)
     assert capsys.readouterr().out == "one :x:\ntwo\n"
-    answer(["one :x:", "two"], told, json=True)
+    answer(["one :x:", "two"], data, json=True)
     assert json.loads(capsys.readouterr().out) == {"file": "runs/a:x:", "rows": 3}
     assert json.loads(acrc("scenario", "scenarios/head_on.toml", "--json").stdout)["robots"] == 2
     assert json.loads(acrc("scenario", "maps/corridor.yaml", "--json").stdout)["narrow_places"] == 5
@@ -170,7 +172,7 @@ def test_commands_and_options() -> None:
     assert "--timeout" in told("acrc run --t")
 
 
-def test_scenarios_are_the_shipped_ones_and_those_that_lie_here(tmp_path: Path) -> None:
+def test_scenarios_are_the_shipped_ones_and_those_of_the_folder(tmp_path: Path) -> None:
     shipped = [f"scenarios/{name}.toml" for name in ("chapter", "corridor", "head_on")]
     assert told("acrc run sc") == shipped
     (tmp_path / "mine.toml").touch()
@@ -194,7 +196,7 @@ def test_values(words: str, offered: list[str]) -> None:
     assert told(words) == offered
 
 
-def test_it_is_installed_for_the_shell_that_is_named(tmp_path: Path) -> None:
+def test_completion_is_installed_for_the_named_shell(tmp_path: Path) -> None:
     env = {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
     done = acrc("--install-completion", "bash", env=env)
     assert (done.returncode, done.stderr) == (0, "")

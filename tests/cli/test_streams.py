@@ -1,4 +1,4 @@
-"""Signals at any moment, and standard streams that are closed or full: one sentence, nothing left behind."""
+"""Signals at any moment, and standard streams that are closed or full."""
 
 import ctypes
 import os
@@ -29,7 +29,7 @@ import acrc_testbed.command_line
 sys.addaudithook(count)
 runpy.run_module("acrc_testbed.command_line", run_name="__main__", alter_sys=True)
 """
-"""The command line in a process that interrupts itself at its so manyth import, file or piece of code."""
+"""Run the command line and send SIGINT at the nth import, opened file or executed code."""
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_file_that_is_opened_never_becomes_standard_output() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM])
-def test_a_signal_ends_a_run_unless_it_was_to_be_ignored_as_under_nohup(number: signal.Signals) -> None:
+def test_a_signal_ends_a_run_unless_it_is_ignored_as_under_nohup(number: signal.Signals) -> None:
     before = signal.signal(number, signal.SIG_IGN)
     try:
         with signals_as_interrupts():
@@ -106,7 +106,7 @@ def test_a_signal_ends_a_run_unless_it_was_to_be_ignored_as_under_nohup(number: 
         signal.signal(number, before)
 
 
-def test_a_signal_that_comes_while_a_class_is_made_is_one_all_the_same() -> None:
+def test_a_signal_during_class_creation_is_not_lost() -> None:
     class Interrupting:
         def __set_name__(self, owner: type, name: str) -> None:
             os.kill(os.getpid(), signal.SIGTERM)
@@ -116,7 +116,7 @@ def test_a_signal_that_comes_while_a_class_is_made_is_one_all_the_same() -> None
     assert caught.value.exit_code == 128 + signal.SIGTERM
 
 
-def test_a_signal_that_comes_while_c_calls_python_is_not_lost() -> None:
+def test_a_signal_during_a_callback_from_c_is_not_lost() -> None:
     calls: list[int] = []
 
     def call() -> None:
@@ -133,7 +133,7 @@ def test_a_signal_that_comes_while_c_calls_python_is_not_lost() -> None:
     assert (len(calls), sys.unraisablehook) == (2, before)
 
 
-def test_a_signal_that_was_lost_comes_by_the_end_of_what_it_was_to_end_and_not_later() -> None:
+def test_a_lost_signal_is_repeated_before_the_end_of_the_block_and_not_later() -> None:
     called = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))
     late: list[int] = []
     before = signal.signal(signal.SIGTERM, lambda number, frame: late.append(number))
@@ -142,7 +142,7 @@ def test_a_signal_that_was_lost_comes_by_the_end_of_what_it_was_to_end_and_not_l
             with pytest.raises(Interrupted) as caught, signals_as_interrupts():
                 called()
             assert caught.value.exit_code == 128 + signal.SIGTERM
-        time.sleep(0.3)  # six times as long as one that is lost takes to come again
+        time.sleep(0.3)  # six times the delay of a repetition
     finally:
         signal.signal(signal.SIGTERM, before)
     assert late == []

@@ -1,4 +1,4 @@
-"""docs/tutorial.md runs as it stands: its files are written, its commands typed; they show what it says."""
+"""docs/tutorial.md: its files and commands work and give the described results."""
 
 import os
 import re
@@ -41,7 +41,7 @@ def typed(folder: Path, command: str) -> str:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(240)
-def test_the_page_shows_what_it_says(said: dict[str, str]) -> None:
+def test_the_tutorial_gives_the_described_results(said: dict[str, str]) -> None:
     without, tested, mine, measured = said.values()
     assert "0 of 6" in without
     assert "2 passed" in tested

@@ -1,4 +1,4 @@
-"""`acrc verify` reports the outcomes of the tests of claims; benchmarks accept their options."""
+"""`acrc verify` reports outcomes of claim tests; benchmarks accept their options."""
 
 import inspect
 import json
@@ -23,7 +23,7 @@ ROWS: list[dict[str, Any]] = [
 
 @pytest.fixture
 def words(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Words that pytest is called with; it reports ROWS, or breaks off if they name `attacks`."""
+    """Arguments of pytest, which reports ROWS, or aborts if they name `attacks`."""
     given: list[str] = []
 
     def run(root: Path, words: Sequence[str], stdout: object = None) -> int:
@@ -54,7 +54,7 @@ def test_each_claim_has_a_row_with_its_verdict(words: list[str], capsys: pytest.
 
 
 def test_all_claims_without_their_nightly_tests(words: list[str]) -> None:
-    with pytest.raises(AcrcError, match="pytest ended with exit code 3"):
+    with pytest.raises(AcrcError, match="pytest aborted with exit code 3"):
         verify(None)
     assert words[words.index("-m") + 1] == "claim and not nightly"
 
@@ -62,4 +62,4 @@ def test_all_claims_without_their_nightly_tests(words: list[str]) -> None:
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_a_benchmark_accepts_its_options(name: str) -> None:
     measure = import_module(f"acrc_testbed.benchmarks.{BENCHMARKS[name].module}").measure
-    assert set(BENCHMARKS[name].takes) <= set(inspect.signature(measure).parameters)
+    assert set(BENCHMARKS[name].options) <= set(inspect.signature(measure).parameters)

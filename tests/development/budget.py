@@ -1,6 +1,6 @@
-"""Size of the product: Python tokens without comments and docstrings, and modules, per top-level package.
+"""Size of the product: tokens without comments and docstrings, modules, and language findings, per package.
 
-`python -m tests.development.budget` prints the present size, `--write` also stores it in budget.toml.
+`python -m tests.development.budget` prints the current size; `--write` also saves it in budget.toml.
 """
 
 import ast
@@ -12,6 +12,8 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 from typing import Final
+
+from tests.development.language import counts
 
 ROOT: Final = Path(__file__).parents[2]
 FILE: Final = Path(__file__).with_name("budget.toml")
@@ -39,7 +41,7 @@ def tokens(source: str) -> int:
 
 
 def committed(*patterns: str) -> list[Path]:
-    """Return the files of the clone that git does not ignore, as paths relative to it."""
+    """Return relative paths of the files of the clone that git does not ignore."""
     asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", *patterns]
     listed = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
     return [Path(name) for name in listed if (ROOT / name).exists()]
@@ -63,9 +65,9 @@ def as_toml(tables: dict[str, dict[str, int]]) -> str:
 
 
 def main(words: list[str]) -> None:
-    """Print the present size and, with `--write`, store it."""
+    """Print the current size and, with `--write`, save it."""
     suite = tomllib.loads(FILE.read_text())["suite"] if FILE.is_file() else {"processes": 3000}
-    text = as_toml({**measure(), "suite": suite})
+    text = as_toml({**measure(), "language": counts(), "suite": suite})
     sys.stdout.write(text)
     if words == ["--write"]:
         FILE.write_text(text)

@@ -16,15 +16,15 @@ WORDS: Final = re.compile(
     re.IGNORECASE,
 )
 OPENINGS: Final = re.compile(r"(?:^|[.:;]\s+)(?:What|Whose|Who|Whoever|Of)\b(?![^.]*\?)")
-"""A sentence that begins so has no subject, unless it is a question."""
+"""Openings of sentences without a subject; questions are allowed."""
 _CODE: Final = re.compile(r"```.*?```|`[^`]*`", re.DOTALL)
 
 
 class Finding(NamedTuple):
     """A banned word or opening."""
 
-    place: str
-    """Folder below the root for sources, path for pages."""
+    package: str
+    """Top-level package of a source; `docs` for pages."""
     file: str
     line: int
     found: str
@@ -38,29 +38,27 @@ def findings() -> Iterator[Finding]:
     for name in listed:
         path = REPOSITORY / name
         if name.endswith(".md") and name != "CHANGELOG.md" and not name.startswith("docs/reference/"):
-            yield from _found(name, name, 1, _CODE.sub("", path.read_text("utf-8")))
+            yield from _found("docs", name, 1, _CODE.sub("", path.read_text("utf-8")))
         elif name.endswith(".py") and not name.startswith("tests/"):
             yield from _in_source(name, path)
 
 
 def counts() -> dict[str, int]:
-    """Return the number of findings by package; pages are `docs`."""
-    return dict(
-        sorted(Counter("docs" if one.file.endswith(".md") else one.place for one in findings()).items())
-    )
+    """Return the number of findings by package."""
+    return dict(sorted(Counter(one.package for one in findings()).items()))
 
 
 def _in_source(name: str, path: Path) -> Iterator[Finding]:
-    """Yield findings in the strings of a source that hold prose: those with a space."""
+    """Yield findings in strings with spaces of a source."""
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
             yield from _found(name.partition("/")[0], name, node.lineno, node.value)
 
 
-def _found(place: str, name: str, line: int, text: str) -> Iterator[Finding]:
+def _found(package: str, name: str, line: int, text: str) -> Iterator[Finding]:
     for pattern in (WORDS, OPENINGS):
         for match in pattern.finditer(text):
-            yield Finding(place, name, line + text.count("\n", 0, match.start()), match[0].strip(" .:;\n"))
+            yield Finding(package, name, line + text.count("\n", 0, match.start()), match[0].strip(" .:;\n"))
 
 
 if __name__ == "__main__":

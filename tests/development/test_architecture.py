@@ -27,7 +27,7 @@ ELSEWHERE = {
 
 @cache
 def classes() -> dict[str, set[str]]:
-    """The members of each class of ours, those of its bases among them."""
+    """Return the members of each class of this project, including those of its bases."""
     own: dict[str, set[str]] = {}
     bases: dict[str, list[str]] = {}
     trees = [ast.walk(ast.parse((REPOSITORY / path).read_text())) for path in committed("*.py")]
@@ -43,7 +43,7 @@ def classes() -> dict[str, set[str]]:
 
 
 def declared(part: ast.stmt) -> list[str]:
-    """The names that a statement in the body of a class gives it."""
+    """Return the names that a statement in a class body defines."""
     if isinstance(part, ast.FunctionDef):
         return [part.name]
     targets = part.targets if isinstance(part, ast.Assign) else [getattr(part, "target", None)]
@@ -51,7 +51,7 @@ def declared(part: ast.stmt) -> list[str]:
 
 
 def coded(text: str) -> str:
-    """What stands in backticks and in blocks of code, the classes that a page defines itself left out."""
+    """Return inline code and code blocks, without classes that the page defines."""
     blocks = re.findall(r"^```.*?^```", text, re.DOTALL | re.MULTILINE)
     spans = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE))
     code = "\n".join((*blocks, *spans))
@@ -77,7 +77,7 @@ def test_modules_on_pages_exist() -> None:
 
 
 def test_classes_on_pages_exist() -> None:
-    """In backticks or code blocks: classes of the project, their members, or names of other projects."""
+    """Check classes in inline code and code blocks: they are of this project, or in ELSEWHERE."""
     wrong, ours = [], classes()
     for page in PAGES:
         for name, member in re.findall(CLASS, coded((REPOSITORY / page).read_text())):
@@ -88,7 +88,7 @@ def test_classes_on_pages_exist() -> None:
     assert wrong == []
 
 
-def test_the_architecture_names_every_folder_of_the_packages_and_fits_on_two_pages() -> None:
+def test_the_architecture_lists_every_folder_and_fits_on_two_pages() -> None:
     page = (REPOSITORY / "docs" / "architecture.md").read_text()
     folders = {file.parent.as_posix() for file in committed("*.py") if file.parts[0] in PACKAGES}
     assert {folder.rstrip("/") for folder in re.findall(r"`([\w/]+/)`", page)} == {*folders, "tests"}

@@ -10,7 +10,7 @@ ROW = re.compile(r"^\|(?P<cells>.*)\| `acrc verify (?P<claim>[\w-]+)` \|$", re.M
 
 
 def claims(source: str) -> Iterator[tuple[str, str]]:
-    """Yield test function and claim for each marker of a module; a module's own marker holds for all."""
+    """Yield test function and claim for each marker; a marker of the module applies to all its tests."""
     body = ast.parse(source).body
     of_all = {claim for node in body if isinstance(node, ast.Assign) for claim in claims_in(node.value)}
     for node in body:

@@ -1,6 +1,6 @@
-"""The container recipes, carried out in a bare Debian tree: a run inside has the digest of one outside.
+"""Container recipes, executed in a bare Debian tree: a run inside has the digest of one outside.
 
-Needs root, debootstrap and a network, but neither Docker nor Apptainer: a recipe's steps are shell scripts.
+Requires root, debootstrap and a network, but neither Docker nor Apptainer: the steps are shell scripts.
 """
 
 import json
@@ -21,7 +21,7 @@ from tests.swarm.command import run
 RECIPES: Final = REPOSITORY / "deploy" / "container"
 TASK: Final = ("--robots", "2", "--duration", "10")
 SETTINGS: Final = ("/etc/resolv.conf", "/etc/hosts", "/etc/pip.conf")
-"""Files of this computer that the tree sees while it is built."""
+"""Files of this computer that are mounted in the tree during the build."""
 ENTER: Final = """
 root=$1 user=$2 context=$3; shift 3
 mount --bind "$root" "$root" && cd "$root"
@@ -36,7 +36,7 @@ cd /opt/acrc 2>/dev/null || cd /
 group=$(id -g "$user" 2>/dev/null || echo "$user")
 exec setpriv --reuid "$user" --regid "$group" --clear-groups env "HOME=/tmp/home-$user" sh -euc "$1"
 """
-"""Change the root by pivot_root: in a mere chroot robots would have no sandbox."""
+"""Change the root by pivot_root, since sandboxes do not work in a chroot."""
 
 Steps = list[tuple[str, str]]
 """User and shell script of each step."""
@@ -63,7 +63,7 @@ def dockerfile(context: Path) -> tuple[Steps, str]:
 
 
 def definition(context: Path) -> tuple[Steps, str]:
-    """Return the steps of the Apptainer definition, and a user whom the image does not know."""
+    """Return the steps of the Apptainer definition, and a user that is unknown in the image."""
     _, *parts = re.split(r"^%(\w+)\n", (RECIPES / "acrc.def").read_text(), flags=re.MULTILINE)
     sections = dict(zip(parts[::2], parts[1::2], strict=True))
     source, target = sections["files"].split()
@@ -99,7 +99,7 @@ def debian(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("recipe", [dockerfile, definition])
-def test_the_recipes_are_read(recipe: Recipe) -> None:
+def test_the_recipes_are_parsed(recipe: Recipe) -> None:
     steps, user = recipe(Path("/context"))
     assert user in {"acrc", "12345"} and any("git reset --quiet --hard" in script for _, script in steps)
 

@@ -17,7 +17,7 @@ def lines() -> list[str]:
 
 
 def sections() -> dict[str, dict[str, Requirement]]:
-    """The pins of each section that apply to this Python, by the package's canonical name."""
+    """Return the pins of each section for this Python, by canonical package name."""
     found: dict[str, dict[str, Requirement]] = {}
     for line in lines():
         if header := re.fullmatch(r"# \[(\w+)\]", line):
@@ -37,7 +37,7 @@ def wanted() -> dict[str, list[str]]:
 
 
 def closure(names: list[str]) -> set[str]:
-    """The packages of these names, and all that the installed ones of them require."""
+    """Return these packages and all their installed dependencies."""
     todo, seen = [canonicalize_name(Requirement(name).name) for name in names], set[str]()
     while todo:
         name = todo.pop()
@@ -63,7 +63,7 @@ def test_the_sections_are_the_extras() -> None:
 
 
 def test_every_pin_has_the_hashes_of_its_files() -> None:
-    """For Linux on x86-64 and ARM: one for each, unless one file is for all; none is there twice."""
+    """Check hashes for Linux on x86-64 and ARM, without duplicates."""
     seen: dict[str, str] = {}
     for line in lines():
         if not line or line.startswith("#"):
@@ -77,7 +77,7 @@ def test_every_pin_has_the_hashes_of_its_files() -> None:
 
 
 @pytest.mark.parametrize("extra", [name for name in wanted() if name != "build"])
-def test_the_pins_of_an_extra_are_what_it_needs_and_nothing_else(extra: str) -> None:
+def test_the_pins_of_an_extra_are_its_dependencies_and_nothing_else(extra: str) -> None:
     skip_if_left_out(extra)
     base, own = set(sections()["base"]), set(sections()[extra])
     needed = closure(wanted()[extra])
@@ -91,7 +91,7 @@ def test_every_pin_is_exact_and_installed_and_satisfies_the_others() -> None:
         for name, pin in section.items():
             (exact,) = pin.specifier
             assert exact.operator == "=="
-            # what builds the project is installed in a folder of its own, and removed
+            # build requirements are installed in a temporary folder
             assert extra == "build" or (name, exact.version) == (name, metadata.version(name))
     pins = {name: pin for section in sections().values() for name, pin in section.items()}
     for name in set(pins) - set(sections()["build"]):
@@ -104,29 +104,29 @@ def test_every_pin_is_exact_and_installed_and_satisfies_the_others() -> None:
                 assert requirement.specifier.contains(exact.version, prereleases=True), f"{name}: {text}"
 
 
-def test_no_file_names_a_place_to_download_from() -> None:
+def test_no_file_contains_a_download_location() -> None:
     files = ("acrc", "constraints.txt", "pyproject.toml", ".ci/run")
     text = "".join((ROOT / name).read_text() for name in files)
     assert not re.search(r"https?://|--(extra-)?index-url|--find-links", text)
 
 
 @pytest.mark.parametrize("extra", [name for name in sections() if name != "build"])
-def test_the_script_says_how_much_an_extra_takes(extra: str) -> None:
-    """Within a quarter, for wheels differ between machines, or 5 MB."""
+def test_the_script_estimates_the_size_of_an_extra(extra: str) -> None:
+    """Allow 25 % (wheels differ between machines) or 5 MB."""
     skip_if_left_out(extra)
     script = (ROOT / "acrc").read_text()
-    said = re.search(
+    estimated = re.search(
         r"total=(\d+)\n" if extra == "base" else rf"{extra}\) total=\$\(\(total \+ (\d+)\)\)", script
     )
-    assert said is not None
+    assert estimated is not None
     files = [
         Path(str(file.locate())) for name in sections()[extra] for file in metadata.files(name) or () if file
     ]
     true = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
-    assert abs(true - int(said[1])) < max(5.0, 0.25 * true)
+    assert abs(true - int(estimated[1])) < max(5.0, 0.25 * true)
 
 
-def test_who_cites_the_software_cites_what_is_installed() -> None:
+def test_the_citation_matches_the_project() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert (cited["version"], cited["license"]) == (project["version"], project["license"])

@@ -19,7 +19,7 @@ from tests.development.budget import FILE, as_toml, measure, tokens
 MOST_POSITIONAL = 7
 PURE = {"abs", "all", "array", "array_equal", "int", "isinstance", "len", "reshape"}
 SLACK = 0.03
-"""Share by which a count may lie below its limit before the limit has to be lowered."""
+"""Share by which a count may be below its limit before the limit must be lowered."""
 HEAD = "import math\nimport numpy as np\n"
 MISTAKEN = """
 from actors.robot.behaviour import Behaviour, Start, host
@@ -57,7 +57,7 @@ def test_class_names_are_unique_and_calls_with_many_values_name_them() -> None:
 
 
 def test_the_product_works_without_assertions_and_docstrings() -> None:
-    """With -O and -OO they are gone."""
+    """Check that -O and -OO, which remove them, change nothing."""
     wrong = []
     effects = ast.NamedExpr | ast.Await | ast.Yield | ast.YieldFrom
     for path, found in nodes():

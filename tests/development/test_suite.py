@@ -17,7 +17,7 @@ from tests import warm
 
 Suite = Callable[..., tuple[int, list[list[str]]]]
 KEYS = {"bus", "deeco", "digest", "frames", "isolation", "per_robot", "undelivered", "unread"}
-"""What a result reports of the run."""
+"""Keys of a result that depend on the run only."""
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_a_suite_that_starts_too_many_processes_fails(
 
 
 def test_a_skipped_module_is_a_failure_under_ci(tmp_path: Path) -> None:
-    """The module is skipped in a worker of pytest-xdist, whose controller reports it."""
+    """Skip a module in a worker of pytest-xdist; the controller reports it."""
     (tmp_path / "test_gone.py").write_text("import pytest\npytest.skip('why', allow_module_level=True)\n")
     (tmp_path / "test_here.py").write_text("def test_passes(): pass\n")
     words = ["-p", "tests.conftest", "-c", "/dev/null", "--rootdir", ".", "-n", "1", "."]

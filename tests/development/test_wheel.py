@@ -1,4 +1,4 @@
-"""The wheel has all that the main job needs, and does it in any folder of a machine without a clone."""
+"""The wheel is complete and runs in any folder of a machine without a clone."""
 
 import json
 import os
@@ -29,7 +29,7 @@ DATA = ("maps", "scenarios", "studies", "fleets")
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built without a network from what a clone has, in a copy: setuptools writes beside the sources."""
+    """Build the wheel without a network from a copy of the clone's files, since setuptools writes there."""
     sources, out = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("wheel")
     for name in committed():
         if name.parts[0] in {*PACKAGES, *DATA} or len(name.parts) == 1:
@@ -48,14 +48,14 @@ def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     site = folder / "lib" / version / "site-packages"
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
-    # a .pth file of the clone's environment, which would lead to the clone, is not obeyed there
+    # .pth files of the clone's environment have no effect there
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return folder / "bin" / "python"
 
 
 def acrc(python: Path, folder: Path, *words: str, path: str = "") -> subprocess.CompletedProcess[str]:
     command = [str(python), "-P", "-m", "acrc_testbed.command_line", *words]
-    env = os.environ | {"PYTHONPATH": path}  # the tests' own leads to the clone
+    env = os.environ | {"PYTHONPATH": path}  # not the tests' own, which contains the clone
     return subprocess.run(
         command, cwd=folder, env=env, capture_output=True, text=True, check=False, timeout=600
     )
@@ -108,7 +108,7 @@ def test_every_package_of_an_extra_has_its_name() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
 def test_a_run_of_the_wheel_is_that_of_the_clone(python: Path, tmp_path: Path) -> None:
-    """Nightly: every kernel is compiled anew, for it lies in another place."""
+    """Run nightly, since every kernel is compiled for the new location."""
     words = ("run", "--robots", "2", "--seed", "1", "--duration", "5", "--json")
     done = acrc(python, tmp_path, *words, "--out", "of_the_wheel")
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""What the pages hold, as CommonMark has it: headings, links, code in the text, and blocks of code."""
+"""Pages parsed as CommonMark: headings, links, inline code, and code blocks."""
 
 import re
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Block:
     language: str
     text: str
     line: int
-    """Of its first line in the page, counted from 1."""
+    """Number of its first line in the page, from 1."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class PageLink:
 
 
 class MarkdownPage:
-    """A page in Markdown; `name` is its path seen from the root of the repository."""
+    """A page in Markdown; `name` is its path relative to the repository."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -49,7 +49,7 @@ class MarkdownPage:
         return _PARSER.parse(self.text)
 
     def blocks(self) -> list[Block]:
-        """Fenced blocks, in order."""
+        """Return fenced blocks, in order."""
         return [
             Block(token.info.strip(), token.content, token.map[0] + 2 if token.map else 0)
             for token in self._tokens
@@ -57,18 +57,18 @@ class MarkdownPage:
         ]
 
     def links(self) -> list[PageLink]:
-        """Links and pictures, in order."""
+        """Return links and pictures, in order."""
         parts = (part for token in self._tokens for part in token.children or ())
         targets = (part.attrGet("href") or part.attrGet("src") for part in parts)
         return [PageLink(str(target)) for target in targets if target]
 
     def codes(self) -> list[str]:
-        """What stands in backticks within the text, in order, each on one line."""
+        """Return inline code, in order, each on one line."""
         parts = (part for token in self._tokens for part in token.children or ())
         return [" ".join(part.content.split()) for part in parts if part.type == "code_inline"]
 
     def anchors(self) -> set[str]:
-        """The names of its headings in links, as code hosts and the site make them."""
+        """Return the anchors of headings, as code hosts and the site generate them."""
         found: set[str] = set()
         for before, token in zip(self._tokens, self._tokens[1:], strict=False):
             if before.type == "heading_open":
@@ -80,6 +80,6 @@ class MarkdownPage:
 
 @cache
 def pages() -> tuple[MarkdownPage, ...]:
-    """The pages of the root, and everything in docs/, by name."""
+    """Return the pages of the root and of docs/, by name."""
     root = [REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
     return (*map(MarkdownPage, root), *map(MarkdownPage, sorted((REPOSITORY / "docs").rglob("*.md"))))

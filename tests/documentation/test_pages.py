@@ -32,7 +32,7 @@ from tests.documentation.markdown import Block, MarkdownPage, pages
 from tests.localisation import courses
 
 PAGES = {page.name: page for page in pages()}
-TREE = documentation.tree()
+TREE = documentation.command_tree()
 LANGUAGES = {"sh", "python", "toml", "yaml", "text", "mermaid", "{eval-rst}", "{toctree}"}
 IN_A_CLONE = ("scenarios", "studies", "maps", "examples", "fleets")
 PLACEHOLDERS = {"…", "...", "COMMAND", "X"}
@@ -42,7 +42,7 @@ LEAST = {
     "robots": "[robots]\ncount = 1",
     "places": '[places]\npreset = "golden"',
 }
-"""What every scenario has, by its key; the first one is not a table."""
+"""Required parts of a scenario, by key; the first one is not a table."""
 
 
 NOT_RUN: Final[Mapping[str, str]] = MappingProxyType({
@@ -93,7 +93,7 @@ TESTED_ELSEWHERE: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyTy
     ("docs/clusters.md", "yaml"): "tests/experiments/test_cluster.py",
     ("docs/localisation-log.md", "python"): "tests/localisation/test_logs.py",
 })  # fmt: skip
-"""Tests of their own for the blocks of a language on a page."""
+"""Tests of the code blocks of a language on a page."""
 
 
 class Command(NamedTuple):
@@ -208,8 +208,8 @@ def test_concepts_define_the_words_of_the_product_once() -> None:
 
 @pytest.fixture
 def clone() -> Iterator[Path]:
-    """A folder with the files of a clone and those that the pages assume."""
-    with tempfile.TemporaryDirectory(prefix="acrc-") as name:  # shorter than pytest's: sockets lie in it
+    """Create a folder with the files of a clone and those that the pages require."""
+    with tempfile.TemporaryDirectory(prefix="acrc-") as name:  # a short path, for sockets
         folder = Path(name)
         for given in IN_A_CLONE:
             shutil.copytree(REPOSITORY / given, folder / given)
@@ -283,12 +283,12 @@ OUTSIDE = re.compile(
     r"""<(?:script|img|iframe|source|audio|video)\b[^>]*?\bsrc=["'](?:https?:)?//"""
     r"""|<link\b[^>]*?\bhref=["'](?:https?:)?//|@import|url\(\s*["']?(?:https?:)?//"""
 )
-"""What a browser would fetch from elsewhere by itself."""
+"""References that a browser fetches from other hosts."""
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site; each warning of Sphinx would be an error, as of a page in no table of contents."""
+    """Build the site; warnings of Sphinx, such as a page in no table of contents, are errors."""
     return documentation.build(REPOSITORY / "docs", tmp_path_factory.mktemp("docs") / "site").parent
 
 

@@ -76,7 +76,7 @@ def test_the_primary_comparison_comes_first_and_the_right_way_round(plain: RunRe
     code, out, _ = acrc("study", "plan", "--pilot", str(tmp_path / "out"))
     assert code == 0
     assert "Share of campaigns that tell them apart, by 2 tests" in out
-    assert "6 pairs tell each of them apart with probability 0.9." in out
+    assert "6 pairs detect each difference with probability 0.9." in out
     assert "10 of 20 runs have all places: they are at their ceiling there." in out
 
 

@@ -95,7 +95,7 @@ class Cluster:
             time.sleep(0.1)
         raise AssertionError((self._folder / f"{name}.log").read_text())
 
-    def campaign(self, *words: str) -> warm.Begun:
+    def campaign(self, *words: str) -> warm.ForkedCommand:
         begun = warm.begin([*WORDS, "--on", self.address, *words], ROOT, self._environment, finds_cwd=True)
         self._stack.callback(begun.kill)
         return begun

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.command_line import campaigns
+from acrc_testbed.command_line import campaign_commands
 from acrc_testbed.experiments import frozen_plan, store
 from acrc_testbed.experiments.judgement import judge
 from acrc_testbed.experiments.report import bundle
@@ -47,13 +47,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     scenario = (ROOT / "scenarios" / "corridor.toml").read_text()
     (tmp_path / "corridor.toml").write_text(scenario.replace("../maps/", ""))
     (tmp_path / "study.toml").write_text(STUDY)
-    for module in (campaigns, store):
+    for module in (campaign_commands, store):
         monkeypatch.setattr(module, "software", lambda: COMMIT)
     return tmp_path
 
 
 def frozen(folder: Path, *, until_decided: bool = False) -> Path:
-    campaigns.freeze(folder / "study.toml", None, until_decided=until_decided, json=False)
+    campaign_commands.freeze(folder / "study.toml", None, until_decided=until_decided, json=False)
     return folder / "study.frozen.json"
 
 
@@ -96,13 +96,13 @@ def test_a_campaign_as_frozen(folder: Path, plain: RunResult, capsys: pytest.Cap
         f"at commit {COMMIT}, SHA-256 {frozen_plan.read(path).sha256}: chapter against none by "
         "lexicographic, margins of 1 in places and 10 s, 8 seeds, no look on the way."
     )
-    assert f"Frozen {told}\nwritten to {path}; a hash proves no date: " in capsys.readouterr().out
+    assert f"Frozen {told}\nwritten to {path}; publish the hash " in capsys.readouterr().out
     kept, said = begun(folder)
     assert said == [f"Frozen before the first run, {told}"]
     over(kept, plain)
     assert judge(kept).declared[:2] == [*said, "The campaign is as frozen."]
     assert (kept.folder / "plan.json").read_bytes() == path.read_bytes()
-    with pytest.raises(AcrcError, match="is there already; must be another file, for what is frozen stays"):
+    with pytest.raises(AcrcError, match="already exists; a frozen plan is not replaced: choose another file"):
         frozen(folder)
 
 

@@ -45,7 +45,7 @@ def gone(out: Path) -> bool:
     return processes_of(out) == [] and leftovers(out) == []
 
 
-Acrc = TypeVar("Acrc", warm.Begun, subprocess.Popen[str])
+Acrc = TypeVar("Acrc", warm.ForkedCommand, subprocess.Popen[str])
 
 
 def started(begins: Callable[..., Acrc], out: Path, *words: object) -> Acrc:

@@ -136,7 +136,7 @@ def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
     assert re.fullmatch(expected, said)
 
 
-def in_memory(out: Path, behaviour: str, timeout_s: int) -> warm.Begun:
+def in_memory(out: Path, behaviour: str, timeout_s: int) -> warm.ForkedCommand:
     words = ("--bus", "memory", "--robots", 2, "--duration", 4, "--timeout", timeout_s)
     return begin("run", "--strategy", f"tests.failures.saboteur:{behaviour}", *words, "--out", out)
 

@@ -107,9 +107,9 @@ def office(tmp_path: Path) -> Path:
 def test_keys_are_written_beside_the_fleet_file_with_a_destination_for_each(office: Path) -> None:
     code, out, err = acrc("fleet", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r2=10.0.0.2")
     assert code == 0
-    assert err.startswith("acrc: r3 listens at all its addresses, but its certificate holds for names only")
+    assert err.startswith("acrc: r3 listens at all its addresses, but its certificate is valid for names")
     keys = office.parent / "office-keys"
-    assert f"{keys}/r1\n  to r1:{keys}/r1; holds for r1, r1.local, 10.0.0.1\n" in out
+    assert f"{keys}/r1\n  copy to r1:{keys}/r1; valid for r1, r1.local, 10.0.0.1\n" in out
     for machine in ("r1", "r2", "r3", "operator"):
         assert stat.S_IMODE(load_keys(keys / machine).private_key.stat().st_mode) == 0o600
     code, out, _ = acrc("fleet", "keys", str(office), "--revoke", "r2", "--revoke", "operator")

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from acrc_testbed.benchmarks.benchmark_result import ACRC
 from acrc_testbed.benchmarks.hosts import ADDRESS, Hosts, HostsError, TlsCluster
-from acrc_testbed.benchmarks.measured import ACRC
 from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.recordings import record_check
 from acrc_testbed.recordings.record_replay import recheck

@@ -12,7 +12,7 @@ from acrc_testbed.benchmarks.localisation_comparison import root_mean_square
 from acrc_testbed.benchmarks.localisation_tracking import (
     FilterRun,
     Preset,
-    beside_truth,
+    errors_against_truth,
     localisation,
     replay,
 )
@@ -64,7 +64,7 @@ def runs_of(
     for seed in range(1, count + 1):
         course = drive(replace(setup, seed=seed, seconds=seconds))
         track = replay(course, localisation(course, preset, seed, placed=placed))
-        found.append(beside_truth(seed, course.truth, course.odometry, track))
+        found.append(errors_against_truth(seed, course.truth, course.odometry, track))
     return found
 
 

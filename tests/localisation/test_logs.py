@@ -19,8 +19,8 @@ from scipy import stats
 from acrc_testbed.benchmarks import localisation_comparison as comparison
 from acrc_testbed.benchmarks import localisation_tracking as tracking
 from acrc_testbed.benchmarks.localisation_comparison import (
-    Other,
-    OtherRun,
+    ReferenceRun,
+    ReferenceRuns,
     resampled,
     root_mean_square,
     table_row,
@@ -30,7 +30,7 @@ from acrc_testbed.benchmarks.localisation_tracking import (
     CourseLogError,
     EstimatedTrack,
     FilterRun,
-    beside_truth,
+    errors_against_truth,
     nees,
     weighed,
 )
@@ -171,7 +171,7 @@ def test_a_folder_of_logs_is_compared_with_another_localisation(written: Path, t
     assert row["lost"] == "0/2, 0/2" and row["nees"].endswith(", 0.20")
     assert found.holds == (rows["chapter", "all 2"]["ratio"] <= 1)
     theirs.write_text(json.dumps([{"log": "a", "runs": runs}]))
-    with pytest.raises(CourseLogError, match="says nothing of the log 'b'"):
+    with pytest.raises(CourseLogError, match="the log 'b' is missing"):
         comparison.check(tmp_path / "logs", 1, theirs)
 
 
@@ -190,7 +190,7 @@ def test_results_of_another_localisation_are_checked(tmp_path: Path, content: by
     file = tmp_path / "theirs.json"
     file.write_bytes(content)
     try:
-        for other in comparison.load_other(file).values():
+        for other in comparison.load_reference_runs(file).values():
             assert other.runs and all(run.rmse > 0 for run in other.runs)
     except CourseLogError as error:
         assert str(file) in str(error)
@@ -211,7 +211,7 @@ def run_with(errors: Sequence[float], announced: Sequence[int] = (), turn: float
 
 def test_the_interval_of_a_ratio_is_that_of_its_runs() -> None:
     def row(ours: Sequence[float], theirs: Sequence[float]) -> comparison.PairedRow:
-        other = Other("x", [OtherRun(rmse, lost=rmse > 1) for rmse in theirs])
+        other = ReferenceRuns("x", [ReferenceRun(rmse, lost=rmse > 1) for rmse in theirs])
         runs = [run_with([value] * 3) for value in ours]
         one, _ = comparison.paired({"x": {"chapter": runs, "robust": runs}}, {"x": other})
         return one
@@ -238,7 +238,7 @@ def test_errors_use_the_shorter_arc() -> None:
     poses = np.array([[0.3, 0.4, -3.1], [1.0, 1.2, 3.0]])
     lost, costs = np.array([0.2, 0.96]), np.array([1e-4, 2e-4])
     track = EstimatedTrack(poses, np.tile(np.eye(3), (2, 1, 1)), lost, costs, {"updates": 2})
-    run = beside_truth(9, truth, truth.copy(), track)
+    run = errors_against_truth(9, truth, truth.copy(), track)
     np.testing.assert_allclose(run.errors, [0.5, 1.2], atol=1e-6)
     np.testing.assert_allclose(run.turns, [math.tau - 6.2, 0.1], atol=1e-6)
     np.testing.assert_allclose(run.nees, [0.25 + (math.tau - 6.2) ** 2, 1.44 + 0.01], atol=1e-6)

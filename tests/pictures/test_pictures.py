@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from acrc_testbed.command_line import look as look_commands
+from acrc_testbed.command_line import visualisation
 from acrc_testbed.picture import floor_picture, run_html, run_movie, run_page, style
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated_runs import read_run
@@ -123,19 +123,19 @@ def test_view_draws_page_and_movie(evidence: RunData, page: Page, folder: Path, 
     ],
 )
 def test_pages_go_to_files_that_are_named(words: str, folder: str | None, files: dict[str, str]) -> None:
-    found = look_commands._folder_and_files([Path(word) for word in words.split()])
+    found = visualisation._folder_and_files([Path(word) for word in words.split()])
     assert found == (folder and Path(folder), {suffix: Path(file) for suffix, file in files.items()})
     for wrong, sentence in (
-        ("page.jpg", "view: has no use for page.jpg; must be as in .* view runs/a --html page.html"),
+        ("page.jpg", "view: unexpected argument page.jpg; example: .* view runs/a --html page.html"),
         ("nowhere/a.png", "--png: nowhere/a.png; must be a file in a folder that exists"),
     ):
         with pytest.raises(OptionError, match=sentence):
-            look_commands._folder_and_files([Path("runs/a"), Path(wrong)])
+            visualisation._folder_and_files([Path("runs/a"), Path(wrong)])
 
 
 def test_runs_too_short_to_judge_are_drawn_beside_one_another_with_a_warning(short_run_copy: Path) -> None:
     words = ("view", short_run_copy, "--beside", short_run_copy)
-    warning = f"acrc: {short_run_copy}: the run lasts 3 s; nothing can be judged from less than 5 s\n"
+    warning = f"acrc: {short_run_copy}: the run lasts 3 s; statistics require at least 5 s\n"
     done = acrc(*words, "--svg")
     assert (done.returncode, done.stdout, done.stderr) == (
         0,

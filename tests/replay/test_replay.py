@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.command_line import replaying
+from acrc_testbed.command_line import analysis
 from acrc_testbed.recordings import record_replay
 from acrc_testbed.recordings.record_replay import RecheckError, ReplayOptions, recheck, replay_actor
 from acrc_testbed.recordings.run_recordings import code_folders, read_setup, recordings
@@ -51,12 +51,12 @@ def test_another_start_is_found_and_named(copy: Path) -> None:
 def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> None:
     for words, code, sentence in (
         ((tmp_path,), 1, f"{tmp_path}: contains no scenario.toml; give the folder of a simulated run"),
-        ((recorded, "--to", 1), 2, "--to: requires --robot; it is about one actor"),
-        ((recorded, "--robot", "r1", "--from", 1), 2, "--from: requires --pdb or --debugpy; a debugger"),
-        ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; choose from r1, r2, radio, world"),
+        ((recorded, "--to", 1), 2, "--to: requires --robot"),
+        ((recorded, "--robot", "r1", "--from", 1), 2, "--from: requires --pdb or --debugpy"),
+        ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; choose from r1, r2, radio, "),
         ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: has no strategy; must be a robot"),
         ((recorded, "--robot", "r1", "--debugpy", 5678), 1, "--debugpy 5678: the Python package"),
-        ((recorded, "--robot", "r2", "--from", 100, "--pdb"), 1, "--from: is 100, but r2's recording ends"),
+        ((recorded, "--robot", "r2", "--from", 100, "--pdb"), 1, "--from: 100 is after the end of r2's recording"),
     ):  # fmt: skip
         done = acrc("replay", *words)
         assert done.returncode == code and done.stderr.startswith(f"acrc: {sentence}")
@@ -88,7 +88,7 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     assert all("/cleaning/" in file for file in stops), "never in what a dataclass generates"
     assert "r2" in said
     monkeypatch.setattr(sys, "stdin", io.StringIO("quit\n"))
-    replaying.replay(recorded, "r2", begin=1.0, pdb=True)
+    analysis.replay(recorded, "r2", begin=1.0, pdb=True)
     assert re.search(r"r2: identical: \d+ outputs so far\n$", capsys.readouterr().out)
 
 

@@ -12,7 +12,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from acrc_testbed.command_line.replaying import export
+from acrc_testbed.command_line.analysis import export
 from acrc_testbed.export import robot_entries, ros2_log
 from acrc_testbed.export.log_export import LogReport, log_run
 from acrc_testbed.export.robot_entries import occupancy

@@ -35,7 +35,7 @@ SCRATCH = (
     "another folder"
 )
 STUDY = """
-from tests.swarm.witness import behaviour as plain
+from tests.swarm.reporting import behaviour as plain
 
 def behaviour(start):
     return plain(start)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.console import Console
 
-from acrc_testbed.command_line import campaigns
+from acrc_testbed.command_line import campaign_commands
 from acrc_testbed.experiments.campaign import CampaignProgress
 from actors.floor import raster
 from actors.floor.map_file import load_map
@@ -138,7 +138,7 @@ def test_a_campaign_reports_the_progress_of_its_runs(
     now = [0.0]
     monkeypatch.setattr("deploy.run.progress.time.monotonic", lambda: now[0])
     for quiet in (False, True):
-        with campaigns.shown(quiet=quiet) as follow:
+        with campaign_commands.progress_display(quiet=quiet) as follow:
             for second in range(35):
                 now[0] = float(second)
                 left_s = None if second < 15 else 400.0 - second

@@ -1,4 +1,4 @@
-"""Commands, and what a run leaves behind."""
+"""Commands of tests, and processes and files that a run leaves behind."""
 
 import json
 import os
@@ -16,10 +16,7 @@ ACRC = (sys.executable, "-m", "acrc_testbed.command_line")
 
 
 def acrc(*words: object, timeout_s: float = 100.0) -> subprocess.CompletedProcess[str]:
-    """Return exit code and output of `acrc WORDS…`: runs over the mesh in a fork, others in process.
-
-    In a fork are orders to robots, too, as they end their process at once.
-    """
+    """Run `acrc WORDS…`: in a fork for runs over Zenoh and orders to robots (which exit), else in process."""
     over_mesh = words[0] == "run" and "memory" not in words
     ends_process = words[0] == "fleet" and words[1] in {"stop", "pause", "resume"}
     if not over_mesh and not ends_process and os.environ.get("PYTHONPATH") == MODULE_PATH:
@@ -35,24 +32,24 @@ def run(out: Path, *words: object) -> dict[str, Any]:
     return result
 
 
-def begin(*words: object) -> warm.Begun:
+def begin(*words: object) -> warm.ForkedCommand:
     return warm.begin([*map(str, words)], ROOT, os.environ, finds_cwd=True)
 
 
 def start(*words: object) -> subprocess.Popen[str]:
-    """The same in an interpreter of its own, for those who look at how one begins and ends."""
+    """Start a command in a new interpreter, for tests of start and exit."""
     return subprocess.Popen(
         [*ACRC, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
     )
 
 
 def processes_of(out: Path) -> list[int]:
-    """Ids of the living processes that have something to do with a run's folder."""
+    """Return the ids of live processes with a run's folder in their command line or log path."""
     return sorted(set(_holders(str(out))))
 
 
 def leftovers(out: Path) -> list[Path]:
-    """Sockets, locks and passwords that a run's folder still holds."""
+    """Return sockets, locks and credentials in a run's folder."""
     return sorted(
         path
         for path in out.rglob("*")

@@ -1,4 +1,4 @@
-"""Behaviours that lay traps for whoever opens their robot's files, or writes into them, by entry string."""
+"""Behaviours that attack the files of their run, for strategies by entry string."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -13,15 +13,15 @@ from cleaning.strategies.none import behaviour as baseline
 
 
 class Intruder:
-    """Follows the baseline; as r1 it lays links where the logs and recordings of its next process will be."""
+    """Baseline robot; r1 creates links in place of logs and recordings of its next process."""
 
     def __init__(self, start: Start) -> None:
-        self._lays = start.robot == "r1" and start.epoch == 0
+        self._is_attacker = start.robot == "r1" and start.epoch == 0
         self._inner = baseline(start)
 
     def advance(self, view: View, until: Instant) -> Decision:
-        if self._lays and view.instant >= seconds(1):
-            self._lays = False
+        if self._is_attacker and view.instant >= seconds(1):
+            self._is_attacker = False
             own = Path.cwd()
             (own / "diary.txt").write_text("what is mine")
             for folder in (own, own.parent):
@@ -38,16 +38,16 @@ def behaviour(start: Start) -> Behaviour:
 
 
 def forges(start: Start) -> Behaviour:
-    """Entry `tests.swarm.intruder:forges`: r1 says of itself what is not true, in its last record."""
+    """Forge counters and digest in the final note of r1."""
     if start.robot == "r1":
         honest = process.final_note
 
-        def boast(shell: Shell, part: process.ActorProcess, cpu_s: float) -> process.FinalNote:
+        def forged(shell: Shell, part: process.ActorProcess, cpu_s: float) -> process.FinalNote:
             final = honest(shell, part, cpu_s)
             digest = msgspec.structs.replace(final.digest, sha256="0" * 64)
             return msgspec.structs.replace(
                 final, digest=digest, published=10**9, sent={"swarm/up/r1/drive": 10**9}
             )
 
-        process.final_note = boast
+        process.final_note = forged
     return baseline(start)

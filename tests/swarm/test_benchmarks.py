@@ -1,4 +1,4 @@
-"""Benchmarks of swarms: what they report, never how fast anything is; and the counted cost of a step."""
+"""Reports of swarm benchmarks, and the counted cost of a step; no test depends on speed."""
 
 import json
 import math
@@ -13,11 +13,11 @@ from unittest.mock import Mock
 
 import pytest
 
-from acrc_testbed.benchmarks import beside, budget
-from acrc_testbed.benchmarks import swarm as benchmark
+from acrc_testbed.benchmarks import budget, commit_comparison
 from acrc_testbed.benchmarks import swarm_runs as runs
-from acrc_testbed.benchmarks.beside import PairedCase, other
+from acrc_testbed.benchmarks import swarm_speed as benchmark
 from acrc_testbed.benchmarks.budget import CountedSteps, StepCounts
+from acrc_testbed.benchmarks.commit_comparison import PairedCase, open_state
 from acrc_testbed.benchmarks.swarm_runs import (
     Function,
     Memory,
@@ -31,7 +31,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 
-KEPT = budget.kept_counts()
+KEPT = budget.saved_counts()
 SMALL = StepCounts({"deeco": 60.0, "actors/world": 40.0}, {"a": 2.0}, {"a": 50.0}, {"world": 9.0}, {})
 
 
@@ -42,8 +42,8 @@ def test_swarm_figures_are_consistent(capsys: pytest.CaptureFixture[str]) -> Non
     assert json.dumps(measured.figures) and measured.holds is None
     (swarm,) = measured.figures["swarms"]
     mesh, memory, air = swarm["mesh"], swarm["memory"], swarm["traffic"]
-    assert sum(memory["rooms"].values()) == pytest.approx(memory["ms"])
-    assert {"actors/world", "deeco", "actors/runtime/recording"} <= memory["rooms"].keys()
+    assert sum(memory["packages"].values()) == pytest.approx(memory["ms"])
+    assert {"actors/world", "deeco", "actors/runtime/recording"} <= memory["packages"].keys()
     assert sum(mesh["by_actor"].values()) == pytest.approx(mesh["ms"]["median"])
     assert mesh["memory"]["robots"]["processes"] == 4
     for kind in mesh["memory"].values():
@@ -51,9 +51,9 @@ def test_swarm_figures_are_consistent(capsys: pytest.CaptureFixture[str]) -> Non
     assert 0 < swarm["idle_memory_ms"] < memory["ms"]
     assert air["copies"] == pytest.approx(3 * air["frames"], rel=0.15), "at the three others"
     assert 0 < air["heard"] <= air["copies"] and 0 <= air["stale"] <= air["packets"]
-    measured.tell(json_output=False)
+    measured.report(json_output=False)
     printed = capsys.readouterr().out
-    for title in ("chapter.toml, over Zenoh", "CPU by package", "processes:", "the air"):
+    for title in ("chapter.toml, over Zenoh", "CPU by package", "processes:", "radio traffic"):
         assert title in printed
     assert "goal, 4 robots: simulated seconds per second over Zenoh, at least 100:" in printed
 
@@ -70,7 +70,7 @@ def swarm_figures(
 
 
 def test_goals_apply_to_the_sizes_that_were_measured() -> None:
-    goals = benchmark.judged(
+    goals = benchmark.speed_goals(
         [
             swarm_figures(4, 100.0, memory_ms=2.6),
             swarm_figures(20, 15.9),
@@ -88,7 +88,7 @@ def test_goals_apply_to_the_sizes_that_were_measured() -> None:
         ("100", 6.1, 6.0, False),
         ("100", 25.0, 25.0, True),
     ]
-    assert benchmark.judged([Mock(spec=benchmark.SwarmFigures, robots=200, mesh=None)]) == []
+    assert benchmark.speed_goals([Mock(spec=benchmark.SwarmFigures, robots=200, mesh=None)]) == []
 
 
 def test_many_robots_start_closer_and_for_less_time() -> None:
@@ -100,11 +100,11 @@ def test_many_robots_start_closer_and_for_less_time() -> None:
 
 
 @pytest.mark.skipif(KEPT is None, reason=f"{budget.TABLE.name} is for another version of Python")
-def test_a_step_costs_what_the_kept_counts_say() -> None:
+def test_a_step_costs_the_saved_counts() -> None:
     with ProcessPoolExecutor(
         1, get_context("forkserver")
     ) as pool:  # other tests may have changed this process
-        found = pool.submit(budget.counted, CountedSteps()).result()
+        found = pool.submit(budget.count_steps, CountedSteps()).result()
     assert KEPT is not None
     assert list(budget.differences(found, KEPT)) == []
 
@@ -120,11 +120,11 @@ def test_differences_name_the_packages_that_changed_most() -> None:
     assert "1.9 messages" in sentence and "(-5.0%): a -0.1;" in sentence
 
 
-def test_kept_counts_are_written_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saved_counts_are_written_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(budget, "TABLE", tmp_path / "python3.11.toml")
-    assert budget.kept_counts() is None
-    budget.TABLE.write_text(budget.written(replace(SMALL, functions={"len": 9.0})))
-    assert budget.kept_counts() == SMALL
+    assert budget.saved_counts() is None
+    budget.TABLE.write_text(budget.as_toml(replace(SMALL, functions={"len": 9.0})))
+    assert budget.saved_counts() == SMALL
 
 
 def test_calls_outside_the_project_count_for_their_callers() -> None:
@@ -133,7 +133,7 @@ def test_calls_outside_the_project_count_for_their_callers() -> None:
     package: Function = (f"{REPOSITORY}/.venv/lib/p.py", 1, "h")
     built_in: Function = ("~", 0, "<built-in len>")
     lost: Function = ("~", 0, "<lost>")
-    found = runs.by_room(
+    found = runs.by_package(
         {
             ours: (5, {}),
             theirs: (7, {}),
@@ -142,7 +142,7 @@ def test_calls_outside_the_project_count_for_their_callers() -> None:
             lost: (1, {}),
         }
     )
-    assert found == {"deeco": 5 + 3 + 2 + 6, "actors/world": 7 + 1 + 2, runs.NO_ROOM: 1}
+    assert found == {"deeco": 5 + 3 + 2 + 6, "actors/world": 7 + 1 + 2, runs.NO_PACKAGE: 1}
 
 
 ACRC = """#!/bin/sh
@@ -172,15 +172,15 @@ def clone(folder: Path, name: str, wall: float, version: str = "3.11.7", digest:
 @pytest.fixture
 def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = clone(tmp_path / "mine", "mine", 1.0)
-    monkeypatch.setattr(beside, "clone", lambda command: folder)
-    monkeypatch.setattr(beside, "REPOSITORY", folder)
+    monkeypatch.setattr(commit_comparison, "clone", lambda command: folder)
+    monkeypatch.setattr(commit_comparison, "REPOSITORY", folder)
     return folder
 
 
 @pytest.mark.usefixtures("mine")
 def test_states_run_in_alternating_order(tmp_path: Path) -> None:
     theirs = clone(tmp_path / "theirs", "theirs", 1.5)
-    found = beside.measure(str(theirs), robots=(4, 20), bus="memory", pairs=3)
+    found = commit_comparison.measure(str(theirs), robots=(4, 20), bus="memory", pairs=3)
     lines = (tmp_path / "log").read_text().splitlines()
     assert [line.split()[0] for line in lines] == [
         *("mine", "theirs"),
@@ -194,11 +194,11 @@ def test_states_run_in_alternating_order(tmp_path: Path) -> None:
     assert found.shown[1] == "digests: equal"
     clone(tmp_path / "other", "other", 1.5, "3.13.1", "e")
     (tmp_path / "other" / "scenarios" / "chapter.toml").write_text("[run]\nseed = 2\n")
-    found = beside.measure(str(tmp_path / "other"), robots=(4,), bus="memory", pairs=2)
+    found = commit_comparison.measure(str(tmp_path / "other"), robots=(4,), bus="memory", pairs=2)
     assert found.shown[1:] == [
-        "digests: different, so the two do different work",
-        "Python: Python 3.11.7 here, Python 3.13.1 there; times do not compare",
-        "scenario chapter: differs; --scenario FILE has both run the same one",
+        "digests: different: the two states do different work",
+        "Python: Python 3.11.7 here, Python 3.13.1 there; times are not comparable",
+        "scenario chapter: differs; use --scenario FILE to run the same one in both",
     ]
 
 
@@ -219,23 +219,23 @@ def git(folder: Path, *words: str) -> str:
 
 
 def test_a_commit_runs_in_a_worktree_that_is_removed(committed: Path, tmp_path: Path) -> None:
-    with other("HEAD") as there:
+    with open_state("HEAD") as there:
         assert there.name == "HEAD" and there.folder != committed
         assert there.run(PairedCase(2, 1.0, "memory")).wall_s == 1.0
         assert there.properties()["Python"] == "Python 3.11.7"
     (committed / "acrc").write_text("#!/bin/sh\necho 'acrc: no disk' >&2\nexit 1\n")
     git(committed, "commit", "-q", "-a", "-m", "fails")
-    with pytest.raises(AcrcError, match=" fails: acrc: no disk"), other("HEAD") as there:
+    with pytest.raises(AcrcError, match=" fails: acrc: no disk"), open_state("HEAD") as there:
         there.run(PairedCase(2, 1.0, "memory"))
     git(committed, "rm", "-q", "acrc")
     git(committed, "commit", "-q", "-m", "none")
     for what, sentence in (
         ("deadbeef", "COMMIT: deadbeef; must be a commit of this repository"),
         ("--force", "COMMIT: --force; must be a commit of this repository"),
-        (str(tmp_path), "must be a clone, which has a file acrc"),
-        ("HEAD", "COMMIT: HEAD; must be one that has a file acrc"),
+        (str(tmp_path), "must be a clone, which contains a file acrc"),
+        ("HEAD", "COMMIT: HEAD; must be a commit that contains a file acrc"),
     ):
-        with pytest.raises(OptionError, match=sentence), other(what):
+        with pytest.raises(OptionError, match=sentence), open_state(what):
             pass
     assert not list((tmp_path / "scratch").iterdir()) and "\n" not in git(committed, "worktree", "list")
 
@@ -245,10 +245,18 @@ def test_a_commit_runs_in_a_worktree_that_is_removed(committed: Path, tmp_path: 
     [
         (budget.measure, {"bus": "tcp"}, "--bus: tcp; must be zenoh or memory"),
         (budget.measure, {"duration": 2.0}, "--duration: 2; must be at least 3 for budget"),
-        (budget.measure, {"duration": 30.0, "write": True}, "--write: keeps counts in memory"),
-        (beside.measure, {}, "COMMIT: is missing; must be as in acrc bench beside HEAD~1"),
-        (beside.measure, {"commit": "HEAD", "scenario": Path("none.toml")}, "--scenario: none.toml; must be"),
-        (beside.measure, {"commit": "HEAD", "navigation": "better"}, "--navigation: better; must be chapter"),
+        (budget.measure, {"duration": 30.0, "write": True}, "--write: cannot be combined with"),
+        (commit_comparison.measure, {}, "COMMIT: missing; example: acrc bench beside HEAD~1"),
+        (
+            commit_comparison.measure,
+            {"commit": "HEAD", "scenario": Path("none.toml")},
+            "--scenario: none.toml; must be",
+        ),
+        (
+            commit_comparison.measure,
+            {"commit": "HEAD", "navigation": "better"},
+            "--navigation: better; must be chapter",
+        ),
     ],
 )
 def test_wrong_options_are_refused(measure: Any, options: dict[str, object], sentence: str) -> None:

@@ -1,7 +1,7 @@
-"""Digests of short runs, as they were when a change of them was last recorded in CHANGELOG.md.
+"""Known digests of short runs.
 
-A digest covers every message of a run, so a change of behaviour in any core shows here. After an intended
-change, `python -m tests.swarm.test_known_digests` prints the new values; CHANGELOG.md says why they changed.
+A digest covers every message of a run, so any change of behaviour in a core changes one. After an intended
+change, `python -m tests.swarm.test_known_digests` prints the new values; CHANGELOG.md gives the reason.
 """
 
 from pathlib import Path
@@ -48,7 +48,7 @@ def result_of(name: str, out: Path) -> RunResult:
 def test_digest_is_the_known_one(name: str, tmp_path: Path) -> None:
     result = result_of(name, tmp_path / "out")
     assert result.digest == DIGESTS[name]
-    if name == "crowd":  # which is hard enough
+    if name == "crowd":  # must contain contacts, relays and losses
         assert (result.contacts or 0) >= 100 and result.deeco.counters["relayed"] > 100
         assert result.frames["copies_heard"] > 100 and result.frames["frames_access_failure"] > 0
         assert min(result.deeco.exchanges.values()) > 5 and len(result.deeco.exchanges) == 2

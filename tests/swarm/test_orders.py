@@ -1,4 +1,4 @@
-"""Orders to a run that is going on: carried out at a boundary, recorded, and so replayed."""
+"""Orders to a run in progress: executed at a step boundary, recorded and replayed."""
 
 import json
 import re
@@ -58,7 +58,7 @@ def test_orders_as_typed(words: str, order: given.Order) -> None:
         ("obstacle nan 0 1", "obstacle.x is nan, but must be from -1e+06 to 1e+06"),
     ],
 )  # fmt: skip
-def test_what_is_no_order(words: str, sentence: str) -> None:
+def test_wrong_orders_are_refused(words: str, sentence: str) -> None:
     verb, *rest = words.split()
     with pytest.raises(OptionError) as caught:
         orders.parse(verb, rest)
@@ -78,7 +78,7 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
     def order(*words: object) -> None:
         done = in_process.acrc("order", out, *words)
         assert done.returncode == 0, done.stderr
-        assert done.stdout == f"acrc: the run has carried out: {' '.join(map(str, words))}\n"
+        assert done.stdout == f"acrc: order executed: {' '.join(map(str, words))}\n"
 
     refused = in_process.acrc("order", out, "thaw", "r9")
     assert refused.returncode == 1 and refused.stdout == ""
@@ -108,7 +108,7 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
     assert (again.digest, again.orders, again.complete) == (result["digest"], 6, True)
 
 
-def test_a_run_that_is_over_takes_no_orders(tmp_path: Path) -> None:
+def test_an_ended_run_takes_no_orders(tmp_path: Path) -> None:
     done = in_process.acrc("order", tmp_path, "stop")
     assert done.returncode == 1
     assert done.stderr.strip() == (

@@ -22,9 +22,9 @@ from tests.in_process import acrc
 from tests.swarm import command
 
 IN_THE_WAY = 26
-"""The seed with which a robot that is done blocks the other one for good."""
+"""Seed with which a finished robot blocks the other one for good."""
 SAMPLE = (13,)
-"""The seeds of the suite; the others run nightly."""
+"""Seeds of the suite; others run nightly."""
 HEAD_ON = ROOT / "scenarios" / "head_on.toml"
 
 
@@ -37,36 +37,36 @@ def outcome(scenario: Scenario, out: Path) -> RunResult:
 
 
 @pytest.mark.parametrize("seed", sampled((seed for seed in range(1, 21) if seed != IN_THE_WAY), SAMPLE))
-def test_the_chapters_example_gets_both_robots_to_all_their_places(seed: int, tmp_path: Path) -> None:
+def test_with_the_strategy_chapter_all_places_are_cleaned(seed: int, tmp_path: Path) -> None:
     result = outcome(head_on("chapter", seed, 600.0), tmp_path / "out")
     assert (result.places_done, result.places_total, result.places_lost) == (6, 6, 0)
 
 
 @pytest.mark.parametrize(("make_way", "done"), [(False, 5), (True, 6)])
-def test_who_is_done_may_have_to_make_way(make_way: bool, done: int, tmp_path: Path) -> None:
+def test_a_finished_robot_may_have_to_make_way(make_way: bool, done: int, tmp_path: Path) -> None:
     scenario = msgspec.structs.replace(head_on("chapter", IN_THE_WAY, 150.0), strategy={"make_way": make_way})
     result = outcome(scenario, tmp_path / "out")
     assert (result.places_done, result.places_total, result.places_lost) == (done, 6, 0)
 
 
 @pytest.mark.parametrize("seed", sampled((1, 2), (1,)))
-def test_without_adaptation_they_stand_until_the_limit(seed: int, tmp_path: Path) -> None:
+def test_without_adaptation_robots_stay_blocked(seed: int, tmp_path: Path) -> None:
     result = outcome(head_on("none", seed, 60.0), tmp_path / "out")
     assert (result.places_done, result.places_lost, result.simulated_s) == (0, 0, 60.0)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("strategy", ["released", "examples.courteous:behaviour"])
-def test_the_released_code_and_the_example_of_ones_own_do_it_too(strategy: str, tmp_path: Path) -> None:
+def test_the_released_code_and_the_shipped_example_clean_all_places(strategy: str, tmp_path: Path) -> None:
     result = outcome(head_on(strategy, 5, 300.0), tmp_path / "out")
     assert (result.places_done, result.places_lost) == (6, 0)
 
 
 @pytest.mark.parametrize(("exchange", "done"), [(True, 2), (False, 1)])
-def test_who_comes_late_to_an_adoption_needs_the_exchange(exchange: bool, done: int, tmp_path: Path) -> None:
-    """Without it, r2 loses its only place, and stands in the passage for good while r1 wants to come out."""
+def test_a_late_adoption_requires_the_exchange(exchange: bool, done: int, tmp_path: Path) -> None:
+    """Without it, r2 loses its only place and blocks the passage for r1 for good."""
     scenario = head_on("chapter", 1, 120.0)
-    asleep = (EventTable(at=18.0, freeze="r2"), EventTable(at=18.2, thaw="r2"))  # when both would adopt
+    asleep = (EventTable(at=18.0, freeze="r2"), EventTable(at=18.2, thaw="r2"))  # when both adopt
     one_place = msgspec.structs.replace(scenario.places, per_robot=1)
     r1 = msgspec.structs.replace(scenario.robot[0], places=((9.0, 12.5),))
     changed = {
@@ -110,7 +110,7 @@ preset = "chapter"
 
 
 def test_the_radio_of_many_robots_reaches_some_and_is_counted_in_octets(tmp_path: Path) -> None:
-    # 30 s: until then nobody stands where it stays
+    # 30 s: later, robots have stopped
     result = run(tmp_path / "out", ROOT / "scenarios" / "chapter.toml", "--duration", "30")
     frames = result["frames"]
     assert 0.3 < result["direct_reach"] < 0.8
@@ -121,7 +121,7 @@ def test_the_radio_of_many_robots_reaches_some_and_is_counted_in_octets(tmp_path
 
 
 @pytest.mark.parametrize(("walls", "share"), [("air", 1.0), ("concrete", 0.0)])
-def test_walls_of_the_map_stand_between_robots(tmp_path: Path, walls: str, share: float) -> None:
+def test_walls_of_the_map_attenuate(tmp_path: Path, walls: str, share: float) -> None:
     scenario = tmp_path / "two.toml"
     scenario.write_text(f'{TWO}walls = "{walls}"\n')
     result = run(tmp_path / walls, scenario)
@@ -135,17 +135,17 @@ def test_wifi_spoils_frames_of_robots_nearby(tmp_path: Path) -> None:
     quiet.write_text(TWO.replace("3.0", '20.0\nstrategy = "chapter"') + 'walls = "air"\n')
     noisy = tmp_path / "noisy.toml"
     noisy.write_text(quiet.read_text() + "[[wifi]]\nat = [14.0, 5.0]\nchannel = 1\nduty = 0.5\n")
-    alone, beside = (run(tmp_path / file.stem, file)["frames"] for file in (quiet, noisy))
-    assert alone["copies_heard"] > beside["copies_heard"]
-    assert alone["copies_lost_disturbed"] == 0 and beside["copies_lost_disturbed"] > 10
+    without, with_wifi = (run(tmp_path / file.stem, file)["frames"] for file in (quiet, noisy))
+    assert without["copies_heard"] > with_wifi["copies_heard"]
+    assert without["copies_lost_disturbed"] == 0 and with_wifi["copies_lost_disturbed"] > 10
 
 
-WITNESSES = f"""
+REPORTING = f"""
 map = "{ROOT / "maps" / "corridor.yaml"}"
 
 [run]
 duration = 6.0
-strategy = "tests.swarm.witness:behaviour"
+strategy = "tests.swarm.reporting:behaviour"
 
 [robots]
 count = 2
@@ -162,18 +162,18 @@ restart = "r2"
 
 @pytest.fixture
 def scenario(tmp_path: Path) -> Path:
-    path = tmp_path / "witnesses.toml"
-    path.write_text(WITNESSES)
+    path = tmp_path / "reporting.toml"
+    path.write_text(REPORTING)
     return path
 
 
 @pytest.mark.parametrize("bus", ["memory", pytest.param("zenoh", marks=pytest.mark.nightly)])
-def test_the_result_holds_what_robots_reported(scenario: Path, tmp_path: Path, bus: str) -> None:
+def test_the_result_contains_reports_of_robots(scenario: Path, tmp_path: Path, bus: str) -> None:
     make = run if bus == "memory" else command.run
     result = make(tmp_path / "out", scenario, "--modules", ROOT)
-    assert result["simulated_s"] == 6.0  # the places that r2 leaves open, and the event, keep it going
+    assert result["simulated_s"] == 6.0  # open places of r2, and the event, extend the run
     names = ("places_total", "places_done", "places_claimed", "places_given_up", "places_lost")
-    assert [result[name] for name in names] == [8, 0, 1, 4, 0]  # the restarted r2 has all its places again
+    assert [result[name] for name in names] == [8, 0, 1, 4, 0]  # the restarted r2 has all its places
     assert (result["completion_s"], result["settled_s"], result["last_reached_s"]) == (None, None, 3.0)
     about_poses = result["per_robot"]["r1"].pop("pose_error")
     assert (about_poses["samples"], about_poses["times_lost"]) == (60, 0) and about_poses["rmse"] < 0.1
@@ -195,7 +195,7 @@ def test_the_result_holds_what_robots_reported(scenario: Path, tmp_path: Path, b
         (r, str(p)) for r in ("r1", "r2") for p in range(4)
     ]
     assert Counter(row["verdict"] for row in rows) == {"given up": 4, "open": 3, "mistaken": 1}
-    assert {row["reason"] for row in rows[:4]} == {"only a witness"}
+    assert {row["reason"] for row in rows[:4]} == {"stands still"}
     assert [row["in_route_of"] for row in rows] == [""] * 4 + ["r2"] * 4
     written = json.loads((tmp_path / "out" / "run.json").read_text())
     assert written["per_robot"]["r1"].pop("pose_error") == about_poses
@@ -204,16 +204,16 @@ def test_the_result_holds_what_robots_reported(scenario: Path, tmp_path: Path, b
     assert written == result
 
 
-def test_a_place_that_nobody_means_to_visit_is_lost(scenario: Path, tmp_path: Path) -> None:
-    scenario.write_text(WITNESSES.replace('restart = "r2"', 'kill = "r1"'))
+def test_a_place_on_no_route_is_lost(scenario: Path, tmp_path: Path) -> None:
+    scenario.write_text(REPORTING.replace('restart = "r2"', 'kill = "r1"'))
     result = run(tmp_path / "out", scenario, "--modules", ROOT)
     assert result["places_lost"] == 1  # the last of r2's
     assert acrc("record", "check", tmp_path / "out").returncode == 0
 
 
-def test_what_is_no_outcome_of_a_node_is_one_sentence_and_not_counted(tmp_path: Path) -> None:
+def test_a_malformed_report_of_a_node_is_named_and_not_counted(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ("--strategy", "tests.swarm.witness:liar", "--robots", 1, "--duration", 1)
+    words = ("--strategy", "tests.swarm.reporting:malformed", "--robots", 1, "--duration", 1)
     done = acrc("run", *words, "--bus", "memory", "--out", out)
     assert done.returncode == 0, done.stderr
     sentence = (

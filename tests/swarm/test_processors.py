@@ -1,4 +1,4 @@
-"""A run has one digest on any processor and any Python: instructions switched off, other Pythons, aarch64."""
+"""One digest on all processors and Python versions: disabled instructions, other Pythons, aarch64."""
 
 import json
 import os
@@ -22,15 +22,15 @@ from deploy.fleet.bundle import download
 from tests.swarm.command import run
 
 TASK: Final = ("scenarios/corridor.toml", "--bus", "memory", "--robots", "3", "--duration", "6")
-"""Robots that see, localise, drive and talk; where they touch, the fingerprints must do."""
+"""Robots scan, localise, drive and communicate."""
 NO_FMA: Final = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX2_Usable,-FMA,-FMA_Usable,-AVX512F"}
-"""glibc then uses its functions for older processors."""
+"""Makes glibc use its functions for older processors."""
 GENERIC: Final = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-"""numba then compiles for any processor of the architecture."""
+"""Makes numba compile for any processor of the architecture."""
 
 
 def no_avx512() -> Mapping[str, str]:
-    """Return what makes numpy leave AVX-512 alone; empty where it has none."""
+    """Return settings that disable AVX-512 in numpy; empty if there is none."""
     umath = np._core._multiarray_umath  # type: ignore[attr-defined]
     wide = [name for name in umath.__cpu_dispatch__ if name.startswith(("AVX512", "X86_V4"))]
     present = [name for name in wide if umath.__cpu_features__.get(name)]
@@ -50,7 +50,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str,
 
 @pytest.mark.claim("processors")
 @pytest.mark.parametrize("without", ["AVX-512 in numpy", "AVX2 and FMA in glibc"])
-def test_one_digest_whatever_the_processor_can_do(
+def test_one_digest_with_disabled_instructions(
     without: str, reference: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     environment = NO_FMA if "glibc" in without else no_avx512()
@@ -66,7 +66,7 @@ def test_one_digest_whatever_the_processor_can_do(
 
 
 def digest(folder: Path, python: list[str], seconds: str, **environment: str) -> str:
-    """Return the digest of a run by another interpreter, which compiles kernels of its own."""
+    """Return the digest of a run by another interpreter, which compiles its own kernels."""
     words = [*TASK[:-1], seconds, "--out", str(folder / "out"), "--json"]
     ours = {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(folder / "kernels")}
     done = subprocess.run(

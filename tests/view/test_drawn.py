@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from acrc_testbed.command_line import look
+from acrc_testbed.command_line import visualisation
 from acrc_testbed.explanation.time_accounting import cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import RunData
@@ -94,8 +94,8 @@ def test_an_incomplete_view_is_reported_and_fails(
 ) -> None:
     path = tmp_path / "run.rrd"
     for folders in ([lean], [lean, lean]):
-        with pytest.raises(AcrcError, match="the view lacks what is named above"):
-            look._show(folders, (), save=path, screenshot=None, at=None)
+        with pytest.raises(AcrcError, match="the view is incomplete, see above"):
+            visualisation._show(folders, (), save=path, screenshot=None, at=None)
         told = capsys.readouterr().err
         assert "r1: introspection was not recorded; record the run with --record full" in told
         assert told.splitlines()[-1].startswith("view without the data listed above after ")

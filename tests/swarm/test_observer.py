@@ -1,4 +1,4 @@
-"""A slow or stopped observer does not delay a run; the view reports the steps that it lacks."""
+"""A slow or stopped observer does not delay a run; the view reports missing steps."""
 
 import json
 import os
@@ -14,7 +14,7 @@ import pytest
 
 from tests.swarm.command import leftovers, processes_of, run, start
 
-pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
+pytest.importorskip("rerun", reason="`./acrc run --view` installs rerun")
 pytestmark = pytest.mark.nightly
 WORDS = ("--robots", 2, "--duration", 100, "--no-isolate", "--speed", 20)
 
@@ -48,14 +48,14 @@ def observer_of(out: Path) -> int:
 
 
 def result_of(process: "Popen[str]", out: Path) -> dict[str, Any]:
-    answer, told = process.communicate(timeout=90)
-    assert process.returncode == 0, told
+    answer, errors = process.communicate(timeout=90)
+    assert process.returncode == 0, errors
     assert processes_of(out) == [] and leftovers(out) == []
     result: dict[str, Any] = json.loads(answer)
     return result
 
 
-def test_an_observer_that_is_stopped_for_good_is_not_waited_for_and_says_what_the_view_lacks(
+def test_a_stopped_observer_delays_no_run_and_reports_missing_steps(
     watched: tuple["Popen[str]", Path, int], undisturbed: dict[str, Any]
 ) -> None:
     process, out, observer = watched

@@ -1,4 +1,4 @@
-"""A robot that sends what nobody asks for, by its own session and on a key that it may write to."""
+"""A robot that floods a key that it may write to, through its own session."""
 
 import sys
 from typing import Any
@@ -13,8 +13,8 @@ FRAMES = 50_000
 WHEN = seconds(1)
 
 
-class Floods:
-    """Stands still, and after a second writes again and again to a key that its readers have done with."""
+class FloodingRobot:
+    """Robot that stands still and floods a key after one second."""
 
     def __init__(self, start: Start, topic: Topic[Any]) -> None:
         self._key = topic.key(start.robot) if start.robot == "r2" else None
@@ -38,4 +38,4 @@ def _bus() -> ZenohBus:
 
 
 def transmit(start: Start) -> Behaviour:
-    return Floods(start, TRANSMIT)
+    return FloodingRobot(start, TRANSMIT)

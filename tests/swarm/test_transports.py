@@ -25,9 +25,9 @@ from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run
 
 CROWD = Path(__file__).parent / "crowd.toml"
 SHORT_S = 5.0
-"""Long enough for a difference, since a digest covers all messages."""
-TOLD = ("digest", "places_done", "places_lost", "contacts", "frames", "deeco", "per_robot")
-"""Keys of a result that depend on the run only, and not on how it was made."""
+"""Simulated duration, s; sufficient, since a digest covers all messages."""
+SAME = ("digest", "places_done", "places_lost", "contacts", "frames", "deeco", "per_robot")
+"""Keys of a result that do not depend on the transport."""
 EVENTS = """
 [[event]]
 at = 4.0
@@ -106,7 +106,7 @@ def recorded(eventful: Run, tmp_path_factory: pytest.TempPathFactory) -> Run:
 def check_one_digest(reference: dict[str, object], made: Run) -> None:
     result = made.result
     assert result["undelivered"] == result["unread"] == 0
-    assert {key: result[key] for key in TOLD} == {key: reference[key] for key in TOLD}
+    assert {key: result[key] for key in SAME} == {key: reference[key] for key in SAME}
     assert processes_of(made.out) == [] and leftovers(made.out) == []
 
 
@@ -123,7 +123,7 @@ def test_one_digest_with_isolated_robots(eventful: Run, recorded: Run) -> None:
 
 @pytest.mark.nightly
 def test_one_digest_with_a_view_and_at_a_limited_speed(eventful: Run, tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
+    pytest.importorskip("rerun", reason="`./acrc run --view` installs rerun")
     scenario, reference = eventful
     out = tmp_path / "out"
     check_one_digest(reference, made := Run(out, run(out, scenario, "--view", "--speed", "4")))
@@ -166,7 +166,7 @@ def test_recordings_give_the_digest_and_every_actor_can_be_replayed(eventful: Ru
     assert re.fullmatch(r"r8\.1: identical: \d+ outputs\n", done.stdout), done.stderr
 
 
-WAYS: dict[str, dict[str, Any]] = {
+TRANSPORTS: dict[str, dict[str, Any]] = {
     "forked": {"isolate": False},
     "isolated": {"isolate": True},
     "executed": {"spawn": "exec", "isolate": False},
@@ -189,15 +189,15 @@ def digest(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 @pytest.mark.claim("same-bits")
 @pytest.mark.nightly  # the suite compares the longer runs above
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("transport", TRANSPORTS)
 def test_processes_have_the_digest_of_the_run_in_memory(
-    way: str, digest: str, full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
+    transport: str, digest: str, full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
-    if way == "isolated" and (reason := available()) is not None:
+    if transport == "isolated" and (reason := available()) is not None:
         pytest.skip(reason)
-    result = chapter(tmp_path / "out", full, **WAYS[way])
+    result = chapter(tmp_path / "out", full, **TRANSPORTS[transport])
     assert (result.digest, result.undelivered) == (digest, 0)
-    if way == "isolated":
+    if transport == "isolated":
         replayed = recheck(tmp_path / "out").outputs  # raises if a replayed message differs
         record_property("messages replayed equal", replayed)
         assert replayed > 0

@@ -1,4 +1,4 @@
-"""`acrc demo`, `acrc view` and `acrc scenario`: what happened, and what a scenario means, as pictures."""
+"""Commands `acrc demo`, `acrc view` and `acrc scenario`, which show runs and scenarios."""
 
 import os
 import sys
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import (
+from acrc_testbed.command_line import shared_options
+from acrc_testbed.command_line.shared_options import (
     Json,
     Modules,
     Robots,
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 
 _PAGES: Final = (".png", ".svg", ".html")
 _JUDGED_S: Final = 5.0
-"""Simulated; before that no robot has stood or driven for long enough to say anything of it."""
+"""Simulated duration from which a run has meaningful statistics, s."""
 
 
 def demo(
     out: Annotated[
-        Path | None, option("DIR", "New folder for both runs and the picture.  [default: in runs/]")
+        Path | None, option("DIR", "Write both runs and pictures to this new folder.  [default: in runs/]")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -70,19 +70,19 @@ def view(
         list[Path] | None,
         argument(
             "OUT|FILE",
-            "OUT: a run's folder, or one with folders collected from robots.  [default: the newest in "
-            "runs/]  FILE: where a page goes, by its suffix, as in --html page.html.",
+            "OUT: folder of a run, or of folders collected from robots.  [default: the newest in runs/]  "
+            "FILE: output of --png, --svg or --html, by its suffix, as in --html page.html.",
         ),
     ] = None,
     png: Annotated[
         bool, flag("Draw the run on one page: FILE.png.  [default: OUT/run.png]", "--png")
     ] = False,
-    svg: Annotated[bool, flag("The same as SVG.  [default: OUT/run.svg]", "--svg")] = False,
+    svg: Annotated[bool, flag("Draw it as FILE.svg.  [default: OUT/run.svg]", "--svg")] = False,
     html: Annotated[
-        bool, flag("The same with sentences and tables.  [default: OUT/run.html]", "--html")
+        bool, flag("Write a page with text and tables: FILE.html.  [default: OUT/run.html]", "--html")
     ] = False,
     movie: Annotated[
-        Path | None, option("FILE", "Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg.")
+        Path | None, option("FILE", "Write a movie of the robots: a .gif, or an .mp4 (requires ffmpeg).")
     ] = None,
     beside: Annotated[
         list[Path] | None,
@@ -93,40 +93,41 @@ def view(
         ),
     ] = None,
     speed: Annotated[
-        float, option("X", "Simulated seconds per second of --movie.", min=1.0, max=1000.0)
+        float, option("X", "Show this many simulated seconds per second of --movie.", min=1.0, max=1000.0)
     ] = 20.0,
-    save: Annotated[Path | None, option("FILE", "Write the view to a file.rrd, and open nothing.")] = None,
-    screenshot: Annotated[Path | None, option("FILE", "Write a picture of the window to a file.png.")] = None,
+    save: Annotated[Path | None, option("FILE", "Write the view to a .rrd file; open nothing.")] = None,
+    screenshot: Annotated[Path | None, option("FILE", "Write a screenshot to a .png file.")] = None,
     at: Annotated[
-        float | None, option("S", "Simulated time of the screenshot, s.  [default: middle of the run]", min=0)
+        float | None,
+        option("S", "Take the screenshot at this simulated time.  [default: middle of the run]", min=0),
     ] = None,
     robot: Annotated[
         list[str] | None,
-        option("ID", "Show everything that this robot perceives; repeatable.  [default: the first eight]"),
+        option("ID", "Show this robot's perception; repeatable.  [default: the first eight]"),
     ] = None,
     json: Annotated[
-        bool, flag("Print how the run stands and the files as JSON; open nothing.", "--json")
+        bool, flag("Print the state of the run and the files as JSON; open nothing.", "--json")
     ] = False,
 ) -> None:
     """Open a run in the viewer, or draw it.
 
-    The viewer shows the floor, each robot's own view, radio, lanes and plots over time. The exit code is 1 if
-    it lacks something, such as the own view of a robot that was recorded lean.
+    The viewer shows the floor, each robot's perception, radio, lanes and plots over time. The exit code is 1
+    if data are missing, such as the perception of a robot that was recorded lean.
 
-    Everything is read from recordings; nothing is replayed. With --png, --svg, --html or --movie: floor,
+    All data come from recordings; nothing is replayed. With --png, --svg, --html or --movie: draw floor,
     trails, places, meetings, radio and progress.
     """
     folder, files = _folder_and_files(paths or ())
     out = folder or _newest()
     name = "beside" if beside else "run"
-    for wished, suffix in ((png, ".png"), (svg, ".svg"), (html, ".html")):
-        if wished:
+    for requested, suffix in ((png, ".png"), (svg, ".svg"), (html, ".html")):
+        if requested:
             files.setdefault(suffix, out / f"{name}{suffix}")
     if beside and (".html" in files or movie):
         raise OptionError("--beside: cannot be combined with --html or --movie")
     pages = list(files.values())
     if beside and pages:
-        _answer_drawn(out, _draw_beside((out, *beside), pages), json=json)
+        _answer_drawn(out, _draw_side_by_side((out, *beside), pages), json=json)
         return
     if pages or movie or (json and save is None and screenshot is None):
         drawn = _draw_page(out, pages, movie, speed) if pages or movie else []
@@ -149,16 +150,16 @@ def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Pat
         output_file(f"--{suffix[1:]}", file, suffix)
     if folders[1:]:
         right = typed("view", folders[0], "--html", "page.html")
-        raise OptionError(f"view: has no use for {folders[1]}; must be as in {right}, or with --beside DIR")
+        raise OptionError(f"view: unexpected argument {folders[1]}; example: {right}, or --beside DIR")
     return next(iter(folders), None), files
 
 
 def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
-    """Name the files that were written, and with `json` how the run stands."""
+    """Print the written files; with `json` also the state of the run."""
     from acrc_testbed.recordings.topics import run_state
 
-    told = {"out": out, "stands": run_state(out).value, "files": files} if json else None
-    answer(map(str, files), told, json=json)
+    data = {"out": out, "stands": run_state(out).value, "files": files} if json else None
+    answer(map(str, files), data, json=json)
 
 
 def _newest() -> Path:
@@ -168,7 +169,7 @@ def _newest() -> Path:
     found = out_folder.newest(Path("runs"))
     if found is None:
         raise OptionError("OUT: missing, and runs/ contains no run; give a run's folder")
-    sys.stderr.write(f"acrc: {found}: the newest run\n")
+    sys.stderr.write(f"acrc: newest run: {found}\n")
     return found
 
 
@@ -180,7 +181,7 @@ def _show(
     screenshot: Path | None,
     at: float | None,
 ) -> None:
-    """Show one run, or several beside one another."""
+    """Show one run, or several side by side."""
     from acrc_testbed.view import run_view
     from deploy.run import out_folder
 
@@ -193,37 +194,37 @@ def _show(
         if save is None and screenshot is None:
             complete = run_view.show(folders, robots, say)
     if not complete:
-        raise AcrcError(f"{folders[0]}: the view lacks what is named above")
+        raise AcrcError(f"{folders[0]}: the view is incomplete, see above")
 
 
-def _draw_beside(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
-    """Draw several runs beside one another into each file; return the files."""
+def _draw_side_by_side(folders: Sequence[Path], pictures: Sequence[Path]) -> Sequence[Path]:
+    """Draw several runs side by side into each file; return the files."""
     from acrc_testbed.picture import run_page
     from acrc_testbed.run_model.simulated_runs import read_run
     from deploy.run import out_folder
 
     runs = [read_run(folder) for folder in folders]
     for folder, run in zip(folders, runs, strict=True):
-        _warn_of_lack(folder, run)
+        _warn_if_incomplete(folder, run)
     for picture in pictures:
         with out_folder.writing(picture.parent):
             run_page.write_several(runs, picture)
     return pictures
 
 
-def _warn_of_lack(out: Path, run: "RunData") -> None:
-    """Say that a run is too short to say anything, or that recordings of it are elsewhere, if so."""
+def _warn_if_incomplete(out: Path, run: "RunData") -> None:
+    """Warn if a run is too short for statistics, or some of its recordings are elsewhere."""
     from acrc_testbed.results.seal import elsewhere, where
 
     if left := elsewhere(out):
-        sys.stderr.write(f"acrc: {where(out, left)}; until then it is drawn as seen from outside\n")
+        sys.stderr.write(f"acrc: {where(out, left)}; until then only the ground truth is drawn\n")
     if run.end < _JUDGED_S:
-        short = f"the run lasts {run.end:g} s; nothing can be judged from less than {_JUDGED_S:g} s"
+        short = f"the run lasts {run.end:g} s; statistics require at least {_JUDGED_S:g} s"
         sys.stderr.write(f"acrc: {out}: {short}\n")
 
 
 def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
-    """Draw the run on one page, once into each file, and as a movie if one is wished; return the files."""
+    """Draw the run into each page and, if given, into `movie`; return the files."""
     from acrc_testbed.picture import run_html, run_movie, run_page
     from acrc_testbed.recordings.topics import partial_run_notice
     from acrc_testbed.run_model.simulated_runs import read_run
@@ -234,7 +235,7 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
     run = read_run(out)
     if run.result is None:
         screen(stderr=True).print(partial_run_notice(out, run.end))
-    _warn_of_lack(out, run)
+    _warn_if_incomplete(out, run)
     for page in pages:
         with out_folder.writing(page.parent):
             (run_html if page.suffix == ".html" else run_page).write(run, page)
@@ -247,13 +248,13 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
 
 def scenario(
     file: Annotated[
-        Path, argument("FILE", "A scenario, a map or a robot model.", autocompletion=options.scenarios)
+        Path, argument("FILE", "Scenario, map or robot model.", autocompletion=shared_options.scenarios)
     ],
     robots: Robots = None,
     seed: Seed = None,
     setting: Setting = None,
     png: Annotated[
-        Path | None, option("FILE", "Draw it: floor, doors, starts, places, reach of radio.")
+        Path | None, option("FILE", "Draw floor, doors, starts, places and radio range to this file.")
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
@@ -261,8 +262,8 @@ def scenario(
 ) -> None:
     """Check a scenario, a map or a robot model.
 
-    It prints what the file means on its floor. Options replace what the scenario says. The strategy is
-    created once, as for a run, to check its module and its settings.
+    Prints a summary of the file. Options override the scenario. The strategy is created once, as for a run,
+    to check its module and its settings.
     """
     from actors.floor import offices
     from actors.robot.behaviour.code_permit import permit_of, permitted_folders
@@ -277,9 +278,7 @@ def scenario(
 
     if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
-            raise OptionError(
-                f"{file}: is not a scenario; cannot be combined with --robots, --seed and --set"
-            )
+            raise OptionError(f"{file}: not a scenario; cannot be combined with --robots, --seed and --set")
         _answer_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
         return
     permit = permit_of(modules, trust=trust)
@@ -291,7 +290,7 @@ def scenario(
 
 
 def _answer_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: bool) -> None:
-    """Draw what a file means, and say it."""
+    """Print the summary of a file and, with `png`, draw it."""
     from deploy.run import out_folder
     from deploy.scenario import survey
 

@@ -1,4 +1,4 @@
-"""Commands on campaigns: campaign, compare, report, bundle, study plan and study freeze."""
+"""Implementation of the commands campaign, compare, report, bundle, study plan and study freeze."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
-from acrc_testbed.command_line.options import answer
+from acrc_testbed.command_line.shared_options import answer
 from acrc_testbed.experiments import campaign as campaigns
 from acrc_testbed.experiments import comparison, frozen_plan, store, verdicts
 from acrc_testbed.experiments.campaign import CampaignOptions
@@ -52,7 +52,7 @@ from deploy.run.progress import lines
 
 
 def campaign(
-    wishes: StudyOptions,
+    study_options: StudyOptions,
     out: Path | None,
     options: CampaignOptions,
     permit: Permit,
@@ -61,14 +61,14 @@ def campaign(
     until_decided: bool,
     json_output: bool,
 ) -> None:
-    """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
+    """Run the study and print its state. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
-        options = replace(options, on=plain(options.on))  # said before anything is written
-    wishes, taken_for = understood(wishes)
-    study = study_of(wishes)
+        options = replace(options, on=plain(options.on))  # reports errors before anything is written
+    study_options, notes = understood(study_options)
+    study = study_of(study_options)
     if study.isolated and options.on is None:
-        choose(True)  # refused here, not run by run
-    source = path_of(wishes)
+        choose(True)  # fails once here, not in each run
+    source = path_of(study_options)
     hints, modules = check(study, permit, source)
     plan_file = store.plan_of(plan, None if study.tuning else source)
     options = replace(options, modules=modules)
@@ -80,11 +80,11 @@ def campaign(
     frozen = store.take_in(kept, plan_file, source, looks=until_decided)
     say = screen(stderr=True)
     least = LEAST_PAIRS if watch is None else watch.rules.least
-    for line in [] if json_output else (*taken_for, *hints, *foreseen(study, least), *frozen):
+    for line in [] if json_output else (*notes, *hints, *foreseen(study, least), *frozen):
         say.print(line)
     enough = (lambda: False) if watch is None else watch.enough
     try:
-        with shown(quiet=json_output) as follow:
+        with progress_display(quiet=json_output) as follow:
             progress = campaigns.carry_out(kept, options, follow, enough)
     except Interrupted as interrupt:
         say.print(f"acrc: interrupted; the same command resumes from {folder}")
@@ -93,7 +93,7 @@ def campaign(
         campaigns.write(kept)
         seal(kept.folder)
     different = differing(kept)
-    told = {
+    data = {
         "out": folder,
         **msgspec.to_builtins(progress),
         "protection": protection(kept),
@@ -101,7 +101,7 @@ def campaign(
         "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
         "coincide": coincidences(kept.records()),
     }
-    answer(() if json_output else _lines(kept, folder, progress, watch), told, json=json_output)
+    answer(() if json_output else _lines(kept, folder, progress, watch), data, json=json_output)
     _warn(different)
     if different:
         raise typer.Exit(1)
@@ -110,7 +110,7 @@ def campaign(
 def _lines(
     kept: store.Store, folder: Path, progress: campaigns.CampaignProgress, watch: verdicts.Watch | None
 ) -> Iterator[str]:
-    """Yield what is said at the end."""
+    """Yield the final sentences."""
     yield from protection(kept)
     failed: dict[str, list[str]] = {}
     for record in kept.records():
@@ -123,21 +123,21 @@ def _lines(
     if watch is not None:
         yield from verdicts.look_sentences(watch.looked_at(), watch.rules)
     yield (
-        f"{progress.done} of {progress.total} runs, {progress.failed} failed, in {folder}, as tables in"
-        f" results.csv and results.parquet; {typed('compare', folder)} says what they show"
+        f"{progress.done} of {progress.total} runs done, {progress.failed} failed; {folder} contains tables "
+        f"results.csv and results.parquet; to compare strategies: {typed('compare', folder)}"
     )
 
 
 @contextmanager
-def shown(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
-    """Report progress on standard error: by a bar at a terminal, otherwise by a line now and then."""
+def progress_display(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
+    """Report progress on standard error, by a bar at a terminal, otherwise by occasional lines."""
     console = screen(stderr=True, soft_wrap=False)
     if quiet:
         yield lambda progress: None
         return
     if not console.is_terminal:
-        say = lines(console)
-        yield lambda progress: say(f"{progress.done} of {progress.total} runs{_stands(progress)}")
+        log = lines(console)
+        yield lambda progress: log(f"{progress.done} of {progress.total} runs{_stands(progress)}")
         return
     bar = Progress(
         TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[stands]}"),
@@ -151,7 +151,7 @@ def shown(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
 
 
 def _stands(progress: campaigns.CampaignProgress) -> str:
-    """Describe failures, a decision and the remaining time, each behind a comma."""
+    """Return failures, a decision and the remaining time, each behind a comma."""
     failed = f", {progress.failed} failed" if progress.failed else ""
     decided = ", decided" if progress.enough else ""
     if not progress.left_s:
@@ -165,10 +165,10 @@ def _span(seconds: float) -> str:
 
 
 def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: bool) -> None:
-    """Freeze the study beside its file, or where it is asked for. Raises AcrcError over a file."""
+    """Freeze the study into `out`, by default beside its file. Raises AcrcError if that file exists."""
     target = out or study_file.with_suffix(frozen_plan.SUFFIX)
     if target.exists():
-        raise AcrcError(f"{target}: is there already; must be another file, for what is frozen stays")
+        raise AcrcError(f"{target}: already exists; a frozen plan is not replaced: choose another file")
     study = load_study(study_file)
     step_names(study)
     looks = verdicts.rules_for(study).differ.looks if until_decided else ()
@@ -176,43 +176,42 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
     with out_folder.writing(target):
         regular_file.write(target, content)
     plan = frozen_plan.read(target)
-    said = [
+    lines = [
         f"Frozen {declared(plan)}",
-        f"written to {target}; a hash proves no date: publish it before the first run to prove one",
+        f"written to {target}; publish the hash before the first run, since it does not prove a date",
     ]
-    answer(said, {"file": target, "commit": plan.commit, "sha256": plan.sha256}, json=json)
+    answer(lines, {"file": target, "commit": plan.commit, "sha256": plan.sha256}, json=json)
 
 
 def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
-    """Write the report beside the first folder's content, or where it is asked for."""
+    """Write the report to `out`, by default in the first folder."""
     from acrc_testbed.experiments.report import report as reports  # draws with matplotlib
 
     target = out or folders[0] / "report"
     with out_folder.writing(target):
         page = reports.write(folders, out or regular_file.no_link(target))
-    said = f"written to {page}, with its pictures and tables beside it"
-    answer([said], {"page": page}, json=json)
+    answer([f"written to {page}, with pictures and tables"], {"page": page}, json=json)
 
 
 def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool) -> None:
-    """Write the bundle beside the campaign's folder, or where it is asked for."""
+    """Write the bundle to `out`, by default beside the campaign's folder."""
     from acrc_testbed.experiments.report import bundle as bundles  # draws with matplotlib
 
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
     with out_folder.writing(target):
         has_software = bundles.make(folder, target, authors)
-    said = [f"written to {target}; unpack it and call ./reproduce.sh to repeat the runs"]
+    lines = [f"written to {target}; unpack it and run ./reproduce.sh to repeat the runs"]
     if not has_software:
-        said.append("without the software: it was changed after its last commit, or that commit is gone")
+        lines.append("the software is not included: it has uncommitted changes, or its commit is missing")
     if not authors:
-        said.append("its CITATION.cff names no author; give --author NAME")
-    answer(said, {"file": target, "has_software": has_software, "authors": authors}, json=json)
+        lines.append("CITATION.cff has no author; add --author NAME")
+    answer(lines, {"file": target, "has_software": has_software, "authors": authors}, json=json)
 
 
 def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
-    """Compare every pair of strategies of a campaign, and print what comes of it.
+    """Compare every pair of strategies of a campaign and print the results.
 
-    Exit code 1 if a repeated run was another one in memory: then it says so before and after all else.
+    Exit code 1, and a warning first and last, if a repeated run had another digest in memory.
     """
     if metric is not None and not comparison.is_metric(metric):
         raise wrong_value("--metric", metric, comparison.CHOICE)
@@ -269,17 +268,17 @@ def _comparison(kept: store.Store, found: CampaignJudgement) -> Iterator[str | T
     for across in found.across:
         yield from across_sentences(across)
     if found.estimates:
-        yield "Estimates with 95 % intervals, of which none is a test:"
+        yield "Estimates with 95 % confidence intervals (descriptive, not tests):"
     yield from _tables(found.estimates)
     if kept.looks is not None:
         yield from verdicts.look_sentences(found.looks, verdicts.rules_for(kept.study))
     yield from coincidence_sentences(coincidences(kept.records()))
     if kept.study.tuning:
-        yield "These are tuning seeds: test what was chosen with them on other seeds."
+        yield "These are tuning seeds: confirm settings chosen with them on other seeds."
 
 
 def _tables(made: Sequence[Comparison]) -> Iterator[Table]:
-    """One for each pair of strategies in each variant; a row for each metric."""
+    """Yield a table per pair of strategies and variant, with a row per metric."""
     for (one, other, variant), group in groupby(made, key=lambda c: (c.one, c.other, c.variant)):
         title = ", ".join([f"{one} and {other}", *(f"{key} = {value}" for key, value in variant)])
         table = Table("metric", one, other, "difference", "better", "worse", "A12", title=title)
@@ -301,24 +300,24 @@ def _interval(found: Interval, form: str) -> str:
 
 
 def plan(a12: float, power: float, correlation: float, comparisons: int, *, json: bool) -> None:
-    """Print the number of pairs that an effect needs; a comparison has two tests, of places and of times."""
+    """Print the number of pairs that an effect requires; a comparison has two tests (places, times)."""
     tests = 2 * comparisons
     try:
         pairs = pairs_needed(Effect(a12, correlation, power, tests))
     except ValueError as error:
         raise OptionError(f"--a12: {error}") from None
-    said = (
-        f"{pairs} pairs of runs show an effect of A12 = {a12:g} with probability {power:g} at 5 % shared by "
-        f"{tests} tests, if two runs with the same seed correlate by {correlation:g}."
+    sentence = (
+        f"{pairs} pairs of runs detect an effect of A12 = {a12:g} with probability {power:g} at 5 % shared "
+        f"by {tests} tests, if runs with the same seed have correlation {correlation:g}."
     )
-    told = {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests}
-    answer([said], told, json=json)
+    data = {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests}
+    answer([sentence], data, json=json)
 
 
 def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons: int, *, json: bool) -> None:
-    """Print how often campaigns of a size would tell the declared strategies apart, and what is too easy."""
+    """Print the power of the declared comparisons by campaign size, and ceiling effects."""
     if comparisons > 1:
-        raise OptionError("--comparisons: cannot be combined with --pilot, whose study declares them")
+        raise OptionError("--comparisons: cannot be combined with --pilot; the study declares them")
     kept = store.load(folder)
     if metric is not None and not comparison.is_metric(metric):
         raise wrong_value("--metric", metric, comparison.CHOICE)
@@ -326,10 +325,10 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
     records = list(kept.records())
     found = primary(samples(records, study), study)
     if not found or not all(sample.pairs for sample in found):
-        raise AcrcError(f"{folder}: has no pair of a declared comparison; must hold at least one of each")
+        raise AcrcError(f"{folder}: a declared comparison has no pair of runs; run at least one of each")
     made = list(promises(found, study, power))
     names = [sample.name for sample in found]
-    told = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
+    data = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
     seeds = min(len(sample.pairs) for sample in found)
     shown = [
         *failures(records, study),
@@ -338,24 +337,24 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
     ]
     if not kept.study.tuning:
         shown.append(
-            "These are seeds of tests, which have been looked at now; a pilot with --tuning has its own."
+            "This pilot uses the seeds of tests, which are no longer unseen; run pilots with --tuning."
         )
-    answer(shown, told, json=json)
+    answer(shown, data, json=json)
 
 
 def _promised(
     names: Sequence[str], made: Sequence[Promise], tests: int, power: float, seeds: int
 ) -> Iterator[str | Table]:
-    title = f"Share of campaigns that tell them apart, by {tests} tests"
+    title = f"Power: share of campaigns that detect the difference, by {tests} tests"
     table = Table("pairs", *names, title=title)
     for one in made:
         shares = zip(one.shares, one.cautious, strict=True)
         table.add_row(str(one.pairs), *(f"{share:.2f} ({cautious:.2f})" for share, cautious in shares))
     yield table
-    yield f"In brackets: if the {seeds} seeds of the pilot are themselves drawn."
+    yield f"In brackets: with the {seeds} seeds of the pilot resampled, too."
     last = made[-1]
     if min(last.shares) >= power:
-        yield f"{last.pairs} pairs tell each of them apart with probability {power:g}."
+        yield f"{last.pairs} pairs detect each difference with probability {power:g}."
     else:
         open_ones = [name for name, share in zip(names, last.shares, strict=True) if share < power]
         yield f"{last.pairs} pairs do not reach probability {power:g} for {', '.join(open_ones)}."

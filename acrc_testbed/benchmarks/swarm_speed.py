@@ -1,4 +1,4 @@
-"""`acrc bench swarm`: the whole stack with many robots, over Zenoh and in memory."""
+"""`acrc bench swarm`: speed of the whole stack with many robots, over Zenoh and in memory."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from typing import Final
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import Measured, SpeedGoal, at_least, at_most, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, SpeedGoal, at_least, at_most, table_of
 from acrc_testbed.benchmarks.swarm_runs import (
     KINDS,
     MemoryFigures,
@@ -39,10 +39,10 @@ GROWTH: Final = 1.3
 START_S: Final = 6.0
 """Goal: time until the first step of MANY robots."""
 PSS_MB: Final = 25.0
-"""Goal: mean memory of each of MANY robots' processes."""
+"""Goal: mean memory (PSS) of the processes of MANY robots, MB."""
 _IDLE: Final = Path(__file__).with_name("idle.toml")
 _YARDSTICK: Final = 300_007
-"""Length of the list that the yardstick walks; a prime, so that the order of accesses is irregular."""
+"""Length of the list of the yardstick; a prime, so that accesses are irregular."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +52,15 @@ class Traffic:
     published: float
     """Packets of the robot's own knowledge."""
     frames: float
-    """Sent, relayed ones included."""
+    """Frames sent, including relayed ones."""
     copies: float
-    """Frames at other transceivers, received or not: what the medium computes."""
+    """Copies of frames at other transceivers that the medium computes, received or not."""
     heard: float
     """Frames received."""
     packets: float
-    """Packets received, those of the robot's own knowledge included."""
+    """Packets received, including those of the robot's own knowledge."""
     stale: float
-    """Received packets that are as old as what is known, or the robot's own."""
+    """Received packets without news: outdated, or the robot's own."""
 
 
 @dataclass(frozen=True)
@@ -71,41 +71,41 @@ class SwarmFigures:
     simulated_s: float
     """Simulated length of each run."""
     mesh: MeshFigures | None
-    """None if so many processes do not run here."""
+    """None if so many processes cannot run here."""
     memory: MemoryFigures
     idle_ms: float | None
-    """CPU of robots that do nothing, over Zenoh: step protocol, recording and isolation; None as `mesh`."""
+    """CPU of idle robots over Zenoh: step protocol, recording and isolation; None as `mesh`."""
     idle_memory_ms: float
     traffic: Traffic
     load: float
-    """Load average of the machine before."""
+    """Load average of the machine before the runs."""
     yardstick_ms: float
-    """CPU of a fixed piece of work, to compare machines."""
+    """CPU of a fixed workload, to compare machines, ms."""
 
 
 def measure(
     robots: Sequence[int] | None = None, duration: float | None = None, repeat: int = SwarmTask.repeat
-) -> Measured:
-    """Measure each number of robots for `duration` simulated s; the median of `repeat` runs over Zenoh.
+) -> BenchmarkResult:
+    """Measure each number of robots for `duration` simulated s; report medians of `repeat` runs over Zenoh.
 
-    `duration`: None: what fits into a few minutes.
+    Without `duration` the benchmark takes a few minutes.
     """
     task = SwarmTask(tuple(robots or SwarmTask.robots), repeat=repeat)
     if duration is not None:
         task = replace(task, seconds=duration, robot_seconds=None)
-    swarms = list(_measured(task))
-    goals = judged(swarms)
+    swarms = list(_measure(task))
+    goals = speed_goals(swarms)
     figures = {
         "task": asdict(task) | {"scenario": str(task.scenario)},
         "cores": os.cpu_count(),
         "swarms": [asdict(one) for one in swarms],
         "goals": [asdict(goal) for goal in goals],
     }
-    return Measured(figures, _shown(task, swarms, goals))
+    return BenchmarkResult(figures, _shown(task, swarms, goals))
 
 
-def _measured(task: SwarmTask) -> Iterator[SwarmFigures]:
-    """Measure all runs over Zenoh first: memory that runs in this process use would count for the parent."""
+def _measure(task: SwarmTask) -> Iterator[SwarmFigures]:
+    """Measure over Zenoh first: in-memory runs enlarge this process, the parent of the others."""
     say = screen(stderr=True)
     idle_task = replace(task, scenario=_IDLE)
     meshes = []
@@ -134,12 +134,12 @@ def _mesh(robots: int, task: SwarmTask) -> MeshFigures | None:
     try:
         return over_mesh(robots, task)
     except AcrcError as error:
-        sys.stderr.write(f"acrc: {robots} robots do not run over Zenoh: {error}\n")
+        sys.stderr.write(f"acrc: run of {robots} robots over Zenoh failed: {error}\n")
         return None
 
 
 def yardstick() -> float:
-    """Return the CPU of a fixed walk through more memory than a core's own cache holds, ms."""
+    """Return the CPU of irregular accesses to more memory than a core's cache, ms."""
     numbers = list(range(_YARDSTICK))
     began = time.thread_time_ns()
     place = 1
@@ -162,8 +162,8 @@ def _traffic(robots: int, run: MemoryFigures) -> Traffic:
     return Traffic(**{name: count / (robots * run.simulated_s) for name, count in counts.items()})
 
 
-def judged(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
-    """Compare the swarms that were measured over Zenoh with their goals."""
+def speed_goals(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
+    """Return the goals of swarms measured over Zenoh."""
     meshes = {one.robots: one.mesh for one in swarms if one.mesh}
     speed, rate = "simulated seconds per second over Zenoh", "robot-steps per second of one core in memory"
     goals = [
@@ -173,7 +173,7 @@ def judged(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
     ]
     goals += [
         at_least(
-            f"{one.robots} robots: {rate}, as over Zenoh on all",
+            f"{one.robots} robots: {rate}, rate over Zenoh on all cores",
             STEPS_PER_SECOND / one.memory.ms * 1e3,
             STEPS_PER_SECOND * one.robots * one.mesh.real_time_factor.median,
         )
@@ -184,12 +184,12 @@ def judged(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
         return goals
     if FEW in meshes:
         factor = many.ms.median / meshes[FEW].ms.median
-        goals.append(at_most(f"{MANY} robots: CPU per robot and second as with {FEW}, times", factor, GROWTH))
+        goals.append(at_most(f"{MANY} robots: CPU per robot and second, times that of {FEW}", factor, GROWTH))
     size = many.memory[ROBOTS].mean_pss_mb
     return [
         *goals,
         at_most(f"{MANY} robots: s until the first step", many.startup_s.median, START_S),
-        at_most(f"{MANY} robots: MB of memory (PSS) for each robot's process", size, PSS_MB),
+        at_most(f"{MANY} robots: MB of memory (PSS) per robot process", size, PSS_MB),
     ]
 
 
@@ -203,10 +203,10 @@ def _shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[Spee
     tables: list[Table | str] = [
         table_of([_speed(one) for one in swarms], speeds),
         _by_room(swarms),
-        table_of(air, "the air, per robot and simulated second", ".2f"),
+        table_of(air, "radio traffic per robot and simulated second", ".2f"),
     ]
     if meshes:
-        title = "processes: CPU ms per robot and simulated second; MB of memory, all of a kind"
+        title = "processes: CPU ms per robot and simulated second; MB of memory, sum by kind"
         tables.append(table_of([row for each in meshes.items() for row in _processes(*each)], title))
     return [*tables, *map(str, goals)]
 
@@ -234,12 +234,12 @@ def _spread(spread: Range, digits: int) -> str:
 
 
 def _by_room(swarms: Sequence[SwarmFigures]) -> Table:
-    """Tabulate every package for every number of robots, the most expensive first."""
-    title = "CPU by package in memory, ms per robot and simulated second, shared out as in a profiled run"
+    """Return a table of packages by number of robots, the most expensive first."""
+    title = "CPU by package in memory, ms per robot and simulated second, in the proportions of a profile"
     table = Table("package", *(f"{one.robots} robots" for one in swarms), title=title)
-    names = dict.fromkeys(room for one in swarms for room in one.memory.rooms)
-    for name in sorted(names, key=lambda name: -swarms[-1].memory.rooms.get(name, 0.0)):
-        table.add_row(name, *(f"{one.memory.rooms.get(name, 0.0):.3f}" for one in swarms))
+    names = dict.fromkeys(package for one in swarms for package in one.memory.packages)
+    for name in sorted(names, key=lambda name: -swarms[-1].memory.packages.get(name, 0.0)):
+        table.add_row(name, *(f"{one.memory.packages.get(name, 0.0):.3f}" for one in swarms))
     table.add_row("all", *(f"{one.memory.ms:.3f}" for one in swarms), style="bold")
     return table
 
@@ -247,7 +247,7 @@ def _by_room(swarms: Sequence[SwarmFigures]) -> Table:
 def _air(of: Traffic) -> dict[str, float]:
     return {
         "published": of.published, "frames sent": of.frames, "copies computed": of.copies,
-        "frames heard": of.heard, "packets": of.packets, "news": of.packets - of.stale, "no news": of.stale,
+        "frames heard": of.heard, "packets": of.packets, "new": of.packets - of.stale, "stale": of.stale,
     }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Every command imports only what the base and the extras that `./acrc` installs for it contain."""
+"""Every command imports only packages of the base and of the extras that `./acrc` installs for it."""
 
 import ast
 import inspect
@@ -10,7 +10,7 @@ from collections import defaultdict
 
 import pytest
 
-from acrc_testbed.command_line.documentation import tree
+from acrc_testbed.command_line.documentation import command_tree
 from actors.installation.repository import REPOSITORY as ROOT
 from tests.cli.test_acrc import extras_of
 
@@ -72,7 +72,7 @@ def by_extras() -> dict[str, dict[str, list[str]]]:
     apart = {"acrc", "acrc test", "acrc check", "acrc add"}
     commands = {
         words.removeprefix("acrc "): imports_of(command)
-        for words, command in tree().items()
+        for words, command in command_tree().items()
         if words not in apart and not hasattr(command, "list_commands")
     }
     for words, modules in STARTED.items():

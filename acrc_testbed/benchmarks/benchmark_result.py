@@ -1,4 +1,4 @@
-"""Result of a benchmark: figures, tables, goals, verdict; cost of commands."""
+"""Result of a benchmark, and timing of commands."""
 
 import json
 import os
@@ -19,26 +19,26 @@ from actors.console import show
 from actors.runtime.errors import AcrcError
 
 _WIDTH: Final = 250
-"""Characters that the widest table needs, where no terminal says how wide it is."""
+"""Columns of the widest table; used without a terminal."""
 
 
 @dataclass(frozen=True)
-class Measured:
-    """The figures, and how a person reads them."""
+class BenchmarkResult:
+    """Result of a benchmark or comparison."""
 
     figures: Any
-    """For JSON."""
+    """Figures for JSON."""
     shown: Sequence[Table | str]
-    """Tables and sentences, in their order."""
+    """Tables and sentences, in order."""
     holds: bool | None = None
-    """Whether what was claimed holds; None: nothing was claimed."""
+    """Whether the claim holds; None: no claim was made."""
 
     def with_line(self, line: str) -> Self:
-        """Return the same with one more sentence at the end."""
+        """Return a copy with one more sentence at the end."""
         return replace(self, shown=(*self.shown, line))
 
-    def tell(self, *, json_output: bool) -> int:
-        """Print it for people or as JSON; return the exit code, 1 if the claim does not hold."""
+    def report(self, *, json_output: bool) -> int:
+        """Print tables or JSON; return the exit code, 1 if the claim does not hold."""
         if json_output:
             sys.stdout.write(json.dumps(self.figures) + "\n")
         else:
@@ -48,7 +48,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class SpeedGoal:
-    """A goal, beside what was reached."""
+    """A performance goal and the measured figure."""
 
     words: str
     figure: float
@@ -56,23 +56,23 @@ class SpeedGoal:
     met: bool
 
     def __str__(self) -> str:
-        """A sentence."""
+        """Return one sentence."""
         figure = f"{self.figure:,.0f}" if abs(self.figure) >= 1000 else f"{self.figure:.4g}"
         return f"goal, {self.words}: {figure}, {'met' if self.met else 'MISSED'}"
 
 
-def at_least(what: str, figure: float, goal: float) -> SpeedGoal:
+def at_least(name: str, figure: float, goal: float) -> SpeedGoal:
     """Return the goal that the figure is at least `goal`."""
-    return SpeedGoal(f"{what}, at least {goal:,.6g}", figure, goal, figure >= goal)
+    return SpeedGoal(f"{name}, at least {goal:,.6g}", figure, goal, figure >= goal)
 
 
-def at_most(what: str, figure: float, goal: float) -> SpeedGoal:
+def at_most(name: str, figure: float, goal: float) -> SpeedGoal:
     """Return the goal that the figure is at most `goal`."""
-    return SpeedGoal(f"{what}, at most {goal:,.6g}", figure, goal, figure <= goal)
+    return SpeedGoal(f"{name}, at most {goal:,.6g}", figure, goal, figure <= goal)
 
 
 def table_of(rows: Sequence[Mapping[str, object]], title: str, form: str = "") -> Table:
-    """Tabulate at least one row, each with the same columns by name; `form`: of values that are not text."""
+    """Return a table of at least one row, given by column; `form`: format of values that are not text."""
     table = Table(*rows[0], title=title)
     for row in rows:
         cells = ("-" if value is None else value for value in row.values())
@@ -81,28 +81,30 @@ def table_of(rows: Sequence[Mapping[str, object]], title: str, form: str = "") -
 
 
 ACRC: Final = (sys.executable, "-P", "-m", "acrc_testbed.command_line")
-_LAST_WORDS: Final = 300
-"""Characters of what a failed command said."""
+_ERROR_LENGTH: Final = 300
+"""Characters of a failed command's standard error that are shown."""
 
 
 @dataclass(frozen=True)
-class Spent:
-    """Cost of a command and of all processes that it started."""
+class CommandCost:
+    """Output and cost of a command, including its child processes."""
 
-    answer: str
-    """Its standard output."""
+    output: str
+    """Standard output."""
     wall_s: float
     cpu_s: float
     voluntary: int
-    """Context switches of a process that waited for something."""
+    """Voluntary context switches."""
     forced: int
-    """Context switches of a process that could have gone on."""
+    """Involuntary context switches."""
 
 
-def spent(words: Sequence[str], cwd: Path | None = None, env: Mapping[str, str] | None = None) -> Spent:
-    """Run a command while this process has no other one. Raises AcrcError with its last words if it fails.
+def run_timed(
+    words: Sequence[str], cwd: Path | None = None, env: Mapping[str, str] | None = None
+) -> CommandCost:
+    """Run a command while this process has no other children. Raises AcrcError if it fails.
 
-    If this process is ended meanwhile, so are all processes that the command has started.
+    Signals that interrupt this process also terminate the command's process group.
     """
     before, began = getrusage(RUSAGE_CHILDREN), time.monotonic()
     try:
@@ -120,8 +122,8 @@ def spent(words: Sequence[str], cwd: Path | None = None, env: Mapping[str, str] 
             raise
     wall_s, after = time.monotonic() - began, getrusage(RUSAGE_CHILDREN)
     if process.returncode != 0:
-        raise AcrcError(f"{shlex.join(words)} fails: {err.strip()[-_LAST_WORDS:]}")
-    return Spent(
+        raise AcrcError(f"{shlex.join(words)} fails: {err.strip()[-_ERROR_LENGTH:]}")
+    return CommandCost(
         out,
         wall_s,
         after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime,

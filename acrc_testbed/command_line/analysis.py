@@ -1,4 +1,4 @@
-"""`acrc replay`, `acrc explain` and `acrc export`."""
+"""Commands `acrc replay`, `acrc explain` and `acrc export`."""
 
 import sys
 from collections.abc import Sequence
@@ -7,8 +7,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
 
-from acrc_testbed.command_line import options
-from acrc_testbed.command_line.options import Json, Modules, Trust, answer, argument, flag, isolation, option
+from acrc_testbed.command_line import shared_options
+from acrc_testbed.command_line.shared_options import (
+    Json,
+    Modules,
+    Trust,
+    answer,
+    argument,
+    flag,
+    isolation,
+    option,
+)
 from actors.console import screen
 from actors.installation.usage import OptionError, wrong_value
 
@@ -18,46 +27,50 @@ if TYPE_CHECKING:
 
 
 def replay(
-    out: Annotated[Path, argument("OUT", "A run's folder.")],
+    out: Annotated[Path, argument("OUT", "Folder of a run.")],
     robot: Annotated[
         str | None,
-        option("NAME", "Only this actor, from what it took in: r1, r1.1 once restarted, world or radio."),
+        option("NAME", "Replay only this actor: r1, r1.1 (after a restart), world or radio."),
     ] = None,
-    begin: Annotated[float | None, option("S", "Stop there, in a debugger.", "--from", min=0.0)] = None,
-    end: Annotated[float | None, option("S", "Stop replaying there.", "--to", min=0.0)] = None,
-    pdb: Annotated[bool, flag("Stop in the strategy's own code, in Python's debugger.", "--pdb")] = False,
+    begin: Annotated[
+        float | None, option("S", "Stop in the debugger at this simulated time.", "--from", min=0.0)
+    ] = None,
+    end: Annotated[
+        float | None, option("S", "End the replay at this simulated time.", "--to", min=0.0)
+    ] = None,
+    pdb: Annotated[bool, flag("Stop in the strategy's code in Python's debugger.", "--pdb")] = False,
     debugpy: Annotated[
         int | None,
-        option("PORT", "The same for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535),
+        option("PORT", "Stop there for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535),
     ] = None,
     strategy: Annotated[
         str | None,
         option(
             "NAME",
-            "Let another strategy decide, and say where it decides differently.",
-            autocompletion=options.strategies,
+            "Replay with another strategy and print where its decisions differ.",
+            autocompletion=shared_options.strategies,
         ),
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
-    isolate: Annotated[bool | None, isolation("With --robot: replay it in a sandbox.")] = None,
+    isolate: Annotated[bool | None, isolation("With --robot: replay in a sandbox.")] = None,
     json: Json = False,
 ) -> None:
-    """Replay a run, or one robot of it, and compare every message.
+    """Replay a run, or one of its robots, and compare every message.
 
-    --robot replays one actor alone.
+    With --robot, one actor is replayed from its recorded inputs.
     """
     from actors.robot.behaviour.code_permit import permit_of
 
-    alone = {
+    for_one_actor = {
         "--isolate": isolate, "--from": begin, "--to": end, "--pdb": pdb or None, "--debugpy": debugpy,
         "--strategy": strategy,
     }  # fmt: skip
     permit = permit_of(modules, trust=trust)
     if robot is None:
-        for name, value in alone.items():
+        for name, value in for_one_actor.items():
             if value is not None:
-                raise OptionError(f"{name}: requires --robot; it is about one actor")
+                raise OptionError(f"{name}: requires --robot")
         _replay_all(out, permit, json=json)
         return
     debugged = pdb or debugpy is not None
@@ -66,14 +79,14 @@ def replay(
     if pdb and debugpy is not None:
         raise OptionError("--pdb: cannot be combined with --debugpy")
     if begin is not None and not debugged:
-        raise OptionError("--from: requires --pdb or --debugpy; a debugger stops there")
+        raise OptionError("--from: requires --pdb or --debugpy")
     if begin is not None and end is not None and begin > end:
-        raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
+        raise OptionError(f"--from: {begin:g}; must be at most --to, {end:g}")
     if debugged or end is not None or strategy is not None:
         if isolate:
             raise OptionError("--isolate: cannot be combined with --pdb, --debugpy, --to and --strategy")
         prints = sys.stderr if json else sys.stdout
-        report = _watched(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, permit, prints)
+        report = _replay_here(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, permit, prints)
     else:
         from acrc_testbed.recordings import sandboxed_replay
 
@@ -85,13 +98,13 @@ def replay(
 def _replay_all(out: Path, permit: "Permit", *, json: bool) -> None:
     from deploy.run.swarm_replay import replay_swarm
 
-    again = replay_swarm(out, permit=permit)
-    orders = "" if not again.orders else f", with {again.orders} orders from outside"
-    whole = "" if again.complete else ", as far as it was recorded"
-    answer([f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}"], again, json=json)
+    report = replay_swarm(out, permit=permit)
+    orders = f", with {report.orders} orders" if report.orders else ""
+    cut = "" if report.complete else ", up to the end of the recordings"
+    answer([f"identical: {report.messages} messages{orders}{cut}; digest {report.digest}"], report, json=json)
 
 
-def _watched(
+def _replay_here(
     out: Path,
     robot: str,
     begin: float,
@@ -101,7 +114,7 @@ def _watched(
     permit: "Permit",
     prints: TextIO,
 ) -> "ReplayReport":
-    """Replay one actor here: to an instant, with another strategy, or in a debugger (--pdb, --debugpy)."""
+    """Replay one actor in this process: up to `end`, with another strategy, or in a debugger."""
     from acrc_testbed.recordings import record_replay
     from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
     from acrc_testbed.recordings.sandboxed_replay import check_trust
@@ -123,13 +136,13 @@ def _watched(
         stop = record_replay.pdb_breakpoint(own=bool(folders))
     window, reached = record_replay.TimeWindow(begin, end), list[bool]()
 
-    def stopping() -> None:
+    def stop_and_note() -> None:
         assert stop is not None
         reached.append(True)
         stop()
 
-    wanted = None if stop is None else stopping
-    shown = None if stop is not None else partial(on, prints)  # a debugger talks for itself
+    wanted = None if stop is None else stop_and_note
+    shown = None if stop is not None else partial(on, prints)  # a debugger prints itself
     replay_options = ReplayOptions(
         lambda core, step_us: record_replay.limit(core, step_us, window, wanted), prints=shown
     )
@@ -138,24 +151,24 @@ def _watched(
     else:
         report = swarm_replay.replay_otherwise(out, robot, entry(strategy), replay_options)
     if wanted is not None and not reached:
-        raise AcrcError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+        raise AcrcError(f"--from: {begin:g} is after the end of {robot}'s recording")
     return report
 
 
 def explain(
-    out: Annotated[Path, argument("OUT", "A run's folder.")],
+    out: Annotated[Path, argument("OUT", "Folder of a run.")],
     who: Annotated[
-        str, argument("ROBOT[@S]", "r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions.")
+        str, argument("ROBOT[@S]", "r2@157: the decision of r2 at 157 s; r2: a list of its decisions.")
     ],
     json: Json = False,
     modules: Modules = None,
     trust: Trust = False,
 ) -> None:
-    """Say why a robot decided as it did.
+    """Explain a decision of a robot.
 
-    It names the knowledge, the frame that brought it, and the frames that were lost before.
+    Print the knowledge, the frame that brought it, and the frames lost before.
 
-    It replays the robot, in a sandbox where the machine has one.
+    The robot is replayed, in a sandbox if the system supports it.
     """
     from acrc_testbed.explanation import explainer as explanation
     from actors.robot.behaviour.code_permit import permit_of
@@ -163,44 +176,46 @@ def explain(
     from actors.runtime.isolation.sandbox import choose, warn
 
     permit = permit_of(modules, trust=trust)
-    asked, choice = explanation.parse_request(who), choose(None)
+    request, choice = explanation.parse_request(who), choose(None)
     warn(choice.warning)
-    explainer = explanation.Explainer(out, asked.robot, permit=permit, isolate=choice.isolate)
-    if asked.at_s is None:
+    explainer = explanation.Explainer(out, request.robot, permit=permit, isolate=choice.isolate)
+    if request.at_s is None:
         rows = explainer.listed()
-        said = [printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})") for row in rows]
-        answer(said or [f"{asked.robot} never decides anything."], rows, json=json)
+        lines = [printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})") for row in rows]
+        answer(lines or [f"{request.robot} made no decision."], rows, json=json)
         return
-    found = explainer.explain(asked.at_s)
+    found = explainer.explain(request.at_s)
     paragraphs = ["\n".join(map(printable, explanation.sentences(one))) for one in found]
     answer(["\n\n".join(paragraphs)], found, json=json)
 
 
 def export(
-    out: Annotated[Path, argument("OUT", "A run's folder; with --mcap also one collected from robots.")],
+    out: Annotated[Path, argument("OUT", "Folder of a run; with --mcap also one collected from robots.")],
     folder: Annotated[
         Path | None,
-        option("PATH", "Output folder or file.  [default: OUT/tables; with --mcap OUT.ros2.mcap]", "--out"),
+        option(
+            "PATH", "Write to this folder or file.  [default: OUT/tables; with --mcap OUT.ros2.mcap]", "--out"
+        ),
     ] = None,
     mcap: Annotated[
-        str | None, option("FORM", "Write an MCAP file of ROS 2 messages (ros2), for RViz and Foxglove.")
+        str | None, option("FORM", "Write an MCAP file of ROS 2 messages (ros2) for RViz and Foxglove.")
     ] = None,
     robot: Annotated[
         list[str] | None,
-        option("ID", "With --mcap: write all of this robot; repeatable.  [default: of every one]"),
+        option("ID", "With --mcap: write all data of this robot; repeatable.  [default: every robot]"),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Write a run as tables, or as a log of its robots.
+    """Export a run as tables, or as a log of its robots.
 
     The tables (Parquet files) are poses, estimates, goals, frames, knowledge, exchanges, places and
-    decisions. The log (MCAP) has scans, frames, poses, plans, local cost maps, particles, the map, places,
-    obstacles and radio links. Computed values require a run recorded in full.
+    decisions. The log (MCAP) contains scans, frames, poses, plans, local cost maps, particles, the map,
+    places, obstacles and radio links. Computed values require a run recorded in full.
     """
     if mcap is not None:
         _export_log(out, folder, mcap, tuple(robot or ()), json=json)
     elif robot:
-        raise OptionError("--robot: requires --mcap; tables are of all robots")
+        raise OptionError("--robot: requires --mcap; tables contain all robots")
     else:
         _export_tables(out, folder, json=json)
 
@@ -217,8 +232,8 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
     with out_folder.writing(folder or out):
         where = folder or regular_file.no_link(out / "tables")
         written = dict(parquet_files.write(found, where))
-    said = [f"{path}: {count} rows" for path, count in written.items()]
-    answer(said, [{"file": path, "rows": count} for path, count in written.items()], json=json)
+    lines = [f"{path}: {count} rows" for path, count in written.items()]
+    answer(lines, [{"file": path, "rows": count} for path, count in written.items()], json=json)
     if missing := parquet_files.lacking(found):
         raise AcrcError(f"{out}: recorded lean, so {', '.join(missing)} are missing; run with --record full")
 
@@ -236,5 +251,5 @@ def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], 
     for note in report.notes:
         print(note, file=sys.stderr)
     size, messages, topics = path.stat().st_size, report.counts.total(), len(report.counts)
-    said = f"{path}: {messages} messages of {topics} topics, {size / 1e6:.1f} MB"
-    answer([said], {"file": path, "messages": messages, "topics": topics, "bytes": size}, json=json)
+    line = f"{path}: {messages} messages of {topics} topics, {size / 1e6:.1f} MB"
+    answer([line], {"file": path, "messages": messages, "topics": topics, "bytes": size}, json=json)

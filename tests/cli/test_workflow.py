@@ -1,4 +1,4 @@
-"""One chain of commands through the main task: record a run, look at it, replay it, compare strategies."""
+"""The main workflow: record a run, view it, replay it, compare strategies."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from actors.installation.repository import REPOSITORY as ROOT
 from tests.in_process import acrc
 
 
-class Story:
+class Shell:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
@@ -29,19 +29,19 @@ class Story:
 def test_record_look_replay_and_compare(tmp_path: Path) -> None:
     for name in ("scenarios", "maps"):
         (tmp_path / name).symlink_to(ROOT / name)
-    story = Story(tmp_path)
+    shell = Shell(tmp_path)
     run = "run scenarios/head_on.toml --seed 3 --bus memory --duration 5 --strategy none --out runs/a"
-    digest = story.answer(run, "runs/a/run.json")["digest"]
-    assert story.answer("record check runs/a")["digest"] == digest
-    story.type("view runs/a --png", "runs/a/run.png")
-    assert f"digest {digest}" in story.type("replay runs/a")
-    assert story.answer("replay runs/a --robot r1")["whole"] is True
-    tables = story.answer("export runs/a --out tables", "tables/poses.parquet")
+    digest = shell.answer(run, "runs/a/run.json")["digest"]
+    assert shell.answer("record check runs/a")["digest"] == digest
+    shell.type("view runs/a --png", "runs/a/run.png")
+    assert f"digest {digest}" in shell.type("replay runs/a")
+    assert shell.answer("replay runs/a --robot r1")["whole"] is True
+    tables = shell.answer("export runs/a --out tables", "tables/poses.parquet")
     assert {"places", "poses"} <= {Path(one["file"]).stem for one in tables}
-    assert "r2" in story.type("causes runs/a --json")
-    assert story.answer("record info runs/a r1/drive --from 1 --to 2")
+    assert "r2" in shell.type("causes runs/a --json")
+    assert shell.answer("record info runs/a r1/drive --from 1 --to 2")
     assert (
-        story.type("record echo runs/a r1/drive --csv --from 4")
+        shell.type("record echo runs/a r1/drive --csv --from 4")
         .splitlines()[1]
         .startswith("4.0,r1/drive,40,")
     )
@@ -49,7 +49,7 @@ def test_record_look_replay_and_compare(tmp_path: Path) -> None:
         "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 4 --duration 1 "
         "--check-every 0 --jobs 1 --out campaigns/a"
     )
-    story.type(campaign, "campaigns/a/results.csv")
-    assert "none" in story.type("compare campaigns/a --metric radio")
-    page = story.answer("report campaigns/a --out page", "page/report.html")["page"]
+    shell.type(campaign, "campaigns/a/results.csv")
+    assert "none" in shell.type("compare campaigns/a --metric radio")
+    page = shell.answer("report campaigns/a --out page", "page/report.html")["page"]
     assert "chapter" in (tmp_path / page).read_text()

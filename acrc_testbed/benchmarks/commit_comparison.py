@@ -1,4 +1,4 @@
-"""`acrc bench beside`: runs of this state of the project and of another one in turn, and how they compare."""
+"""`acrc bench beside`: comparison of this state of the project with another commit, by paired runs."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from typing import Final, get_args
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.measured import Measured, spent, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, run_timed, table_of
 from acrc_testbed.experiments.paired_tests import Interval, mean_interval
 from actors.console import screen
 from actors.installation.repository import REPOSITORY, clone
@@ -28,15 +28,15 @@ from deploy.run.options import Bus
 HERE: Final = "here"
 ROBOTS: Final = (4, 20, 100)
 _FOREIGN: Final = ("PYTHONPATH", "NUMBA_")
-"""Prefixes of environment variables that would bring code of one state into the other."""
+"""Prefixes of environment variables that could load code of one state into the other."""
 _MOST_S: Final = 120.0
 _LEAST_S: Final = 20.0
 _ROBOT_S: Final = 1200.0
-"""Robots times simulated seconds of a run, so that all sizes take about as long."""
+"""Robots times simulated seconds of a run; makes runs of all sizes take about equally long."""
 _WARM_UP_S: Final = 2.0
 _WORDS: Final = {
     "wall_s": "wall, first step to last, s",
-    "command_s": "wall, the whole command, s",
+    "command_s": "wall, whole command, s",
     "cpu_s": "CPU, all processes, s",
 }
 
@@ -47,7 +47,7 @@ class PairedCase:
 
     robots: int
     seconds: float
-    """Simulated."""
+    """Simulated time, s."""
     bus: str
     seed: int | None = None
     """None: the scenario's."""
@@ -65,23 +65,23 @@ class RunCost:
 
     digest: str
     wall_s: float
-    """From the first step to the last."""
+    """Wall time from the first step to the last."""
     command_s: float
-    """The whole command."""
+    """Wall time of the whole command."""
     cpu_s: float
-    """All processes of the command."""
+    """CPU time of all processes of the command."""
 
 
 @dataclass(frozen=True)
 class ProjectState:
-    """A clone whose `acrc` makes its own `.venv` at its first call."""
+    """A clone whose `acrc` creates its own `.venv` at the first call."""
 
     name: str
     folder: Path
 
     @property
     def chapter(self) -> Path:
-        """Return its scenario `chapter`."""
+        """Return the path of its scenario `chapter`."""
         return self.folder / "scenarios" / "chapter.toml"
 
     def run(self, case: PairedCase) -> RunCost:
@@ -96,49 +96,49 @@ class ProjectState:
                 *("--robots", str(case.robots), "--duration", f"{case.seconds:g}", *seed, *own),
                 *("--bus", case.bus, "--json", "--out", str(Path(folder) / "out")),
             )
-            of = spent(words, self.folder, env)
+            cost = run_timed(words, self.folder, env)
         try:
-            told = json.loads(of.answer)
-            return RunCost(told["digest"], told["wall_s"], of.wall_s, of.cpu_s)
+            result = json.loads(cost.output)
+            return RunCost(result["digest"], result["wall_s"], cost.wall_s, cost.cpu_s)
         except (ValueError, KeyError, TypeError):
-            raise AcrcError(f"{self.name}: acrc run --json answers {of.answer[:80]!r}, no result") from None
+            raise AcrcError(
+                f"{self.name}: acrc run --json printed {cost.output[:80]!r} instead of a result"
+            ) from None
 
     def properties(self) -> dict[str, object]:
         """Return Python version and number of packages of its `.venv`, once it has run, and its scenario."""
         try:
             scenario = tomllib.loads(self.chapter.read_text())
         except (OSError, ValueError) as error:
-            raise OptionError(
-                f"{self.chapter}: cannot be read ({error}); --scenario FILE replaces it"
-            ) from None
+            raise OptionError(f"{self.chapter}: cannot be read ({error}); use --scenario FILE") from None
         packages = self.folder.glob(".venv/lib/python*/site-packages/*.dist-info")
-        python = spent([str(self.folder / ".venv" / "bin" / "python"), "-V"]).answer.strip()
+        python = run_timed([str(self.folder / ".venv" / "bin" / "python"), "-V"]).output.strip()
         return {"Python": python, "number of packages": len(list(packages)), "scenario chapter": scenario}
 
 
 Pair = tuple[RunCost, RunCost]
-"""Costs in this state and in the other one."""
+"""Costs in this state and in the other state."""
 
 
 @contextmanager
-def other(what: str) -> Iterator[ProjectState]:
+def open_state(name: str) -> Iterator[ProjectState]:
     """Open the folder of a clone, or a commit in a temporary worktree. Raises OptionError and AcrcError."""
-    if Path(what).is_dir():
-        if not (Path(what) / "acrc").is_file():
-            raise wrong_value("COMMIT", what, "a clone, which has a file acrc")
-        yield ProjectState(what, Path(what).resolve())
+    if Path(name).is_dir():
+        if not (Path(name) / "acrc").is_file():
+            raise wrong_value("COMMIT", name, "a clone, which contains a file acrc")
+        yield ProjectState(name, Path(name).resolve())
         return
-    if _git("rev-parse", "--verify", "--quiet", f"{what}^{{commit}}", "--").returncode != 0:
-        raise wrong_value("COMMIT", what, "a commit of this repository, or the folder of a clone")
+    if _git("rev-parse", "--verify", "--quiet", f"{name}^{{commit}}", "--").returncode != 0:
+        raise wrong_value("COMMIT", name, "a commit of this repository, or the folder of a clone")
     with tempfile.TemporaryDirectory(prefix="acrc-") as scratch:
         folder = Path(scratch) / "clone"
         try:
-            made = _git("worktree", "add", "--detach", str(folder), what)
+            made = _git("worktree", "add", "--detach", str(folder), name)
             if made.returncode != 0:
-                raise AcrcError(f"git worktree add {what} fails: {made.stderr.strip()[-300:]}")
+                raise AcrcError(f"git worktree add {name} fails: {made.stderr.strip()[-300:]}")
             if not (folder / "acrc").is_file():
-                raise wrong_value("COMMIT", what, "one that has a file acrc")
-            yield ProjectState(what, folder)
+                raise wrong_value("COMMIT", name, "a commit that contains a file acrc")
+            yield ProjectState(name, folder)
         finally:
             _git("worktree", "remove", "--force", str(folder))
 
@@ -162,14 +162,14 @@ def measure(
     pairs: int = 5,
     navigation: str | None = None,
     record: str | None = None,
-) -> Measured:
-    """Run each number of robots in `pairs` pairs, beside `commit` or the clone in that folder.
+) -> BenchmarkResult:
+    """Compare this state with `commit` (or the clone in that folder) by `pairs` pairs of runs per swarm size.
 
-    `duration`: simulated s; None: 120 s for few robots, 20 s for many. `navigation`: preset of this state, to
-    compare it with a state that has another one and no option for it; `record`: its level of recording.
+    `duration`: simulated s; None: 120 s for few robots, 20 s for many. `navigation`, `record`: preset and
+    level of recording of this state only, for states without these options.
     """
     if commit is None:
-        raise OptionError("COMMIT: is missing; must be as in acrc bench beside HEAD~1")
+        raise OptionError("COMMIT: missing; example: acrc bench beside HEAD~1")
     check_choice("--bus", bus, get_args(Bus))
     check_choice("--navigation", navigation, NAVIGATION_PRESETS)
     check_choice("--record", record, get_args(RecordDetail))
@@ -179,14 +179,14 @@ def measure(
     lengths = {count: duration or min(_MOST_S, max(_LEAST_S, _ROBOT_S // count)) for count in robots}
     cases = [PairedCase(count, lengths[count], bus, seed, path, navigation, record) for count in robots]
     mine = ProjectState(HERE, clone("acrc bench beside"))
-    with other(commit) as theirs:
+    with open_state(commit) as theirs:
         for state in (mine, theirs):
-            _say(f"{state.name}: installs packages and compiles kernels …")
+            _log(f"{state.name}: installing packages and compiling kernels …")
             state.run(replace(min(cases, key=lambda case: case.robots), seconds=_WARM_UP_S))
         warnings = list(_differences(mine, theirs, scenario is None))
         for sentence in warnings:
-            _say(sentence)
-        found = [(case, _measured(case, mine, theirs, pairs)) for case in cases]
+            _log(sentence)
+        found = [(case, _run_pairs(case, mine, theirs, pairs)) for case in cases]
     figures = [
         {
             "robots": case.robots, "simulated_s": case.seconds, "bus": case.bus,
@@ -197,28 +197,28 @@ def measure(
         for case, of_case in found
     ]  # fmt: skip
     shown = [one for case, of_case in found for one in _shown(case, of_case, theirs.name)]
-    return Measured({"unlike": warnings, "cases": figures}, [*shown, *warnings])
+    return BenchmarkResult({"unlike": warnings, "cases": figures}, [*shown, *warnings])
 
 
-def _say(sentence: str) -> None:
+def _log(sentence: str) -> None:
     screen(stderr=True).print(sentence)
 
 
 def _differences(mine: ProjectState, theirs: ProjectState, own_scenarios: bool) -> Iterator[str]:
-    """Name the differences of the states that change their times or their work."""
+    """Yield differences of the states that make their times or their work incomparable."""
     one, two = mine.properties(), theirs.properties()
     for name, value in one.items():
         if name != "scenario chapter" and value != two[name]:
-            yield f"{name}: {value} here, {two[name]} there; times do not compare"
+            yield f"{name}: {value} here, {two[name]} there; times are not comparable"
         elif own_scenarios and value != two[name]:
-            yield f"{name}: differs; --scenario FILE has both run the same one"
+            yield f"{name}: differs; use --scenario FILE to run the same one in both"
 
 
-def _measured(case: PairedCase, mine: ProjectState, theirs: ProjectState, pairs: int) -> list[Pair]:
-    """Run the pairs in alternating order, so that a drift of the machine affects both states alike."""
+def _run_pairs(case: PairedCase, mine: ProjectState, theirs: ProjectState, pairs: int) -> list[Pair]:
+    """Run the pairs in alternating order, so that machine drift affects both states equally."""
     found: list[Pair] = []
     for number in range(pairs):
-        _say(f"{case.robots} robots, pair {number + 1} of {pairs} …")
+        _log(f"{case.robots} robots, pair {number + 1} of {pairs} …")
         order = (mine, theirs) if number % 2 == 0 else (theirs, mine)
         costs = {state.name: state.run(case) for state in order}
         found.append((costs[mine.name], costs[theirs.name]))
@@ -226,7 +226,7 @@ def _measured(case: PairedCase, mine: ProjectState, theirs: ProjectState, pairs:
 
 
 def _times(pairs: Sequence[Pair], name: str) -> Interval:
-    """Return the mean ratio of the other state's figure to ours, over pairs, on the logarithmic scale."""
+    """Return the geometric mean over pairs of the other state's figure divided by ours."""
     logs = [math.log(getattr(theirs, name) / getattr(mine, name)) for mine, theirs in pairs]
     return Interval(*map(math.exp, mean_interval(logs)))
 
@@ -241,8 +241,8 @@ def _shown(case: PairedCase, pairs: Sequence[Pair], name: str) -> list[Table | s
         one, two = (median(getattr(run, figure) for run in runs) for runs in zip(*pairs, strict=True))
         times = _times(pairs, figure)
         interval = f"{times.low:.2f} to {times.high:.2f}"
-        row = {HERE: one, name: two, "here, times as fast": times.value, "95 % interval": interval}
+        row = {HERE: one, name: two, "speed-up here": times.value, "95 % interval": interval}
         rows.append({"medians": words, **row})
     title = f"{case.robots} robots, {case.seconds:g} s simulated, --bus {case.bus}, {len(pairs)} pairs"
-    equal = "equal" if _digests_equal(pairs) else "different, so the two do different work"
+    equal = "equal" if _digests_equal(pairs) else "different: the two states do different work"
     return [table_of(rows, title, ".2f"), f"digests: {equal}"]

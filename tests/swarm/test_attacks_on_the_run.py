@@ -39,7 +39,7 @@ restart = "r1"
 
 
 @pytest.mark.skipif(available() is not None, reason="robots cannot be isolated here")
-def test_links_laid_by_a_robot_lead_nowhere(tmp_path: Path) -> None:
+def test_links_created_by_a_robot_are_not_followed(tmp_path: Path) -> None:
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     victim = tmp_path / "victim.txt"
     victim.write_text("untouched")
@@ -53,7 +53,7 @@ def test_links_laid_by_a_robot_lead_nowhere(tmp_path: Path) -> None:
     assert in_process.acrc("record", "check", out).returncode == 0
 
 
-def test_what_a_robot_says_of_itself_changes_no_digest_and_is_named(tmp_path: Path) -> None:
+def test_forged_counters_of_a_robot_are_reported_and_change_no_digest(tmp_path: Path) -> None:
     words = ("--duration", 3, "--robots", 2)
     honest = json.loads(in_process.acrc("run", *words, *MEMORY, "--out", tmp_path / "honest").stdout)
     out = tmp_path / "forged"
@@ -77,7 +77,7 @@ def test_what_a_robot_says_of_itself_changes_no_digest_and_is_named(tmp_path: Pa
     assert checked.returncode == 1 and checked.stderr.startswith(f"acrc: {out}/r1/r1.mcap: holds ")
 
 
-def test_a_log_is_a_new_file_and_a_set_up_is_written_through_no_link(tmp_path: Path) -> None:
+def test_logs_and_set_ups_are_not_written_through_links(tmp_path: Path) -> None:
     victim, file = tmp_path / "victim.txt", tmp_path / SETUP
     victim.write_text("untouched")
     file.symlink_to(victim)
@@ -105,7 +105,7 @@ def test_a_log_is_a_new_file_and_a_set_up_is_written_through_no_link(tmp_path: P
 def test_a_flood_ends_the_run_and_names_its_sender(tmp_path: Path) -> None:
     """Full queues block the sender in its own step."""
     out = tmp_path / "out"
-    words = ("--robots", 2, "--timeout", 5, "--strategy", "tests.swarm.flooder:transmit", "--out", out)
+    words = ("--robots", 2, "--timeout", 5, "--strategy", "tests.swarm.flooding:transmit", "--out", out)
     done = acrc("run", *words)
     assert done.returncode == 1
     sentence = r"acrc: (step 1[01] .*no Drive from r2 .*|radio failed in step 1[01]: r2 floods .*)"
