@@ -60,7 +60,7 @@ class Replicas:
         self._by_id: dict[str, Replica] = {}
         self._versions: dict[str, Version] = {}
         self._oldest = START
-        """Lower bound of all `heard`, so that `forget` rarely iterates."""
+        """Lower bound of all `heard`, so that `drop_old` rarely iterates."""
 
     def __iter__(self) -> Iterator[Replica]:
         return iter(self._by_id.values())
@@ -92,7 +92,7 @@ class Replicas:
         if fresh:
             self._by_id = dict(sorted(self._by_id.items()))
 
-    def forget(self, now: Instant) -> None:
+    def drop_old(self, now: Instant) -> None:
         """Drop replicas that have not been received for too long."""
         if now - self._oldest <= self._forget_after:
             return

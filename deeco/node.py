@@ -219,7 +219,7 @@ class Node:
         Inputs received before `now` take effect at `now`. An exception of a user's process or ensemble
         propagates with a note of its origin.
         """
-        self._network.replicas.forget(self._now)
+        self._network.replicas.drop_old(self._now)
         for reception in inputs:
             for update in self._network.take(reception):
                 self._react(update)

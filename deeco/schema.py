@@ -85,7 +85,7 @@ class _Role:
 
 
 class RoleRegistry:
-    """Encodes and decodes the roles that a node knows.
+    """Codecs of the roles of a node.
 
     Raises DeploymentError for a role that cannot be encoded and for two roles of one fingerprint.
     """

@@ -20,11 +20,11 @@ from acrc_testbed.recordings.run_recordings import all_recordings, decode_setup,
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import command
 from actors.instant import Instant, seconds
-from actors.radio.program import part as radio_part
+from actors.radio.program import actor_process as radio_process
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.loading import RecordedModules, expect_hashes, set_folders
-from actors.robot.program import part_of
+from actors.robot.program import actor_process_of
 from actors.runtime import failure
 from actors.runtime.core import Core, Inputs, Output
 from actors.runtime.debugger import UserPdb
@@ -318,14 +318,16 @@ def _part(path: Path, actor: str, run: RunNote, replay_options: ReplayOptions) -
     """Build the recorded actor, with the behaviour replaced if `onlook` has one."""
     folder = path.parent
     if actor == "world":
-        return world_program.part_of(decode_setup(path, run, WorldSetup, "a world"), folder, run.commit)
+        return world_program.actor_process_of(
+            decode_setup(path, run, WorldSetup, "a world"), folder, run.commit
+        )
     if actor == "radio":
-        return radio_part(decode_setup(path, run, RadioSetup, "a radio"), folder, run.commit)
+        return radio_process(decode_setup(path, run, RadioSetup, "a radio"), folder, run.commit)
     setup = decode_setup(path, run, RobotSetup, "a robot")
     if replay_options.behaviour is not None:  # the settings belong to the strategy that was recorded
         adaptation = msgspec.structs.replace(setup.adaptation, settings={})
         setup = msgspec.structs.replace(setup, behaviour=replay_options.behaviour, adaptation=adaptation)
-    return part_of(setup, folder, run.actor, run.commit)
+    return actor_process_of(setup, folder, run.actor, run.commit)
 
 
 def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:

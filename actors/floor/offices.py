@@ -194,8 +194,8 @@ def parse(name: str) -> OfficeParameters:
             " 'offices:7'"
         )
     fixed: dict[str, int] = {}
-    for word in others:
-        key, _, text = word.partition("=")
+    for item in others:
+        key, _, text = item.partition("=")
         if key not in PARAMETERS or key in fixed:
             fault = "is given twice" if key in fixed else "is not a parameter"
             raise OfficesError(f"{name!r}: {key!r} {fault}; the parameters are {', '.join(PARAMETERS)}")

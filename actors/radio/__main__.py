@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from actors.radio.program import load_setup, part
+from actors.radio.program import actor_process, load_setup
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.rules import client_config
 from actors.runtime.linux import answer_where, die_with_parent
@@ -23,7 +23,7 @@ def main(argv: Sequence[str]) -> int:
         if process.with_parent:
             die_with_parent(os.getppid())
         config = client_config(folder / process.credentials, process.endpoint(folder))
-        radio = part(program.actor, folder, process.commit)
+        radio = actor_process(program.actor, folder, process.commit)
         recorder = Recorder(folder / process.record, radio.run.step_us)
         return play(radio, recorder, config, patience_s=process.patience_s)
     except AcrcError as error:

@@ -183,7 +183,7 @@ class RadioCore:
             if loss.robot in self._number and loss.sender in self._number:
                 self._medium.medium.withhold(self._number[loss.sender], self._number[loss.robot])
         notices = self._medium.advance(transceivers, truth.jams, requests, until)
-        events = {robot: said for robot, said in zip(self._ids, notices, strict=True) if said}
+        events = {robot: new for robot, new in zip(self._ids, notices, strict=True) if new}
         for robot_id, refused in refusals:
             events.setdefault(robot_id, []).append(refused)
         for robot_id in dict.fromkeys(robot_id for robot_id, _ in refusals):

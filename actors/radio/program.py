@@ -48,7 +48,7 @@ def load_setup(path: Path) -> RadioProgram:
     return read_setup(path, RadioProgram, "a radio")
 
 
-def part(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
+def actor_process(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
     """Return the radio of a set-up in `folder`, with its connections."""
     prints = fingerprints(KERNELS)
     core = build(setup.located(folder))

@@ -39,7 +39,7 @@ def _robot(setup: program.RobotProgram, folder: Path) -> ActorProcess:
     """Create the robot; output of user code goes to the log with simulated time."""
     printed = prints.on(sys.stdout, setup.actor.step_us)
     with printed.during(setup.actor.first_step):
-        return replace(program.part(setup, folder), prints=printed)
+        return replace(program.actor_process(setup, folder), prints=printed)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -64,7 +64,7 @@ def main(argv: Sequence[str]) -> int:
         if process.limits is not None:
             enforce(process.limits, isolated=process.isolate)
         if options.preflight is not None:
-            return preflight(lambda: program.part(setup, folder), recorder, options.preflight)
+            return preflight(lambda: program.actor_process(setup, folder), recorder, options.preflight)
         config = client_config(folder / process.credentials, process.endpoint(folder))
         try:
             robot = _robot(setup, folder)

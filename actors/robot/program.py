@@ -60,14 +60,14 @@ def share(map_file: str, model: str, sensor: str, stack: str) -> SharedMapData:
     return common
 
 
-def part(program: RobotProgram, folder: Path) -> ActorProcess:
+def actor_process(program: RobotProgram, folder: Path) -> ActorProcess:
     """Return the process of a robot whose files are in `folder`. Raises AcrcError for invalid parts."""
     process = program.process
     loading.set_folders([folder / path for path in process.code])
-    return part_of(program.actor, folder, Path(process.record).stem, process.commit)
+    return actor_process_of(program.actor, folder, Path(process.record).stem, process.commit)
 
 
-def part_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorProcess:
+def actor_process_of(setup: RobotSetup, folder: Path, name: str, commit: str) -> ActorProcess:
     """Return a robot's process with a recording of that name, without changing the module folders."""
     core, prints = build(setup, folder), kernels()
     run = run_note(name, setup, commit, seed=setup.seed, kernels=prints)

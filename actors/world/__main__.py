@@ -13,7 +13,7 @@ from actors.runtime.linux import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play
 from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder
-from actors.world.program import Conductor, build, load_setup, part, world_note
+from actors.world.program import Conductor, actor_process, build, load_setup, world_note
 
 
 def main(argv: Sequence[str]) -> int:
@@ -31,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
         note = world_note(program.actor, process.commit)
         router = folder / process.router
         issued = credentials.read_router_file(router)
-        world = part(core, note, conductor.drive)
+        world = actor_process(core, note, conductor.drive)
         recorder = Recorder(folder / process.record, program.actor.step_us)
         try:
             return play(world, recorder, world_config(issued), lambda: reveal(issued))

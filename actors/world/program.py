@@ -36,12 +36,12 @@ def build(setup: WorldSetup) -> WorldCore:
     return WorldCore(setup, Bodies(setup), Referee(setup.robots, setup.reach))
 
 
-def part_of(setup: WorldSetup, folder: Path, commit: str) -> ActorProcess:
+def actor_process_of(setup: WorldSetup, folder: Path, commit: str) -> ActorProcess:
     """Return the world of a set-up in `folder` without pacing: in memory, and for replays."""
-    return part(build(setup.located(folder)), world_note(setup, commit))
+    return actor_process(build(setup.located(folder)), world_note(setup, commit))
 
 
-def part(
+def actor_process(
     core: WorldCore,
     run: RunNote,
     hold: Callable[[Shell, Bus], None] = run_shell,

@@ -290,7 +290,7 @@ class _FunctionAnalysis:
         return self._function_call(call, target)
 
     def _class_of(self, node: ast.expr) -> type | None:
-        """Return the class of an object that the function makes; None if it cannot be told."""
+        """Return the class of an object that the function makes; None if unknown."""
         if isinstance(node, ast.Name):
             return self._classes.get(node.id)
         made = resolve_name(node.func, self.function) if isinstance(node, ast.Call) else None

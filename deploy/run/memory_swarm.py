@@ -18,8 +18,8 @@ from actors.processes.kernels import kernel_modules
 from actors.processes.launch import Program
 from actors.processes.monitor import HoldUp, StallDetector, Suspect
 from actors.processes.watchdog import BoardTurn, Show, guarded
-from actors.radio.program import part as radio_part
-from actors.robot.program import part as robot_part
+from actors.radio.program import actor_process as radio_process
+from actors.robot.program import actor_process as robot_process
 from actors.robot.program import share
 from actors.runtime import failure, prints, process_table
 from actors.runtime.codec import decode
@@ -218,11 +218,11 @@ class MemorySwarm:
         self._bus.listen(at(ROSTER), self._take)
         world, radio = world_as_program(plan), radio_program(plan)
         assert world.setup is not None and radio.setup is not None
-        part = world_program.part_of(world.setup.actor, plan.folder("world"), plan.commit)
+        part = world_program.actor_process_of(world.setup.actor, plan.folder("world"), plan.commit)
         assert isinstance(part.core, WorldCore)
         self._core = part.core
         self._add(world, part)
-        self._add(radio, radio_part(radio.setup.actor, plan.folder("radio"), plan.commit))
+        self._add(radio, radio_process(radio.setup.actor, plan.folder("radio"), plan.commit))
         self._shared = [share(*words) for words in in_common(plan)]
         for robot in plan.world.robots:
             self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
@@ -232,12 +232,12 @@ class MemorySwarm:
         assert program.setup is not None
         folder = self._plan.folder(program.actor)
         if self._plan.debug is not None and program.actor == self._plan.debug.robot:
-            self._add(program, robot_part(program.setup, folder))
+            self._add(program, robot_process(program.setup, folder))
             return
         printed = prints.in_file(program.log, self._plan.world.step_us)
         self._stack.callback(printed.close)
         with printed.during(first_step):
-            part = robot_part(program.setup, folder)
+            part = robot_process(program.setup, folder)
         self._add(program, part)
         self._shells[-1].prints = printed
 

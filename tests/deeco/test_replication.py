@@ -109,7 +109,7 @@ def test_exactly_the_old_replicas_are_dropped(
         contact = Contact(Instant(moment), None, 0)
         replicas.put(Replica(name, Version(0, counter), (), contact))
         now += passing
-        replicas.forget(Instant(now))
+        replicas.drop_old(Instant(now))
         heard = {name: instant for name, instant in heard.items() if now - instant <= 5}
         assert [one.id for one in replicas] == sorted(heard)
 

@@ -22,7 +22,7 @@ from actors.robot.assembly import RobotSetup, kernels
 from actors.robot.behaviour.loading import FINDER, BehaviourError, load_behaviour
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot.localisation import PRESETS
-from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part
+from actors.robot.program import RobotProcess, RobotProgram, actor_process, build, load_setup
 from actors.robot.stack import Adaptation, Stack
 from actors.runtime import typed_json
 from actors.runtime.core import at, to
@@ -76,13 +76,13 @@ def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(tmp_path: Pat
     core = build(ROBOT, tmp_path)
     assert core.step == 40 and ROBOT.pose == pytest.approx(Pose(12.0, 5.0, 4.0 - math.tau))
     assert core.missing({}) == (at(SENSES, "r1"),)
-    part(ActorSetup(ROBOT, msgspec.structs.replace(PLACE, code=("/one", "two"))), tmp_path)
+    actor_process(ActorSetup(ROBOT, msgspec.structs.replace(PLACE, code=("/one", "two"))), tmp_path)
     assert FINDER.folders == (Path("/one"), tmp_path / "two")
-    part(ActorSetup(ROBOT, PLACE), tmp_path)
+    actor_process(ActorSetup(ROBOT, PLACE), tmp_path)
 
 
 def test_a_robots_process_reports_its_kernels_and_records_its_setup(tmp_path: Path) -> None:
-    robot = part(ActorSetup(ROBOT, PLACE), tmp_path)
+    robot = actor_process(ActorSetup(ROBOT, PLACE), tmp_path)
     assert robot.ready == to(READY, Ready(40, "r1", 2, combined(kernels())), "r1")
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
     run = robot.run

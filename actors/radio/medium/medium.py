@@ -127,7 +127,7 @@ class Interference:
         else:
             self._interferers.append(interferer)
 
-    def forget(self, now_ns: int) -> None:
+    def drop_ended(self, now_ns: int) -> None:
         """Remove the sources without bursts from `now_ns` on."""
         for source, interferer in enumerate(self._interferers):
             if interferer is not None and interferer.over(now_ns) and source not in self._ends:
@@ -250,7 +250,7 @@ class Medium:
 
     def add(self, interferer: Interferer) -> None:
         """Add a source of interference from now on; earlier bursts do not count."""
-        self._interference.forget(self.now_ns)
+        self._interference.drop_ended(self.now_ns)
         self._interference.add(interferer)
         now_mw = self._outside.now_mw
         if len(self._interference) > len(now_mw):
