@@ -142,7 +142,7 @@ class Parameters:
 
 
 @dataclass(frozen=True)
-class Needy:
+class RequiredParameters:
     deadline: Duration
     share: float = 1.0
 
@@ -152,11 +152,13 @@ class Needy:
 
 
 @dataclass(frozen=True)
-class Fixed:
+class NestedParameters:
     points: tuple[tuple[float, float], ...] = ()
 
 
-def refusal(kind: type[Parameters | Needy | Fixed], settings: Mapping[str, Setting]) -> str:
+def refusal(
+    kind: type[Parameters | RequiredParameters | NestedParameters], settings: Mapping[str, Setting]
+) -> str:
     with pytest.raises(SettingsError) as caught:
         from_settings(kind, settings)
     return str(caught.value)
@@ -173,7 +175,7 @@ def test_each_kind_of_field_is_set() -> None:
     assert from_settings(Parameters, {"lease": 3}).lease == seconds(3)
 
     assert from_settings(Parameters, {}) == Parameters()
-    assert from_settings(Needy, {"deadline": 1}) == Needy(seconds(1))
+    assert from_settings(RequiredParameters, {"deadline": 1}) == RequiredParameters(seconds(1))
 
 
 @pytest.mark.parametrize(
@@ -206,12 +208,17 @@ def test_an_invalid_setting_gives_one_sentence(settings: Mapping[str, Setting], 
 
 
 def test_a_field_without_default_is_required() -> None:
-    assert refusal(Needy, {}).startswith("strategy.deadline is missing, but must be a number of seconds, at ")
-    assert refusal(Needy, {"share": 2.0, "deadline": 1}).endswith(
+    assert refusal(RequiredParameters, {}).startswith(
+        "strategy.deadline is missing, but must be a number of seconds, at "
+    )
+    assert refusal(RequiredParameters, {"share": 2.0, "deadline": 1}).endswith(
         "is 2.0: it should be above 0 and at most 1"
     )
     assert refusal(Parameters, {"reach": 10**400}).endswith("…, but must be a finite number")
-    assert refusal(Fixed, {"lease": 1}) == "strategy.lease is not known; this strategy has no settings"
+    assert (
+        refusal(NestedParameters, {"lease": 1})
+        == "strategy.lease is not known; this strategy has no settings"
+    )
 
 
 @given(some.dictionaries(some.sampled_from(["reach", "tries", "mode", "lease", "odd"]), some.one_of(
@@ -280,14 +287,14 @@ def test_the_list_is_bounded_and_counts_omitted_decisions() -> None:
 
 
 @component
-class _Reporting(CleaningRobot):
+class RobotWithOutcome(CleaningRobot):
     def outcome(self) -> dict[str, object]:
         return {"held": len(self.route), "deeco": "not mine"}
 
 
 def test_a_component_may_have_an_outcome() -> None:
     start = Start("r1", 1, 0, Pose(1.0, 2.0, 0.0), (Point(3.0, 1.0),), np.random.default_rng(1))
-    made = host(start, _Reporting(id="r1", position=Point(1.0, 2.0), route=assignments(start)))
+    made = host(start, RobotWithOutcome(id="r1", position=Point(1.0, 2.0), route=assignments(start)))
     told = made.outcome()  # type: ignore[attr-defined]
     assert told["held"] == 1 and list(told) == ["held", "deeco", "adaptation"]
     assert told["deeco"].counters

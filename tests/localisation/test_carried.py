@@ -174,7 +174,7 @@ Scans = list[tuple[Pose, Floats, Pose]]
 
 
 @dataclass
-class Found:
+class SearchOutcome:
     """Accepted poses of a search, true poses, number of scans before, and hypotheses."""
 
     places: list[Pose] = field(default_factory=list)
@@ -202,10 +202,10 @@ def scans(
 
 def searched(
     plan: LikelihoodField, made: Scans, estimate: Pose, seed: int = 0, poses: int = 3000, moves: bool = False
-) -> Found:
+) -> SearchOutcome:
     """Run a search on a drive; `moves`: the estimate follows the odometry from its start."""
     search = PoseSearch(plan, BEAMS.mount, np.random.default_rng(seed), poses)
-    found = Found()
+    found = SearchOutcome()
     frame = estimate if moves else None
     for number, (truth, points, here) in enumerate(made, 1):
         place = search.take(points, here, estimate if frame is None else frame.compose(here))

@@ -8,7 +8,7 @@ from actors.array_types import Floats
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point, Pose
 from actors.robot.localisation import PRESETS, AmclParameters, likelihood_field
-from actors.robot.localisation.measurement import Cloud, Measurement, likelihoods
+from actors.robot.localisation.measurement import Measurement, ParticleSet, likelihoods
 from actors.runtime.errors import AcrcError
 from tests.localisation.scenes import FIELD, NOBODY, ROOM, TURTLEBOT, ends, scan
 
@@ -105,7 +105,7 @@ def weighed(
     weights = before(poses.shape[1])
     directions = np.empty_like(poses[:2])
     fit, skipped = Measurement(FIELD, RANGE, parameters).weigh(
-        points, Cloud(poses, weights, directions, count), together=together
+        points, ParticleSet(poses, weights, directions, count), together=together
     )
     assert directions[:, :count] == pytest.approx(np.stack((np.cos(poses[2]), np.sin(poses[2])))[:, :count])
     assert weights[count] == before(count + 1)[count]
@@ -175,6 +175,6 @@ def test_a_particle_of_weight_0_does_not_affect_the_others() -> None:
     weights = np.array([0.0, 0.5, 0.5])
     points = np.repeat(scan_ends(), 20, axis=0)
     Measurement(FIELD, RANGE, PRODUCT).weigh(
-        points, Cloud(poses, weights, np.empty((2, 3)), 3), together=True
+        points, ParticleSet(poses, weights, np.empty((2, 3)), 3), together=True
     )
     assert weights == pytest.approx([0.0, 0.5, 0.5])

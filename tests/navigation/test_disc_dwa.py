@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from actors.array_types import Flags, Floats, Int32s
-from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, Fields, best_velocity
+from actors.robot.navigation.disc_dwa import INVALID, WEIGHTS, CriticFields, best_velocity
 from actors.robot.navigation.map_grid import Waves, wavefront
 from actors.robot.navigation.ray_tracing import squared_within
 
@@ -52,8 +52,8 @@ def nearest_steps(steps: Int32s, x: float, y: float) -> int:
     return int(steps[row : row + 2, column : column + 2].min())
 
 
-class Twin:
-    def __init__(self, fields: Fields, marks: Flags, table: Floats, w: Numbers) -> None:
+class ReferenceDwa:
+    def __init__(self, fields: CriticFields, marks: Flags, table: Floats, w: Numbers) -> None:
         self.fields, self.marks, self.table, self.w = fields, marks, table, w
 
     def limit(self, speed: float) -> float:
@@ -158,14 +158,14 @@ class Scene:
         self.table.setflags(write=False)
         self.goal = (self.row, int(rng.integers(26, 40)))
 
-    def fields(self, limit: float = 2.25**2, trusted: int = 1) -> Fields:
+    def fields(self, limit: float = 2.25**2, trusted: int = 1) -> CriticFields:
         squared = squared_within(self.marks, REACH)
         plan = np.array([(self.row, c) for c in range(18, self.goal[1] + 1)], np.int32)
         goal = np.array([self.goal], np.int32)
         front = np.array([(self.row, min(self.goal[1] + 3, SIDE - 1))], np.int32)
         known = np.full((SIDE, SIDE), trusted, np.uint8)
         waves = [wavefront(squared, limit, starts) for starts in (plan, goal, front)]
-        return Fields(squared, Waves(*waves), known)
+        return CriticFields(squared, Waves(*waves), known)
 
     def choose(
         self,
@@ -194,7 +194,7 @@ def test_the_choice_equals_the_reference(seed: int, goal_distance: float, slowes
     weights = {**BASE, "goal_distance": goal_distance}
     window = np.array([slowest, 5.0, -1.0, 1.0])
     choice = scene.choose(weights, window)
-    twin = Twin(scene.fields(), scene.marks != 0, scene.table, weights)
+    twin = ReferenceDwa(scene.fields(), scene.marks != 0, scene.table, weights)
     valid = [t for t in twin.trajectories(scene.pose, window, (7, 8)) if t.score >= 0]
     if not valid:
         assert choice == (0.0, 0.0, INVALID)

@@ -22,7 +22,7 @@ Cell = tuple[int, int]
 
 
 @dataclass
-class Twin:
+class ReferenceDwa:
     costs: Octets
     path: Int32s
     goal: Int32s
@@ -120,7 +120,7 @@ class Scene:
         limit = (INFLATION.inscribed / CELL) ** 2
         self.squared = squared
         self.path, self.goal, self.front = (wavefront(squared, limit, cells) for cells in (plan, goal, front))
-        self.twin = Twin(TABLE[squared], self.path, self.goal, self.front, OUTLINE, NUMBERS)
+        self.twin = ReferenceDwa(TABLE[squared], self.path, self.goal, self.front, OUTLINE, NUMBERS)
 
     def choose(self, speeds: Singles, turns: Singles, barred: Flags) -> CheapestVelocity:
         critics = np.array([tuple(NUMBERS[name] for name in CRITICS.names or ())], CRITICS)

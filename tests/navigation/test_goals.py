@@ -26,7 +26,7 @@ PATIENCE = 120.0
 """Timeout per goal, simulated s: more than twice the time of the longest path on these maps."""
 
 
-class Errands:
+class GoalSequence:
     """Visit and report the places in order; then continue without reports, as an obstacle for others."""
 
     def __init__(self, start: Start) -> None:
@@ -63,7 +63,7 @@ def scenario(map_file: Path, robots: int, goals: int, seed: int) -> Scenario:
         places = draw_points(grid, goals, apart=0.0, start=start, **room)
         pose = (*start, float(rng.uniform(-np.pi, np.pi)))
         tables.append({"id": f"r{number}", "start": pose, "places": tuple(map(tuple, places))})
-    strategy = "tests.navigation.test_goals:Errands"
+    strategy = "tests.navigation.test_goals:GoalSequence"
     content = {
         "map": str(map_file),
         "run": {"duration": PATIENCE * goals, "seed": seed, "strategy": strategy},

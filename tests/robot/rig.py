@@ -28,7 +28,7 @@ from tests.robot.base import TWO_ROOMS, FakeBase, at_step, model
 number = 7
 
 
-class Scripted:
+class ScriptedBehaviour:
     def __init__(self, decision: object = None) -> None:
         self.decision = decision
         self.views: list[tuple[View, Instant]] = []
@@ -41,7 +41,7 @@ class Scripted:
 
 
 def idle(start: Start) -> Behaviour:
-    return Scripted()
+    return ScriptedBehaviour()
 
 
 def nothing(start: Start) -> None:
@@ -53,7 +53,7 @@ def fails(start: Start) -> Behaviour:
 
 
 def keeper(start: Start) -> Behaviour:
-    return Scripted(Decision(GoalOrder.KEEP))
+    return ScriptedBehaviour(Decision(GoalOrder.KEEP))
 
 
 FLOOR = planning_grid(TWO_ROOMS, 0.177)
@@ -62,13 +62,13 @@ LIMITS = RobotLimits()
 HEARD = Heard(90, 2, -60.0, 255, b"hello")
 
 
-class Masked(DeadReckoning):
-    told: tuple[Point, ...] | None = None
+class FakeLocalisation(DeadReckoning):
+    masked: tuple[Point, ...] | None = None
 
     relocalised = 0
 
     def mask(self, peers: Sequence[Point]) -> None:
-        self.told = tuple(peers)
+        self.masked = tuple(peers)
 
     def relocalise(self) -> None:
         self.relocalised += 1
@@ -80,15 +80,15 @@ class Robot:
         decision: object = None,
         first_step: int = 0,
         limits: RobotLimits = LIMITS,
-        behaviour: Scripted | None = None,
+        behaviour: ScriptedBehaviour | None = None,
     ) -> None:
         kind = model()
-        self.behaviour = behaviour or Scripted(decision)
+        self.behaviour = behaviour or ScriptedBehaviour(decision)
         self.base = FakeBase(TWO_ROOMS, kind, START)
         local = CostMap(kind.sensor, 0.177)
         local_planner = DwaLocalPlanner(local, kind.drive, DwaParameters())
         navigation = Navigator(GridPlanner(FLOOR), local, local_planner)
-        self.localisation = Masked(START)
+        self.localisation = FakeLocalisation(START)
         parts = RobotParts(OdometryBuffer(kind.sensor), self.localisation, navigation, self.behaviour)
         self.core = RobotCore(
             "r1", parts, entry="my.study:behaviour", first_step=first_step, step_us=100_000, limits=limits
@@ -114,7 +114,7 @@ def refusal(robot: Robot, **messages: Message) -> str:
 
 
 WEST, FAR = Point(1.0, 1.0), Point(9.0, 3.0)
-NO_COMMAND = Point(30.0, 1.0)
+UNREACHABLE = Point(30.0, 1.0)
 AHEAD = Twist(0.5, 0.0, 0.0)
 CHAPTER, CLEARING = NAVIGATION_PRESETS["chapter"], NavigationParameters(reset_distance=3.0)
 ACTIVE, SUCCEEDED, ABORTED = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.ABORTED
@@ -123,7 +123,7 @@ SHIFT = Pose(-3.0, 2.0, 1.0)
 """The map's origin in the odometry frame."""
 
 
-class Told(GridPlanner):
+class CountingPlanner(GridPlanner):
     def __init__(self) -> None:
         super().__init__(FLOOR)
         self.finds = True
@@ -134,7 +134,7 @@ class Told(GridPlanner):
         return super().path(start, goal, marks) if self.finds else None
 
 
-class Obedient:
+class FakeLocalPlanner:
     period = seconds(0.2)
 
     def __init__(self) -> None:
@@ -159,7 +159,7 @@ class Obedient:
         return Steering(AHEAD if self.valid else STILL, self.valid)
 
 
-class Memory:
+class FakeCostMap:
     def __init__(self) -> None:
         self.cleared: list[float] = []
         self.marked = np.empty((0, 2))
@@ -179,15 +179,18 @@ class Memory:
 
 
 def navigator(
-    planner: GridPlanner, local: Memory, local_planner: Obedient, parameters: NavigationParameters = CHAPTER
+    planner: GridPlanner,
+    local: FakeCostMap,
+    local_planner: FakeLocalPlanner,
+    parameters: NavigationParameters = CHAPTER,
 ) -> Navigator:
     return Navigator(planner, cast(CostMap, local), cast(BaseLocalPlanner, local_planner), parameters)
 
 
-class Trip:
+class NavigationRun:
     def __init__(self, parameters: NavigationParameters = CHAPTER) -> None:
-        self.local_planner, self.map = Obedient(), Memory()
-        self.planner = Told()
+        self.local_planner, self.map = FakeLocalPlanner(), FakeCostMap()
+        self.planner = CountingPlanner()
         self.navigation = navigator(self.planner, self.map, self.local_planner, parameters)
         self.place = WEST
         self.step = 0
@@ -208,7 +211,7 @@ class Trip:
     def steps(self, number: int) -> list[Twist]:
         return [self.take_step() for _ in range(number)]
 
-    def goes_to(self, goal: Point) -> "Trip":
+    def goes_to(self, goal: Point) -> "NavigationRun":
         self.navigation.take(goal)
         return self
 

@@ -34,7 +34,7 @@ from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message
 from tests.refusals import refused
 from tests.robot.base import model
-from tests.robot.rig import HEARD, START, Robot, Scripted, refusal
+from tests.robot.rig import HEARD, START, Robot, ScriptedBehaviour, refusal
 
 
 def test_received_is_awaited_only_if_senses_counts_events() -> None:
@@ -130,7 +130,7 @@ def test_a_frozen_robot_continues_with_the_worlds_step() -> None:
 def test_pausing_and_peers_reach_navigation_and_localisation() -> None:
     robot = Robot(Decision(Point(3.0, 1.0), paused=True, peers=(Point(2.0, 2.0),)))
     robot.take_step()
-    assert robot.localisation.told == (Point(2.0, 2.0),)
+    assert robot.localisation.masked == (Point(2.0, 2.0),)
     robot.behaviour.decision = Decision()
     for _ in range(10):
         robot.take_step()
@@ -141,7 +141,7 @@ def test_pausing_and_peers_reach_navigation_and_localisation() -> None:
         robot.take_step()
     goal = robot.behaviour.views[-1][0].goal
     assert goal is not None and goal.phase is GoalPhase.CONTROLLING and robot.base.pose.x > START.x
-    assert not robot.localisation.told
+    assert not robot.localisation.masked
 
 
 def test_backing_out_and_relocalising_reach_navigation_and_localisation() -> None:
@@ -169,7 +169,7 @@ def test_an_error_in_a_behaviour_is_passed_on_with_its_location() -> None:
     assert caught.value.__notes__ == ["in step 4 (0.4 s): behaviour 'my.study:behaviour' of r1"]
 
 
-class Talkative(Scripted):
+class BehaviourWithOutcome(ScriptedBehaviour):
     def outcome(self) -> object:
         return self.decision
 
@@ -177,7 +177,7 @@ class Talkative(Scripted):
 def test_a_behaviour_may_have_an_outcome() -> None:
     robot = Robot()
     assert list(robot.core.outcome()) == ["localisation", "navigation"]  # optional
-    outcome = Robot(behaviour=Talkative({"study": {"detours": 3}})).core.outcome()
+    outcome = Robot(behaviour=BehaviourWithOutcome({"study": {"detours": 3}})).core.outcome()
     assert list(outcome) == ["localisation", "navigation", "study"]
     assert outcome["study"] == {"detours": 3}
 
@@ -194,7 +194,7 @@ def test_a_behaviour_may_have_an_outcome() -> None:
     ],
 )  # fmt: skip
 def test_an_invalid_outcome_is_reported(said: object, fault: str) -> None:
-    robot = Robot(behaviour=Talkative(said), first_step=4)
+    robot = Robot(behaviour=BehaviourWithOutcome(said), first_step=4)
     with refused(f"step 4: behaviour 'my.study:behaviour' of r1 {fault}", BehaviourError):
         robot.core.outcome()
 

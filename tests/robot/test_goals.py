@@ -23,16 +23,16 @@ from tests.robot.rig import (
     CHAPTER,
     FAR,
     HERE,
-    NO_COMMAND,
     SHIFT,
     SUCCEEDED,
+    UNREACHABLE,
     WEST,
-    Trip,
+    NavigationRun,
 )
 
 
 def test_a_goal_is_followed_to_within_the_tolerance() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     assert trip.navigation.goal == Goal(FAR, ACTIVE)
     assert trip.take_step() == AHEAD
     assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(0))
@@ -44,14 +44,14 @@ def test_a_goal_is_followed_to_within_the_tolerance() -> None:
 
 
 def test_the_path_is_replanned_every_second() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(41)
     assert len(trip.local_planner.paths) == 5 and trip.local_planner.begun == 1
 
 
 @pytest.mark.parametrize("preset", NAVIGATION_PRESETS)
 def test_the_old_path_is_followed_while_there_is_no_new_one(preset: str) -> None:
-    trip = Trip(NAVIGATION_PRESETS[preset]).goes_to(FAR)
+    trip = NavigationRun(NAVIGATION_PRESETS[preset]).goes_to(FAR)
     trip.take_step()
     plan = trip.navigation.plan
     trip.planner.finds = False
@@ -63,7 +63,7 @@ def test_the_old_path_is_followed_while_there_is_no_new_one(preset: str) -> None
 
 
 def test_an_interval_ends_with_the_run_or_with_a_cancellation() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.local_planner.valid = False
     trip.steps(4)
     assert trip.count("no_valid_trajectory") == [(at_step(0), at_step(3), "run")]
@@ -74,7 +74,7 @@ def test_an_interval_ends_with_the_run_or_with_a_cancellation() -> None:
 
 
 def test_no_command_is_requested_once_the_local_planner_has_reached_the_goal() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.local_planner.arrives = False
     trip.steps(250)
     assert trip.place == FAR and trip.phase is GoalPhase.CONTROLLING
@@ -85,7 +85,7 @@ def test_no_command_is_requested_once_the_local_planner_has_reached_the_goal() -
 
 
 def test_a_goal_is_not_reached_before_there_is_a_path() -> None:
-    trip = Trip().goes_to(WEST)
+    trip = NavigationRun().goes_to(WEST)
     trip.planner.finds = False
     trip.steps(3)
     assert trip.phase is GoalPhase.PLANNING
@@ -95,7 +95,7 @@ def test_a_goal_is_not_reached_before_there_is_a_path() -> None:
 
 
 def test_a_new_goal_resets_timeouts_and_recoveries_and_plans_at_once() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
     trip.steps(15)
@@ -108,7 +108,7 @@ def test_a_new_goal_resets_timeouts_and_recoveries_and_plans_at_once() -> None:
 
 
 def test_keeping_changes_nothing_and_a_new_point_replaces_the_goal() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(5)
     before = trip.navigation.goal
     trip.navigation.take(GoalOrder.KEEP)
@@ -119,7 +119,7 @@ def test_keeping_changes_nothing_and_a_new_point_replaces_the_goal() -> None:
 
 
 def test_a_paused_robot_stands_without_timeout_until_resumed() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(3)
     trip.navigation.take(GoalOrder.KEEP, True)
     assert trip.steps(500) == [STILL] * 500
@@ -132,7 +132,7 @@ def test_a_paused_robot_stands_without_timeout_until_resumed() -> None:
 
 
 def test_a_goal_of_a_paused_robot_waits_and_repeated_pauses_have_no_effect() -> None:
-    trip = Trip()
+    trip = NavigationRun()
     trip.navigation.take(FAR, True)
     assert trip.take_step() == STILL and trip.phase is GoalPhase.PAUSED
     near = Point(1.0, 3.0)
@@ -149,21 +149,21 @@ def test_a_goal_of_a_paused_robot_waits_and_repeated_pauses_have_no_effect() -> 
 def test_marks_reach_the_planner_in_the_map_frame_if_enabled() -> None:
     door = np.array([[4.7, 1.75], [4.75, 1.6], [4.75, 1.9]])
     for marking, status in ((False, ACTIVE), (True, ABORTED)):
-        trip = Trip(NavigationParameters(mark_robots=marking)).goes_to(FAR)
+        trip = NavigationRun(NavigationParameters(mark_robots=marking)).goes_to(FAR)
         trip.map.marked = np.array([SHIFT.compose(Pose(x, y, 0.0))[:2] for x, y in door])
         trip.steps(17)
         assert trip.status is status
 
 
 def test_a_robot_in_a_distant_door_does_not_stop_one_that_approaches_it() -> None:
-    trip = Trip(NAVIGATION_PRESETS["robust"]).goes_to(FAR)
+    trip = NavigationRun(NAVIGATION_PRESETS["robust"]).goes_to(FAR)
     trip.take_step()
     trip.map.marked = np.array([SHIFT.compose(Pose(4.7, y, 0.0))[:2] for y in (1.4, 1.6, 1.75, 1.9, 2.1)])
     assert trip.steps(60) == [AHEAD] * 60
 
 
 def test_a_robot_backs_away_after_a_contact_and_continues() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(3)
     backward = Twist(-0.1, 0.0, 0.0)
     assert trip.take_step(bumped=True) == backward and trip.phase is GoalPhase.RETREATING
@@ -175,7 +175,7 @@ def test_a_robot_backs_away_after_a_contact_and_continues() -> None:
 
 
 def test_a_retreat_has_a_timeout_and_needs_free_space_behind() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.take_step(bumped=True)
     assert [twist.vx < 0 for twist in trip.steps(35)] == [True] * 29 + [False] * 6
     trip.map.behind = False
@@ -184,12 +184,12 @@ def test_a_retreat_has_a_timeout_and_needs_free_space_behind() -> None:
 
 
 def test_a_robot_without_a_goal_stands_and_does_not_retreat() -> None:
-    trip = Trip()
+    trip = NavigationRun()
     assert (trip.take_step(), trip.take_step(bumped=True), trip.navigation.goal) == (STILL, STILL, None)
 
 
 def test_every_goal_is_listed_with_its_outcome() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(3)
     trip.goes_to(WEST).steps(2)
     trip.navigation.take(GoalOrder.CANCEL)
@@ -202,9 +202,9 @@ def test_every_goal_is_listed_with_its_outcome() -> None:
 
 
 def test_an_interval_without_path_spans_further_attempts() -> None:
-    trip = Trip().goes_to(NO_COMMAND)
+    trip = NavigationRun().goes_to(UNREACHABLE)
     trip.steps(30)
-    trip.goes_to(NO_COMMAND).steps(30)
+    trip.goes_to(UNREACHABLE).steps(30)
     (spell,) = cast(list[tuple[int, int]], trip.count("without_plan"))
     assert spell[1] - spell[0] > seconds(5)
     trip.goes_to(FAR).steps(2)
@@ -214,7 +214,7 @@ def test_an_interval_without_path_spans_further_attempts() -> None:
 
 @pytest.mark.parametrize("back_off", [False, True])
 def test_backing_off_begins_once_the_space_behind_is_free(back_off: bool) -> None:
-    trip = Trip(replace(CHAPTER, back_off=back_off)).goes_to(FAR)
+    trip = NavigationRun(replace(CHAPTER, back_off=back_off)).goes_to(FAR)
     trip.local_planner.valid, trip.map.behind = False, False
     backward = Twist(-CHAPTER.retreat_speed, 0.0, 0.0)
     while not trip.count("recoveries"):
@@ -230,7 +230,7 @@ def test_backing_off_begins_once_the_space_behind_is_free(back_off: bool) -> Non
     told=st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(1, 25)), min_size=1, max_size=12),
 )
 def test_without_plan_or_trajectory_a_robot_stands(preset: str, told: list[tuple[bool, bool, int]]) -> None:
-    trip = Trip(NAVIGATION_PRESETS[preset]).goes_to(FAR)
+    trip = NavigationRun(NAVIGATION_PRESETS[preset]).goes_to(FAR)
     for trip.planner.finds, trip.local_planner.valid, steps in told:
         for _ in range(steps):
             twist, goal = trip.take_step(), trip.navigation.goal
@@ -244,19 +244,19 @@ def test_without_plan_or_trajectory_a_robot_stands(preset: str, told: list[tuple
 
 
 def test_without_a_path_it_replans_in_every_cycle_recovers_once_and_aborts() -> None:
-    trip = Trip().goes_to(NO_COMMAND)
+    trip = NavigationRun().goes_to(UNREACHABLE)
     assert trip.steps(8) == [STILL] * 8
     assert (trip.planner.asked, trip.count("recoveries")) == (4, 0), "0, 0.2, 0.4 and 0.6 s"
     trip.take_step()
     assert (trip.phase, trip.count("recoveries")) == (GoalPhase.PLANNING, 1)
     assert trip.steps(7) == [STILL] * 7 and trip.status is ACTIVE
     trip.take_step()
-    assert trip.navigation.goal == Goal(NO_COMMAND, ABORTED, AbortReason.NO_PLAN)
+    assert trip.navigation.goal == Goal(UNREACHABLE, ABORTED, AbortReason.NO_PLAN)
     assert trip.planner.asked == 7 and not trip.local_planner.asked
 
 
 def test_a_new_path_resets_recoveries_for_no_plan() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     for spell in range(1, 4):
         trip.planner.finds = trip.local_planner.valid = False
         trip.steps(10)
@@ -267,7 +267,7 @@ def test_a_new_path_resets_recoveries_for_no_plan() -> None:
 
 
 def test_without_a_trajectory_it_replans_at_once_and_in_each_cycle() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
     asked = []
@@ -279,7 +279,7 @@ def test_without_a_trajectory_it_replans_at_once_and_in_each_cycle() -> None:
 
 
 def test_with_marked_robots_a_missing_trajectory_does_not_cause_replanning() -> None:
-    trip = Trip(replace(CHAPTER, mark_robots=True)).goes_to(FAR)
+    trip = NavigationRun(replace(CHAPTER, mark_robots=True)).goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
     assert trip.steps(12) == [STILL] * 12 and trip.phase is GoalPhase.OBSTRUCTED
@@ -290,7 +290,7 @@ def test_with_marked_robots_a_missing_trajectory_does_not_cause_replanning() -> 
 
 
 def test_the_planners_timeout_starts_at_the_last_cycle_without_a_trajectory() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(30)
     trip.planner.finds = trip.local_planner.valid = False
     trip.steps(2)
@@ -306,7 +306,7 @@ def test_the_planners_timeout_starts_at_the_last_cycle_without_a_trajectory() ->
 
 
 def test_without_a_trajectory_it_recovers_after_the_timeout() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.steps(2)
     trip.local_planner.valid = False
     assert trip.steps(12) == [STILL] * 12
@@ -325,7 +325,7 @@ def test_without_a_trajectory_it_recovers_after_the_timeout() -> None:
 
 
 def test_an_obstacle_that_leaves_in_time_resets_timeouts() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     for _ in range(3):
         trip.local_planner.valid = True
         trip.steps(2)
@@ -350,7 +350,7 @@ def test_a_recovery_of_the_chapters_robot_clears_nothing(preset: str, left: int)
 
 
 def test_a_robot_without_progress_recovers_and_then_aborts() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.drifts = False
     assert trip.steps(104) == [AHEAD] * 104, "the cycle after 10 s still has a command"
     assert (trip.count("recoveries"), trip.phase) == (0, GoalPhase.CONTROLLING)
@@ -362,7 +362,7 @@ def test_a_robot_without_progress_recovers_and_then_aborts() -> None:
 
 
 def test_a_robot_without_trajectory_does_not_recover_for_lack_of_progress() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.drifts = False
     trip.steps(102)
     trip.local_planner.valid = False
@@ -376,7 +376,7 @@ def test_a_robot_without_trajectory_does_not_recover_for_lack_of_progress() -> N
 
 @pytest.mark.parametrize(("moved", "recoveries"), [(0.25, 0), (0.2499, 1)])
 def test_progress_requires_the_oscillation_distance(moved: float, recoveries: int) -> None:
-    trip = Trip(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
+    trip = NavigationRun(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
     trip.drifts = False
     trip.steps(80)
     trip.place = Point(WEST.x + moved, WEST.y)
@@ -385,7 +385,7 @@ def test_progress_requires_the_oscillation_distance(moved: float, recoveries: in
 
 
 def test_a_new_goal_restarts_the_timeout_but_keeps_the_anchor() -> None:
-    trip = Trip(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
+    trip = NavigationRun(replace(CHAPTER, oscillation_distance=0.25)).goes_to(FAR)
     trip.drifts = False
     trip.steps(80)
     trip.place = Point(WEST.x + 0.125, WEST.y)
@@ -397,7 +397,7 @@ def test_a_new_goal_restarts_the_timeout_but_keeps_the_anchor() -> None:
 
 
 def test_progress_resets_recoveries() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.drifts = False
     trip.steps(102)
     trip.drifts = True
@@ -409,14 +409,14 @@ def test_progress_resets_recoveries() -> None:
 
 @pytest.mark.parametrize("recoveries", [0, 2])
 def test_the_number_of_recoveries_is_a_parameter(recoveries: int) -> None:
-    trip = Trip(NavigationParameters(recoveries=recoveries)).goes_to(NO_COMMAND)
+    trip = NavigationRun(NavigationParameters(recoveries=recoveries)).goes_to(UNREACHABLE)
     trip.steps(40)
-    assert trip.navigation.goal == Goal(NO_COMMAND, ABORTED, AbortReason.NO_PLAN)
+    assert trip.navigation.goal == Goal(UNREACHABLE, ABORTED, AbortReason.NO_PLAN)
     assert len(trip.map.cleared) == recoveries
 
 
 def test_an_aborted_goal_can_be_requested_again() -> None:
-    trip = Trip().goes_to(FAR)
+    trip = NavigationRun().goes_to(FAR)
     trip.local_planner.valid = False
     trip.steps(20)
     trip.local_planner.valid = True

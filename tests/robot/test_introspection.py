@@ -91,7 +91,7 @@ def test_a_truncated_recording_has_the_introspection_before_the_end(
 
 
 @dataclass(frozen=True)
-class Hoarder(Knowledge):
+class LargeKnowledge(Knowledge):
     id: str
     texts: tuple[str, ...] = ()
     table: Mapping[str, str] = field(default_factory=dict)
@@ -100,11 +100,13 @@ class Hoarder(Knowledge):
 def test_knowledge_of_any_size_stays_within_a_record() -> None:
     navigation: Any = SimpleNamespace(local_planner=None, goal=None)
     introspector = Introspector("r1", cast(Any, None), navigation)
-    kept = Hoarder(id="r1")
+    kept = LargeKnowledge(id="r1")
     for number in range(12_000):
         text = chr(ord("a") + number % 26) * 15_000
         new = replace(kept, texts=(text,), table={f"{number}-{key}": text for key in range(3)})
-        introspector.committed(Commit("Hoarder.hoard", Instant(number), kept, new, adaptation=False), None)
+        introspector.committed(
+            Commit("LargeKnowledge.hoard", Instant(number), kept, new, adaptation=False), None
+        )
         kept = new
     introspector._instant = Instant(-1)
     assert introspector.end(0, cast(Any, None)) is None

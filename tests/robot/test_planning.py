@@ -31,7 +31,7 @@ from actors.robot.navigation.planning import (
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 from actors.settings import ParameterError
 from tests.robot.base import TWO_ROOMS, plan
-from tests.robot.rig import Memory, Obedient, navigator
+from tests.robot.rig import FakeCostMap, FakeLocalPlanner, navigator
 
 RADIUS = 0.177
 FLOOR = planning_grid(TWO_ROOMS, RADIUS)
@@ -258,10 +258,10 @@ def test_paths_lead_around_marks_which_may_close_a_door_or_move_the_goal() -> No
 STEP_S = 0.1
 
 
-class Driven:
+class BackingOutRun:
     def __init__(self, pose: Pose) -> None:
-        self.map = Memory()
-        self.navigation = navigator(GridPlanner(FLOOR), self.map, Obedient())
+        self.map = FakeCostMap()
+        self.navigation = navigator(GridPlanner(FLOOR), self.map, FakeLocalPlanner())
         self.pose, self.step = pose, 0
         self.been: list[Point] = []
 
@@ -289,8 +289,8 @@ class Driven:
         self.navigation.sense(self._now, self.pose, None)
 
 
-def bend() -> Driven:
-    driven = Driven(Pose(1.0, 1.0, 0.0))
+def bend() -> BackingOutRun:
+    driven = BackingOutRun(Pose(1.0, 1.0, 0.0))
     driven.carried(*(Pose(1.0 + 0.05 * n, 1.0, 0.0) for n in range(21)))
     arc = [0.05 * n * math.pi / 2 for n in range(21)]
     driven.carried(*(Pose(2.0 + math.sin(a), 2.0 - math.cos(a), a) for a in arc))
@@ -310,7 +310,7 @@ def test_it_backs_out_along_a_curved_trail_by_the_distance() -> None:
 
 
 def test_backing_out_ends_with_the_trail_or_at_an_obstacle() -> None:
-    driven = Driven(Pose(1.0, 1.0, 0.0))
+    driven = BackingOutRun(Pose(1.0, 1.0, 0.0))
     driven.carried(*(Pose(1.0 + 0.05 * n, 1.0, 0.0) for n in range(11)))
     driven.navigation.take(GoalOrder.KEEP, None, MAX_BACK_OUT)
     driven.steps(60)
@@ -361,7 +361,7 @@ def test_the_trail_covers_the_longest_distance_of_backing_out() -> None:
 
 
 def test_a_plan_has_distance_and_time_to_go() -> None:
-    driven = Driven(Pose(2.0, 1.7, 0.0))
+    driven = BackingOutRun(Pose(2.0, 1.7, 0.0))
     driven.navigation.take(Point(8.0, 1.7))
     driven.steps(1)
     plan = driven.navigation.plan

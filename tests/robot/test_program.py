@@ -31,7 +31,7 @@ from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup
 from actors.runtime.processor import combined
 from tests.refusals import refused
-from tests.robot.rig import Scripted
+from tests.robot.rig import ScriptedBehaviour
 
 MAPS = Path(__file__).parents[2] / "maps"
 ROBOT = RobotSetup(
@@ -157,7 +157,7 @@ def test_an_invalid_entry(entry: str, fault: str) -> None:
 
 def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     behaviour = load_behaviour("tests.robot.rig:keeper", START)
-    assert isinstance(behaviour, Scripted) and behaviour.decision is not None
+    assert isinstance(behaviour, ScriptedBehaviour) and behaviour.decision is not None
     with pytest.raises(ZeroDivisionError):
         load_behaviour("tests.robot.rig:fails", START)
     (tmp_path / "study_without_library.py").write_text("import no_such_library\n")

@@ -170,7 +170,7 @@ def host(start: Start, component: Knowledge, *ensembles: object) -> Behaviour:
 
     Raises BehaviourError if they need a port that the node does not have.
     """
-    return _Hosted(start, component, ensembles)
+    return _NodeBehaviour(start, component, ensembles)
 
 
 def take_over(successor: Behaviour, former: Behaviour, name: str) -> None:
@@ -178,7 +178,7 @@ def take_over(successor: Behaviour, former: Behaviour, name: str) -> None:
 
     Raises BehaviourError if one of them was not made by `host` or the component cannot resume the other.
     """
-    new, old = _hosted(successor), _hosted(former)
+    new, old = _node_behaviour(successor), _node_behaviour(former)
     if new is None or old is None or not new.resume(old):
         raise BehaviourError(
             f"behaviour {name!r} cannot resume the previous behaviour; both should be components of the same "
@@ -188,24 +188,24 @@ def take_over(successor: Behaviour, former: Behaviour, name: str) -> None:
 
 def node_of(behaviour: object) -> Node | None:
     """Return the node of a behaviour, for introspection; None if it has none."""
-    hosted = _hosted(behaviour)
+    hosted = _node_behaviour(behaviour)
     return None if hosted is None else hosted.node
 
 
 def ensembles_of(behaviour: object) -> tuple[object, ...]:
     """Return the ensembles of a behaviour's node, for introspection."""
-    hosted = _hosted(behaviour)
+    hosted = _node_behaviour(behaviour)
     return () if hosted is None else hosted.ensembles
 
 
-def _hosted(behaviour: object) -> "_Hosted | None":
+def _node_behaviour(behaviour: object) -> "_NodeBehaviour | None":
     """Return the host in a behaviour or in the behaviours that it wraps (attribute `hosted`)."""
-    while behaviour is not None and not isinstance(behaviour, _Hosted):
+    while behaviour is not None and not isinstance(behaviour, _NodeBehaviour):
         behaviour = getattr(behaviour, "hosted", None)
     return behaviour
 
 
-class _Hosted:
+class _NodeBehaviour:
     """A behaviour that runs a node."""
 
     def __init__(self, start: Start, component: Knowledge, ensembles: Sequence[object]) -> None:
@@ -226,7 +226,7 @@ class _Hosted:
         self.node = self._deploy(START)  # report missing ports before the first step
         self._begun = False
 
-    def resume(self, former: "_Hosted") -> bool:
+    def resume(self, former: "_NodeBehaviour") -> bool:
         """Resume the state of the previous host, before the first step; False if the component cannot."""
         component = self._component
         knowledge = former.node.knowledge(former._component.id)

@@ -19,7 +19,7 @@ from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.confidence import BeamClasses, CovarianceModel, classify_beams
 from actors.robot.localisation.likelihood_field import LikelihoodField
-from actors.robot.localisation.measurement import Cloud, Measurement, beams, end_points
+from actors.robot.localisation.measurement import Measurement, ParticleSet, beams, end_points
 from actors.robot.localisation.motion import move, odometry_step, sample_around, step_count, step_spread
 from actors.robot.localisation.parameters import AmclParameters, Estimate, StartLocator
 from actors.robot.localisation.resampling import Cluster, Histogram, heaviest_cluster, histogram, resample
@@ -305,7 +305,7 @@ class Amcl:
         known, tally = judged.known, self._tally
         fit, skipped = self._measurement.weigh(
             known,
-            Cloud(self._poses, self._weights, self._directions, self._count),
+            ParticleSet(self._poses, self._weights, self._directions, self._count),
             together=self._together(),
         )
         tally.beams_skipped += skipped

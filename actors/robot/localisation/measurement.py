@@ -22,7 +22,7 @@ from actors.robot.localisation.parameters import AmclParameters
 from actors.robot_model import RangeSensor, scan_angles
 
 
-class Cloud(NamedTuple):
+class ParticleSet(NamedTuple):
     """Particles: the first `size` entries of the arrays."""
 
     poses: Floats
@@ -57,7 +57,7 @@ class Measurement:
         self._table = p * p * p if parameters.weighting == "cubes" else arrays.log(p)
         self._agreeing = int(np.count_nonzero(field.distances < parameters.beam_skip_distance)) - 1
 
-    def weigh(self, ends: Floats, cloud: Cloud, *, together: bool) -> tuple[float, int]:
+    def weigh(self, ends: Floats, cloud: ParticleSet, *, together: bool) -> tuple[float, int]:
         """Weigh the particles by a scan; return the fit and the number of skipped beams.
 
         `ends`: (b, 2), m, body's frame. Multiplies the cloud's weights, normalises them to sum 1, and writes
@@ -80,7 +80,7 @@ def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParame
 
 
 @kernel
-def weigh_by_cubes(scan: BeamScores, cloud: Cloud) -> float:
+def weigh_by_cubes(scan: BeamScores, cloud: ParticleSet) -> float:
     """Multiply the weights by 1 + Σp³ and normalise them; return the fit. `scan.scores`: p³ by level.
 
     The fit is the share of agreements over all beams and particles; 0 without beams.
@@ -94,7 +94,7 @@ def weigh_by_cubes(scan: BeamScores, cloud: Cloud) -> float:
 
 @kernel
 def weigh_by_product(
-    scan: BeamScores, cloud: Cloud, threshold: float, most: float, sharpness: float
+    scan: BeamScores, cloud: ParticleSet, threshold: float, most: float, sharpness: float
 ) -> tuple[float, int]:
     """Multiply the weights by (Πp)^`sharpness` and normalise them; return fit and number of skipped beams.
 
@@ -118,7 +118,7 @@ def weigh_by_product(
 
 
 @kernel
-def _face(frame: Floats, cloud: Cloud) -> Floats:
+def _face(frame: Floats, cloud: ParticleSet) -> Floats:
     """Return the particles' positions in cells, (2, size); fills the cloud's directions."""
     poses, directions = cloud.poses, cloud.directions
     cells = np.empty((2, cloud.size))
@@ -149,7 +149,7 @@ def _look_up(
 
 
 @kernel
-def _sums(scan: BeamScores, cells: Floats, cloud: Cloud, threshold: float) -> tuple[Floats, float, int]:
+def _sums(scan: BeamScores, cells: Floats, cloud: ParticleSet, threshold: float) -> tuple[Floats, float, int]:
     """Return each particle's sum of scores of used beams, the fit, and the number of skipped beams."""
     count, ends, side = cloud.size, scan.ends, scan.grid.frame[2]
     sums = np.zeros(count)
@@ -171,7 +171,7 @@ def _sums(scan: BeamScores, cells: Floats, cloud: Cloud, threshold: float) -> tu
 
 
 @kernel
-def _normalise(cloud: Cloud) -> None:
+def _normalise(cloud: ParticleSet) -> None:
     """Normalise the weights to sum 1."""
     total = 0.0
     for i in range(cloud.size):
@@ -313,7 +313,7 @@ def fingerprint() -> bytes:
     grid, p = example_field().grid, 0.5 * arrays.exp(-np.arange(256.0) / 50) + 0.1
     poses = np.linspace(-1.5, 3.0, 90, dtype=np.float64).reshape(3, 30)
     points = np.column_stack((arrays.cos(np.arange(12.0)), arrays.sin(np.arange(12.0))))
-    cloud = Cloud(poses, np.full(30, 1 / 30, np.float64), np.empty((2, 30)), 30)
+    cloud = ParticleSet(poses, np.full(30, 1 / 30, np.float64), np.empty((2, 30)), 30)
     fits = (
         weigh_by_cubes(BeamScores(grid, points, p * p * p, 60), cloud),
         *weigh_by_product(BeamScores(grid, points, arrays.log(p), 60), cloud, 0.3, 0.9, 0.5),

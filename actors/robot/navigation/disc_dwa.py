@@ -43,7 +43,7 @@ possible distance from the centre in steps.
 """
 
 
-class Fields(NamedTuple):
+class CriticFields(NamedTuple):
     """Inputs of the critics for the window's cells."""
 
     squared: Int16s
@@ -59,7 +59,7 @@ def fingerprint() -> bytes:
     squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
     waves = Waves(np.abs(row - 25).astype(np.int32), steps, steps)
-    fields = Fields(squared, waves, np.ones((40, 40), np.uint8))
+    fields = CriticFields(squared, waves, np.ones((40, 40), np.uint8))
     numbers = [
         1.6, 1.6, 0.6, 0.6, 6.5, 3.0, 0.5, 0.1, 20.0, 0.2,
         3.5, 1.0, 5.0, 5.0, 0.2, 2.0, 0.4, 9.0, 0.5,
@@ -130,7 +130,7 @@ def _driven(
     s: float,
     speed: float,
     turn: float,
-    fields: Fields,
+    fields: CriticFields,
     fleeing: bool,
     w: Any,
 ) -> tuple[float, float, float, float, float]:
@@ -262,7 +262,7 @@ def best_velocity(
     counts: tuple[int, int],
     barred: Flags,
     bounds: Floats,
-    fields: Fields,
+    fields: CriticFields,
     table: Floats,
     weights: NDArray[np.void],
 ) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from actors.geometry import Pose, Twist, wrap
 from actors.instant import Instant
 from actors.portable import atan2, cos_sin, hypot
 from actors.robot.navigation.cost_map import CostMap
-from actors.robot.navigation.disc_dwa import WEIGHTS, Fields, best_velocity, squared_at
+from actors.robot.navigation.disc_dwa import WEIGHTS, CriticFields, best_velocity, squared_at
 from actors.robot.navigation.map_grid import Waves, bearing, clip_path, detour, free_goal, wavefront
 from actors.robot.navigation.ray_tracing import half_gaps
 from actors.robot.navigation.steering import (
@@ -32,7 +32,7 @@ _NOTHING: Final = np.zeros(4, np.bool_)
 class _CriticInputs(NamedTuple):
     """Inputs of the critics in one cycle."""
 
-    fields: Fields
+    fields: CriticFields
     goal: float
     """Distance of the local goal, cells."""
     bearing: float
@@ -140,7 +140,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         trusted = self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted
         leads = bearing(squared, self._limit, cells, body, nose)
         aside = abs(wrap(atan2(dy, dx) - body[2] - leads)) if leads else 0.0
-        return _CriticInputs(Fields(squared, waves, trusted), hypot(dx, dy), leads, aside, ended)
+        return _CriticInputs(CriticFields(squared, waves, trusted), hypot(dx, dy), leads, aside, ended)
 
     def _bounds(self, instant: Instant, body: Floats) -> Floats:
         """Return the bounds of the stopping distance due to moving marks; see `half_gaps`."""

@@ -190,7 +190,7 @@ NAVIGATION_PRESETS: Final = {
 other robots; the robot waits for them and backs off."""
 
 
-class _Sensed(msgspec.Struct, frozen=True, gc=False):
+class _RobotState(msgspec.Struct, frozen=True, gc=False):
     """Arguments of `Navigator.advance`."""
 
     instant: Instant
@@ -297,7 +297,7 @@ class Navigator:
         if self._retreats(instant, here, bumped):
             self._in_phase(GoalPhase.RETREATING, instant)
             return Twist(-self._p.retreat_speed, 0.0, 0.0)
-        return self._pursue(self.goal.point, _Sensed(instant, here, estimate, velocity))
+        return self._pursue(self.goal.point, _RobotState(instant, here, estimate, velocity))
 
     def _back_out(self, withdrawal: Withdrawal, instant: Instant, here: Pose) -> Twist | None:
         """Return the velocity along the trail; None at the end of backing out."""
@@ -313,7 +313,7 @@ class Navigator:
             self._in_phase(GoalPhase.RETREATING, instant)
         return twist
 
-    def _pursue(self, goal: Point, now: _Sensed) -> Twist:
+    def _pursue(self, goal: Point, now: _RobotState) -> Twist:
         """Return the command of the current cycle (MoveBase::executeCb and executeCycle, move_base.cpp).
 
         In move_base the path of a new goal arrives after a first cycle, in which the base keeps its command.
@@ -334,7 +334,7 @@ class Navigator:
             pursuit.twist = self._cycle(pursuit, goal, now)
         return pursuit.twist
 
-    def _cycle(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
+    def _cycle(self, pursuit: Pursuit, goal: Point, now: _RobotState) -> Twist:
         """Return the command of the state (MoveBase::executeCycle: its switch)."""
         if pursuit.state is PursuitState.CLEARING:
             return self._recover(pursuit, now.instant)
@@ -344,7 +344,7 @@ class Navigator:
             self._plan(pursuit, goal, now)
         return self._in_phase(GoalPhase.PLANNING, now.instant)
 
-    def _control(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> Twist:
+    def _control(self, pursuit: Pursuit, goal: Point, now: _RobotState) -> Twist:
         """Return the local planner's command; without a valid trajectory stand and replan at once.
 
         MoveBase::executeCycle, case CONTROLLING: a robot without progress still receives a command in this
@@ -369,7 +369,7 @@ class Navigator:
             self._plan(pursuit, goal, now)
         return self._in_phase(GoalPhase.OBSTRUCTED, instant)
 
-    def _plan(self, pursuit: Pursuit, goal: Point, now: _Sensed) -> None:
+    def _plan(self, pursuit: Pursuit, goal: Point, now: _RobotState) -> None:
         """Search for a path (MoveBase::planThread).
 
         Without a new path, the robot follows the old one or waits for the timeout.
@@ -412,7 +412,7 @@ class Navigator:
         pursuit.state, self.plan = PursuitState.PLANNING, None
         return self._in_phase(GoalPhase.PLANNING, instant)
 
-    def _watch(self, pursuit: Pursuit, now: _Sensed) -> None:
+    def _watch(self, pursuit: Pursuit, now: _RobotState) -> None:
         """Detect progress (MoveBase::executeCycle, at its begin, in every state)."""
         place, distance = now.estimate.point, self._p.oscillation_distance
         if self._anchor is None or not self._anchor.is_nearer(place, distance):
