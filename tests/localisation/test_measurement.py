@@ -62,7 +62,7 @@ def test_poses_are_drawn_evenly_over_the_free_floor() -> None:
 
 
 def test_a_map_without_floor_and_a_distance_of_0_are_rejected() -> None:
-    with pytest.raises(AcrcError, match="max_distance 0 m; it must be above 0 m"):
+    with pytest.raises(AcrcError, match="is 0 m; it must be above 0 m"):
         likelihood_field(_plan(), 0.0)
     with pytest.raises(AcrcError) as raised:
         likelihood_field(OccupancyGrid(np.full((3, 4), OCCUPIED, np.uint8), 0.1), 2.0)
