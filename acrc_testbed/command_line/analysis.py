@@ -232,8 +232,11 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
     with out_folder.writing(folder or out):
         where = folder or regular_file.no_link(out / "tables")
         written = dict(parquet_files.write(found, where))
-    lines = [f"{path}: {count} rows" for path, count in written.items()]
-    answer(lines, [{"file": path, "rows": count} for path, count in written.items()], json=json)
+    answer(
+        (f"{path}: {count} rows" for path, count in written.items()),
+        [{"file": path, "rows": count} for path, count in written.items()],
+        json=json,
+    )
     if missing := parquet_files.lacking(found):
         raise AcrcError(f"{out}: recorded lean, so {', '.join(missing)} are missing; run with --record full")
 
@@ -251,5 +254,8 @@ def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], 
     for note in report.notes:
         print(note, file=sys.stderr)
     size, messages, topics = path.stat().st_size, report.counts.total(), len(report.counts)
-    line = f"{path}: {messages} messages of {topics} topics, {size / 1e6:.1f} MB"
-    answer([line], {"file": path, "messages": messages, "topics": topics, "bytes": size}, json=json)
+    answer(
+        [f"{path}: {messages} messages of {topics} topics, {size / 1e6:.1f} MB"],
+        {"file": path, "messages": messages, "topics": topics, "bytes": size},
+        json=json,
+    )

@@ -176,11 +176,14 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
     with out_folder.writing(target):
         regular_file.write(target, content)
     plan = frozen_plan.read(target)
-    lines = [
-        f"Frozen {declared(plan)}",
-        f"written to {target}; publish the hash before the first run, since it does not prove a date",
-    ]
-    answer(lines, {"file": target, "commit": plan.commit, "sha256": plan.sha256}, json=json)
+    answer(
+        [
+            f"Frozen {declared(plan)}",
+            f"written to {target}; publish the hash before the first run, since it does not prove a date",
+        ],
+        {"file": target, "commit": plan.commit, "sha256": plan.sha256},
+        json=json,
+    )
 
 
 def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
@@ -306,12 +309,14 @@ def plan(a12: float, power: float, correlation: float, comparisons: int, *, json
         pairs = pairs_needed(Effect(a12, correlation, power, tests))
     except ValueError as error:
         raise OptionError(f"--a12: {error}") from None
-    sentence = (
-        f"{pairs} pairs of runs detect an effect of A12 = {a12:g} with probability {power:g} at 5 % shared "
-        f"by {tests} tests, if runs with the same seed have correlation {correlation:g}."
+    answer(
+        [
+            f"{pairs} pairs of runs detect an effect of A12 = {a12:g} with probability {power:g} at 5 % "
+            f"shared by {tests} tests, if runs with the same seed have correlation {correlation:g}."
+        ],
+        {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests},
+        json=json,
     )
-    data = {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests}
-    answer([sentence], data, json=json)
 
 
 def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons: int, *, json: bool) -> None:

@@ -242,17 +242,20 @@ def units(
         modules=permit_of(modules).modules,
     )
     service, rules = written.service_file, written.rules_file
-    text = (
-        f"{service}\n{rules}\n\n"
-        "Review them, then install them on this computer:\n\n"
-        f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
-        f"  sudo install -m 644 {service} /etc/systemd/system/\n"
-        "  sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty\n"
-        "  sudo systemctl daemon-reload\n"
-        f"  sudo systemctl enable --now {service.name}\n\n"
-        f"Then `journalctl -fu {service.name}` shows the robot's log, and `acrc fleet doctor` finds faults."
+    answer(
+        [
+            f"{service}\n{rules}\n\n"
+            "Review them, then install them on this computer:\n\n"
+            f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
+            f"  sudo install -m 644 {service} /etc/systemd/system/\n"
+            "  sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty\n"
+            "  sudo systemctl daemon-reload\n"
+            f"  sudo systemctl enable --now {service.name}\n\n"
+            f"Then `journalctl -fu {service.name}` shows the robot's log; `acrc fleet doctor` finds faults."
+        ],
+        {"service": service, "rules": rules},
+        json=json,
     )
-    answer([text], {"service": service, "rules": rules}, json=json)
     for sentence in written.unassigned:
         sys.stderr.write(f"acrc: {sentence}\n")
 

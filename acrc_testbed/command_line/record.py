@@ -67,13 +67,7 @@ def echo(
 
     if csv and json:
         raise OptionError("--csv: cannot be combined with --json")
-    form = (
-        message_formats.OutputFormat.CSV
-        if csv
-        else message_formats.OutputFormat.JSON
-        if json
-        else message_formats.OutputFormat.TEXT
-    )
+    form = message_formats.OutputFormat["CSV" if csv else "JSON" if json else "TEXT"]
     if all(message_formats.is_log(key) for key in keys):
         logged = message_formats.read_logs(out, keys, begin, end, follow=follow)
         texts = message_formats.format_logs(logged, form, named=len(keys) > 1 or "*" in keys[0])
