@@ -9,9 +9,11 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, milliseconds
-from firmware_bridge.kobuki import kobuki_motion, kobuki_packets
+from firmware_bridge.kobuki import kobuki_motion
 from firmware_bridge.kobuki.kobuki_motion import KobukiOdometry
 from firmware_bridge.kobuki.kobuki_packets import (
+    LED1_GREEN,
+    LED1_RED,
     POWER_RAILS,
     RECHARGE_MELODY,
     BaseFeedback,
@@ -217,10 +219,7 @@ class KobukiDriver:
     def _warn(self, now: Instant, battery: BatteryLevel) -> None:
         """Signal a low battery by LED and sound; stop with a nearly empty one."""
         self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
-        light = {
-            BatteryLevel.LOW: kobuki_packets.LED1_RED | kobuki_packets.LED1_GREEN,
-            BatteryLevel.DANGER: kobuki_packets.LED1_RED,
-        }
+        light = {BatteryLevel.LOW: LED1_RED | LED1_GREEN, BatteryLevel.DANGER: LED1_RED}
         self._outputs, self._outputs_due = POWER_RAILS | light.get(battery, 0), now
         if battery in light:
             self._sound = _framed(SoundSequence(RECHARGE_MELODY))

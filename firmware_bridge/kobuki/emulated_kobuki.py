@@ -17,13 +17,15 @@ from actors.instant import START, Instant, in_seconds
 from actors.portable import cos, sin
 from actors.portable.draws import normals
 from actors.world.odometry import KobukiErrors
-from firmware_bridge.kobuki import kobuki_motion, kobuki_packets
+from firmware_bridge.kobuki import kobuki_motion
 from firmware_bridge.kobuki.kobuki_packets import (
+    POWER_RAILS,
     BaseControl,
     Basic,
     Command,
     FeedbackPacket,
     FrameReader,
+    GeneralOutput,
     Inertial,
     Unknown,
     WireCounts,
@@ -150,7 +152,7 @@ class EmulatedKobuki:
         self._sent = 0
         """Number of sent bytes of the first frame."""
         self.faults = KobukiFaults()
-        self.outputs = kobuki_packets.POWER_RAILS
+        self.outputs = POWER_RAILS
         """Last setting of digital outputs, power rails and LEDs."""
         self.heard: deque[tuple[Instant, Command]] = deque(maxlen=1024)
         """Last commands with their time of arrival."""
@@ -187,7 +189,7 @@ class EmulatedKobuki:
     def _obey(self, command: Command) -> None:
         if isinstance(command, BaseControl):
             self._body.drive(*((0.0, 0.0) if self.faults.wheel_drop else kobuki_motion.velocity(command)))
-        elif isinstance(command, kobuki_packets.GeneralOutput):
+        elif isinstance(command, GeneralOutput):
             self.outputs = command.flags
 
     def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:

@@ -359,47 +359,47 @@ class Laboratory:
 
 _USAGE: Final = {
     "battery": "VOLTS",
-    "darken": "",
-    "deafen": "",
-    "edge": "",
+    "block-lidar": "",
+    "cliff": "",
+    "corrupt": "base|radio|range SHARE",
+    "fail-lidar": "",
     "gps": "SENTENCE",
     "gyro": "works|frozen|absent",
-    "heal": "",
-    "jam": "",
+    "ignore-commands": "",
     "lift": "",
-    "lower": "",
+    "no-echo": "",
+    "overcurrent": "left|right|none",
     "plug": "base|radio|range",
     "press": "bumper|left|centre|right|radio",
+    "put-down": "",
     "reboot": "radio",
     "release": "",
-    "scramble": "base|radio|range SHARE",
-    "sicken": "",
+    "repair": "",
     "silence": "base|range",
-    "strain": "left|right|none",
     "unplug": "base|radio|range",
     "where": "",
 }
 """Arguments after verb and robot."""
 _FAULTS: Final[Mapping[str, tuple[str, str, Any]]] = {
-    "deafen": ("base", "deaf", True),
-    "edge": ("base", "cliff", 7),
+    "ignore-commands": ("base", "deaf", True),
+    "cliff": ("base", "cliff", 7),
     "gyro works": ("base", "gyro", "works"),
     "gyro frozen": ("base", "gyro", "frozen"),
     "gyro absent": ("base", "gyro", "absent"),
     "lift": ("base", "wheel_drop", 3),
-    "lower": ("base", "wheel_drop", 0),
+    "put-down": ("base", "wheel_drop", 0),
     "press bumper": ("base", "bumper", 2),
     "press left": ("base", "bumper", 4),
     "press centre": ("base", "bumper", 2),
     "press right": ("base", "bumper", 1),
     "release": ("base", "bumper", 0),
     "silence base": ("base", "silent", True),
-    "strain left": ("base", "overcurrent", 1),
-    "strain right": ("base", "overcurrent", 2),
-    "strain none": ("base", "overcurrent", 0),
-    "darken": ("lidar", "dark", True),
-    "jam": ("lidar", "stuck", True),
-    "sicken": ("lidar", "health", Health(2, 1)),
+    "overcurrent left": ("base", "overcurrent", 1),
+    "overcurrent right": ("base", "overcurrent", 2),
+    "overcurrent none": ("base", "overcurrent", 0),
+    "no-echo": ("lidar", "dark", True),
+    "block-lidar": ("lidar", "stuck", True),
+    "fail-lidar": ("lidar", "health", Health(2, 1)),
     "silence range": ("lidar", "silent", True),
 }
 """Device, attribute and value by command. Faults of the lidar: no echoes, blocked head, health error,
@@ -439,11 +439,11 @@ class FaultInjector:
                 hardware.body.drive(0.0, 0.0)
             case ("battery", volts):
                 hardware.base.faults.battery = _number(volts, "a voltage", 25.5)
-            case ("heal",):
+            case ("repair",):
                 self._heal(hardware, robot)
             case ("where",):
                 return self._where(hardware, robot)
-            case ("scramble", device, share):
+            case ("corrupt", device, share):
                 self._lines.corrupt(DevicePort(robot, device), _number(share, "a share", 1.0))
             case ("plug" | "unplug" as verb, device):
                 self._plug(DevicePort(robot, device), plug=verb == "plug")

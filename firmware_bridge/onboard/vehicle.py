@@ -263,8 +263,7 @@ class TurtleBot:
         """Raise MotionUnknownError if the base may have moved without feedback."""
         if self._kobuki.odometry.unknown:
             raise MotionUnknownError(
-                "no feedback from the base for too long, or the base was restarted: its motion in between is "
-                "unknown"
+                "no feedback from the base for too long, or it was restarted: motion in between is unknown"
             )
 
     def bumper(self) -> int:

@@ -80,8 +80,7 @@ class DepthScanner(RangeReader):
         """
         if depth.shape != (HEIGHT, WIDTH):
             raise DepthError(
-                f"depth image of {depth.shape[1]} columns and {depth.shape[0]} rows; must have {WIDTH} and "
-                f"{HEIGHT}"
+                f"depth image of {depth.shape[1]} x {depth.shape[0]} pixels; must be {WIDTH} x {HEIGHT}"
             )
         ranges = depth[_ROW] * self._lengths
         if not (ranges >= _RANGE_MIN).any():

@@ -140,7 +140,7 @@ _POLL: Final = milliseconds(1)
 
 
 @dataclass
-class Desk:
+class BoardHost:
     """A host, its board, and the line between them."""
 
     link: BoardLink | TransceiverLink
@@ -175,13 +175,13 @@ class Desk:
 class Lab:
     """Hosts in one room, which serve their lines periodically."""
 
-    def __init__(self, air: EmulatedMedium, desks: Sequence[Desk], rng: np.random.Generator) -> None:
+    def __init__(self, air: EmulatedMedium, hosts: Sequence[BoardHost], rng: np.random.Generator) -> None:
         self.now = Instant(0)
-        self.desks = desks
+        self.hosts = hosts
         self._air = air
         self._rng = rng
-        for desk in desks:
-            desk.link.connect(self.now)
+        for host in hosts:
+            host.link.connect(self.now)
 
     def run(self, duration: Duration) -> None:
         """Advance by `duration`."""
@@ -189,5 +189,5 @@ class Lab:
         while self.now < until:
             self.now = Instant(min(self.now + _POLL, until))
             self._air.advance(self.now)
-            for desk in self.desks:
-                desk.serve(self.now, self._rng)
+            for host in self.hosts:
+                host.serve(self.now, self._rng)

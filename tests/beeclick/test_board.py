@@ -44,7 +44,7 @@ from firmware_bridge.beeclick.board_messages import (
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulated_medium import EmulatedMedium
 from firmware_bridge.serial_port import BoardPort, PortError
-from tests.beeclick.lab import Desk, Lab, command_size, standing
+from tests.beeclick.lab import BoardHost, Lab, command_size, standing
 from tests.beeclick.lab import boards as row_of_boards
 
 COMMANDS: list[tuple[str, Command]] = [
@@ -379,7 +379,7 @@ def test_the_button_does_not_disturb_synchronisation() -> None:
         (board,) = air.devices
         assert isinstance(board, EmulatedBoard)
         link = BoardLink(BoardSettings(1))
-        room = Lab(air, [Desk(link, board)], np.random.default_rng(1))
+        room = Lab(air, [BoardHost(link, board)], np.random.default_rng(1))
         room.run(milliseconds(50))
         board.reboot(room.now)
         room.run(milliseconds(1_700 + delay))

@@ -46,7 +46,7 @@ from firmware_bridge.beeclick.board_messages import (
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulated_medium import DeviceMedium, EmulatedMedium
 from firmware_bridge.device_lines import NO_NOISE, LineNoise
-from tests.beeclick.lab import ECHOES, SYNC, Desk, Host, Lab, confirm, said
+from tests.beeclick.lab import ECHOES, SYNC, BoardHost, Host, Lab, confirm, said
 
 
 def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
@@ -388,8 +388,8 @@ class Soak:
         air = empty_air()
         self.board, self.link = CountingBoard(air, START), CountingLink(BoardSettings(2))
         air.add(self.board)
-        self.desk = Desk(self.link, self.board)
-        self.lab = Lab(air, [self.desk], self.rng)
+        self.host = BoardHost(self.link, self.board)
+        self.lab = Lab(air, [self.host], self.rng)
         self.packets = self.false = 0
         self.back_ms = dict.fromkeys(Trouble, 0.0)
         self.reported: Counter[int] = Counter()
@@ -398,20 +398,20 @@ class Soak:
     def trouble(self) -> None:
         """Inject a fault for 5 to 60 ms, then run on a clean line until board and link are ready."""
         trouble = Trouble(int(self.rng.integers(0, len(Trouble))))
-        self.desk.to_host = self.desk.to_board = LINES.get(trouble, NO_NOISE)
+        self.host.to_host = self.host.to_board = LINES.get(trouble, NO_NOISE)
         if trouble is Trouble.REBOOT:
             self.board.reboot(self.lab.now)
         for _ in range(int(self.rng.integers(5, 60))):
             for _ in range(int(self.rng.integers(0, 3))):
-                self.desk.send(self.lab.now, self.packets, self.rng.bytes(int(self.rng.integers(1, 119))))
+                self.host.send(self.lab.now, self.packets, self.rng.bytes(int(self.rng.integers(1, 119))))
                 self.packets += 1
             if trouble is Trouble.NOISE and self.rng.random() < 0.5:
                 noise = self._noise(int(self.rng.integers(1, 400)))
-                self.desk.come += len(noise)
-                self.desk.events.extend(self.link.take(self.lab.now, noise))
+                self.host.come += len(noise)
+                self.host.events.extend(self.link.take(self.lab.now, noise))
             self.lab.run(milliseconds(1))
             self._enter()
-        self.desk.to_host = self.desk.to_board = NO_NOISE
+        self.host.to_host = self.host.to_board = NO_NOISE
         if self.board.hung:
             self.board.reboot(self.lab.now)
         back_ms, back_bytes = self._recovery()
@@ -420,7 +420,7 @@ class Soak:
         self._enter()
 
     def end(self) -> None:
-        self.desk.unplug(self.lab.now)
+        self.host.unplug(self.lab.now)
         self._enter()
 
     def _noise(self, size: int) -> bytes:
@@ -431,7 +431,7 @@ class Soak:
 
     def _recovery(self) -> tuple[float, int]:
         """Return time, ms, and bytes from the board until link and board agree; wait for an idle radio."""
-        began, come, board = self.lab.now, self.desk.come, self.board
+        began, come, board = self.lab.now, self.host.come, self.board
         back: tuple[float, int] | None = None
         while self.lab.now < began + seconds(6):
             self.lab.run(milliseconds(1))
@@ -439,19 +439,19 @@ class Soak:
             if self.link.phase is not LinkPhase.READY or not board.commands.in_step or not set_up:
                 back = None
             elif back is None:
-                back = (self.lab.now - began) / 1e3, self.desk.come - come
+                back = (self.lab.now - began) / 1e3, self.host.come - come
             if back is not None and self.lab.now > began + milliseconds(200) and not self.link.in_flight:
                 return back
         raise AssertionError("board and link are not ready after 6 s")
 
     def _enter(self) -> None:
-        for event in self.desk.events:
+        for event in self.host.events:
             if isinstance(event, ENDS):
                 self.reported[event.tag] += 1
                 self.ends[type(event).__name__] += 1
                 if isinstance(event, Sent | AccessFailure):
                     self.false += not self.board.reports[self.link.numbers[event.tag]]
-        self.desk.events.clear()
+        self.host.events.clear()
         assert len(self.link._reader._bytes) < 300
 
 
@@ -460,7 +460,7 @@ def test_each_packet_is_reported_once_with_the_boards_outcome(
     full: bool, record_property: Callable[[str, object], None]
 ) -> None:
     soak = Soak(seed=3)
-    while soak.desk.come < (10_000_000 if full else 100_000):
+    while soak.host.come < (10_000_000 if full else 100_000):
         soak.trouble()
     soak.end()
     record_property("packets", {"all": soak.packets, **soak.ends})
@@ -479,17 +479,17 @@ def test_the_link_uses_the_capacity_of_line_and_medium(
     """Compare with the line rate and with a saturated simulated transceiver alone on the medium."""
     duration, air = seconds(10.0 if full else 1.0), empty_air()
     link = BoardLink(BoardSettings(2))
-    desk = Desk(link, EmulatedBoard(air, START))
-    air.add(desk.board)
-    lab = Lab(air, [desk], np.random.default_rng(1))
+    host = BoardHost(link, EmulatedBoard(air, START))
+    air.add(host.board)
+    lab = Lab(air, [host], np.random.default_rng(1))
     lab.run(milliseconds(20))
-    before, began = desk.link.counters["sent"], lab.now
+    before, began = host.link.counters["sent"], lab.now
     while lab.now < began + duration:
         while link.waiting + link.in_flight < 8:
-            desk.send(lab.now, 0, bytes(data_bytes))
+            host.send(lab.now, 0, bytes(data_bytes))
         lab.run(milliseconds(1))
-        desk.events.clear()
-    rate = (desk.link.counters["sent"] - before) / (duration / 1e6)
+        host.events.clear()
+    rate = (host.link.counters["sent"] - before) / (duration / 1e6)
     model = radio_model(RadioSetup(seed=1, step_us=10_000, robots=(), preset="beeclick"))
     medium = Medium([model.parameters.transceiver], model.propagation, model.parameters.phy, seed=1)
     medium.offer(0, SaturatedTraffic(octets(data_bytes)))

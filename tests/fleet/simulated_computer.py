@@ -26,7 +26,7 @@ DIALOUT = 20
 
 
 @dataclass(frozen=True)
-class Patient:
+class SimulatedComputer:
     """State of the simulated computer; by default without faults."""
 
     names: Mapping[str, UsbPort | None] = field(
@@ -53,7 +53,7 @@ class Patient:
     compiled: tuple[float, int] = (0.4, 0)
     isolation: str | None = None
 
-    def admit(self, patch: pytest.MonkeyPatch) -> None:
+    def install(self, patch: pytest.MonkeyPatch) -> None:
         """Patch the checks to see this computer."""
         for module, name, value in (
             (units, "usb_port", self.names.get),

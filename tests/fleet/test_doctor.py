@@ -16,7 +16,7 @@ from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 from deploy.fleet.units import UsbPort, usb_port, usb_ports
 from firmware_bridge.device_lines import PseudoTerminal
 from tests.fleet.fleet_texts import BOARD_AT_1, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
-from tests.fleet.simulated_computer import CACHE, Patient
+from tests.fleet.simulated_computer import CACHE, SimulatedComputer
 
 CONSTRAINTS = (ROOT / "constraints.txt").read_text()
 PINS = """\
@@ -39,11 +39,11 @@ OFFICE_FLEET = load_fleet(OFFICE)
 R2 = OFFICE_FLEET.robot_named("r2")
 
 
-def well(subject: str, text: str) -> DoctorFinding:
+def passed(subject: str, text: str) -> DoctorFinding:
     return DoctorFinding(subject, True, text)
 
 
-def wrong(subject: str, text: str) -> DoctorFinding:
+def failed(subject: str, text: str) -> DoctorFinding:
     return DoctorFinding(subject, False, text)
 
 
@@ -52,7 +52,7 @@ def behaviour(of: Fleet, one: FleetRobot, permit: Permit = INSTALLED) -> DoctorF
 
 
 def packages(patch: pytest.MonkeyPatch, versions: dict[str, str], minor: int = 11) -> list[DoctorFinding]:
-    Patient(versions=versions).admit(patch)
+    SimulatedComputer(versions=versions).install(patch)
     return list(doctor.check_packages(PINS, ("base", "hardware"), minor))
 
 
@@ -62,16 +62,16 @@ def test_packages_are_compared_with_the_tested_versions_of_this_python(
     real = {one.subject: one.text for one in doctor.check_packages(CONSTRAINTS, ())}
     assert real["packages hardware"] == "4 packages, tested versions"
     assert packages(monkeypatch, TESTED) == [
-        well("packages base", "2 packages, tested versions"),
-        well("packages sim", "not all installed; not needed here"),
-        well("packages hardware", "2 packages, tested versions"),
+        passed("packages base", "2 packages, tested versions"),
+        passed("packages sim", "not all installed; not needed here"),
+        passed("packages hardware", "2 packages, tested versions"),
     ]
     assert packages(monkeypatch, {"numpy": "2.2.5", "rich": "15.0.0", "pyserial": "3.5"})[::2] == [
-        wrong(
+        failed(
             "packages base",
             "numpy 2.2.5 is installed, tested is 2.2.6; remove .venv and run ./acrc, which recreates it",
         ),
-        wrong("packages hardware", "cryptography missing; run `./acrc fleet units` to install"),
+        failed("packages hardware", "cryptography missing; run `./acrc fleet units` to install"),
     ]
     for minor in (13, 14):
         assert packages(monkeypatch, {"numpy": "2.5.5", "rich": "15.0.0"}, minor)[0].ok is (minor == 14)
@@ -106,7 +106,7 @@ NEVER_SET = {"time": datetime(1970, 1, 1, tzinfo=UTC)}
 def test_checks_of_the_computer_report_faults_with_a_remedy(
     subject: str, changes: dict[str, Any], ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Patient(**changes).admit(monkeypatch)
+    SimulatedComputer(**changes).install(monkeypatch)
     found = doctor.run_check(subject, doctor.COMPUTER_CHECKS[subject])
     assert found.ok is ok and text in found.text
 
@@ -138,7 +138,7 @@ ITS_OWN = UsbPort("/dev/ttyUSB1", "0403", "6001", "kobuki_X")
 def test_port_of_the_base_is_checked(
     changes: dict[str, Any], of: FleetRobot, ok: bool, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Patient(**changes).admit(monkeypatch)
+    SimulatedComputer(**changes).install(monkeypatch)
     found = next(doctor.check_devices(of))
     assert (found.subject, found.ok) == ("base", ok) and text in found.text
 
@@ -146,16 +146,16 @@ def test_port_of_the_base_is_checked(
 def test_a_camera_must_be_usable_and_cover_the_models_field_of_view(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    Patient().admit(monkeypatch)
+    SimulatedComputer().install(monkeypatch)
     narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot_named("r1")
-    assert list(doctor.check_devices(narrow))[-1] == wrong(
+    assert list(doctor.check_devices(narrow))[-1] == failed(
         "range",
         "the camera's field of view is 58°, that of the robot model's sensor is 360°; choose a sensor within "
         "the camera's field of view",
     )
     assert [found.subject for found in doctor.check_devices(R2)] == ["base", "radio", "range"]
-    Patient(camera="install it").admit(monkeypatch)
-    assert list(doctor.check_devices(narrow))[-1] == wrong("range", "install it")
+    SimulatedComputer(camera="install it").install(monkeypatch)
+    assert list(doctor.check_devices(narrow))[-1] == failed("range", "install it")
 
 
 def test_map_start_places_and_behaviour_of_every_shipped_robot_pass() -> None:
@@ -168,15 +168,15 @@ def test_map_start_places_and_behaviour_of_every_shipped_robot_pass() -> None:
 def test_an_unreadable_map_and_occupied_starts_and_places_are_reported() -> None:
     lost = fleet(head='map = "maps/nowhere.yaml"\n')
     assert list(doctor.check_floor(lost, lost.robot_named("r1"))) == [
-        wrong("map", f"{ROOT}/maps/nowhere.yaml: the map cannot be read: No such file or directory.")
+        failed("map", f"{ROOT}/maps/nowhere.yaml: the map cannot be read: No such file or directory.")
     ]
     one = fleet(robot(1, "start = [0, 0, 0]\nplaces = [[12.2, 5.9], [0, 0]]") + robot(2))
     _, start, places = doctor.check_floor(one, one.robot_named("r1"))
     assert not start.ok
     assert start.text.startswith("robot 'r1' at (0.00, 0.00) is not on free floor, but must be at least ")
-    assert places == wrong("places", "place 1 at (0, 0) is not on free floor; move it")
+    assert places == failed("places", "place 1 at (0, 0) is not on free floor; move it")
     two = fleet(robot(1) + robot(2, "start = [12.1, 5.0, 0.0]"))
-    assert list(doctor.check_floor(two, two.robot_named("r2")))[1] == wrong(
+    assert list(doctor.check_floor(two, two.robot_named("r2")))[1] == failed(
         "start", "r2 starts 0.10 m from r1, must be at least 0.35 m"
     )
 
@@ -188,7 +188,7 @@ def test_failures_of_strategies_are_reported(tmp_path: Path) -> None:
     )
     (tmp_path / "broken_strategy.py").write_text("def made(start):\n    raise KeyError('reach')\n")
     own = fleet(f'[run]\nstrategy = "broken_strategy:made"\nmodules = "{tmp_path}"' + robot(1))
-    assert behaviour(own, own.robot_named("r1"), Permit((tmp_path,))) == wrong(
+    assert behaviour(own, own.robot_named("r1"), Permit((tmp_path,))) == failed(
         "behaviour", "strategy 'broken_strategy:made' failed with KeyError: 'reach'; fix its code"
     )
 
@@ -201,14 +201,14 @@ def test_keys_must_be_valid_private_and_of_this_robot(
     begin, end = datetime(2030, 1, 1, tzinfo=UTC), datetime(2031, 1, 1, tzinfo=UTC)
 
     def found(name: str = "r1", **changes: Any) -> DoctorFinding:
-        Patient(certified=(name, begin, end), **changes).admit(monkeypatch)
+        SimulatedComputer(certified=(name, begin, end), **changes).install(monkeypatch)
         return doctor.run_check("keys", doctor.check_keys, listening, listening.robot_named("r1"))
 
     assert found().text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
     folder.mkdir()
     for name in ("authority.pem", "certificate.pem", "key.pem"):
         (folder / name).touch(mode=0o600)
-    assert found() == well("keys", f"{folder}/certificate.pem is valid until 2031-01-01")
+    assert found() == passed("keys", f"{folder}/certificate.pem is valid until 2031-01-01")
     late = found(time=datetime(2032, 1, 1, tzinfo=UTC))
     assert not late.ok and "today is 2032-01-01; set the clock, or create keys" in late.text
     assert "certificate.pem belongs to r2" in found("r2").text
@@ -239,7 +239,7 @@ def test_ports_are_opened_and_processes_that_hold_them_are_found(tmp_path: Path)
     here = fleet(robot(1, f'base = "{link}"')).robot_named("r1")
     assert next(doctor.check_devices(here)).text.startswith(f"{link}: no such port")
     with PseudoTerminal(link) as terminal:
-        assert next(doctor.check_devices(here)) == well("base", f"{link} opens")
+        assert next(doctor.check_devices(here)) == passed("base", f"{link} opens")
         assert doctor.processes_using(str(link)) == []
         script = f"exec 3<>{terminal.port}; echo open; read line"
         with subprocess.Popen(
@@ -258,18 +258,18 @@ def test_findings_are_printed_and_failures_returned(
     pins = re.findall(r"^([\w.-]+)==([^;\s]+)", CONSTRAINTS, re.MULTILINE)
     newest = {("llvmlite", "0.50.0"), ("numba", "0.68.1"), ("numpy", "2.5.5")}
     versions = dict(pin for pin in pins if pin not in newest)
-    Patient(versions=versions).admit(monkeypatch)
+    SimulatedComputer(versions=versions).install(monkeypatch)
     monkeypatch.setattr(doctor.check_packages, "__defaults__", (11,))
     assert doctor.check_computer(None, None, json=False)
     lines = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"ok     packages base        \d+ packages, tested versions", lines[0])
     assert re.fullmatch(r"all \d+ checks passed", lines[-1])
-    Patient(versions=versions, free=0).admit(monkeypatch)
+    SimulatedComputer(versions=versions, free=0).install(monkeypatch)
     assert not doctor.check_computer(OFFICE, "r2", json=False)
     out = capsys.readouterr().out
     assert "\nfailed disk                 0.0 GB free at " in out
     assert re.search(r"\n2 of \d+ checks failed\n$", out), "the disk, and missing keys"
-    Patient(versions=versions).admit(monkeypatch)
+    SimulatedComputer(versions=versions).install(monkeypatch)
     assert not doctor.check_computer(OFFICE, "r2", json=True)
     report = msgspec.json.decode(capsys.readouterr().out, type=doctor.DoctorReport)
     assert (report.robot, report.ok) == ("r2", False)

@@ -90,7 +90,7 @@ def router(robot: Robot) -> Iterator[zenoh.Session]:
         yield session
 
 
-class Ear:
+class MessageProbe:
     """Subscriber to all messages of a session."""
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -111,19 +111,19 @@ class Ear:
 
 
 def assert_powerless(guest: zenoh.Session, router: zenoh.Session, operator: zenoh.Config) -> None:
-    ear, own = Ear(router), Ear(guest)
+    probe, own = MessageProbe(router), MessageProbe(guest)
     for key in (DRIVE, CONTROL):
         guest.put(key, b"stop")
     own.until(CONTROL)  # its own loopback
     # By the time the operator has connected and sent an order, the guest's messages would have arrived.
     with zenoh.open(operator) as session:
         session.put(CONTROL, b"")
-        assert ear.until(CONTROL) == []
+        assert probe.until(CONTROL) == []
     router.put(SENSES, b"from the base")
-    assert ear.until(SENSES) == []
+    assert probe.until(SENSES) == []
     time.sleep(0.1)  # time for a message that must not arrive
     assert own.all() == []
-    ear.close()
+    probe.close()
 
 
 def refused(config: zenoh.Config) -> bool:
@@ -139,21 +139,21 @@ def test_the_operators_laptop_receives_everything_and_may_send_orders_only(
     robot: Robot, router: zenoh.Session
 ) -> None:
     laptop = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
-    ear = Ear(router)
+    probe = MessageProbe(router)
     with zenoh.open(laptop) as session:
-        own = Ear(session)
+        own = MessageProbe(session)
         session.put(CONTROL, b"")  # arrives after the subscription
-        assert ear.until(CONTROL) == []
+        assert probe.until(CONTROL) == []
         own.until(CONTROL)  # its own loopback
         for key in (SENSES, RECEIVED, TRUTH):
             router.put(key, b"from the base")
         assert sorted(own.until(TRUTH)) == [RECEIVED, SENSES]
-        ear.all()
+        probe.all()
         for key in (DRIVE, SENSES, RECEIVED, TRUTH, "swarm/up/**", CONTROL):
             session.put(key, b"from the laptop")
-        assert ear.until(CONTROL) == []
-        assert ear.all() == []
-    ear.close()
+        assert probe.until(CONTROL) == []
+        assert probe.all() == []
+    probe.close()
 
 
 @pytest.mark.parametrize("case", ["no certificate", "of another authority", "trusting ours", "a robot's own"])
@@ -203,19 +203,19 @@ def test_a_laptop_refuses_a_robot_whose_certificate_is_for_another_name(
 
 
 def test_a_robots_password_still_opens_its_own_socket(robot: Robot, router: zenoh.Session) -> None:
-    ear = Ear(router)
+    probe = MessageProbe(router)
     config = rules.client_config(robot.issued.files["r1"], robot.issued.endpoint("r1"))
     with zenoh.open(config) as session:
         session.put(DRIVE, b"as r1")
-        assert ear.until(DRIVE) == []
-    ear.close()
+        assert probe.until(DRIVE) == []
+    probe.close()
 
 
 LAPTOP = """
 import sys, time, zenoh; from pathlib import Path
 from actors.runtime.isolation.tls import laptop_config, load_keys
 with zenoh.open(laptop_config(load_keys(Path(sys.argv[1])), sys.argv[2])) as session:
-    ear = session.declare_subscriber('swarm/**', zenoh.handlers.FifoChannel(10))
+    probe = session.declare_subscriber('swarm/**', zenoh.handlers.FifoChannel(10))
     session.put('swarm/infra/control', b'')
     time.sleep(100)
 """
@@ -231,11 +231,11 @@ def test_a_laptop_that_stops_reading_does_not_block_the_robot(robot: Robot, tmp_
     keys = other.keys("operator", other.issuer).certificate.parent
     words = [sys.executable, "-c", LAPTOP, str(keys), other.endpoint]
     with other.router() as session:
-        ear = Ear(session)
+        probe = MessageProbe(session)
         laptop = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            assert ear.until(CONTROL) == []
-            ear.close()
+            assert probe.until(CONTROL) == []
+            probe.close()
             laptop.send_signal(signal.SIGSTOP)
             for _ in range(20_000):
                 session.put(SENSES, bytes(1500), congestion_control=zenoh.CongestionControl.BLOCK)

@@ -40,7 +40,7 @@ def fastest_wheel(v: float, omega: float) -> float:
     return v + abs(omega) * TRACK / 2
 
 
-class Story:
+class SafetyScenario:
     """A safety stop that gets feedback and returns the permitted motion every 20 ms."""
 
     def __init__(self) -> None:
@@ -72,11 +72,11 @@ class Story:
         return [stop.cause for stop in self.allowed.stops]
 
 
-def rolling() -> Story:
-    story = Story()
-    story.go(3000, 0.4)
-    assert story.allowed == AllowedMotion(0.4, 0.0, ())
-    return story
+def rolling() -> SafetyScenario:
+    scenario = SafetyScenario()
+    scenario.go(3000, 0.4)
+    assert scenario.allowed == AllowedMotion(0.4, 0.0, ())
+    return scenario
 
 
 FAST, BACK = (0.4, 0.0), (-0.4, 0.0)
@@ -138,65 +138,65 @@ RULES: dict[str, list[Step]] = {
 
 @pytest.mark.parametrize("rule", RULES)
 def test_the_safety_rules(rule: str) -> None:
-    story = rolling()
+    scenario = rolling()
     for number, (changes, ms, command, causes, speed) in enumerate(RULES[rule]):
         for name, value in changes.items():
             if name in HoldCause.__members__:
-                story.safety.hold(HoldCause[name], bool(value))
+                scenario.safety.hold(HoldCause[name], bool(value))
             else:
-                assert hasattr(story, name)
-                setattr(story, name, value)
+                assert hasattr(scenario, name)
+                setattr(scenario, name, value)
         v, omega = command or (None, 0.0)
-        allowed = story.go(ms, v, omega)
-        assert [cause.name for cause in story.causes] == causes.split(), number
+        allowed = scenario.go(ms, v, omega)
+        assert [cause.name for cause in scenario.causes] == causes.split(), number
         assert allowed.v == pytest.approx(speed, abs=1e-9), number
         assert speed or allowed.omega == 0.0
 
 
 def test_it_stands_before_the_first_command_and_ignores_overtaken_ones() -> None:
-    story = Story()
-    story.silent = True
-    story.go(20, None)
-    assert story.causes == [HoldCause.NO_FEEDBACK, HoldCause.NO_COMMAND]
-    story.silent = False
-    story.go(1000, 0.0)
-    story.late_ms = 30
-    story.go(1000, 0.4)
-    assert story.safety.late_commands == 1  # the first of them; the others are newer than the last
-    story.safety.command(story.now, Instant(story.now - 40_000), -0.4, 0.0)
-    assert story.safety.late_commands == 2
-    assert story.go(20, None).v > 0
+    scenario = SafetyScenario()
+    scenario.silent = True
+    scenario.go(20, None)
+    assert scenario.causes == [HoldCause.NO_FEEDBACK, HoldCause.NO_COMMAND]
+    scenario.silent = False
+    scenario.go(1000, 0.0)
+    scenario.late_ms = 30
+    scenario.go(1000, 0.4)
+    assert scenario.safety.late_commands == 1  # the first of them; the others are newer than the last
+    scenario.safety.command(scenario.now, Instant(scenario.now - 40_000), -0.4, 0.0)
+    assert scenario.safety.late_commands == 2
+    assert scenario.go(20, None).v > 0
 
 
 def test_backing_off_is_allowed_in_arcs_without_a_forward_wheel() -> None:
-    story = rolling()
-    story.bumper = 2
-    allowed = story.go(20, 0.4)
-    assert allowed.stops == ((HoldCause.BUMPER, story.now, 2),)
-    story.go(2000, -0.2, 3.0)
-    assert story.allowed.v == pytest.approx(-0.2)
-    assert fastest_wheel(story.allowed.v, story.allowed.omega) <= 0
-    assert story.allowed.omega > 1.5
+    scenario = rolling()
+    scenario.bumper = 2
+    allowed = scenario.go(20, 0.4)
+    assert allowed.stops == ((HoldCause.BUMPER, scenario.now, 2),)
+    scenario.go(2000, -0.2, 3.0)
+    assert scenario.allowed.v == pytest.approx(-0.2)
+    assert fastest_wheel(scenario.allowed.v, scenario.allowed.omega) <= 0
+    assert scenario.allowed.omega > 1.5
 
 
 def test_speeds_are_limited_on_the_same_arc() -> None:
-    story = Story()
-    story.go(10_000, 1.4, 2.0)
-    assert (story.allowed.v, story.allowed.omega) == pytest.approx((0.7, 1.0))
-    story.go(10_000, 0.5, 2 * math.pi)
-    assert (story.allowed.v, story.allowed.omega) == pytest.approx((0.25, math.pi))
+    scenario = SafetyScenario()
+    scenario.go(10_000, 1.4, 2.0)
+    assert (scenario.allowed.v, scenario.allowed.omega) == pytest.approx((0.7, 1.0))
+    scenario.go(10_000, 0.5, 2 * math.pi)
+    assert (scenario.allowed.v, scenario.allowed.omega) == pytest.approx((0.25, math.pi))
 
 
 def test_accelerations_are_those_of_the_reference_driver() -> None:
-    story = Story()
-    story.go(200, 0.0)
-    story.go(1000, 0.6, 5.0)
-    assert (story.allowed.v, story.allowed.omega) == pytest.approx((0.3, math.pi))
-    assert story.go(300, 0.0).v == pytest.approx(0.3 - 0.6 * 0.3)
-    assert story.go(1000, -0.6).v < 0  # stopped at 0 in between
-    story = rolling()
-    story.go(20, 0.0, 3.0)
-    assert (story.allowed.v, story.allowed.omega) == pytest.approx((0.4 - 0.012, 0.07))
+    scenario = SafetyScenario()
+    scenario.go(200, 0.0)
+    scenario.go(1000, 0.6, 5.0)
+    assert (scenario.allowed.v, scenario.allowed.omega) == pytest.approx((0.3, math.pi))
+    assert scenario.go(300, 0.0).v == pytest.approx(0.3 - 0.6 * 0.3)
+    assert scenario.go(1000, -0.6).v < 0  # stopped at 0 in between
+    scenario = rolling()
+    scenario.go(20, 0.0, 3.0)
+    assert (scenario.allowed.v, scenario.allowed.omega) == pytest.approx((0.4 - 0.012, 0.07))
 
 
 STEP = st.tuples(

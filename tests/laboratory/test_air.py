@@ -33,7 +33,7 @@ from firmware_bridge.beeclick.board_messages import SetChannel, SyncCommand, enc
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulated_medium import BodyState, EmulatedMedium, RadioDevice, create_medium
 from firmware_bridge.device_lines import SimulatedTransceiver, TransceiverLink
-from tests.beeclick.lab import Desk, Lab, standing
+from tests.beeclick.lab import BoardHost, Lab, standing
 from tests.laboratory.hosts import ROOT
 
 STEP = 10_000
@@ -224,9 +224,9 @@ class Pair(Lab):
         for device in devices:
             both.add(device)
         both.place(START, [standing(0.0, 0.0), standing(2.0, 0.0)])
-        desks = [Desk(TransceiverLink(), device) for device in devices]
-        super().__init__(both, desks, np.random.default_rng(1))
-        self.first, self.second = desks
+        hosts = [BoardHost(TransceiverLink(), device) for device in devices]
+        super().__init__(both, hosts, np.random.default_rng(1))
+        self.first, self.second = hosts
         self.run(milliseconds(5))
 
     def ends(self) -> list[tuple[type[BoardEvent], int]]:

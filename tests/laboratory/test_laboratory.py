@@ -138,10 +138,10 @@ def lines(tmp_path: Path) -> Iterator[EmulatedLines]:
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("explode r1", "unknown command 'explode'; use one of battery, darken, deafen, edge, gps, "),
+        ("explode r1", "unknown command 'explode'; use one of battery, block-lidar, cliff, corrupt, "),
         ("lift r3", "unknown robot 'r3'; use one of r1, r2"),
-        ("scramble r1 base", "'scramble r1 base': usage is 'scramble ROBOT base|radio|range SHARE'"),
-        ("scramble r1 base nan", "'nan' is not a share; must be a number from 0 to 1"),
+        ("corrupt r1 base", "'corrupt r1 base': usage is 'corrupt ROBOT base|radio|range SHARE'"),
+        ("corrupt r1 base nan", "'nan' is not a share; must be a number from 0 to 1"),
         ("press r1 nose", "invalid argument 'nose'; use one of bumper|left|centre|right|radio"),
         ("plug r1 base", "the base of r1 is plugged in already; unplug it first"),
     ],
@@ -171,9 +171,9 @@ def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) 
     [
         ("press r1 bumper", HoldCause.BUMPER),
         ("lift r1", HoldCause.WHEEL_DROP),
-        ("edge r1", HoldCause.CLIFF),
+        ("cliff r1", HoldCause.CLIFF),
         ("silence r1 base", HoldCause.NO_FEEDBACK),
-        ("strain r1 left", HoldCause.OVERCURRENT),
+        ("overcurrent r1 left", HoldCause.OVERCURRENT),
         ("battery r1 13", HoldCause.BATTERY),
     ],
 )
@@ -184,7 +184,7 @@ def test_a_fault_stops_the_driver_until_it_is_removed(
     assert stops(laboratory, driver) == set()
     bench.do(fault)
     assert cause in stops(laboratory, driver)
-    bench.do("heal r1")
+    bench.do("repair r1")
     stops(laboratory, driver, 3000)
     driven_by_then = laboratory.travelled("r1")
     stops(laboratory, driver)

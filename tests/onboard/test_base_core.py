@@ -82,7 +82,7 @@ class Vehicle:
         self.issued.append(issued - BEGIN)
 
 
-class Stage:
+class BaseHarness:
     """A base core whose messages come from the test; times are µs after BEGIN."""
 
     def __init__(self) -> None:
@@ -115,7 +115,7 @@ def shown(outputs: Sequence[Output]) -> list[Message]:
     return [output.message for output in outputs if isinstance(output.message, Senses | Truth)]
 
 
-def first_step(stage: Stage) -> None:
+def first_step(stage: BaseHarness) -> None:
     """Run step 1, the first one after robot and bridge are ready; it is answered in 4 ms."""
     stage.ready()
     sweep = stage.vehicle.sweep
@@ -125,7 +125,7 @@ def first_step(stage: Stage) -> None:
 
 
 def test_a_timeout_of_robot_or_bridge_is_reported() -> None:
-    robot, bridge = Stage(), Stage()
+    robot, bridge = BaseHarness(), BaseHarness()
     for stage in (robot, bridge):
         stage.core.patience = seconds(1.0)
         first_step(stage)
@@ -144,7 +144,7 @@ def test_a_timeout_of_robot_or_bridge_is_reported() -> None:
 
 
 def test_steps_begin_at_their_instants_and_answers_are_executed_at_once() -> None:
-    stage = Stage()
+    stage = BaseHarness()
     stage.vehicle.sweep = Scan(5, b"\x01\x02")
     first_step(stage)
     assert stage.vehicle.commands == [(104_000, 0.3, 0.1)]
@@ -163,7 +163,7 @@ def test_steps_begin_at_their_instants_and_answers_are_executed_at_once() -> Non
 
 
 def test_steps_of_a_late_robot_are_skipped() -> None:
-    stage = Stage()
+    stage = BaseHarness()
     assert stage.at(STEP - 10) == [], "nothing is sent before the robot is ready"
     stage.ready()
     stage.at(STEP)
@@ -182,7 +182,7 @@ def test_steps_of_a_late_robot_are_skipped() -> None:
 
 
 def test_a_late_report_of_the_bridge_counts_for_the_next_step() -> None:
-    stage = Stage()
+    stage = BaseHarness()
     first_step(stage)
     assert len(stage.at(2 * STEP)) == 1
     assert stage.core.wake == BEGIN + 2 * STEP + AIR_PATIENCE
@@ -198,7 +198,7 @@ def test_a_late_report_of_the_bridge_counts_for_the_next_step() -> None:
 
 
 def test_steps_continue_without_answers_of_the_bridge() -> None:
-    stage = Stage()
+    stage = BaseHarness()
     first_step(stage)
     stage.at(2 * STEP)
     for step in range(2, 6):
@@ -213,7 +213,7 @@ def test_steps_continue_without_answers_of_the_bridge() -> None:
 
 
 def test_a_restarted_robot_gets_the_next_step() -> None:
-    stage = Stage()
+    stage = BaseHarness()
     first_step(stage)
     stage.at(2 * STEP)
     stage.aired(2 * STEP + 100, 1)
@@ -225,7 +225,7 @@ def test_a_restarted_robot_gets_the_next_step() -> None:
 
 def test_a_late_report_for_an_exited_robot_does_not_count_for_its_successor() -> None:
     """Otherwise it would wait forever for a Received that was sent to its predecessor."""
-    stage = Stage()
+    stage = BaseHarness()
     first_step(stage)
     assert len(stage.at(2 * STEP)) == 1
     stage.at(2 * STEP + 60_000, at(READY, "r1"), Ready(0, "r1", 1, ""))
@@ -238,7 +238,7 @@ def test_a_late_report_for_an_exited_robot_does_not_count_for_its_successor() ->
 
 @pytest.mark.parametrize("how", ["order", "signal"])
 def test_the_last_messages_halt_robot_and_bridge_and_stop_the_vehicle(how: str) -> None:
-    stage = Stage()
+    stage = BaseHarness()
     first_step(stage)
     if how == "signal":
         stage.core.stop()
@@ -254,7 +254,7 @@ def test_the_last_messages_halt_robot_and_bridge_and_stop_the_vehicle(how: str) 
     ("order", "paused", "finished"), [(Pause(), True, False), (Resume(), False, False), (Stop(), False, True)]
 )
 def test_progress_reports_executed_orders_and_stop_causes(order: Order, paused: bool, finished: bool) -> None:
-    stage = Stage()
+    stage = BaseHarness()
     stage.vehicle.causes = ("battery low",)
     first_step(stage)
     stage.core.now = Instant(BEGIN + 150_000)
@@ -269,7 +269,7 @@ def test_progress_reports_executed_orders_and_stop_causes(order: Order, paused: 
 SECOND = 1_000_000
 
 
-class Plug:
+class FakeCable:
     """A cable: ports can be opened while it is plugged in, and are lost when it is unplugged."""
 
     def __init__(self) -> None:
@@ -281,11 +281,11 @@ class Plug:
         if not self.is_in:
             raise PortError("no such port")
         self.opened += 1
-        return Port(self)
+        return FakePort(self)
 
 
-class Port(SerialPort):
-    def __init__(self, plug: Plug) -> None:
+class FakePort(SerialPort):
+    def __init__(self, plug: FakeCable) -> None:
         self.plug, self.closed = plug, False
 
     def read(self) -> bytes:
@@ -301,7 +301,7 @@ class Port(SerialPort):
 
 
 def test_a_lost_port_is_reopened_and_each_loss_reported() -> None:
-    plug = Plug()
+    plug = FakeCable()
     line = ReconnectingPort(plug.open, plug.said.append)
     assert not any(line.connect(Instant(ms * 1000)) for ms in range(0, 3_500, 100))
     assert (plug.tried, plug.said) == (4, ["no such port"])
@@ -310,7 +310,7 @@ def test_a_lost_port_is_reopened_and_each_loss_reported() -> None:
         plug.is_in = True
         assert line.connect(Instant(round_ * 10 * SECOND)) and not line.connect(Instant(round_ * 20 * SECOND))
         first = line.port
-        assert isinstance(first, Port) and line.descriptors() == (77,)
+        assert isinstance(first, FakePort) and line.descriptors() == (77,)
         assert line.exchange(lambda port: port.read()) == b"hello"
         plug.is_in = False
         assert line.exchange(lambda port: port.read()) is None
@@ -332,7 +332,7 @@ def test_stop_causes_are_reported(fault: str, value: float, told: tuple[str, ...
     rig.run(1.0, (0.1, 0.0))
     setattr(rig.base.faults, fault, value)
     rig.run(0.5, (0.1, 0.0))
-    vehicle = TurtleBot(Plug().open, rig.driver, None, GuardianLink("base"), lambda line: None)
+    vehicle = TurtleBot(FakeCable().open, rig.driver, None, GuardianLink("base"), lambda line: None)
     assert vehicle.held() == told
 
 

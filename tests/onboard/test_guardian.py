@@ -95,13 +95,13 @@ class BaseProcess:
     def __init__(self, link: Path) -> None:
         self.port: SerialPort = SerialPort(str(link), KOBUKI)
         self.guardians: list[subprocess.Popen[bytes]] = []
-        self.word = GuardianLink(str(link), self._start)
+        self.guardian_link = GuardianLink(str(link), self._start)
 
     def serve(self, until: Callable[[], bool], patience_s: float = 10.0) -> None:
         """Serve the port and the guardian without commands, until a condition holds."""
 
         def served() -> bool:
-            self.word.serve(now(), self.port)
+            self.guardian_link.serve(now(), self.port)
             self.port.read()
             return until()
 
@@ -109,8 +109,8 @@ class BaseProcess:
 
     def die(self) -> None:
         """Simulate SIGKILL: close all descriptors without a stop command."""
-        assert self.word._channel is not None
-        self.word._channel.close()
+        assert self.guardian_link._channel is not None
+        self.guardian_link._channel.close()
         self.port.close()
 
     def _start(self, channel: int, name: str) -> "subprocess.Popen[bytes]":
@@ -132,7 +132,7 @@ def line(tmp_path: Path) -> Iterator[KobukiLine]:
 def process(line: KobukiLine) -> Iterator[BaseProcess]:
     """Yield a driving base with a guardian."""
     base = BaseProcess(line.link)
-    base.serve(lambda: base.word.holds(now()))
+    base.serve(lambda: base.guardian_link.holds(now()))
     base.port.write(DRIVE)
     base.serve(lambda: line.speed > 0)
     yield base
@@ -155,7 +155,7 @@ def test_a_hanging_base_stops_and_drives_again_when_it_continues(
     line: KobukiLine, process: BaseProcess
 ) -> None:
     assert line.stands_soon()  # no heartbeats
-    process.serve(lambda: process.word.holds(now()))
+    process.serve(lambda: process.guardian_link.holds(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
     begun = time.monotonic()
@@ -181,10 +181,10 @@ def test_a_killed_or_suspended_guardian_prevents_motion_and_is_replaced(
     for number in (signal.SIGKILL, signal.SIGSTOP):
         os.kill(process.guardians[-1].pid, number)
         begun = time.monotonic()
-        process.serve(lambda: not process.word.holds(now()))
+        process.serve(lambda: not process.guardian_link.holds(now()))
         assert time.monotonic() - begun < SOON_S
-        process.serve(lambda: process.word.holds(now()))
-    assert process.word.started == len(process.guardians) == 3
+        process.serve(lambda: process.guardian_link.holds(now()))
+    assert process.guardian_link.started == len(process.guardians) == 3
 
 
 def test_the_guardian_ignores_signals_and_stops_the_base_on_a_reopened_port(
@@ -195,11 +195,11 @@ def test_the_guardian_ignores_signals_and_stops_the_base_on_a_reopened_port(
     process.port.write(encode_frame(encode_command(BaseControl(0, 0))))
     process.port.close()
     time.sleep(0.02)
-    process.word.serve(now(), None)
-    assert not process.word.holds(now())
+    process.guardian_link.serve(now(), None)
+    assert not process.guardian_link.holds(now())
     time.sleep(0.1)
     process.port = SerialPort(str(line.link), KOBUKI)
-    process.serve(lambda: process.word.holds(now()))
+    process.serve(lambda: process.guardian_link.holds(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
     process.die()

@@ -301,7 +301,7 @@ def test_each_fault_of_the_keys_is_reported_once(tmp_path: Path, monkeypatch: py
     assert ", today is " in _link_fault(one, one.robot_named("r1"))
 
 
-class Played:
+class FakeLauncher:
     """A launcher whose processes exit as scripted, at calls of `wait`."""
 
     arriving = False
@@ -326,7 +326,7 @@ class Played:
 
 
 @pytest.fixture
-def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupervisor, Played]:
+def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupervisor, FakeLauncher]:
     """Return a supervisor with running base, bridge and program."""
 
     issued = SimpleNamespace(sockets={onboard_processes.BRIDGE: tmp_path})
@@ -342,7 +342,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     monkeypatch.setattr(onboard_processes, "bridge_program", program(onboard_processes.BRIDGE))
     monkeypatch.setattr(onboard_processes, "onboard_robot_program", program("r1"))
     one: OnboardRobot = type("One", (), {"robot": SimpleNamespace(id="r1"), "router": Path("router.json")})()
-    launcher = Played()
+    launcher = FakeLauncher()
     watch = OnboardSupervisor(one, launcher, launcher.said.append)  # type: ignore[arg-type]
     watch.start_robot()
     assert launcher.started == [onboard_processes.BASE, onboard_processes.BRIDGE, "r1"]
@@ -350,7 +350,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
 
 
 def test_a_finished_robot_is_not_restarted_while_its_base_exits(
-    played: tuple[OnboardSupervisor, Played],
+    played: tuple[OnboardSupervisor, FakeLauncher],
 ) -> None:
     watch, launcher = played
     launcher.ends = [{"r1": 0}, {}, {onboard_processes.BRIDGE: 0}, {onboard_processes.BASE: 0}]
@@ -362,7 +362,9 @@ def test_a_finished_robot_is_not_restarted_while_its_base_exits(
 TAKEN = "base failed in step 0: /dev/kobuki: in use by another program"
 
 
-def test_the_cause_of_each_exit_is_reported(played: tuple[OnboardSupervisor, Played], tmp_path: Path) -> None:
+def test_the_cause_of_each_exit_is_reported(
+    played: tuple[OnboardSupervisor, FakeLauncher], tmp_path: Path
+) -> None:
     watch, launcher = played
     (tmp_path / "r1.log").write_text(f"what it prints\n{TAKEN}\n")
     launcher.ends = [{"r1": 1}] * 6
@@ -376,7 +378,7 @@ def test_the_cause_of_each_exit_is_reported(played: tuple[OnboardSupervisor, Pla
 
 
 def test_each_warning_about_an_incomplete_recording_is_reported_once(
-    played: tuple[OnboardSupervisor, Played], tmp_path: Path
+    played: tuple[OnboardSupervisor, FakeLauncher], tmp_path: Path
 ) -> None:
     watch, launcher = played
     full = f"{tmp_path}/r1.mcap: cannot be written: no space left on device"

@@ -30,10 +30,10 @@ PROCESSES = {"robot": ROBOT, "bridge": BRIDGE, "base": BASE, "guardian": GUARDIA
 DEVICES = {
     "lidar silent": f"silence r1 {RANGE}",
     "lidar unplugged": f"unplug r1 {RANGE}",
-    "lidar without echo": "darken r1",
-    "lidar held fast": "jam r1",
+    "lidar without echo": "no-echo r1",
+    "lidar held fast": "block-lidar r1",
     "base's feedback silent": "silence r1 base",
-    "motor over-current": "strain r1 left",
+    "motor over-current": "overcurrent r1 left",
     "battery nearly empty": "battery r1 13.0",
     "radio unplugged": f"unplug r1 {RADIO}",
 }
@@ -117,7 +117,7 @@ def test_a_long_loss_of_feedback_makes_the_pose_uncertain(rig: Rig) -> None:
     before = rig.processes(BASE)
     rig.expect_ok("silence r1 base")
     time.sleep(1.1 * LONGEST_GAP)
-    rig.expect_ok("heal r1")
+    rig.expect_ok("repair r1")
     # the base restarts; a guardian that was just forked has the base's command line at first
     until(lambda: not set(rig.processes(BASE)) & set(before) and doubtful(rig), 60.0, 0.1)
     logs = [path.read_text() for path in rig.out.rglob("*base*.log")]

@@ -85,7 +85,7 @@ def test_mismatching_models_and_images_are_refused() -> None:
     with pytest.raises(DepthError, match="field of view is 58°, that of the robot model's sensor is 360°"):
         DepthScanner(load_model("turtlebot2", "chapter").sensor)
     DepthScanner(replace(KINECT, field_of_view_deg=40.0))
-    with pytest.raises(DepthError, match="of 320 columns and 240 rows; must have 640 and 480"):
+    with pytest.raises(DepthError, match="of 320 x 240 pixels; must be 640 x 480"):
         DepthScanner(KINECT).take(Instant(0), np.zeros((240, 320), np.uint16))
 
 
