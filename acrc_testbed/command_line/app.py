@@ -182,7 +182,7 @@ def _name(parameter: Any) -> str:
 app = typer.Typer(
     name="acrc",
     cls=Root,
-    help="A testbed for self-adaptation: cleaning robots that can talk by radio only.",
+    help="A testbed for self-adaptation: cleaning robots that communicate by radio only.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
