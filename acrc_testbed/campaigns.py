@@ -86,13 +86,13 @@ def campaign(
     from acrc_testbed.experiments.draws import StudyOptions, check, study_of
     from acrc_testbed.results.seal import seal
     from actors.robot.behaviour.code_permit import permit_of
-    from actors.runtime.isolation.sandbox import choose
+    from actors.runtime.isolation.sandbox import choose_isolation
     from deploy.run import out_folder
 
     file = file_of("studies", study)
     asked = study_of(StudyOptions(file, seeds=seeds))
     if asked.isolated:
-        choose(True)  # refused here, not run by run
+        choose_isolation(True)  # refused here, not run by run
     _, folders = check(asked, permit_of([Path(one) for one in modules], trust=trust), file)
     folder = Path(out or Path("campaigns", asked.name)).absolute()
     with out_folder.replacing(folder, "study.json") if overwrite else nullcontext():

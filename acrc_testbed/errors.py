@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from actors.installation.usage import extras_named
+from actors.installation.usage import missing_extra_named
 from actors.runtime.errors import AcrcError
 
 _ARGUMENTS: Final = (
@@ -24,7 +24,7 @@ _ARGUMENTS: Final = (
 def arguments_named() -> Iterator[None]:
     """Raise errors with arguments in place of options, and with the extra that brings a missing package."""
     try:
-        with extras_named():
+        with missing_extra_named():
             yield
     except AcrcError as error:
         sentence = str(error)

@@ -10,7 +10,7 @@ _ENDLESS = 100_000
 """Characters; wider than any table."""
 
 
-def screen(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = None) -> Console:
+def create_console(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = None) -> Console:
     """Return a console that prints text literally, without emoji codes or markup.
 
     `soft_wrap`: let the terminal wrap lines; False for output that is redrawn, such as a progress bar.
@@ -21,9 +21,9 @@ def screen(*, stderr: bool = False, soft_wrap: bool = True, width: int | None = 
     )
 
 
-def show(parts: Iterable[str | Table], width: int | None = None) -> None:
+def print_parts(parts: Iterable[str | Table], width: int | None = None) -> None:
     """Print sentences and tables to standard output, in this order."""
-    console = screen(width=width)
+    console = create_console(width=width)
     for part in parts:
         if isinstance(part, str):
             console.print(part)

@@ -90,7 +90,7 @@ class Twist(NamedTuple):
 STILL = Twist(0.0, 0.0, 0.0)
 
 
-def between(first: Pose, second: Pose, share: float) -> Pose:
+def interpolate(first: Pose, second: Pose, share: float) -> Pose:
     """Interpolate linearly between two poses; `share` is 0 at the first, 1 at the second."""
     turn = wrap(second.heading - first.heading)
     return Pose(
@@ -139,7 +139,7 @@ def distance_to_border(vertices: Sequence[Vertex]) -> float:
     return min(abs(ax * by - ay * bx) / hypot(bx - ax, by - ay) for (ax, ay), (bx, by) in _edges(vertices))
 
 
-def moment(vertices: Sequence[Vertex], mass: float) -> float:
+def moment_of_inertia(vertices: Sequence[Vertex], mass: float) -> float:
     """Return the moment of inertia about (0, 0) of a polygon with uniform density; kg m² for kg and m."""
     weight = area = 0.0
     for (ax, ay), (bx, by) in _edges(vertices):

@@ -75,12 +75,12 @@ def cache_folder() -> Path:
 def kernel_sources() -> tuple[Path, ...]:
     """Return every file with kernels, and the files of this package that those import, recursively."""
     named = _named()
-    found = {one for source in named.values() if _has_kernels(source) for one in reachable(source)}
+    found = {one for source in named.values() if _has_kernels(source) for one in imported_sources(source)}
     return tuple(sorted(found))
 
 
 @remembered
-def reachable(source: Path) -> tuple[Path, ...]:
+def imported_sources(source: Path) -> tuple[Path, ...]:
     """Return a kernel file and all files of this package that it imports, recursively, sorted."""
     named, found = _named(), {source}
     todo = [source]
@@ -95,7 +95,7 @@ def reachable(source: Path) -> tuple[Path, ...]:
 
 
 @remembered
-def state(sources: tuple[Path, ...]) -> str:
+def source_hash(sources: tuple[Path, ...]) -> str:
     """Return a hash of these files and numba's version."""
     hashed = hashlib.sha256(numba.__version__.encode())
     for source in sources:
@@ -103,7 +103,7 @@ def state(sources: tuple[Path, ...]) -> str:
     return hashed.hexdigest()[:16]
 
 
-def prune() -> None:
+def prune_cache() -> None:
     """Remove kernels of outdated source states; a process that still needs one compiles it again."""
     states: dict[str, list[tuple[float, Path]]] = {}
     with suppress(OSError):
@@ -114,7 +114,7 @@ def prune() -> None:
                     states.setdefault(module, []).append((folder.stat().st_mtime, folder))
     for module, found in states.items():
         source = _named().get(module)
-        now = "" if source is None else f"{module}-{state(reachable(source))}"
+        now = "" if source is None else f"{module}-{source_hash(imported_sources(source))}"
         old = [folder for _, folder in sorted(found, reverse=True) if folder.name != now]
         for folder in old[_KEPT - 1 :]:
             shutil.rmtree(folder, ignore_errors=True)
@@ -127,7 +127,7 @@ class _Locator(_CacheLocator):  # type: ignore[misc]  # numba has no types
         source = Path(file)
         self._py_file = file  # required by numba's warnings
         self._line = function.__code__.co_firstlineno
-        self._state = f"{_module(source)}-{state(reachable(source))}"
+        self._state = f"{_module(source)}-{source_hash(imported_sources(source))}"
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> "_Locator":

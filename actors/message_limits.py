@@ -12,7 +12,7 @@ from actors.instant import in_seconds
 from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, Drive, Outgoing, Transmit
 from actors.orders import Give, Obstacle, Order, Speed, StartJam, Step, Wall
 from actors.task.task import TaskLimits, words_fault
-from actors.wording import brief, span
+from actors.wording import bounds_text, short_repr
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class OrderLimits:
     """Most refusal messages kept; further ones are only counted."""
 
 
-def fault(order: Order, limits: OrderLimits) -> str | None:
+def order_fault(order: Order, limits: OrderLimits) -> str | None:
     """Return the fault in the numbers of an order, without a full stop, or None."""
     for name, value, low, high in _bounds(order, limits):
         above = name in {"radius", "duration"}
         if not low <= value <= high or (above and value == 0):
-            right = span(gt=low, le=high) if above else span(ge=low, le=high)
+            right = bounds_text(gt=low, le=high) if above else bounds_text(ge=low, le=high)
             return f"{order.__struct_config__.tag}.{name} is {value:g}, but must be {right}"
     return None
 
@@ -120,7 +120,7 @@ def frames_fault(frames: Sequence[object], begin: int, end: int, limits: Message
     earliest = begin
     for frame in frames:
         if not isinstance(frame, Outgoing) or not isinstance(frame.data, bytes):
-            return f"sends {brief(frame)}; a frame must be an Outgoing with bytes"
+            return f"sends {short_repr(frame)}; a frame must be an Outgoing with bytes"
         if wrong := _frame_fault(frame, earliest, end):
             return wrong
         earliest = frame.instant
@@ -131,7 +131,7 @@ def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:
     if len(frame.data) > FRAME_DATA_LIMIT:
         return f"sends a frame of {len(frame.data)} bytes; the limit is {FRAME_DATA_LIMIT}"
     if type(frame.instant) is not int:
-        return f"sends a frame at {brief(frame.instant)} µs; the instant must be an integer"
+        return f"sends a frame at {short_repr(frame.instant)} µs; the instant must be an integer"
     if not earliest <= frame.instant < end:
         return f"sends a frame at {frame.instant} µs; the instant must be from {earliest} to {end - 1} µs"
     if not 0 <= frame.tag < _TAGS:

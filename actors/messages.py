@@ -34,7 +34,7 @@ class Ready(Message, frozen=True):
     actor: str
     epoch: int
     kernels: str
-    """Fingerprints of its numeric kernels (`actors.runtime.processor.combined`)."""
+    """Fingerprints of its numeric kernels (`actors.runtime.processor.combine_fingerprints`)."""
 
 
 class Odometry(MessagePart, frozen=True):

@@ -238,7 +238,7 @@ def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     if mounted not in model.sensors:
         asked = "default_sensor" if sensor is None else "the sensor"
         right = wording.one_of(sorted(model.sensors))
-        raise AcrcError(f"{name}: {asked} is {wording.shown(mounted)}, but must be {right}")
+        raise AcrcError(f"{name}: {asked} is {wording.toml_text(mounted)}, but must be {right}")
     return msgspec.structs.replace(model, default_sensor=mounted)
 
 
@@ -249,6 +249,6 @@ def _read(name_or_path: str) -> tuple[str, str]:
     if name_or_path in known:
         return f"{name_or_path}.toml", shipped.joinpath(f"{name_or_path}.toml").read_text("utf-8")
     if not name_or_path.endswith(".toml"):
-        right = f"{', '.join(map(wording.shown, known))} or the path of a .toml file"
-        raise AcrcError(f"unknown robot model {wording.shown(name_or_path)}; must be {right}")
+        right = f"{', '.join(map(wording.toml_text, known))} or the path of a .toml file"
+        raise AcrcError(f"unknown robot model {wording.toml_text(name_or_path)}; must be {right}")
     return name_or_path, settings.read_text(Path(name_or_path), "robot model")

@@ -79,7 +79,7 @@ class ParameterError(AcrcError, ValueError):
 
     def __init__(self, key: str, value: object, expected: str, sentence: str = "") -> None:
         """`expected`: continues "must be"; `sentence`: replaces the default sentence."""
-        super().__init__(sentence or f"{key} is {wording.shown(value)}, but must be {expected}")
+        super().__init__(sentence or f"{key} is {wording.toml_text(value)}, but must be {expected}")
         self.key, self.value, self.expected = key, value, expected
 
 
@@ -121,7 +121,7 @@ def check_spans(table: Settings, *names: str) -> None:
 def check_range(key: str, value: float, least: float, most: float) -> None:
     """Raise ParameterError for a value outside [least, most]."""
     if not least <= value <= most:
-        raise ParameterError(key, value, wording.span(ge=least, le=most))
+        raise ParameterError(key, value, wording.bounds_text(ge=least, le=most))
 
 
 def read_text(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
@@ -130,7 +130,7 @@ def read_text(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
     `kind`: names it in errors, such as "scenario". `most`: its maximum size, bytes.
     """
     try:
-        with regular_file.opened(path) as file:
+        with regular_file.open_regular(path) as file:
             content = file.read(most + 1)
         if len(content) > most:
             raise AcrcError(f"{path}: the {kind} file is larger than {most} bytes")
@@ -425,7 +425,7 @@ def _table_words(kind: Any, key: str) -> str:
         args = [one.value for one in kind]
     if origin is Literal or args:
         return wording.one_of(args) if origin is not tuple else ""
-    return {bool: "true or false", str: "a text"}.get(kind, "")
+    return {bool: "true or false", str: "a string"}.get(kind, "")
 
 
 def _number_words(kind: Any, metas: Sequence[Meta]) -> str:
@@ -445,7 +445,7 @@ def _number_words(kind: Any, metas: Sequence[Meta]) -> str:
     if not bounds:
         return noun if kind is int else "a finite number"
     between = " " if len(bounds) > 1 or "gt" in bounds or "lt" in bounds else ", " if unit else " of "
-    return noun + between + wording.span(**bounds)
+    return noun + between + wording.bounds_text(**bounds)
 
 
 def _in_seconds(bound: float) -> float:

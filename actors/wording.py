@@ -12,13 +12,13 @@ _DEPTH: Final = 3
 _BRIEF: Final = 100
 
 
-def brief(value: object) -> str:
+def short_repr(value: object) -> str:
     """Return the `repr` of a value, truncated."""
     text = repr(value)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
-def shown(value: object) -> str:
+def toml_text(value: object) -> str:
     """Return a value in TOML notation, truncated."""
     try:
         text = json.dumps(_short(value), ensure_ascii=False)
@@ -31,22 +31,34 @@ def shown(value: object) -> str:
 
 def one_of(known: Collection[object]) -> str:
     """Return the valid values as a list with "or"."""
-    *others, last = map(shown, known)
+    *others, last = map(toml_text, known)
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def span(
+def bounds_text(
     *, gt: float | None = None, ge: float | None = None, lt: float | None = None, le: float | None = None
 ) -> str:
     """Return the bounds of a number as text that follows "must be"; at least one must be given."""
     if ge is not None and le is not None:
-        return f"from {number(ge)} to {number(le)}"
-    low = [f"above {number(gt)}"] if gt is not None else [f"at least {number(ge)}"] if ge is not None else []
-    high = [f"below {number(lt)}"] if lt is not None else [f"at most {number(le)}"] if le is not None else []
+        return f"from {number_text(ge)} to {number_text(le)}"
+    low = (
+        [f"above {number_text(gt)}"]
+        if gt is not None
+        else [f"at least {number_text(ge)}"]
+        if ge is not None
+        else []
+    )
+    high = (
+        [f"below {number_text(lt)}"]
+        if lt is not None
+        else [f"at most {number_text(le)}"]
+        if le is not None
+        else []
+    )
     return " and ".join(low + high)
 
 
-def number(value: float) -> str:
+def number_text(value: float) -> str:
     """Return a number without trailing zeros."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 

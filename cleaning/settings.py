@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from actors.robot.behaviour import Setting
 from actors.runtime.errors import AcrcError
 from actors.settings import ParameterError, decode, fields_of
-from actors.wording import shown
+from actors.wording import toml_text
 from deeco import DeecoError
 
 if TYPE_CHECKING:
@@ -48,5 +48,6 @@ def _refused(kind: type[P], settings: Mapping[str, Setting], refusal: Exception)
         try:
             decode(kind, least | {name: value}, _TABLE)
         except _REFUSALS as error:
-            return f"{_TABLE}.{name} is {shown(value)}: {error}"
-    return f"{', '.join(f'{_TABLE}.{name} is {shown(value)}' for name, value in settings.items())}: {refusal}"
+            return f"{_TABLE}.{name} is {toml_text(value)}: {error}"
+    words = (f"{_TABLE}.{name} is {toml_text(value)}" for name, value in settings.items())
+    return f"{', '.join(words)}: {refusal}"

@@ -7,7 +7,7 @@ from sphinx.application import Sphinx
 from actors.installation import version as installed
 
 project = html_title = "ACRC testbed"
-release = installed.release()
+release = installed.package_version()
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 root_doc = "index"
 default_role = "code"

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from hypothesis import settings
 
-from actors.processes import launch
+from actors.processes import launcher
 from tests import warm
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def forked_servers() -> Iterator[None]:
     """Start the forkservers of runs in the test's own process as forks of the preloaded process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(launch, "begin", warm.begin_server)
+        patch.setattr(launcher, "start_server", warm.begin_server)
         yield
 
 

@@ -24,7 +24,7 @@ for _package in ("acrc_testbed", "deploy"):
         _name = ".".join(_file.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
         if not _name.endswith("__main__") and not f"{_name}.".startswith(LATER):
             import_module(_name)
-version.software()  # this and the next call start two processes each, once for all forks
-sandbox.available()
+version.software_version()  # this and the next call start two processes each, once for all forks
+sandbox.isolation_fault()
 tempfile.tempdir = None  # each fork has its own TMPDIR
 import_module("actors.runtime.process").settle()  # garbage collection would copy the shared pages

@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 from unittest import mock
 
-from actors.processes import forkserver, launch
-from actors.runtime.process_table import passed_on
+from actors.processes import forkserver, launcher
+from actors.runtime.process_table import child_environment
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 ACRC: Final = "acrc_testbed.command_line.app"
-BEGIN_SERVER: Final = launch.begin
+BEGIN_SERVER: Final = launcher.start_server
 _CONTEXT: Final = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.preload"])
 
@@ -51,7 +51,7 @@ def begin(
     return ForkedCommand(program, words, cwd, dict(env), finds_cwd)
 
 
-def begin_server(command: Sequence[str], channel: socket.socket) -> launch.Server:
+def begin_server(command: Sequence[str], channel: socket.socket) -> launcher.Server:
     """Replace `launch.begin` in the process of a test: fork the server from the preloaded process."""
     *_, how, whose = command
     if how != "fork":
@@ -60,7 +60,7 @@ def begin_server(command: Sequence[str], channel: socket.socket) -> launch.Serve
 
 
 class Server:
-    """A forkserver with the interface of `actors.processes.launch`."""
+    """A forkserver with the interface of `actors.processes.launcher`."""
 
     def __init__(self, process: Any) -> None:
         self._process, self.pid, self.kill = process, process.pid, process.kill
@@ -159,11 +159,11 @@ def _run_command(
         os.dup2(nothing.fileno(), 0)
     _enter(cwd, env, [str(cwd)] if finds_cwd else [])
     sys.argv = [str(ROOT / "acrc_testbed" / "command_line" / "__main__.py"), *words]
-    launch.begin = _fork_server
+    launcher.start_server = _fork_server
     _exit_after(lambda: import_module(program).main())
 
 
-def _fork_server(command: Sequence[str], channel: socket.socket) -> launch.Server:
+def _fork_server(command: Sequence[str], channel: socket.socket) -> launcher.Server:
     """Replace `launch.begin` in a fork without threads: fork the server from the fork."""
     *_, how, whose = command
     forks = how == "fork" or (whose == "reap" and "--spawn" not in sys.argv)
@@ -189,8 +189,8 @@ def _run_server(channel: socket.socket, words: Sequence[str], env: dict[str, str
     descriptor = channel.detach()
     os.closerange(3, descriptor)
     os.closerange(descriptor + 1, os.sysconf("SC_OPEN_MAX"))
-    _enter(ROOT, passed_on(env), ())
-    launch.begin = _fork_server
+    _enter(ROOT, child_environment(env), ())
+    launcher.start_server = _fork_server
     _exit_after(partial(forkserver.main, [str(descriptor), *words]))
 
 

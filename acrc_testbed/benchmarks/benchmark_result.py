@@ -15,7 +15,7 @@ from typing import Any, Final, Self
 
 from rich.table import Table
 
-from actors.console import show
+from actors.console import print_parts
 from actors.runtime.errors import AcrcError
 
 _WIDTH: Final = 250
@@ -42,7 +42,7 @@ class BenchmarkResult:
         if json_output:
             sys.stdout.write(json.dumps(self.figures) + "\n")
         else:
-            show(self.shown, None if sys.stdout.isatty() else _WIDTH)
+            print_parts(self.shown, None if sys.stdout.isatty() else _WIDTH)
         return 1 if self.holds is False else 0
 
 

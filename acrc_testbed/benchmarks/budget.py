@@ -24,7 +24,7 @@ from acrc_testbed.benchmarks.swarm_runs import (
     profiled,
     recorded_bytes,
 )
-from actors.console import screen
+from actors.console import create_console
 from actors.installation.repository import clone
 from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.runtime.shell import MemoryBus
@@ -253,7 +253,7 @@ def measure(bus: str | None = None, duration: float = SECONDS, write: bool = Fal
         raise OptionError("--write: cannot be combined with --bus zenoh or --duration")
     if write:
         clone("acrc bench budget --write")
-    say, window = screen(stderr=True), CountedSteps(duration)
+    say, window = create_console(stderr=True), CountedSteps(duration)
     figures: dict[str, Any] = {"robots": ROBOTS, "from_s": window.first_s, "to_s": window.seconds}
     shown: list[Table | str] = []
     if bus != "zenoh":

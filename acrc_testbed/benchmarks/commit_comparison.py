@@ -17,7 +17,7 @@ from rich.table import Table
 
 from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, run_timed, table_of
 from acrc_testbed.experiments.paired_tests import Interval, mean_interval
-from actors.console import screen
+from actors.console import create_console
 from actors.installation.repository import REPOSITORY, clone
 from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
@@ -201,7 +201,7 @@ def measure(
 
 
 def _log(sentence: str) -> None:
-    screen(stderr=True).print(sentence)
+    create_console(stderr=True).print(sentence)
 
 
 def _differences(mine: ProjectState, theirs: ProjectState, own_scenarios: bool) -> Iterator[str]:

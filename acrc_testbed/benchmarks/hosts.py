@@ -68,7 +68,7 @@ class RigHost:
     def processes(self) -> list[int]:
         """Return the ids of all processes on the host, including sandboxed robots."""
         own = _uts(self.holder)
-        return [pid for pid in process_table.table() if pid != self.holder and own and _uts(pid) == own]
+        return [pid for pid in process_table.processes() if pid != self.holder and own and _uts(pid) == own]
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to every process on the host, including new ones."""

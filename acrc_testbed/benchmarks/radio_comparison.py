@@ -26,7 +26,7 @@ from acrc_testbed.benchmarks.radio_trials import (
     points,
 )
 from acrc_testbed.results.clock_alignment import quantile
-from actors.console import screen
+from actors.console import create_console
 from actors.runtime.errors import AcrcError
 
 _FREEDOM_ENOUGH: Final = 200.0
@@ -74,7 +74,7 @@ class Agreement:
 
 def check(data: Path, runs: int = 10) -> BenchmarkResult:
     """Compare the medium with reference data in a folder; `runs`: our frames per reference frame."""
-    console = screen(stderr=True)
+    console = create_console(stderr=True)
     every: list[FigureComparison] = []
     agreements: list[Agreement] = []
     throughput = [0.0]

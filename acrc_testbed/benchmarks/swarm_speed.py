@@ -24,7 +24,7 @@ from acrc_testbed.benchmarks.swarm_runs import (
     mesh_ms,
     over_mesh,
 )
-from actors.console import screen
+from actors.console import create_console
 from actors.runtime.errors import AcrcError
 
 ROBOTS: Final = KINDS[-1]
@@ -106,7 +106,7 @@ def measure(
 
 def _measure(task: SwarmTask) -> Iterator[SwarmFigures]:
     """Measure over Zenoh first: in-memory runs enlarge this process, the parent of the others."""
-    say = screen(stderr=True)
+    say = create_console(stderr=True)
     idle_task = replace(task, scenario=_IDLE)
     meshes = []
     for count in task.robots:

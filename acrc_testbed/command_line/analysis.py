@@ -18,7 +18,7 @@ from acrc_testbed.command_line.shared_options import (
     isolation,
     option,
 )
-from actors.console import screen
+from actors.console import create_console
 from actors.installation.usage import OptionError, wrong_value
 
 if TYPE_CHECKING:
@@ -120,8 +120,8 @@ def _replay_here(
     from acrc_testbed.recordings.sandboxed_replay import check_trust
     from actors.robot.behaviour.code_permit import permitted_folders
     from actors.robot.behaviour.loading import set_folders
+    from actors.runtime.captured_output import output_to_stream
     from actors.runtime.errors import AcrcError
-    from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.run import swarm_replay
 
@@ -142,7 +142,7 @@ def _replay_here(
         stop()
 
     wanted = None if stop is None else stop_and_note
-    shown = None if stop is not None else partial(on, prints)  # a debugger prints itself
+    shown = None if stop is not None else partial(output_to_stream, prints)  # a debugger prints itself
     replay_options = ReplayOptions(
         lambda core, step_us: record_replay.limit(core, step_us, window, wanted), prints=shown
     )
@@ -173,11 +173,11 @@ def explain(
     from acrc_testbed.explanation import explainer as explanation
     from actors.robot.behaviour.code_permit import permit_of
     from actors.runtime.errors import printable
-    from actors.runtime.isolation.sandbox import choose, warn
+    from actors.runtime.isolation.sandbox import choose_isolation, print_warning
 
     permit = permit_of(modules, trust=trust)
-    request, choice = explanation.parse_request(who), choose(None)
-    warn(choice.warning)
+    request, choice = explanation.parse_request(who), choose_isolation(None)
+    print_warning(choice.warning)
     explainer = explanation.Explainer(out, request.robot, permit=permit, isolate=choice.isolate)
     if request.at_s is None:
         rows = explainer.listed()
@@ -226,11 +226,11 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
     from actors.runtime.errors import AcrcError
     from deploy.run import out_folder
 
-    console = screen(stderr=True, soft_wrap=False)
+    console = create_console(stderr=True, soft_wrap=False)
     with console.status("reading"):
         found = table_rows.tables(out)
     with out_folder.writing(folder or out):
-        where = folder or regular_file.no_link(out / "tables")
+        where = folder or regular_file.check_no_link(out / "tables")
         written = dict(parquet_files.write(found, where))
     answer(
         (f"{path}: {count} rows" for path, count in written.items()),
@@ -248,7 +248,7 @@ def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], 
     from deploy.run import out_folder
 
     path = file or out.absolute().with_name(f"{out.absolute().name}.{name}.mcap")
-    console = screen(stderr=True, soft_wrap=False)
+    console = create_console(stderr=True, soft_wrap=False)
     with out_folder.writing(path.parent), console.status("writing"):
         report = log_run(out, path, robots)
     for note in report.notes:

@@ -17,8 +17,8 @@ from acrc_testbed.command_line import analysis, development, run, visualisation
 from acrc_testbed.command_line.fleet import app as fleet
 from acrc_testbed.command_line.lists import app as listing
 from acrc_testbed.command_line.record import app as record
-from actors.console import screen
-from actors.installation.usage import OptionError, extras_named
+from actors.console import create_console
+from actors.installation.usage import OptionError, missing_extra_named
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.runtime.errors import AcrcError, printable
 
@@ -211,7 +211,7 @@ def main() -> None:
     protect_standard_streams()
     gc.set_threshold(20_000, 20, 20)  # imported modules are never garbage; scanning them costs 10 %
     try:
-        with signals_as_interrupts(), extras_named():
+        with signals_as_interrupts(), missing_extra_named():
             sys.exit(app(_arguments(sys.argv[1:]), prog_name="acrc", standalone_mode=False))
     except Interrupted as interrupt:
         recorded = f"; recordings are in {interrupt.recorded}" if interrupt.recorded else ""
@@ -220,7 +220,7 @@ def main() -> None:
         sentence, code = f"acrc: {error}", 2 if isinstance(error, OptionError) else 1
     except typer.TyperException as error:
         sentence, code = usage_error(error), error.exit_code
-    screen(stderr=True).print(sentence)
+    create_console(stderr=True).print(sentence)
     sys.exit(code)
 
 
@@ -236,7 +236,7 @@ def _print_version(requested: bool) -> None:
     if requested:
         from actors.installation import version
 
-        release, software = version.release(), version.software()
+        release, software = version.package_version(), version.software_version()
         print(f"acrc {release}" + (f", commit {software}" if software != release else ""))
         raise typer.Exit
 

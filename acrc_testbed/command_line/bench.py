@@ -329,7 +329,7 @@ def _run(root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: b
     Nightly tests run only if the claims are `named` or in `full` size. Raises AcrcError if pytest aborts.
     """
     from acrc_testbed.command_line.development import run_pytest
-    from actors.processes.kernels import compile_kernels
+    from actors.processes.kernel_compilation import compile_kernels
     from actors.runtime.errors import AcrcError
 
     marked = "claim" if named or full else "claim and not nightly"

@@ -38,14 +38,14 @@ from acrc_testbed.experiments.verdicts import (
     tests_of,
 )
 from acrc_testbed.results.seal import seal
-from actors.console import screen
-from actors.installation.usage import OptionError, typed, wrong_value
-from actors.installation.version import software
+from actors.console import create_console
+from actors.installation.usage import OptionError, command_line, wrong_value
+from actors.installation.version import software_version
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.code_permit import Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import choose
+from actors.runtime.isolation.sandbox import choose_isolation
 from deploy.hosts.address import plain
 from deploy.run import out_folder
 from deploy.run.progress import lines
@@ -67,7 +67,7 @@ def campaign(
     study_options, notes = understood(study_options)
     study = study_of(study_options)
     if study.isolated and options.on is None:
-        choose(True)  # fails once here, not in each run
+        choose_isolation(True)  # fails once here, not in each run
     source = path_of(study_options)
     hints, modules = check(study, permit, source)
     plan_file = store.plan_of(plan, None if study.tuning else source)
@@ -78,7 +78,7 @@ def campaign(
     if watch is not None:
         kept.declare_looks()
     frozen = store.take_in(kept, plan_file, source, looks=until_decided)
-    say = screen(stderr=True)
+    say = create_console(stderr=True)
     least = LEAST_PAIRS if watch is None else watch.rules.least
     for line in [] if json_output else (*notes, *hints, *foreseen(study, least), *frozen):
         say.print(line)
@@ -124,14 +124,14 @@ def _lines(
         yield from verdicts.look_sentences(watch.looked_at(), watch.rules)
     yield (
         f"{progress.done} of {progress.total} runs done, {progress.failed} failed; {folder} contains tables "
-        f"results.csv and results.parquet; to compare strategies: {typed('compare', folder)}"
+        f"results.csv and results.parquet; to compare strategies: {command_line('compare', folder)}"
     )
 
 
 @contextmanager
 def progress_display(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
     """Report progress on standard error, by a bar at a terminal, otherwise by occasional lines."""
-    console = screen(stderr=True, soft_wrap=False)
+    console = create_console(stderr=True, soft_wrap=False)
     if quiet:
         yield lambda progress: None
         return
@@ -172,9 +172,9 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
     study = load_study(study_file)
     step_names(study)
     looks = verdicts.rules_for(study).differ.looks if until_decided else ()
-    content = frozen_plan.freeze(study, software(), looks)
+    content = frozen_plan.freeze(study, software_version(), looks)
     with out_folder.writing(target):
-        regular_file.write(target, content)
+        regular_file.write_atomically(target, content)
     plan = frozen_plan.read(target)
     answer(
         [
@@ -192,7 +192,7 @@ def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
 
     target = out or folders[0] / "report"
     with out_folder.writing(target):
-        page = reports.write(folders, out or regular_file.no_link(target))
+        page = reports.write(folders, out or regular_file.check_no_link(target))
     answer([f"written to {page}, with pictures and tables"], {"page": page}, json=json)
 
 
@@ -230,7 +230,7 @@ def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
 
 
 def _warn(different: Sequence[str]) -> None:
-    console = screen(stderr=True)
+    console = create_console(stderr=True)
     for line in different:
         console.print(f"acrc: {line}", style="bold red")
 

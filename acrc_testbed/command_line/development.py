@@ -16,7 +16,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from actors.console import screen
+from actors.console import create_console
 from actors.installation.repository import clone
 
 
@@ -143,7 +143,7 @@ def test(context: typer.Context) -> None:
     """Run the tests; arguments go to pytest (-h: its help)."""
     root = clone("test")
     words = [_absolute(word) for word in context.args]
-    from actors.processes.kernels import compile_kernels
+    from actors.processes.kernel_compilation import compile_kernels
 
     compile_kernels()  # first: its messages would appear in the output that tests read
     raise typer.Exit(run_suite(root, words))
@@ -151,7 +151,7 @@ def test(context: typer.Context) -> None:
 
 def check() -> None:
     """Check style, types, imports and arithmetic of the sources."""
-    if not run_checks(clone("check"), screen()):
+    if not run_checks(clone("check"), create_console()):
         raise typer.Exit(1)
 
 

@@ -37,7 +37,7 @@ def build(pages: Path, out: Path) -> Path:
     """
     from sphinx.cmd.build import build_main
 
-    from actors.processes.launch import scratch_folder
+    from actors.processes.launcher import scratch_folder
     from actors.runtime.errors import AcrcError
 
     reference = pages / "reference" / "commands.md"

@@ -22,7 +22,7 @@ from acrc_testbed.command_line.shared_options import (
     isolation,
     option,
 )
-from actors.console import screen
+from actors.console import create_console
 from actors.installation.repository import clone
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
@@ -148,13 +148,13 @@ def onboard(
     modules: Modules = None,
 ) -> None:
     """Run a robot: drive the connected TurtleBot and radio board."""
-    from actors.processes.kernels import compile_kernels
+    from actors.processes.kernel_compilation import compile_kernels
     from actors.robot.behaviour.code_permit import permit_of
     from deploy.fleet import onboard_run
     from deploy.fleet.fleet_file import load_fleet
     from deploy.run import out_folder
 
-    console = screen(stderr=True)
+    console = create_console(stderr=True)
     loaded = load_fleet(fleet)
     named = permit_of(modules).modules
     folder = out_folder.checked(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
@@ -387,7 +387,7 @@ def join(
 
     The first call installs packages and compiles kernels.
     """
-    from actors.processes.kernels import compile_kernels
+    from actors.processes.kernel_compilation import compile_kernels
     from deploy.hosts.address import plain
     from deploy.hosts.connection import PATIENCE_S, security
 

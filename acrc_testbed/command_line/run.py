@@ -22,8 +22,8 @@ from acrc_testbed.command_line.shared_options import (
     isolation,
     option,
 )
-from actors.console import screen
-from actors.installation.usage import OptionError, typed
+from actors.console import create_console
+from actors.installation.usage import OptionError, command_line
 from actors.runtime.errors import AcrcError
 
 _BASELINES: Final = ("none", "none-original", "none-giving-up")
@@ -236,7 +236,7 @@ def _check_replay(out: Path, modules: tuple[Path, ...]) -> None:
     from acrc_testbed.recordings.record_replay import recheck
 
     report = recheck(out, modules)
-    screen(stderr=True).print(
+    create_console(stderr=True).print(
         f"checked: {report.actors} actors replayed, all {report.outputs} messages equal"
     )
 
@@ -287,7 +287,7 @@ def order(
 
     if str(out) in orders.VERBS and verb not in orders.VERBS:
         folder = out_folder.newest(Path("runs")) or "runs/NAME"
-        raise OptionError(f"OUT: missing; example: {typed('order', folder, out, verb)}")
+        raise OptionError(f"OUT: missing; example: {command_line('order', folder, out, verb)}")
     sent = " ".join([verb, *(words or [])])
     refusal = orders.send(out, orders.parse(verb, words or []))
     if refusal:

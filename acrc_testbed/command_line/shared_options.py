@@ -111,6 +111,6 @@ def answer(shown: "Iterable[str | Table]", data: object, *, json: bool) -> None:
 
         sys.stdout.write(msgspec.json.encode(data, enc_hook=_plain).decode() + "\n")
         return
-    from actors.console import show
+    from actors.console import print_parts
 
-    show(shown)
+    print_parts(shown)

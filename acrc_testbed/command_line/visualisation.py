@@ -22,8 +22,8 @@ from acrc_testbed.command_line.shared_options import (
     flag,
     option,
 )
-from actors.console import screen
-from actors.installation.usage import OptionError, output_file, typed
+from actors.console import create_console
+from actors.installation.usage import OptionError, command_line, output_file
 from actors.runtime.errors import AcrcError
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Pat
     for suffix, file in files.items():
         output_file(f"--{suffix[1:]}", file, suffix)
     if folders[1:]:
-        right = typed("view", folders[0], "--html", "page.html")
+        right = command_line("view", folders[0], "--html", "page.html")
         raise OptionError(f"view: unexpected argument {folders[1]}; example: {right}, or --beside DIR")
     return next(iter(folders), None), files
 
@@ -185,7 +185,7 @@ def _show(
     from acrc_testbed.view import run_view
     from deploy.run import out_folder
 
-    say, complete = screen(stderr=True).print, True
+    say, complete = create_console(stderr=True).print, True
     with out_folder.writing((save or screenshot or folders[0]).absolute().parent):
         if save is not None:
             complete = run_view.save(folders, robots, save, say)
@@ -234,7 +234,7 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
         run_movie.check(movie)
     run = read_run(out)
     if run.result is None:
-        screen(stderr=True).print(partial_run_notice(out, run.end))
+        create_console(stderr=True).print(partial_run_notice(out, run.end))
     _warn_if_incomplete(out, run)
     for page in pages:
         with out_folder.writing(page.parent):

@@ -169,7 +169,7 @@ class _Campaign:
             while waiting and len(self._running) < self._pool.slots:
                 pending = waiting.popleft()
                 trial, check = pending
-                regular_file.write(self._store.log(trial, check=check), b"")
+                regular_file.write_atomically(self._store.log(trial, check=check), b"")
                 order = order_of(self._store.study, trial, self._modules, repeated=check)
                 self._running[self._pool.submit(order)] = (pending, time.monotonic())
             ended, _ = wait(self._running, _LOOK_S, FIRST_COMPLETED)
@@ -190,7 +190,7 @@ class _Campaign:
         """Check the record that a process left, and keep it."""
         trial, check = pending
         store = self._store
-        regular_file.write(store.log(trial, check=check), ended.said)
+        regular_file.write_atomically(store.log(trial, check=check), ended.said)
         record = received(ended.record, trial, ended.cause)
         if check:
             keep(store.check_path(trial), compared(store.record(trial), record))

@@ -128,7 +128,7 @@ def freeze(study: Study, commit: str, looks: Sequence[int]) -> bytes:
 def read(path: Path) -> FrozenPlan:
     """The plan in a file. Raises AcrcError for none, and for one whose content is not what was hashed."""
     plan = typed_json.read(path, FrozenPlan, "frozen plan", _LARGEST)
-    told = msgspec.json.decode(regular_file.content(path, _LARGEST))
+    told = msgspec.json.decode(regular_file.read_bytes(path, _LARGEST))
     for name, over in (
         ("sha256", {key: value for key, value in told.items() if key != "sha256"}),
         ("study_sha256", {key: told[key] for key in ("study", "files")}),
@@ -173,7 +173,7 @@ def changed_files(plan: FrozenPlan, study: Study) -> Iterator[str]:
 
 def _hashed(study: Study) -> list[tuple[str, str]]:
     files = inputs(study).files.values()
-    return sorted((path.name, hashlib.sha256(regular_file.content(path)).hexdigest()) for path in files)
+    return sorted((path.name, hashlib.sha256(regular_file.read_bytes(path)).hexdigest()) for path in files)
 
 
 def _sha256(told: Any) -> str:

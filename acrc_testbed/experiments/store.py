@@ -14,7 +14,7 @@ from acrc_testbed.experiments.study import Study, Trial, differences
 from acrc_testbed.experiments.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.results.seal import SUMS, check_seal
-from actors.installation.version import changed_since, software
+from actors.installation.version import changed_since, software_version
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 
@@ -171,7 +171,7 @@ def create(folder: Path, study: Study) -> Store:
     Raises AcrcError if the folder holds something else, or what other software has begun, and SealError
     if it is not as it was left.
     """
-    store, about = Store(folder, study), About(software())
+    store, about = Store(folder, study), About(software_version())
     if store.study_file.exists():
         before = typed_json.read(store.study_file, Study, "study of a campaign")
         if study.seeds < before.seeds:
@@ -206,7 +206,7 @@ def _check_parts(folder: Path) -> None:
     """Make what is missing. Raises AcrcError for a link in its place."""
     for part in (_TRIALS, _CHECKS, _LOGS):
         try:
-            regular_file.no_link(folder / part).mkdir(exist_ok=True)
+            regular_file.check_no_link(folder / part).mkdir(exist_ok=True)
         except OSError as error:
             raise AcrcError(f"{folder / part}: {error.strerror}") from None
 
@@ -331,7 +331,7 @@ def take_in(kept: Store, given: Path | None, study_file: Path | None, *, looks: 
         if known is None:
             if any(kept.path(trial).exists() for trial in kept.study.trials()):
                 return [f"{given}: is not taken, as {kept.folder} had runs before it had a plan."]
-            keep_bytes(kept.plan_file, regular_file.content(given))
+            keep_bytes(kept.plan_file, regular_file.read_bytes(given))
             keep(kept.about_file, msgspec.structs.replace(kept.about(), plan_sha256=plan.sha256))
     mine = kept.plan
     if mine is None:
@@ -387,7 +387,7 @@ def _looks(plan: FrozenPlan) -> str:
 def _now(plan: FrozenPlan, kept: Store, study_file: Path | None) -> Iterator[str]:
     """What files and software have otherwise at this moment."""
     yield from frozen_plan.changed_files(plan, kept.study)
-    here = software()
+    here = software_version()
     if here == plan.commit:
         return
     changed = changed_since(plan.commit)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from actors import settings
 from actors.installation.repository import SHIPPED
-from actors.installation.usage import typed
+from actors.installation.usage import command_line
 from actors.randomness import generator
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
@@ -353,7 +353,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         return _written(path)
     check_exists(path, SHIPPED / "studies")
     if is_scenario(path):
-        compared = typed("campaign", path)
+        compared = command_line("campaign", path)
         raise AcrcError(f"{path}: is a scenario, must be a study; to compare strategies in it: {compared}")
     table = settings.load(path, _StudyFile, "study", _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))

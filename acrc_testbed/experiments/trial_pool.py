@@ -22,9 +22,9 @@ from acrc_testbed.experiments.trial_record import (
     outcome_in,
 )
 from actors.installation.repository import REPOSITORY
-from actors.installation.version import software
-from actors.processes.kernels import compile_kernels
-from actors.processes.launch import Launcher, Program, launcher, scratch_folder
+from actors.installation.version import software_version
+from actors.processes.kernel_compilation import compile_kernels
+from actors.processes.launcher import Launcher, Program, create_launcher, scratch_folder
 from actors.processes.robot_logs import last_line
 from actors.runtime.errors import printable
 from actors.runtime.isolation import sandbox
@@ -83,14 +83,16 @@ class WorkerTask(NamedTuple):
 
 def run_on_worker(task: WorkerTask) -> TrialOutcome:
     """Run a trial on a worker, or refuse because of other software or a missing sandbox."""
-    here = software()
+    here = software_version()
     if here != task.commit:
         return _refused(f"a worker has {here}, this is {task.commit}; their results do not compare")
     order = _moved(task)
-    reason = sandbox.available() if order.isolate else None
+    reason = sandbox.isolation_fault() if order.isolate else None
     if reason is not None:
         return _refused(f"a worker cannot isolate robots, as the study wants: {reason}")
-    with launcher("forkserver") as launched:  # one for each trial: a worker's files may change between two
+    with create_launcher(
+        "forkserver"
+    ) as launched:  # one for each trial: a worker's files may change between two
         return run_trial(order, task.patience_s, TrialLauncher(launched))
 
 
@@ -220,7 +222,7 @@ def trial_pool(jobs: int, patience_s: float, on: str | None, commit: str) -> Ite
             client.close(timeout=PATIENCE_S)
         return
     compile_kernels(quiet=True)
-    with launcher("forkserver") as launched:
+    with create_launcher("forkserver") as launched:
         shared = TrialLauncher(launched)
         slots = jobs or os.cpu_count() or 1
         executor = ThreadPoolExecutor(slots)

@@ -22,7 +22,7 @@ from acrc_testbed.experiments.trial_record import ORDER, RECORD, TrialOrder, Tri
 from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.results.result import RunResult
-from actors.processes.robot_logs import EVERYBODY
+from actors.processes.robot_logs import ALL_ROBOTS
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.linux import die_with_parent
@@ -87,7 +87,7 @@ def _run(order: TrialOrder, settings: dict[str, Any], out: Path) -> tuple[RunRes
     )
     options = RunOptions(
         out, bus=order.bus, isolate=order.isolate, json=True, scenario=path.name, hidden=(path,),
-        log=(EVERYBODY,), modules=tuple(map(Path, order.modules)), record="lean",
+        log=(ALL_ROBOTS,), modules=tuple(map(Path, order.modules)), record="lean",
     )  # fmt: skip
     result = start_run(PreparedRun(load_scenario(path, overrides), options), quiet=True)
     return msgspec.structs.replace(result, out=""), account_time(out), trace(out)

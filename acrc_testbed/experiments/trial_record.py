@@ -17,7 +17,7 @@ from acrc_testbed.run_model.recording_readers import messages_on
 from actors.messages import TRUTH
 from actors.runtime import typed_json
 from actors.runtime.recording import RecordingError
-from actors.runtime.recording.reading import opened
+from actors.runtime.recording.reader import open_recording
 from deploy.run.options import Bus
 
 DIGITS: Final = 8
@@ -226,7 +226,7 @@ def received(content: bytes | None, trial: Trial, cause: str) -> TrialRecord:
     try:
         told = typed_json.decode(content, TrialRecord)
     except ValueError as error:
-        return _failed(trial, f"its process has left no record of a trial: {str(error)[:200]}")
+        return _failed(trial, f"its process wrote no valid record of a trial: {str(error)[:200]}")
     if len(content) > MOST_BYTES or (told.result is not None and told.result.seed != trial.seed):
         return _failed(trial, "its process has left the record of another trial")
     if (told.result is None) == (told.failure is None):
@@ -242,7 +242,7 @@ def left(file: Path, most: int, *, end: bool = False) -> bytes | None:
     None for what is no file, or larger. Nothing is waited for, and no link is followed.
     """
     try:
-        with opened(file) as stream:
+        with open_recording(file) as stream:
             size = os.fstat(stream.fileno()).st_size
             if size > most and not end:
                 return None

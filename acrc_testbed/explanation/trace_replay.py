@@ -24,10 +24,10 @@ from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.recordings.sandboxed_replay import ProgramLimits, run_program
 from actors.robot.behaviour.code_permit import Permit
 from actors.robot.core import RobotCore
+from actors.runtime.captured_output import discarded_output
 from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
-from actors.runtime.prints import nowhere
-from actors.runtime.recording.reading import report_damage
+from actors.runtime.recording.reader import report_damage
 from deeco.node import observing_nodes
 
 _PROGRAM: Final = "acrc_testbed.explanation.trace_replay"
@@ -66,7 +66,7 @@ def traced(out: Path, actor: str) -> CausalTrace:
 
     try:
         with observing_nodes(tracer):
-            replay_actor(out, actor, ReplayOptions(attach, prints=lambda step_us: nowhere()))
+            replay_actor(out, actor, ReplayOptions(attach, prints=lambda step_us: discarded_output()))
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy may diverge on another processor

@@ -30,7 +30,7 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.robot.assembly import RobotSetup
 from actors.robot_model import RobotModel, load_model
 from actors.runtime import regular_file
-from actors.runtime.process_setup import located_model
+from actors.runtime.process_setup import resolve_model
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def log_run(out: Path, path: Path, robots: Sequence[str] = ()) -> LogReport:
     models, left_out = _models(run, files), Counter[str]()
     sources = {one.actor: one for one in run.processes if not robots or one.robot in robots}
     internals = [one for one in run.internals if one.process.actor in sources]
-    with Spool() as spool, regular_file.replaced(path) as part:
+    with Spool() as spool, regular_file.atomic_replacement(path) as part:
         for one in internals:
             spool.extend(internal_entries(one))
         entries = merge(*_streams(run, files, sources, models, spool, left_out), key=attrgetter("logged"))
@@ -106,5 +106,5 @@ def _models(run: RunData, files: Mapping[str, Path]) -> dict[str, RobotModel]:
     found = {}
     for source in run.processes:
         setup = read_setup(files[source.actor], RobotSetup, "a robot")
-        found[source.robot] = load_model(located_model(setup.model, files[source.actor].parent), setup.sensor)
+        found[source.robot] = load_model(resolve_model(setup.model, files[source.actor].parent), setup.sensor)
     return found

@@ -207,7 +207,7 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
     written = []
     for name, table in arrow(rows).items():
         path = folder / f"{name}.parquet"
-        with regular_file.replaced(path) as part:
+        with regular_file.atomic_replacement(path) as part:
             parquet.write_table(table, part)
         written.append((path, table.num_rows))
     return written

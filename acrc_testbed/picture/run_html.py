@@ -30,7 +30,7 @@ def write(run: RunData, path: Path) -> None:
     """Write the page as one self-contained file."""
     with style.applied(style.LOOK):
         drawn = style.svg(run_page.draw(run))
-    regular_file.write(path, html(run, drawn).encode())
+    regular_file.write_atomically(path, html(run, drawn).encode())
 
 
 def html(run: RunData, drawn: bytes) -> str:

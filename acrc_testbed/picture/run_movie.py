@@ -60,7 +60,7 @@ def write(run: RunData, path: Path, speed: float) -> None:
     with style.applied(style.LOOK):
         scene = _Scene(run)
         pictures = (scene.picture(step) for step in instants(run, speed))
-        with regular_file.replaced(path) as part:
+        with regular_file.atomic_replacement(path) as part:
             if path.suffix == _GIF:
                 _write_gif(pictures, part, scene.all_at_once())
             else:

@@ -136,7 +136,7 @@ def _seen(colour: str) -> Colour:
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG or SVG, by the file's suffix, without dates."""
     dates = {"Date": None} if path.suffix == ".svg" else {"Software": None}
-    with regular_file.replaced(path) as part:
+    with regular_file.atomic_replacement(path) as part:
         figure.savefig(part, metadata=dates)
 
 

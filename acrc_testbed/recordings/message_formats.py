@@ -26,7 +26,7 @@ from acrc_testbed.recordings.topics import (
 )
 from actors.instant import in_seconds
 from actors.messages import Scan
-from actors.processes.robot_logs import LogTail, check_names, robots
+from actors.processes.robot_logs import LogTail, check_names, logged_robots
 from actors.runtime.errors import printable
 from actors.runtime.recording import Direction
 from actors.runtime.replay_bus import topic_of
@@ -229,7 +229,7 @@ def read_logs(
     if out.is_file():
         raise TopicError(f"{out}: a recording has no log; give a run's folder")
     wanted = [key.removesuffix(_LOG) for key in keys]
-    check_names(wanted, robots(out), str(out))
+    check_names(wanted, logged_robots(out), str(out))
     tail, now = LogTail(out, wanted), dict[str, float]()
     while follow and not has_ended(out):
         yield from _within(tail.poll(), now, begin, end)

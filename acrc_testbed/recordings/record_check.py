@@ -15,9 +15,9 @@ from actors.messages import ROSTER
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
-from actors.runtime.recording import Direction, Entry, Note, Reading, RecordingError, decoded
+from actors.runtime.recording import Direction, Entry, Note, RecordingError, RecordingReader, decode_note
 from actors.runtime.replay_bus import topic_of
-from actors.runtime.shell import ActorDigest, MessageHash, carries_digest, run_digest
+from actors.runtime.shell import ActorDigest, MessageHash, is_in_run_digest, run_digest
 
 STAMP: Final = struct.Struct("<Q32s")
 """A message in a trail: its step and the sha256 of its bytes."""
@@ -55,8 +55,12 @@ class RecordingContents:
 
 
 def read_contents(actor: str, path: Path, *, strict: bool = False) -> RecordingContents:
-    """Read a recording. Raises CheckError if it is inconsistent, RecordingError as `Reading` does."""
-    contents, running, reading = RecordingContents(actor, path), MessageHash(), Reading(path, strict=strict)
+    """Read a recording. Raises CheckError if it is inconsistent, RecordingError as `RecordingReader` does."""
+    contents, running, reading = (
+        RecordingContents(actor, path),
+        MessageHash(),
+        RecordingReader(path, strict=strict),
+    )
     first = True
     for item in reading:
         if first:
@@ -64,7 +68,7 @@ def read_contents(actor: str, path: Path, *, strict: bool = False) -> RecordingC
             first = False
         elif isinstance(item, Note):
             if item.name == "final":
-                contents.final = decoded(path, "final", item.json, FinalNote)
+                contents.final = decode_note(path, "final", item.json, FinalNote)
         else:
             _add_message(contents, running, item)
     contents.blank = first
@@ -77,7 +81,7 @@ def read_contents(actor: str, path: Path, *, strict: bool = False) -> RecordingC
 def _check_first(actor: str, path: Path, item: Entry | Note) -> None:
     if not isinstance(item, Note) or item.name != "run":
         raise CheckError(f"{path}: does not begin with the record 'run'")
-    run = decoded(path, "run", item.json, RunNote)
+    run = decode_note(path, "run", item.json, RunNote)
     if run.actor != actor and not path.parent.name.endswith(f".{run.actor}"):
         raise CheckError(f"{path}: recording of {run.actor[:40]!r} instead of {actor!r}")
 
@@ -195,7 +199,7 @@ def check(out: Path, *, strict: bool = True) -> CheckReport:
     complete = all(contents.final is not None and contents.whole for contents in recordings)
     digest = (
         run_digest(contents.digest for contents in recordings)
-        if any(carries_digest(contents.actor) for contents in recordings)
+        if any(is_in_run_digest(contents.actor) for contents in recordings)
         else ""
     )
     compared = strict or complete
@@ -304,7 +308,7 @@ def _compare_result(out: Path, digest: str, recordings: Sequence[RecordingConten
     result = out / "run.json"
     if not result.is_file():
         return
-    with regular_file.opened(result) as file:
+    with regular_file.open_regular(result) as file:
         text = file.read(_LARGEST_RESULT + 1)
     try:
         claimed = typed_json.decode(text, _ResultDigest).digest

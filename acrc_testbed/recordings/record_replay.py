@@ -18,7 +18,7 @@ import msgspec
 from acrc_testbed.recordings.record_check import check
 from acrc_testbed.recordings.run_recordings import all_recordings, decode_setup, read_run_note
 from actors.installation.repository import REPOSITORY
-from actors.installation.usage import command
+from actors.installation.usage import command_name
 from actors.instant import Instant, seconds
 from actors.radio.program import actor_process as radio_process
 from actors.radio.radio_model import RadioSetup
@@ -26,18 +26,18 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.loading import RecordedModules, expect_hashes, set_folders
 from actors.robot.program import actor_process_of
 from actors.runtime import failure
+from actors.runtime.captured_output import CapturedOutput
 from actors.runtime.core import Core, Inputs, Output
 from actors.runtime.debugger import UserPdb
 from actors.runtime.errors import AcrcError
 from actors.runtime.linux import die_with_parent
-from actors.runtime.prints import Prints
 from actors.runtime.process import ActorProcess, FinalNote, RunNote
-from actors.runtime.process_table import passed_on
-from actors.runtime.processor import difference, otherwise
+from actors.runtime.process_table import child_environment
+from actors.runtime.processor import difference_cause, differing_kernels
 from actors.runtime.recording import (
     Entry,
     RecordingError,
-    decoded,
+    decode_note,
     read_notes,
     read_recording,
 )
@@ -94,9 +94,7 @@ def debugpy_breakpoint(port: int) -> Callable[[], None]:
     Raises AcrcError if the package debugpy is missing.
     """
     if importlib.util.find_spec("debugpy") is None:
-        raise AcrcError(
-            f"--debugpy {port}: the Python package debugpy is not installed; run `{command()} add debugpy`"
-        )
+        raise AcrcError(f"--debugpy {port}: debugpy is not installed; run `{command_name()} add debugpy`")
     debugpy: Any = importlib.import_module("debugpy")
     debugpy.listen(("127.0.0.1", port))
     debugpy.wait_for_client()
@@ -123,7 +121,7 @@ class ReplayOptions:
     ReplayStoppedError to end the replay."""
     behaviour: str | None = None
     """Entry string of a behaviour that replaces the recorded one, with its default settings."""
-    prints: Callable[[int], Prints] | None = None
+    prints: Callable[[int], CapturedOutput] | None = None
     """Returns a capture of printed output for a length of a step; None: no capture."""
 
 
@@ -147,7 +145,7 @@ def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOp
     if replay_options.prepare is not None:
         replay_options.prepare(part.core, run.step_us)
     bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
-    shell = Shell(part.core, bus, bus, actor=run.actor, open_to=part.open_to)
+    shell = Shell(part.core, bus, bus, actor=run.actor, optional_inputs=part.optional_inputs)
     if part.ready is not None:
         shell.send(part.ready)
     shell.prints = prints
@@ -157,7 +155,7 @@ def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOp
         return ReplayReport(actor, bus.compared, whole=False)
     except ReplayError as error:
         here = part.run
-        why = difference(run.processor, here.processor, otherwise(run.kernels, here.kernels))
+        why = difference_cause(run.processor, here.processor, differing_kernels(run.kernels, here.kernels))
         raise (ReplayError(f"{error}; {why}") if why else error) from None
     return ReplayReport(actor, bus.compared)
 
@@ -210,7 +208,7 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> RecheckReport:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         cwd=REPOSITORY,
-        env=passed_on(os.environ) | {"PYTHONHASHSEED": other},
+        env=child_environment(os.environ) | {"PYTHONHASHSEED": other},
     ) as process:
         assert process.stdout is not None
         try:
@@ -277,7 +275,7 @@ def _start(out: Path, actor: str) -> tuple[int, int]:
     code = 1
     try:
         die_with_parent(parent)
-        failure.hold(Path(tempfile.gettempdir()))
+        failure.hold_reserve(Path(tempfile.gettempdir()))
         os.dup2(2, 1)  # prints of a strategy must not mix with the answer
         os.write(theirs, msgspec.json.encode(_replayed(out, actor)))
         code = 0
@@ -291,7 +289,7 @@ def _replayed(out: Path, actor: str) -> RecheckedActor:
     except AcrcError as error:
         return RecheckedActor(actor, fault=str(error)[:_LONGEST])
     except Exception as error:  # a strategy that diverges may fail
-        failure.release()
+        failure.release_reserve()
         return RecheckedActor(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
 
 
@@ -300,7 +298,7 @@ def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
     notes = read_notes(path)
     if "final" not in notes:
         return RecordedModules(code, whole=False)
-    return RecordedModules(code | decoded(path, "final", notes["final"], FinalNote).code)
+    return RecordedModules(code | decode_note(path, "final", notes["final"], FinalNote).code)
 
 
 def recorded_code(out: Path) -> RecordedModules | None:

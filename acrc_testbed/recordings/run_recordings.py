@@ -13,7 +13,7 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import NAMES, StrategyFolders
 from actors.runtime.process import RunNote
-from actors.runtime.recording import RecordingError, decoded, read_notes
+from actors.runtime.recording import RecordingError, decode_note, read_notes
 
 _RESTART: Final = re.compile(r"\.[0-9]{1,9}")
 
@@ -72,7 +72,7 @@ def read_run_note(path: Path) -> RunNote:
     notes = read_notes(path)
     if "run" not in notes:
         raise RecordingError(f"{path}: ends before its first record")
-    return decoded(path, "run", notes["run"], RunNote)
+    return decode_note(path, "run", notes["run"], RunNote)
 
 
 def read_setup(path: Path, kind: type[S], actor: str) -> S:
@@ -99,7 +99,7 @@ def code_folders(out: Path) -> tuple[Path, ...]:
     if not file.is_file() or file.is_symlink():
         return ()
     try:
-        real = typed_json.decode(regular_file.content(file, _MOST_NAMES), StrategyFolders)
+        real = typed_json.decode(regular_file.read_bytes(file, _MOST_NAMES), StrategyFolders)
     except (OSError, ValueError) as error:
         raise RecordingError(f"{file}: {error}") from None
     return tuple(_folder(Path(code), Path(real.out), out.resolve()) for code in real.code if "\0" not in code)

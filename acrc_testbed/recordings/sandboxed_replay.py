@@ -27,20 +27,27 @@ import msgspec
 
 from acrc_testbed.recordings.record_replay import ReplayOptions, ReplayReport, replay_actor
 from acrc_testbed.recordings.run_recordings import all_recordings, code_folders, decode_setup, read_run_note
-from actors.processes.launch import Program, launcher, scratch_folder
-from actors.processes.robot_logs import said, show
+from actors.processes.launcher import Program, create_launcher, scratch_folder
+from actors.processes.robot_logs import print_output, program_output
 from actors.robot import assembly
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot.behaviour.loading import set_folders
-from actors.runtime import failure, prints
+from actors.runtime import captured_output, failure
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import print_traceback
 from actors.runtime.isolation.mounts import file_view
-from actors.runtime.isolation.sandbox import Handover, ProcessLimits, choose, enforce, isolate, warn
+from actors.runtime.isolation.sandbox import (
+    ProcessLimits,
+    SandboxSetup,
+    choose_isolation,
+    enforce_limits,
+    isolate,
+    print_warning,
+)
 from actors.runtime.linux import die_with_parent
-from actors.runtime.recording import Reading
-from actors.runtime.recording.reading import report_damage
+from actors.runtime.recording import RecordingReader
+from actors.runtime.recording.reader import report_damage
 from actors.runtime.replay_bus import ReplayError
 
 _PROGRAM: Final = "acrc_testbed.recordings.sandboxed_replay"
@@ -49,7 +56,7 @@ _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
 _SHOWN: Final = 300
 """Length of the quote from a failed program's log, characters."""
 _FILE_MB: Final = 64
-"""Limit of the answer; `Prints` limits printed output to less."""
+"""Limit of the answer; `CapturedOutput` limits printed output to less."""
 
 
 def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | None:
@@ -74,7 +81,7 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
 @cache
 def warn_unhashed(place: Path) -> None:
     """Warn once that the strategy's code cannot be compared with the recorded one."""
-    warn(f"{place}: recorded without hashes of the strategy's modules; they may differ here")
+    print_warning(f"{place}: recorded without hashes of the strategy's modules; they may differ here")
 
 
 @dataclass(frozen=True)
@@ -118,7 +125,7 @@ def run_program(
     if folders is None:
         raise AcrcError(f"{actor}: not a robot")
     patience_s = bounds.least_s + all_recordings(out)[actor].stat().st_size / bounds.bytes_per_s
-    with scratch_folder() as home, launcher("exec") as launched:
+    with scratch_folder() as home, create_launcher("exec") as launched:
         stage = home / actor
         (stage / "own").mkdir(parents=True)
         argv = (
@@ -139,7 +146,7 @@ def run_program(
         data = b""
         with suppress(OSError), (stage / "answer").open("rb") as file:
             data = file.read(bounds.most_bytes + 1)
-        printed, fault = said(program), None
+        printed, fault = program_output(program), None
         if is_late:
             fault = f"replay timed out after {patience_s:.0f} s and was killed"
         elif len(data) > bounds.most_bytes:
@@ -174,14 +181,14 @@ def replay(
     folders = check_trust(out, actor, permit)
     if folders is None:
         return replay_actor(out, actor)
-    choice = choose(isolate)
-    warn(choice.warning)
+    choice = choose_isolation(isolate)
+    print_warning(choice.warning)
     if isolate is False:
         set_folders(folders, any_content=permit.trust)
         return replay_actor(out, actor)  # in this process, for debuggers
     report_damage(all_recordings(out)[actor])
     outcome = run_program(out, _PROGRAM, actor, (), bounds, permit=permit, isolate=choice.isolate)
-    show(outcome.said)
+    print_output(outcome.said)
     fault = outcome.fault
     if outcome.data is not None:
         try:
@@ -213,25 +220,25 @@ def open_answer(options: Namespace, file_mb: int) -> Iterator[FileIO]:
     The process exits with its parent; files that it writes are limited to `file_mb`. Raises OSError if the
     file exists or cannot be created.
     """
-    Reading.reports = False
+    RecordingReader.reports = False
     with options.answer.open("xb", buffering=0) as answer:
         parent = os.getppid()
         assembly.kernels()  # before their cache becomes read-only
         if options.isolate:
             view = file_view(options.own, (options.own.parent,), (options.out,), options.path)
-            isolate(lambda: Handover(view), (1, 2, answer.fileno()), parent=parent)
+            isolate(lambda: SandboxSetup(view), (1, 2, answer.fileno()), parent=parent)
             os.chdir(options.own)
         else:
             die_with_parent(parent)
-        failure.hold(options.own)
+        failure.hold_reserve(options.own)
         set_folders(options.path, any_content=options.any_content)
-        enforce(ProcessLimits(file_mb=file_mb), isolated=options.isolate)
+        enforce_limits(ProcessLimits(file_mb=file_mb), isolated=options.isolate)
         yield answer
 
 
 def describe_failure(actor: str, error: Exception) -> str:
     """Return the fault of failed code; its traceback goes to the log, if that has room."""
-    failure.release()
+    failure.release_reserve()
     print_traceback(error)
     return f"{actor}: {type(error).__name__}: {error}"
 
@@ -248,7 +255,7 @@ def main(argv: Sequence[str]) -> int:
     options = argument_parser(_PROGRAM).parse_args(argv)
     with open_answer(options, _FILE_MB) as answer:
         try:
-            replay_options = ReplayOptions(prints=partial(prints.on, sys.stdout))
+            replay_options = ReplayOptions(prints=partial(captured_output.output_to_stream, sys.stdout))
             result = ReplayAnswer(report=replay_actor(options.out, options.actor, replay_options))
         except AcrcError as error:
             result = ReplayAnswer(fault=str(error))

@@ -19,8 +19,8 @@ from actors.messages import BOARD, CONTROL, ROSTER
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
-from actors.runtime.recording import Direction, Entry, Note, Reading, decoded
-from actors.runtime.recording.reading import opened
+from actors.runtime.recording import Direction, Entry, Note, RecordingReader, decode_note
+from actors.runtime.recording.reader import open_recording
 from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 
@@ -136,8 +136,8 @@ class GrowingRecording:
     """A recording that may still be written; a context manager that closes the file."""
 
     def __init__(self, path: Path) -> None:
-        self.reading = Reading(path)
-        self._stream = opened(path)
+        self.reading = RecordingReader(path)
+        self._stream = open_recording(path)
         self.run: RunNote | None = None
         """First record of the process; None: not read yet."""
         self._step = -1
@@ -150,10 +150,10 @@ class GrowingRecording:
 
     def poll(self) -> Iterator[LoggedMessage]:
         """Yield the messages completed since the last call; read it to the end. Raises RecordingError."""
-        for item in self.reading.more(self._stream):
+        for item in self.reading.read_new(self._stream):
             if isinstance(item, Note):
                 if item.name == "run":
-                    self.run = decoded(self.reading.path, "run", item.json, RunNote)
+                    self.run = decode_note(self.reading.path, "run", item.json, RunNote)
             else:
                 yield self._recorded(item)
 
@@ -192,7 +192,7 @@ def _order(one: LoggedMessage) -> int:
 
 def is_closed(path: Path) -> bool:
     """Return True if the process that wrote a recording closed it."""
-    with opened(path) as stream:
+    with open_recording(path) as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - len(MCAP0_MAGIC)))
         return size > len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC

@@ -36,9 +36,9 @@ from actors.runtime.recording import (
     LARGE,
     Entry,
     Note,
-    Reading,
     RecordingError,
-    decoded,
+    RecordingReader,
+    decode_note,
     read_notes,
     read_recording,
 )
@@ -154,7 +154,7 @@ def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -
     log = RobotLog(path, identity)
     topics = {topic.key(identity.id): topic for topic in _TOPICS}
     try:
-        for item in Reading(path, strict=True):
+        for item in RecordingReader(path, strict=True):
             if isinstance(item, Note):
                 _take_note(log, item)
             elif item.key in topics:
@@ -170,9 +170,9 @@ def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -
 
 def _take_note(log: RobotLog, note: Note) -> None:
     if note.name == "final":
-        log.final = decoded(log.path, note.name, note.json, FinalNote)
+        log.final = decode_note(log.path, note.name, note.json, FinalNote)
     elif note.name == "failure":
-        log.failure = decoded(log.path, note.name, note.json, FailureNote)
+        log.failure = decode_note(log.path, note.name, note.json, FailureNote)
 
 
 def _take_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[bytes, bytes]) -> None:
@@ -325,7 +325,7 @@ def _first_record(path: Path, notes: list[str]) -> RunNote | None:
         notes.append(f"{path}: ends before its first record, or is no actor's recording; left out")
         return None
     try:
-        return decoded(path, "run", first.json, RunNote)
+        return decode_note(path, "run", first.json, RunNote)
     except RecordingError as error:
         notes.append(f"{error}; left out")
         return None

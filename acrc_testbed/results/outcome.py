@@ -215,7 +215,7 @@ def robot_places(places: Iterable[PlaceOutcome], robot: str, *, watched: bool = 
 
 def write_table(places: Iterable[PlaceOutcome], path: Path) -> None:
     """Write all places as CSV: COLUMNS first, instants in simulated s, an empty field where there is none."""
-    with regular_file.replaced(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+    with regular_file.atomic_replacement(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         writer.writerows(_rows(places))

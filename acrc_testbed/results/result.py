@@ -24,15 +24,15 @@ from acrc_testbed.results.outcome import (
 )
 from actors.instant import in_seconds
 from actors.messages import ROSTER
-from actors.processes.launch import Program
-from actors.processes.monitor import HoldUp
+from actors.processes.launcher import Program
+from actors.processes.monitor import StepDelays
 from actors.radio.radio_model import RadioReport, share
 from actors.robot.behaviour.decisions import NodeReport
 from actors.robot.navigation.navigation_counts import NavigationReport
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.process import FinalNote
 from actors.runtime.processor import Processor, processor
-from actors.runtime.recording import decoded, read_notes
+from actors.runtime.recording import decode_note, read_notes
 from actors.runtime.shell import run_digest
 from actors.task.referee import PlaceOutcome
 from actors.world.sensing import PoseError, WorldReport
@@ -301,7 +301,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Values that behaviours' `outcome()` returned, by name and robot; after a restart the last ones."""
     warnings: tuple[str, ...] = ()
     """Failures that were expected before the run, a sentence each."""
-    held_up: dict[str, HoldUp] = {}
+    held_up: dict[str, StepDelays] = {}
     """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
     reference: str = _ABSENT
     """This and the next: in field trials only. The robot whose clock gives the time."""
@@ -446,4 +446,4 @@ def _final(record: Path, notes: Mapping[Path, Mapping[str, str]]) -> FinalNote:
     text = (notes[record] if record in notes else read_notes(record)).get("final")
     if text is None:
         raise ResultError(f"{record}: there is no final record in it, although its process ended as planned")
-    return decoded(record, "final", text, FinalNote)
+    return decode_note(record, "final", text, FinalNote)

@@ -15,7 +15,7 @@ from typing import Annotated, Final, NamedTuple
 
 import msgspec
 
-from actors.installation.usage import typed
+from actors.installation.usage import command_line
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 
@@ -78,7 +78,7 @@ class HostsFile(msgspec.Struct, frozen=True):
 
 def write(out: Path, told: HostsFile) -> None:
     """Write it into a run's folder, in place of one from before."""
-    regular_file.write(out / NAME, typed_json.dump(told))
+    regular_file.write_atomically(out / NAME, typed_json.dump(told))
 
 
 def read(out: Path) -> HostsFile | None:
@@ -102,7 +102,7 @@ def where(out: Path, left: Mapping[str, LeftFile]) -> str:
     more = f" and {others}" if len(left) > 1 else " is"
     return (
         f"{out / some}{more} still on {'host' if len(hosts) == 1 else 'hosts'} {', '.join(hosts)}; "
-        f"`{typed('cluster', 'fetch', out)}` brings what has stayed there"
+        f"`{command_line('cluster', 'fetch', out)}` brings what has stayed there"
     )
 
 
@@ -159,7 +159,7 @@ def seal(folder: Path, missing: Mapping[str, str] | None = None) -> None:
             left_out.append(name)
         else:
             sums[name] = found
-    regular_file.write(folder / SUMS, lines(sums, left_out))
+    regular_file.write_atomically(folder / SUMS, lines(sums, left_out))
 
 
 def check_seal(folder: Path) -> Sealed | None:
@@ -231,7 +231,7 @@ def _read(path: Path) -> tuple[dict[str, str], list[str]]:
 
 
 def _content(path: Path) -> bytes:
-    with suppress(OSError), regular_file.opened(path, links=False) as file:
+    with suppress(OSError), regular_file.open_regular(path, links=False) as file:
         content = file.read(min(os.fstat(file.fileno()).st_size, _SEAL_LARGEST) + 1)
         if len(content) <= _SEAL_LARGEST:
             return content
@@ -282,7 +282,7 @@ def _is_too_large(folder: Path) -> bool:
 def _sum(path: Path) -> str | None:
     """The file's SHA-256; None if it is none that can be read."""
     with suppress(OSError):
-        return regular_file.summed(path)[1]
+        return regular_file.size_and_sha256(path)[1]
     return None
 
 

@@ -10,8 +10,8 @@ import msgspec
 from rich.table import Table
 
 from acrc_testbed.results.result import RobotResult, RunResult
-from actors.console import print_table, screen
-from actors.installation.usage import typed
+from actors.console import create_console, print_table
+from actors.installation.usage import command_line
 from actors.processes import monitor
 from actors.runtime.errors import printable
 
@@ -26,7 +26,7 @@ def print_result(result: RunResult, *, json: bool) -> None:
     if json:
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
         return
-    console = screen()
+    console = create_console()
     print_table(console, _table(result))
     for sentence in sentences(result):
         console.print(sentence)
@@ -58,7 +58,7 @@ def sentences(result: RunResult) -> Iterator[str]:
     yield from _places_done(result)
     yield from _sentences(result)
     yield from _effort(result)
-    yield from monitor.sentences(result.held_up)
+    yield from monitor.delay_sentences(result.held_up)
     yield from _radio(result)
     yield from _driving(result)
 
@@ -68,11 +68,11 @@ def print_next(out: Path, baseline: Sequence[str] = ()) -> None:
 
     `baseline`: words of the last command; empty: none.
     """
-    console = screen()
-    console.print(f"Draw the run: {typed('view', out, '--png')}")
-    console.print(f"Open the run in the viewer: {typed('view', out)}")
+    console = create_console()
+    console.print(f"Draw the run: {command_line('view', out, '--png')}")
+    console.print(f"Open the run in the viewer: {command_line('view', out)}")
     if baseline:
-        console.print(f"Repeat it without adaptation: {typed(*baseline)}")
+        console.print(f"Repeat it without adaptation: {command_line(*baseline)}")
 
 
 LIVE_VIEW: Final = "To see the run while it goes on"
@@ -96,7 +96,7 @@ def _view_log(out: Path) -> list[str]:
 
 def _print_lines(lines: Sequence[str]) -> None:
     for line in lines:
-        screen(stderr=True).print(line)
+        create_console(stderr=True).print(line)
 
 
 def _table(result: RunResult) -> Table:

@@ -228,7 +228,7 @@ def read_truth(path: Path) -> "LaboratoryResult":
     from firmware_bridge.laboratory.laboratory import LaboratoryResult  # needs physics
 
     try:
-        return typed_json.decode(regular_file.content(path), LaboratoryResult)
+        return typed_json.decode(regular_file.read_bytes(path), LaboratoryResult)
     except (OSError, ValueError) as error:
         raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
 

@@ -30,7 +30,7 @@ from actors.robot.navigation.cost_map import CostMap, CostMapParameters
 from actors.robot_model import RangeSensor, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
-from actors.runtime.process_setup import RecordDetail, located_model
+from actors.runtime.process_setup import RecordDetail, resolve_model
 from actors.topic import Message
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ class _PerceptionSetup(msgspec.Struct, frozen=True):
 def process_model(process: RecordedProcess, path: Path, run: RunNote) -> "ProcessModel":
     """Return an empty model of a robot's process; `run`: first record. Raises RecordingError."""
     setup = first_record(path, run, _PerceptionSetup, "a robot")
-    model = load_model(located_model(setup.model, path.parent), setup.sensor)
+    model = load_model(resolve_model(setup.model, path.parent), setup.sensor)
     local = CostMap(model.sensor, model.footprint.circumradius, setup.stack.local_map)
     return ProcessModel(process, model.sensor, local, is_recorded=setup.detail == "full")
 

@@ -21,7 +21,7 @@ from acrc_testbed.run_model.frame_outcomes import FrameCopies, copies_of
 from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.place_reports import PlaceReports
 from actors.instant import in_seconds
-from actors.message_limits import OrderLimits, fault
+from actors.message_limits import OrderLimits, order_fault
 from actors.messages import (
     Aired,
     Control,
@@ -82,7 +82,7 @@ class RunModel:
         self._heard: list[tuple[int, float, int, int, float]] = []
         """Step and a row of `RunData.heard`; sender -1 is unknown."""
         self._given: dict[str, Points] = {}
-        self._orders = [one for one in scheduled if fault(one.order, OrderLimits()) is None]
+        self._orders = [one for one in scheduled if order_fault(one.order, OrderLimits()) is None]
         """Valid orders that were not returned yet."""
         self._boundary = 0
         """Step at which the world executes the next order from outside."""
@@ -124,7 +124,7 @@ class RunModel:
             case Aired():
                 self._boundary = message.step + 1
             case Control():
-                valid = (order for order in message.orders if fault(order, OrderLimits()) is None)
+                valid = (order for order in message.orders if order_fault(order, OrderLimits()) is None)
                 self._orders += [GivenOrder(self._boundary, order) for order in valid]
 
     def _extend_recorded(self, message: FloorChanged | FrameOutcomes) -> None:

@@ -18,7 +18,7 @@ from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
 from actors.runtime.process import FinalNote
-from actors.runtime.recording import Direction, Note, decoded, read_notes, read_recording
+from actors.runtime.recording import Direction, Note, decode_note, read_notes, read_recording
 from actors.task.referee import PlaceOutcome
 from actors.task.task import PlaceKey
 from actors.topic import M, Message, Topic
@@ -61,7 +61,7 @@ def frame_outcomes(out: Path) -> tuple[list[str], list[FrameOutcomes]]:
 def final_outcomes(path: Path) -> Mapping[str, msgspec.Raw]:
     """Return a process's final record by subject; empty if it has none. Raises RecordingError."""
     text = read_notes(path).get("final")
-    return {} if text is None else decoded(path, "final", text, FinalNote).outcome
+    return {} if text is None else decode_note(path, "final", text, FinalNote).outcome
 
 
 def final_outcome(path: Path, subject: str, kind: type[T], whose: str) -> T | None:
@@ -145,6 +145,6 @@ def run_result(out: Path) -> RunResult | None:
     if path.stat().st_size > _MOST_BYTES:
         raise RunDataError(f"{path}: larger than {_MOST_BYTES} bytes; not the result of a run")
     try:
-        return typed_json.decode(regular_file.content(path), RunResult)
+        return typed_json.decode(regular_file.read_bytes(path), RunResult)
     except ValueError as error:
         raise RunDataError(f"{path}: not a valid run result: {error}") from error

@@ -11,7 +11,7 @@ from acrc_testbed.view import run_view
 from acrc_testbed.view.run_view import FILE_NAME, say_at_once
 from actors.observer import viewer
 from actors.runtime.errors import AcrcError
-from actors.runtime.linux import die_with_parent, leave_in_order
+from actors.runtime.linux import die_with_parent, exit_on_sigterm
 
 _NICE = 10
 """Niceness, so that the run has priority."""
@@ -19,7 +19,7 @@ _NICE = 10
 
 def main(argv: Sequence[str]) -> int:
     """Show a run until it ends, and write FOLDER/view.rrd; return the exit code."""
-    leave_in_order()
+    exit_on_sigterm()
     parser = ArgumentParser(prog="python -m acrc_testbed.view")
     parser.add_argument("--out", type=Path, required=True, help="read the run in this folder")
     parser.add_argument("--robot", action="append", default=[], help="draw this robot in detail")

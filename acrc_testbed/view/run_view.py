@@ -20,7 +20,7 @@ from actors.observer import viewer
 from actors.observer.canvas import Canvas
 from actors.observer.layout import ViewerContents, ViewFile
 from actors.observer.viewer import OpenViewer
-from actors.processes.launch import scratch_folder
+from actors.processes.launcher import scratch_folder
 from actors.processes.signals import Interrupted
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
@@ -61,7 +61,7 @@ def picture(
         view = folder / FILE_NAME
         complete = draw(runs, view, robots, None, say, began)
         shot = viewer.take_screenshot(view, max(run.end for run in runs) / 2 if second is None else second)
-    regular_file.write(path, shot.png)
+    regular_file.write_atomically(path, shot.png)
     say(str(path))
     return complete
 
@@ -79,7 +79,7 @@ def show(folders: Sequence[Path], robots: Sequence[str], say: Say) -> bool:
     try:
         if is_running:
             complete = True
-            with regular_file.replaced(path) as part:
+            with regular_file.atomic_replacement(path) as part:
                 follow(folders[0], part, robots, shown, say)
         else:
             complete = draw(runs, path, robots, None if shown is None else shown.address, say, began)
@@ -112,7 +112,10 @@ def draw(
         ]
     name = " beside ".join(one.name for one in arranged) if runs[1:] else runs[0].description.title
     what: ViewerContents | Sequence[ViewerContents] = arranged if runs[1:] else arranged[0]
-    with regular_file.replaced(path) as part, ViewFile(part, what, name=name, send_to=send_to) as sheet:
+    with (
+        regular_file.atomic_replacement(path) as part,
+        ViewFile(part, what, name=name, send_to=send_to) as sheet,
+    ):
         drawings = [
             RunDrawing(Canvas(sheet.recording, run.robots, one.root), run, each)
             for run, one, each in zip(runs, arranged, detailed, strict=True)

@@ -21,7 +21,7 @@ from actors.floor.offices import RESOLUTION
 from actors.geometry import GREATEST_COORDINATE, Point
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.wording import brief
+from actors.wording import short_repr
 
 REQUIRED: Final = ("image", "resolution", "origin")
 DEFAULTS: Final = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
@@ -70,20 +70,20 @@ def read_header(path: Path, max_bytes: int = YAML_BYTES) -> MapHeader:
         if key not in fields:
             raise MapError(f"{path}: the key {key!r} is missing; required are {', '.join(REQUIRED)}.")
     if not isinstance(fields["image"], str):
-        raise MapError(f"{path}: image is {brief(fields['image'])}, but must be a file name.")
-    notes = [f"ignored keys: {brief(', '.join(unknown))}"] if unknown else []
+        raise MapError(f"{path}: image is {short_repr(fields['image'])}, but must be a file name.")
+    notes = [f"ignored keys: {short_repr(', '.join(unknown))}"] if unknown else []
     name, mode, negate = (str(fields[key]) for key in ("image", "mode", "negate"))
     image = path.parent / os.path.expanduser(name.removeprefix("file://"))  # noqa: PTH111 - never raises
     local_image = path.parent / PureWindowsPath(name).name
     if not os.path.isfile(image) and os.path.isfile(local_image):  # noqa: PTH113 - false for invalid names
         notes.append(
-            f"image is {brief(name)}, which does not exist; reading {local_image.name} beside the YAML"
+            f"image is {short_repr(name)}, which does not exist; reading {local_image.name} beside the YAML"
         )
         image = local_image
     if mode.lower() not in {"trinary", "scale", "raw"}:
-        raise MapError(f"{path}: mode is {brief(mode)}, but must be trinary, scale or raw.")
+        raise MapError(f"{path}: mode is {short_repr(mode)}, but must be trinary, scale or raw.")
     if negate.lower() not in _BOOLEANS:
-        raise MapError(f"{path}: negate is {brief(negate)}, but must be 0, 1, true or false.")
+        raise MapError(f"{path}: negate is {short_repr(negate)}, but must be 0, 1, true or false.")
     resolution, occupied, free = (
         _numbers(path, key, fields[key])[0] for key in ("resolution", "occupied_thresh", "free_thresh")
     )
@@ -113,7 +113,7 @@ def read_header(path: Path, max_bytes: int = YAML_BYTES) -> MapHeader:
 def _fields(path: Path, max_bytes: int) -> tuple[dict[str, str | list[str]], list[str]]:
     """Return the values of known keys, with defaults, and the names of other keys."""
     try:
-        content = regular_file.content(path, max_bytes).replace(b"\t", b" ")
+        content = regular_file.read_bytes(path, max_bytes).replace(b"\t", b" ")
         try:
             document = next(yaml.compose_all(content, Loader=yaml.BaseLoader), None)
         except yaml.reader.ReaderError:  # Latin-1 comments of old editors
@@ -153,7 +153,7 @@ def _numbers(
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(number) < 1e9 for number in numbers):
-        raise MapError(f"{path}: {key} is {brief(entry)}, but must be {expected}.")
+        raise MapError(f"{path}: {key} is {short_repr(entry)}, but must be {expected}.")
     return numbers
 
 
@@ -205,7 +205,7 @@ def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid
     path = Path(path)
     header = read_header(path, limits.yaml_bytes)
     try:
-        image = regular_file.content(header.image, limits.image_bytes)
+        image = regular_file.read_bytes(header.image, limits.image_bytes)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise MapError(
             f"{str(header.image)[:300]}: the map's image cannot be read: {getattr(error, 'strerror', error)}."

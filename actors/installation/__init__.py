@@ -1,1 +1,1 @@
-"""Where this project is installed, which version of it, and how its command line is called."""
+"""Installation of this project: its folder, its version, and its command line."""

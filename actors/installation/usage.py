@@ -1,4 +1,4 @@
-"""What is wrong with a command, before anything has run."""
+"""Command lines: how to call `acrc`, and errors in options."""
 
 import shlex
 from collections.abc import Iterable, Iterator
@@ -10,7 +10,7 @@ from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 
 _LONGEST = 60
-"""Characters of a value that a sentence shows."""
+"""Most characters of a value in a message."""
 _EXTRAS: Final = {
     "cryptography": "hardware",
     "distributed": "cluster",
@@ -24,24 +24,24 @@ _EXTRAS: Final = {
     "serial": "hardware",
     "websockets": "control",
 }
-"""Packages beyond the base, as they are imported, with the extra of pyproject.toml that brings each."""
+"""Optional packages, by import name, with the extra of pyproject.toml that installs each."""
 
 
-def command() -> str:
-    """How the command line is called from where the user stands, in words for a shell."""
+def command_name() -> str:
+    """Return how to call the command line from the current folder, for a shell."""
     script = REPOSITORY / "acrc"
     if not script.is_file():
         return "acrc"  # an installed package has it on the PATH
     return "./acrc" if script.parent == Path.cwd() else shlex.quote(str(script))
 
 
-def typed(*words: object, modules: Iterable[Path] = ()) -> str:
-    """Return a command line that works when it is pasted into a shell in the current folder.
+def command_line(*words: object, modules: Iterable[Path] = ()) -> str:
+    """Return a command line that can be pasted into a shell in the current folder.
 
     `modules`: folders for `--modules`. Paths below the current folder are relative.
     """
     own = (word for folder in modules for word in ("--modules", folder))
-    return f"{command()} {shlex.join(_near(word) for word in (*words, *own))}"
+    return f"{command_name()} {shlex.join(_near(word) for word in (*words, *own))}"
 
 
 def _near(word: object) -> str:
@@ -50,15 +50,15 @@ def _near(word: object) -> str:
 
 
 class OptionError(AcrcError):
-    """An option of the command line that makes no sense.
+    """An invalid option of the command line.
 
-    The sentence is of one form for all: what is wrong, with which value; what would be right.
+    All have one form: option, value, and what it must be.
     """
 
 
 @contextmanager
-def extras_named() -> Iterator[None]:
-    """Name the extra where a package of one is not installed. Raises AcrcError for that."""
+def missing_extra_named() -> Iterator[None]:
+    """Name the extra that installs a missing package. Raises AcrcError."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -72,21 +72,21 @@ def extras_named() -> Iterator[None]:
 
 
 def output_file(option: str, path: Path, *suffixes: str) -> Path:
-    """Return the file that an option names. Raises OptionError for another suffix or without its folder."""
+    """Return the file that an option names. Raises OptionError for another suffix or a missing folder."""
     if path.suffix not in suffixes or not path.absolute().parent.is_dir():
-        right = f"a file in a folder that exists, its name ending in {' or '.join(suffixes)}"
+        right = f"a file in an existing folder, with the suffix {' or '.join(suffixes)}"
         raise wrong_value(option, path, right)
     return path
 
 
 def check_choice(option: str, value: str | None, choices: Iterable[str]) -> None:
-    """Raise OptionError if the value is none of the choices; None: the option was not given."""
+    """Raise OptionError if the value is not one of the choices; None: the option was not given."""
     if value is not None and value not in choices:
         raise wrong_value(option, value, " or ".join(choices))
 
 
 def wrong_value(option: str, value: object, right: str) -> OptionError:
-    """The error that `option` has this value; `right` goes on after "must be"."""
+    """Return the error that `option` has this value; `right` follows "must be"."""
     text = str(value)
     if len(text) > _LONGEST:
         text = f"{text[:_LONGEST]}…"

@@ -1,4 +1,4 @@
-"""Which version of the software made a run."""
+"""Version of the software."""
 
 import functools
 import re
@@ -11,29 +11,29 @@ from typing import Final, NamedTuple
 from actors.installation.repository import IS_CLONE, REPOSITORY
 
 COMMIT: Final = "COMMIT"
-"""File of a robot's bundle, in place of a repository: the commit that it was made of."""
+"""File in a robot's bundle that names the commit it was built from."""
 
 
-def release() -> str:
-    """The package's version."""
+def package_version() -> str:
+    """Return the package's version."""
     return version("acrc-testbed")
 
 
 @functools.cache
-def software() -> str:
-    """Return the commit, with a plus sign where files differ from it; outside a clone the package's version.
+def software_version() -> str:
+    """Return the commit, with "+" if files differ from it; outside a clone the package's version.
 
-    Asked once per process: later edits of files change no code that is loaded.
+    Determined once per process: later edits do not change loaded code.
     """
-    if not IS_CLONE:  # an environment that lies in somebody's repository is none of its commits
-        return release()
+    if not IS_CLONE:  # the environment may lie in an unrelated repository
+        return package_version()
     if (REPOSITORY / COMMIT).is_file():
         return (REPOSITORY / COMMIT).read_text().strip()
     try:
         commit = _git("rev-parse", "HEAD")
         return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.CalledProcessError):
-        return release()
+        return package_version()
 
 
 def _git(*words: str) -> str:
@@ -42,9 +42,9 @@ def _git(*words: str) -> str:
 
 
 def changed_since(commit: str) -> tuple[Path, ...] | None:
-    """The files that differ from those of an earlier commit; None: this software does not descend from it.
+    """Return the files changed since an earlier commit; None: the commit is not an ancestor.
 
-    Changes that are in no commit yet count, too. None also outside a clone, where nobody knows.
+    Includes uncommitted changes. None also outside a clone.
     """
     if not IS_CLONE:
         return None
@@ -65,7 +65,7 @@ _PIN: Final = re.compile(
 
 
 class Pin(NamedTuple):
-    """One package at the one version that is tested."""
+    """One package pinned to its tested version."""
 
     name: str
     version: str
@@ -74,12 +74,12 @@ class Pin(NamedTuple):
 
     @property
     def requirement(self) -> str:
-        """As a line of a requirements file."""
+        """The pin as a line of a requirements file."""
         return " ".join([f"{self.name}=={self.version}", *(f"--hash={one}" for one in self.hashes)])
 
 
 def sections(constraints: str, minor: int) -> dict[str, list[Pin]]:
-    """The pins in the text of constraints.txt that apply to Python 3.`minor`, by section."""
+    """Return the pins in the text of constraints.txt for Python 3.`minor`, by section."""
     found: dict[str, list[Pin]] = {}
     for line in constraints.replace("\\\n", " ").splitlines():
         if header := re.fullmatch(r"# \[(\w+)\]", line):
@@ -91,7 +91,7 @@ def sections(constraints: str, minor: int) -> dict[str, list[Pin]]:
 
 
 def requirements(constraints: str, minor: int, wanted: Collection[str]) -> list[str]:
-    """Lines for pip, sorted: the pins of the `wanted` sections with their hashes, each once."""
+    """Return requirement lines for pip, sorted and unique: the pins of the `wanted` sections with hashes."""
     found = sections(constraints, minor)
     return sorted({pin.requirement for name in wanted for pin in found[name]})
 

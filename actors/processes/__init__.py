@@ -1,1 +1,1 @@
-"""How a run's processes are started, and how they end."""
+"""Start, monitoring and exit of a run's processes."""

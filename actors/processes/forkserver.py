@@ -1,12 +1,11 @@
-"""A process that starts the actors, reaps what they leave, and ends with its starter.
+"""Server process that starts actors, reaps their orphans, and exits with its starter.
 
-`python -m actors.processes.forkserver FD fork|exec reap|spare` serves on a socket: `Request`s in, `Reply`s
-out. StartChild is followed by a `ProcessStart`, which only the child reads: what one actor is told
-must not be in the memory of the next one. `fork`: the server has imported and compiled everything once, and
-forks from there; `exec`: it is small, and every child is a new interpreter. `spare`: processes that a child
-has started are left alone when it ends. The server ends, and its children with it, when the other end of the
-socket closes. The standard library's forkserver leaves a socket file and keeps running when its parent is
-killed, see docs/decisions.
+`python -m actors.processes.forkserver FD fork|exec reap|spare` serves `Request`s on a socket with `Reply`s.
+StartChild is followed by a `ProcessStart`, which only the child reads: one actor's data must not be in the
+memory of the next. `fork`: the server imports and compiles everything once, and forks children; `exec`: it
+is small, and every child is a new interpreter. `spare`: do not kill processes that a child leaves running.
+The server and its children exit when the other end of the socket closes. The standard library's forkserver
+leaves a socket file, and keeps running when its parent is killed (docs/decisions).
 """
 
 import contextlib
@@ -26,7 +25,7 @@ from typing import Final, NamedTuple, NoReturn
 
 import msgspec
 
-from actors.processes.confined import Part, ProcessStart, born
+from actors.processes.sandboxed_process import EntryPoint, ProcessStart, continue_sandboxed
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import MESSAGE_LIMIT
@@ -35,25 +34,25 @@ from actors.runtime.linux import (
     PR_SET_PDEATHSIG,
     create_log,
     prctl,
+    redirect_output,
     set_title,
-    write_to,
 )
-from actors.runtime.process_table import python
+from actors.runtime.process_table import python_command
 
 _GRACE_S: Final = 3.0
-"""Time for actors to end in order once the starter is gone."""
+"""Time for actors to exit cleanly after the starter has exited."""
 
 
 class StartChild(msgspec.Struct, frozen=True, tag=True):
-    """Start a child; `confined`: a sandboxed robot."""
+    """Start a child; `is_sandboxed`: a sandboxed robot."""
 
-    confined: bool
+    is_sandboxed: bool
 
 
 class ShareData(msgspec.Struct, frozen=True, tag=True):
-    """Hold the result of `share(*words)` of the module, so that forked children find it in memory.
+    """Keep the result of the module's `share(*words)` in memory for forked children.
 
-    Comes with the descriptor of the folder in which the words name files; has no reply.
+    Sent with the descriptor of the folder of files named in `words`; no reply.
     """
 
     module: str
@@ -61,9 +60,9 @@ class ShareData(msgspec.Struct, frozen=True, tag=True):
 
 
 class WithdrawRouter(msgspec.Struct, frozen=True, tag=True):
-    """Remove, at the server's end, what this router file names: passwords and sockets of a run.
+    """Remove, when the server exits, everything this router file names: passwords and sockets of a run.
 
-    Comes with the descriptor of its folder; has no reply.
+    Sent with the descriptor of its folder; no reply.
     """
 
     name: str
@@ -74,27 +73,27 @@ class ServerReady(msgspec.Struct, frozen=True, tag=True):
 
 
 class ChildStarted(msgspec.Struct, frozen=True, tag=True):
-    """The child has a new log, and begins."""
+    """The child has a new log and is running."""
 
     pid: int
 
 
 class StartRefused(msgspec.Struct, frozen=True, tag=True):
-    """No child was started."""
+    """The child was not started."""
 
     reason: str
 
 
 class ProcessExited(msgspec.Struct, frozen=True, tag=True):
-    """A child has ended."""
+    """A child has exited."""
 
     pid: int
     code: int
-    """Negative: the signal that ended it."""
-    strays: int
-    """Processes that it had started, that outlived it, and that have been ended."""
+    """Negative: the signal that killed it."""
+    orphans: int
+    """Number of its child processes that survived it and were killed."""
     cpu_s: float
-    """CPU time that the system charged for it and for what it has waited for."""
+    """CPU time of the process and its waited-for children."""
 
 
 Request = StartChild | ShareData | WithdrawRouter
@@ -102,18 +101,18 @@ Reply = ServerReady | ChildStarted | StartRefused | ProcessExited
 
 
 class LogFile(NamedTuple):
-    """Identity of a log; not its name, which every child would find in memory."""
+    """Identity of a log, without its name, which would be in every child's memory."""
 
     device: int
     inode: int
 
 
 _shared: Final[list[object]] = []
-"""Held for children."""
+"""Shared data for children."""
 
 
 class ForkServer:
-    """Starts children on request and reports their ends."""
+    """Starts children on request and reports their exits."""
 
     def __init__(self, channel: socket.socket, *, forks: bool, reaps: bool) -> None:
         self._channel = channel
@@ -122,18 +121,18 @@ class ForkServer:
         self._actors: dict[int, LogFile] = {}
         """Log of each running child, by process id."""
         self._withdrawn: list[tuple[int, str]] = []
-        """Router files by the descriptor of their folder, for no child may find its name in memory."""
+        """Router files with their folders' descriptors: no child may find a folder's name in memory."""
         self._alarm_out, self._alarm_in = os.pipe()
-        self._part: Part | None = None
+        self._part: EntryPoint | None = None
         """In a child: its program."""
 
-    def serve(self) -> Part | None:
-        """Start on request until the other end closes; then end everything. In a child: its program."""
+    def serve(self) -> EntryPoint | None:
+        """Serve until the other end closes, then end all children. In a child: return its program."""
         os.set_blocking(self._alarm_in, False)
         signal.set_wakeup_fd(self._alarm_in, warn_on_full_buffer=False)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)
         if self._reaps and sys.platform == "linux":
-            prctl(PR_SET_CHILD_SUBREAPER, 1)  # orphans of an actor become children of this process
+            prctl(PR_SET_CHILD_SUBREAPER, 1)  # inherit orphans of actors
         with selectors.DefaultSelector() as selector:
             selector.register(self._channel, selectors.EVENT_READ)
             selector.register(self._alarm_out, selectors.EVENT_READ)
@@ -147,7 +146,7 @@ class ForkServer:
         return self._part
 
     def _answer(self, descriptor: int) -> bool:
-        """Carry out what is asked for; False once the other end is closed, and in a child."""
+        """Handle a request; return False once the other end is closed, and in a child."""
         if descriptor == self._alarm_out:
             os.read(self._alarm_out, 512)
             self._reap()
@@ -159,8 +158,8 @@ class ForkServer:
         if not message:
             return False
         match msgspec.json.decode(message, type=Request):
-            case StartChild(confined):
-                self._part = self._start(confined=confined)
+            case StartChild(is_sandboxed):
+                self._part = self._start(is_sandboxed=is_sandboxed)
             case ShareData() as asked:
                 self._hold(asked, folders[0])
             case WithdrawRouter(name):
@@ -168,25 +167,25 @@ class ForkServer:
         return self._part is None
 
     def _hold(self, asked: ShareData, folder: int) -> None:
-        """Make what is to be shared, from files whose folder has no name here."""
+        """Create shared data from files in a folder whose name is unknown here."""
         here = os.open(".", os.O_RDONLY)
         os.fchdir(folder)
         if self._forks:
-            with contextlib.suppress(AcrcError):  # the child that needs it makes it, and reports the error
+            with contextlib.suppress(AcrcError):  # the child that needs it tries again and reports the error
                 _shared.append(importlib.import_module(asked.module).share(*asked.words))
-                _settle()
+                _freeze_heap()
         os.fchdir(here)
         os.close(here)
         os.close(folder)
 
-    def _start(self, *, confined: bool) -> Part | None:
+    def _start(self, *, is_sandboxed: bool) -> EntryPoint | None:
         """Fork a child; in it, return its program."""
         server = os.getpid()
         told, tell = os.pipe()
         try:
             pid = os.fork()
-        except OSError as error:  # no more processes, or no memory for one
-            self._channel.recv(MESSAGE_LIMIT)  # the child's
+        except OSError as error:  # too many processes, or no memory
+            self._channel.recv(MESSAGE_LIMIT)  # discard the child's start
             for descriptor in (told, tell):
                 os.close(descriptor)
             self._reply(StartRefused(f"fork: {error.strerror}"))
@@ -194,7 +193,7 @@ class ForkServer:
         if not pid:
             try:
                 os.close(told)
-                return self._become(server, tell, confined=confined)
+                return self._become(server, tell, is_sandboxed=is_sandboxed)
             except BaseException:  # the child must never return into the server's loop
                 traceback.print_exc()
                 os._exit(1)
@@ -205,27 +204,27 @@ class ForkServer:
             self._actors[pid] = LogFile(*map(int, log.split()))
             self._reply(ChildStarted(pid))
         else:
-            os.waitpid(pid, 0)  # it has replied
+            os.waitpid(pid, 0)  # it has sent StartRefused
         return None
 
-    def _become(self, server: int, tell: int, *, confined: bool) -> Part:
-        """In a child: read its program, and let go of the server's descriptors."""
+    def _become(self, server: int, tell: int, *, is_sandboxed: bool) -> EntryPoint:
+        """In a child: read its program, and close the server's descriptors."""
         _tie_to(server)
-        os.setsid()  # not in the terminal's foreground group; its own processes are known by the session
+        os.setsid()  # leave the terminal's foreground group; the session identifies its children
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         for descriptor in (self._alarm_out, self._alarm_in, *(folder for folder, _ in self._withdrawn)):
             os.close(descriptor)
-        if confined and self._forks:
-            return born(lambda: self._told(tell), server, (self._channel.fileno(), tell))
+        if is_sandboxed and self._forks:
+            return continue_sandboxed(lambda: self._told(tell), server, (self._channel.fileno(), tell))
         told = self._told(tell)
-        if confined:
-            return _elsewhere(told)
-        _show(Path(told.log).stem)
+        if is_sandboxed:
+            return _sandboxed_program(told)
+        _set_title(Path(told.log).stem)
         return told.part
 
     def _told(self, tell: int) -> ProcessStart:
-        """In a child: receive its program; from here on standard output and error lead to its log."""
+        """In a child: receive its program, and redirect standard output and error to its log."""
         told = msgspec.json.decode(self._channel.recv(MESSAGE_LIMIT), type=ProcessStart)
         try:
             stream = create_log(Path(told.log))
@@ -236,7 +235,7 @@ class ForkServer:
         found = os.fstat(stream)
         os.write(tell, f"{found.st_dev} {found.st_ino}".encode())
         os.close(tell)
-        write_to(stream)
+        redirect_output(stream)
         return told
 
     def _reap(self) -> None:
@@ -249,20 +248,20 @@ class ForkServer:
                 return
             log = self._actors.pop(pid, None)
             if log is not None:
-                strays = process_table.end_orphans(self._orphans(pid, log)) if self._reaps else 0
+                orphans = process_table.kill_orphans(self._orphans(pid, log)) if self._reaps else 0
                 cpu_s = usage.ru_utime + usage.ru_stime
-                self._reply(ProcessExited(pid, os.waitstatus_to_exitcode(status), strays, cpu_s))
+                self._reply(ProcessExited(pid, os.waitstatus_to_exitcode(status), orphans, cpu_s))
 
     def _orphans(self, actor: int, log: LogFile) -> set[int]:
-        """Return the children of this process that `actor`, which has ended, had started."""
-        known = process_table.table()
+        """Return the children of this process that were started by `actor`, which has exited."""
+        known = process_table.processes()
         own = process_table.children(os.getpid(), known) - set(self._actors)
         if not self._actors:
-            return own  # the last actor has ended: they can be no one else's
+            return own  # no actor is left that could own them
         return {pid for pid in own if known[pid].session == actor or _writes_to(pid, log)}
 
     def _end_all(self) -> None:
-        """Terminate the actors, wait, and kill what is left."""
+        """Send SIGTERM to the actors, wait, and kill the rest."""
         for pid in self._actors:
             os.kill(pid, signal.SIGTERM)
         deadline = time.monotonic() + _GRACE_S
@@ -272,10 +271,10 @@ class ForkServer:
         for pid in self._actors:
             os.kill(pid, signal.SIGKILL)
         if self._reaps:
-            process_table.end_orphans(process_table.children(os.getpid(), process_table.table()))
+            process_table.kill_orphans(process_table.children(os.getpid(), process_table.processes()))
 
     def _withdraw(self) -> None:
-        """Remove passwords and sockets that a killed router and a killed starter have left."""
+        """Remove passwords and sockets left behind by a killed router."""
         from actors.runtime.isolation import credentials  # noqa: PLC0415  # a server that executes stays small
 
         for folder, name in self._withdrawn:
@@ -287,22 +286,22 @@ class ForkServer:
         try:
             self._channel.send(msgspec.json.encode(message))
         except (BrokenPipeError, ConnectionResetError):
-            return  # the next request is the end of the socket
+            return  # the closed socket ends the loop
 
 
-def _settle() -> None:
-    from actors.runtime.process import settle  # noqa: PLC0415  # a server that executes stays small
+def _freeze_heap() -> None:
+    from actors.runtime.process import freeze_heap  # noqa: PLC0415  # a server that executes stays small
 
-    settle()
+    freeze_heap()
 
 
-def _elsewhere(told: ProcessStart) -> Part:
-    """Return the program that makes a robot in a new interpreter, with its start waiting on a socket."""
+def _sandboxed_program(told: ProcessStart) -> EntryPoint:
+    """Return the program that starts a robot in a new interpreter, which reads its start from a socket."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
         ours.send(msgspec.json.encode(told))
     theirs.set_inheritable(True)
-    return Part("actors.processes.confined", (str(theirs.detach()),))
+    return EntryPoint("actors.processes.sandboxed_process", (str(theirs.detach()),))
 
 
 def _writes_to(pid: int, log: LogFile) -> bool:
@@ -314,7 +313,7 @@ def _writes_to(pid: int, log: LogFile) -> bool:
 
 
 def _tie_to(parent: int) -> None:
-    """End by SIGTERM as soon as the parent does; the setting outlives exec (prctl(2), PR_SET_PDEATHSIG)."""
+    """Get SIGTERM when the parent exits; the setting survives exec (prctl(2), PR_SET_PDEATHSIG)."""
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if os.getppid() != parent:
@@ -322,7 +321,7 @@ def _tie_to(parent: int) -> None:
 
 
 def _tie_to_starter(channel: socket.socket) -> None:
-    """End at once with the starter, for as long as the socket is not read."""
+    """Exit immediately with the starter, until the socket is read."""
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     with contextlib.suppress(BlockingIOError):
@@ -330,44 +329,44 @@ def _tie_to_starter(channel: socket.socket) -> None:
             os._exit(0)
 
 
-def _show(title: str) -> None:
-    """Show ps and top which process this is, on Linux."""
+def _set_title(title: str) -> None:
+    """Set the process name shown by ps and top, on Linux."""
     if sys.platform == "linux":
-        with contextlib.suppress(OSError):  # without /proc it keeps its parent's name
+        with contextlib.suppress(OSError):  # without /proc the parent's name is kept
             set_title(f"acrc {title}")
 
 
 def main(argv: Sequence[str]) -> int:
-    """Preload if children are to be forked, then serve on the socket whose descriptor is given."""
+    """Preload if children are to be forked, then serve on the socket with the given descriptor."""
     descriptor, how, whose = argv
     forks = how == "fork"
     channel = socket.socket(fileno=int(descriptor))
     channel.set_inheritable(False)
     _tie_to_starter(channel)
     if forks:
-        _show("forkserver")
-        gc.disable()  # everything that is imported stays
+        _set_title("forkserver")
+        gc.disable()  # imported objects live forever
         importlib.import_module("actors.processes.preload")
         gc.enable()
     server = ForkServer(channel, forks=forks, reaps=whose == "reap")
     if sys.platform == "linux":
-        prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket shows it, and leaves time
+        prctl(PR_SET_PDEATHSIG, 0)  # from here on the closed socket shows it, which leaves time to clean up
     channel.send(msgspec.json.encode(ServerReady()))
     part = server.serve()
     if part is not None:
         channel.detach()  # a child has closed the descriptor
-        del server, channel  # a child must find no reference to them
+        del server, channel  # a child must have no reference to them
         _run(part, forks=forks)
     channel.close()
     return 0
 
 
-def _run(part: Part, *, forks: bool) -> NoReturn:
+def _run(part: EntryPoint, *, forks: bool) -> NoReturn:
     """In a child: call `main(argv)` of the module, or execute it in a new interpreter."""
     code = 1
     try:
-        if not forks:  # as `python -P -m MODULE ARGV…`: no module of the working directory is found
-            os.execv(sys.executable, [*python(), "-m", part.module, *part.argv])
+        if not forks:  # `python -P -m MODULE ARGV…`: imports nothing from the working directory
+            os.execv(sys.executable, [*python_command(), "-m", part.module, *part.argv])
         spec = importlib.util.find_spec(part.module)
         is_package = spec is not None and spec.submodule_search_locations is not None
         code = importlib.import_module(part.module + ".__main__" * is_package).main(part.argv)

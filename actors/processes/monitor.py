@@ -1,8 +1,8 @@
-"""Monitoring of processes: who stalls a run, and what robots use of disk and memory.
+"""Monitoring of processes: stalls of a run, and use of disk and memory by robots.
 
-A process is charged with its own time only: what it works, and what it lets pass without working. Time spent
-waiting for a processor or a disk is not charged, nor is time while a process is stopped. So a loaded machine,
-a hundred robots that start at once, and a suspended laptop are no stalls.
+A process is charged only for its own time: running, or idle. Time waiting for a processor or a disk is not
+charged, nor is time while a process is stopped. So a loaded machine, a hundred robots that start at once, and
+a suspended laptop do not count as stalls.
 """
 
 import math
@@ -16,65 +16,61 @@ from typing import Final, Literal, NamedTuple
 
 import msgspec
 
-from actors.processes.launch import Child
+from actors.processes.launcher import ChildProcess
 from actors.runtime import process_table
 from actors.runtime.isolation.sandbox import ProcessLimits
-from actors.runtime.process_table import ProcessGlance
+from actors.runtime.process_table import ProcessState
 
 
-class HoldUp(msgspec.Struct, frozen=True):
-    """Steps that one actor has delayed: time in which no other could go on, and that it spent itself."""
+class StepDelays(msgspec.Struct, frozen=True):
+    """Steps delayed by one actor: time that it spent itself and in which no other actor could continue."""
 
     steps: int = 0
-    """Steps delayed by a second or more."""
+    """Number of steps delayed by at least one second."""
     most_s: float = 0.0
-    """The longest delay, s of wall clock."""
+    """Longest delay, s of wall-clock time."""
     total_s: float = 0.0
-    """All delays together, s of wall clock."""
+    """Sum of all delays, s of wall-clock time."""
 
-    def and_one(self, lasted_s: float) -> "HoldUp":
-        """Return it with one more step."""
-        return HoldUp(self.steps + 1, max(self.most_s, lasted_s), self.total_s + lasted_s)
+    def plus_step(self, lasted_s: float) -> "StepDelays":
+        """Return it with one more delayed step."""
+        return StepDelays(self.steps + 1, max(self.most_s, lasted_s), self.total_s + lasted_s)
 
 
-def sentences(held_up: Mapping[str, HoldUp]) -> Iterator[str]:
-    """Yield who has delayed the run, the longest first."""
+def delay_sentences(held_up: Mapping[str, StepDelays]) -> Iterator[str]:
+    """Yield one sentence per actor that delayed the run, longest total first."""
     for name, one in sorted(held_up.items(), key=lambda item: -item[1].total_s):
         steps = "1 step" if one.steps == 1 else f"{one.steps} steps"
-        yield f"{name} held up {steps}, by {one.most_s:.1f} s at most, {one.total_s:.1f} s in all."
-
-
-WORLD: Final = "the world has not taken a step"
+        yield f"{name} delayed {steps}, by up to {one.most_s:.1f} s, {one.total_s:.1f} s in total."
 
 
 @dataclass(frozen=True)
 class Timeout:
-    """How long a run may take no step."""
+    """Timeouts of a run's steps."""
 
     step_s: float = 30.0
-    """Time of its own that the awaited process spends on one step, working or not, s. Own choice: hundreds of
-    times what the slowest step of a shipped strategy takes."""
+    """Own time of the awaited process per step, running or idle, s. Own choice: hundreds of times the slowest
+    step of a shipped strategy."""
     start_factor: float = 10.0
-    """How many times more processor time a process may spend until it is ready; own choice: with nothing
-    compiled yet, a slow computer needs two minutes for its first start."""
+    """Factor on the CPU time of a process until it is ready; own choice: without compiled kernels, a slow
+    computer needs two minutes for its first start."""
     working_share: float = 0.05
-    """Where the system does not say how long a process waited for a processor: one that used this share of
-    one processor or more since the last look was working; own choice: one that looks again and again whether
-    something has come uses less."""
-    look_s: float = 0.5
-    """Time between two looks; own choice. One that comes much later counts as twice this, for then this
-    process itself was stopped, or got no processor."""
-    hold_up_s: float = 1.0
-    """A step that took so much of one actor's own time was held up by it, s; own choice: a hundred times what
-    a step usually takes."""
+    """CPU share since the last check from which a process counts as running, if the system does not report
+    waiting times; own choice: a process that polls uses less."""
+    check_interval_s: float = 0.5
+    """Interval of checks, s; own choice. A much later check counts as twice this, since this process itself
+    was stopped or got no processor."""
+    delayed_s: float = 1.0
+    """Own time of one actor, s, from which its step counts as delayed; own choice: a hundred times the usual
+    duration."""
 
 
-OUT_OF_SIGHT: Final = "?"
-"""State of a process on a host without a connection. Its time is not charged."""
+UNREACHABLE: Final = "?"
+"""State of a process on an unreachable host. Its time is not charged."""
 
 
-class Suspect(NamedTuple):
-    """A process that is waited for."""
+class AwaitedProcess(NamedTuple):
+    """A process that the run waits for."""
 
     name: str
     pid: int
@@ -83,36 +79,36 @@ class Suspect(NamedTuple):
 class Stall(NamedTuple):
     """The process that stalls the run, with a sentence."""
 
-    suspect: Suspect
+    suspect: AwaitedProcess
     sentence: str
 
 
 Phase = Literal["start", "step", "end"]
-"""What is waited for: a first step, for which more processor time is granted; a step; or an exit. Only steps
-count as held up, and only of them long waits are reported."""
+"""Awaited event: a first step, with more CPU time allowed; a step; or an exit. Only steps count as delayed
+and have long waits reported."""
 
 
 @dataclass
-class _Account:
-    """What one suspect did since the last step, s."""
+class _ProcessTimes:
+    """Times of one suspect since the last step, s."""
 
     cpu_s: float
-    """Of its processes since their start, at the last look."""
+    """CPU time of its processes since their start, at the last check."""
     queued_s: float | None
-    """The same for waiting for a processor, that of the world's among it."""
+    """Their time waiting for a processor, including the world's."""
     watched_s: float = 0.0
     idle_s: float = 0.0
     worked_s: float = 0.0
-    doing: str = ""
+    activity: str = ""
 
 
 class StallDetector:
-    """Charges processes with the time since the last step, and names the one that exceeds its limit."""
+    """Charges processes for the time since the last step, and finds the one that exceeds its timeout."""
 
     LONG_S: Final = 10.0
-    """A wait is reported once it has lasted so long, and again whenever that has doubled."""
+    """A wait is reported after this time, and again whenever it has doubled, s."""
     MUCH_S: Final = 5.0
-    """What one actor has held up in all is reported from here on, and again whenever it has doubled."""
+    """Total delays of one actor are reported from here on, and again whenever they have doubled, s."""
     MOST_NAMES: Final = 3
 
     def __init__(
@@ -120,41 +116,41 @@ class StallDetector:
         timeout: Timeout,
         say: Callable[[str], None] = lambda sentence: None,
         clock: Callable[[], float] = time.monotonic,
-        table: Callable[[], Mapping[int, ProcessGlance]] = process_table.table,
+        table: Callable[[], Mapping[int, ProcessState]] = process_table.processes,
         queued_s: Callable[[int], float | None] = process_table.queued_s,
     ) -> None:
-        """`say`: is given notices for the user. `table`, `queued_s`: as of `process_table`."""
+        """`say`: called with notices for the user. `table`: lists all processes."""
         self._timeout = timeout
         self._say = say
         self._clock = clock
         self._table = table
         self._queued = queued_s
         self._looked = clock()
-        self._accounts: dict[Suspect, _Account] = {}
-        self._past: dict[str, HoldUp] = {}
+        self._accounts: dict[AwaitedProcess, _ProcessTimes] = {}
+        self._past: dict[str, StepDelays] = {}
         self._phase: Phase = "step"
         self._lasted_s = 0.0
         self._next_notice_s = self.LONG_S
         self._next_of: dict[str, float] = {}
         self.stopped: frozenset[str] = frozenset()
-        """Who was held by a signal at the last look."""
+        """Actors stopped by a signal at the last check."""
 
     @property
-    def held_up(self) -> dict[str, HoldUp]:
-        """Delayed steps so far, by actor, this one included; without the world, which keeps the pace."""
+    def held_up(self) -> dict[str, StepDelays]:
+        """Delayed steps so far, by actor, with the current step; without the world, which paces the run."""
         found = dict(self._past)
         if self._phase != "step":
             return found
         for suspect, account in self._accounts.items():
-            # before the first two looks it did what it did between them
+            # extrapolate to the time before the first two checks
             if account.watched_s and suspect.name not in ("", "world"):
                 own = (account.idle_s + account.worked_s) / account.watched_s
-                if (lasted_s := min(own, 1.0) * self._lasted_s) >= self._timeout.hold_up_s:
-                    found[suspect.name] = found.get(suspect.name, HoldUp()).and_one(lasted_s)
+                if (lasted_s := min(own, 1.0) * self._lasted_s) >= self._timeout.delayed_s:
+                    found[suspect.name] = found.get(suspect.name, StepDelays()).plus_step(lasted_s)
         return found
 
     def step(self) -> None:
-        """Begin anew: a step was taken, or what was awaited has happened."""
+        """Reset the timers after a step, or after another awaited event."""
         now = self._clock()
         if self._accounts:
             self._pass(now)
@@ -166,40 +162,44 @@ class StallDetector:
         for name, one in self._past.items():
             if one.total_s >= self._next_of.get(name, self.MUCH_S):
                 self._next_of[name] = 2 * one.total_s
-                self._say(next(sentences({name: one})))
+                self._say(next(delay_sentences({name: one})))
 
-    def doing(self, suspect: Suspect) -> str:
-        """Return what it did at the last look, in words; "" without a look."""
+    def activity(self, suspect: AwaitedProcess) -> str:
+        """Return a suspect's activity at the last check, in words; "" before the first."""
         account = self._accounts.get(suspect)
-        return account.doing if account else ""
+        return account.activity if account else ""
 
     def check(
-        self, everyone: Sequence[Suspect], awaited: Sequence[Suspect], what: str, phase: Phase = "step"
+        self,
+        everyone: Sequence[AwaitedProcess],
+        awaited: Sequence[AwaitedProcess],
+        what: str,
+        phase: Phase = "step",
     ) -> Stall | None:
-        """Return the process of `awaited` that has exceeded its limit, if any; `what` they are awaited for.
+        """Return the process of `awaited` that exceeded its timeout, if any; `what`: the event awaited.
 
-        `everyone`: all processes of the run; none is named while one of them is stopped, or while one that
-        is awaited is out of sight.
+        `everyone`: all processes of the run; no stall is reported while one of them is stopped, or an awaited
+        one is on an unreachable host.
         """
         now = self._clock()
-        if now - self._looked < self._timeout.look_s:
+        if now - self._looked < self._timeout.check_interval_s:
             return None
         elapsed_s = self._pass(now)
         known = self._table()
         trees = {one.pid: process_table.descendants((one.pid,), known) for one in everyone}
         self._note_stopped({one.name for one in everyone if any(known[p].stopped for p in trees[one.pid])})
-        # what a suspect waits for may still lie with the world, which is its router
+        # the awaited message may be in the world's process, which is the router
         link = {pid for one in everyone if one.name == "world" for pid in trees[one.pid]}
         self._phase = phase
         for suspect in awaited:
             tree = trees.get(suspect.pid, set())
             self._charge(suspect, {pid: known[pid] for pid in tree}, tree | link, elapsed_s)
         found = None
-        if not self.stopped and all(self._accounts[one].doing != _UNSEEN for one in awaited):
+        if not self.stopped and all(self._accounts[one].activity != _UNREACHABLE_HOST for one in awaited):
             found = next((stall for one in awaited if (stall := self._judge(one, what))), None)
         if found is None and phase == "step" and self._lasted_s >= self._next_notice_s:
             self._next_notice_s *= 2
-            told = [f"{one.name} {self.doing(one)}" for one in awaited[: self.MOST_NAMES]]
+            told = [f"{one.name} {self.activity(one)}" for one in awaited[: self.MOST_NAMES]]
             more = [f"and {len(awaited) - len(told)} more"] if len(awaited) > len(told) else []
             self._say(f"{what} for {self._lasted_s:.0f} s; {', '.join(told + more)}")
         return found
@@ -210,36 +210,42 @@ class StallDetector:
         self.stopped = frozenset(stopped)
 
     def _pass(self, now: float) -> float:
-        """Return the time since the last look, as far as it counts."""
-        elapsed_s = min(now - self._looked, 2 * self._timeout.look_s)
+        """Return the time to charge since the last check."""
+        elapsed_s = min(now - self._looked, 2 * self._timeout.check_interval_s)
         self._looked = now
         self._lasted_s += elapsed_s
         return elapsed_s
 
     def _charge(
-        self, suspect: Suspect, tree: Mapping[int, ProcessGlance], carriers: Collection[int], elapsed_s: float
+        self,
+        suspect: AwaitedProcess,
+        tree: Mapping[int, ProcessState],
+        carriers: Collection[int],
+        elapsed_s: float,
     ) -> None:
         queued = [waited for pid in carriers if (waited := self._queued(pid)) is not None]
-        now = _Account(math.fsum(one.cpu_s for one in tree.values()), math.fsum(queued) if queued else None)
+        now = _ProcessTimes(
+            math.fsum(one.cpu_s for one in tree.values()), math.fsum(queued) if queued else None
+        )
         before = self._accounts.setdefault(suspect, now)
         worked_s, waited_s = max(now.cpu_s - before.cpu_s, 0.0), None
         if now.queued_s is not None and before.queued_s is not None:
             waited_s = max(now.queued_s - before.queued_s, 0.0)
         before.cpu_s, before.queued_s = now.cpu_s, now.queued_s
         working = worked_s >= self._timeout.working_share * elapsed_s
-        before.doing = _doing(tree, working=working)
+        before.activity = _activity(tree, working=working)
         if before is now or self.stopped:
             return
         before.watched_s += elapsed_s
         before.worked_s += worked_s
-        if before.doing in (_ON_DISK, _UNSEEN):
+        if before.activity in (_ON_DISK, _UNREACHABLE_HOST):
             return
         if waited_s is not None:
             before.idle_s += max(elapsed_s - worked_s - waited_s, 0.0)
         elif not working and not any(one.state == "R" for one in tree.values()):
             before.idle_s += elapsed_s
 
-    def _judge(self, suspect: Suspect, what: str) -> Stall | None:
+    def _judge(self, suspect: AwaitedProcess, what: str) -> Stall | None:
         account = self._accounts[suspect]
         limit_s = self._timeout.step_s
         factor = self._timeout.start_factor if self._phase == "start" else 1.0
@@ -249,43 +255,43 @@ class StallDetector:
         if busy_s < _LITTLE * limit_s:
             return Stall(suspect, f"{what} for {limit_s:g} s")
         if idle_s < _LITTLE * limit_s:
-            return Stall(suspect, f"{what} after {limit_s * factor:g} s of processor time")
+            return Stall(suspect, f"{what} after {limit_s * factor:g} s of CPU time")
         lasted_s = idle_s + account.worked_s
-        share = f"{account.worked_s:.0f} s of them processor time"
+        share = f"{account.worked_s:.0f} s of it CPU time"
         return Stall(suspect, f"{what} for {lasted_s:.0f} s, {share}")
 
 
 _LITTLE: Final = 0.2
-"""A share of the time that no sentence mentions."""
-_ON_DISK: Final = "waits for a disk"
-_UNSEEN: Final = "is on a host of which nothing is heard"
+"""Share of the time that is too small to be mentioned."""
+_ON_DISK: Final = "is waiting for a disk"
+_UNREACHABLE_HOST: Final = "is on an unreachable host"
 
 
-def _doing(tree: Mapping[int, ProcessGlance], *, working: bool) -> str:
-    """Return what a process and all that it has started do."""
+def _activity(tree: Mapping[int, ProcessState], *, working: bool) -> str:
+    """Return the activity of a process and its descendants, in words."""
     if any(one.stopped for one in tree.values()):
         return "is stopped"
-    if any(one.state == OUT_OF_SIGHT for one in tree.values()):
-        return _UNSEEN
+    if any(one.state == UNREACHABLE for one in tree.values()):
+        return _UNREACHABLE_HOST
     if working or any(one.state == "R" for one in tree.values()):
-        return "works, or waits for a processor"
+        return "is running or waiting for a processor"
     parents = {one.parent for one in tree.values()}
     asleep = [pid for pid, one in tree.items() if one.state == "D"]
     if any(pid not in parents for pid in asleep):
         return _ON_DISK
-    # a process whose child has its memory sleeps as if for a disk, until the child lets go of it (vfork(2))
-    return "waits for a process of its own" if asleep else "does nothing"
+    # after vfork(2), a process sleeps as if for a disk until its child calls exec or exits
+    return "is waiting for a child process" if asleep else "is idle"
 
 
 _MB: Final = 1_000_000
 _BLOCK: Final = 512
-"""stat(2) counts in such blocks, bytes."""
+"""Block size of stat(2), bytes."""
 _KEEPERS: Final = 2
 """Processes that isolation adds to a robot's own."""
 
 
-class DiskUse(NamedTuple):
-    """Content of a folder."""
+class DiskUsage(NamedTuple):
+    """Disk usage of a folder."""
 
     size: int
     """Bytes on disk, without holes in files."""
@@ -293,39 +299,39 @@ class DiskUse(NamedTuple):
     """Files, folders and links."""
 
 
-class ResourceWatch:
-    """Periodic check of what the system does not limit: a robot's folder, and all its processes together."""
+class ResourceMonitor:
+    """Periodic check of limits that the system does not enforce: a robot's folder, and its processes' sum."""
 
     INTERVAL_S: Final = 0.5
-    """Time between two checks; own choice: a fast disk takes a GB in it, and so does memory."""
+    """Interval of checks, s; own choice: time for a fast disk, or memory, to take 1 GB."""
     SHARE: Final = 2
-    """The next check is delayed by so many times the last one's duration, if that is more: robots with very
-    many files must not gain time."""
+    """Least delay of the next check, as a multiple of the last one's duration: robots with very many files
+    must not slow down the run."""
 
     def __init__(self, limits: ProcessLimits, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits
         self._clock = clock
         self._next_s = clock() + self.INTERVAL_S
 
-    def fault(self, children: Iterable[Child]) -> str | None:
-        """Return a sentence on the first robot above its limits; None if there is none or no check is due."""
+    def fault(self, children: Iterable[ChildProcess]) -> str | None:
+        """Return a sentence on the first robot above its limits; None: no fault, or no check due."""
         began_s = self._clock()
         if began_s < self._next_s:
             return None
         robots = [child for child in children if child.program.module == "actors.robot"]
-        known = process_table.table() if robots else {}
+        known = process_table.processes() if robots else {}
         found = next((fault for child in robots if (fault := self._fault(child, known))), None)
         now_s = self._clock()
         self._next_s = now_s + max(self.INTERVAL_S, self.SHARE * (now_s - began_s))
         return found
 
-    def _fault(self, child: Child, known: Mapping[int, ProcessGlance]) -> str | None:
+    def _fault(self, child: ChildProcess, known: Mapping[int, ProcessState]) -> str | None:
         limits, folder = self._limits, child.program.log.parent
-        disk = disk_use(folder, limits.disk_mb * _MB, limits.disk_files)
-        # its process, its keeper and all that it has started, also what has left the family
+        disk = disk_usage(folder, limits.disk_mb * _MB, limits.disk_files)
+        # its process, keeper and descendants, including reparented ones
         session = {pid for pid, one in known.items() if one.session == child.pid}
         family = process_table.descendants({child.pid, *session}, known)
-        holdings = [process_table.held(pid) for pid in family]
+        holdings = [process_table.process_usage(pid) for pid in family]
         memory = math.fsum(one.memory for one in holdings)
         threads = math.fsum(one.threads for one in holdings)
         isolated = child.program.names is not None
@@ -337,12 +343,12 @@ class ResourceWatch:
             ),
             (
                 disk.files > limits.disk_files,
-                f"made more than {limits.disk_files} files in {folder}",
+                f"created more than {limits.disk_files} files in {folder}",
                 "disk_files",
             ),
             (
                 memory > limits.memory_mb * _MB,
-                f"taken more than {limits.memory_mb} MB of memory with all its processes",
+                f"used more than {limits.memory_mb} MB of memory in all its processes",
                 "memory_mb",
             ),
             (
@@ -352,12 +358,12 @@ class ResourceWatch:
             ),
         ):
             if exceeded:
-                return f"{child.program.actor} has {what}; --limit {limit}=N allows more"
+                return f"{child.program.actor} has {what}; raise the limit with --limit {limit}=N"
         return None
 
 
-def disk_use(folder: Path, most_size: int, most_files: int) -> DiskUse:
-    """Return the use below `folder`, links not followed; counted until one of the two limits is exceeded."""
+def disk_usage(folder: Path, most_size: int, most_files: int) -> DiskUsage:
+    """Return the usage below `folder` without following links; stops counting above either limit."""
     size = files = 0
     folders = [str(folder)]
     while folders:
@@ -367,7 +373,7 @@ def disk_use(folder: Path, most_size: int, most_files: int) -> DiskUse:
                 with suppress(OSError):
                     size += entry.stat(follow_symlinks=False).st_blocks * _BLOCK
                 if size > most_size or files > most_files:
-                    return DiskUse(size, files)
+                    return DiskUsage(size, files)
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(entry.path)
-    return DiskUse(size, files)
+    return DiskUsage(size, files)

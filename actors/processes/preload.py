@@ -1,8 +1,8 @@
-"""What the forkserver imports and compiles once, so that processes start in milliseconds and share memory."""
+"""Imports and compilation in the forkserver, so that processes start in milliseconds and share memory."""
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a fork of a process with threads is unsafe
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: forking a process with threads is unsafe
 
 import importlib
 
@@ -11,14 +11,14 @@ import actors.robot.__main__
 import actors.world.__main__  # noqa: F401
 from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.robot import assembly as robot_setup
-from actors.runtime.process import settle
+from actors.runtime.process import freeze_heap
 from actors.runtime.processor import fingerprints
 from actors.world.program import KERNELS
 
-# The shipped strategies, by name, for no actor knows the model problem; one of a user's own is not shared.
+# The shipped strategies, by name: actors do not depend on the model problem. User strategies are not shared.
 for strategy in importlib.import_module("cleaning.strategies.registry").STRATEGIES.values():
     importlib.import_module(strategy.partition(":")[0])
 fingerprints(KERNELS)
 fingerprints(RADIO_KERNELS)
 robot_setup.kernels()
-settle()  # no collection will touch the shared pages, which would copy them
+freeze_heap()  # a garbage collection would copy the shared pages

@@ -1,4 +1,4 @@
-"""Logs of robots' processes, which hold what their code prints; also while they grow."""
+"""Logs of robots' processes, with the output of their code; also while they are written."""
 
 import os
 import re
@@ -10,48 +10,48 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Final
 
-from actors.console import screen
-from actors.processes.launch import Child, Program
+from actors.console import create_console
+from actors.processes.launcher import ChildProcess, Program
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.failure import own_place
+from actors.runtime.failure import own_line
 
-EVERYBODY: Final = "*"
-"""In place of a robot's name."""
+ALL_ROBOTS: Final = "*"
+"""Placeholder for all robots."""
 _START: Final = re.compile(r"(?:\.[0-9]{1,9})?\.log")
 
 
-def logs(out: Path, robot: str) -> list[Path]:
-    """Return the logs of a robot's processes in the order of their starts; none where nothing was printed."""
+def log_files(out: Path, robot: str) -> list[Path]:
+    """Return the logs of a robot's processes in start order; empty if nothing was printed."""
     files = (out / robot).glob(f"{robot}*.log")
     found = [path for path in files if _START.fullmatch(path.name[len(robot) :])]
     return sorted(found, key=lambda path: (len(path.name), path.name))
 
 
-def robots(out: Path) -> list[str]:
-    """Return the robots whose processes have begun in a run's folder."""
+def logged_robots(out: Path) -> list[str]:
+    """Return the robots whose processes have started, from a run's folder."""
     files = (path for path in out.glob("*/*") if path.suffix in {".mcap", ".log"})
     names = {path.parent.name for path in files} - {"world", "radio"}
     return sorted(names, key=lambda name: (len(name), name))
 
 
 class LogTail:
-    """New lines of some robots' logs, each after its robot."""
+    """New lines in logs of robots, with the robot's name."""
 
     def __init__(self, out: Path, names: Sequence[str]) -> None:
-        """`names`: robots, or EVERYBODY."""
+        """`names`: robots, or ALL_ROBOTS."""
         self._out, self._names = out, names
         self._open: dict[Path, IO[bytes]] = {}
         self._rest: dict[Path, bytes] = {}
 
     def poll(self) -> Iterator[tuple[str, str]]:
-        """Yield what has been printed since the last call, for a terminal; an incomplete line waits."""
-        for robot in robots(self._out) if EVERYBODY in self._names else self._names:
-            for path in logs(self._out, robot):
+        """Yield robot and line for all complete lines since the last call, safe for a terminal."""
+        for robot in logged_robots(self._out) if ALL_ROBOTS in self._names else self._names:
+            for path in log_files(self._out, robot):
                 yield from ((robot, line) for line in self._new(path))
 
     def close(self) -> Iterator[tuple[str, str]]:
-        """Yield the rest, with incomplete lines; the last call."""
+        """Yield the rest, including incomplete lines; the last call."""
         yield from self.poll()
         for path, rest in self._rest.items():
             if rest:
@@ -61,7 +61,7 @@ class LogTail:
     def _new(self, path: Path) -> Iterator[str]:
         if path not in self._open:
             try:
-                self._open[path], self._rest[path] = regular_file.opened(path), b""
+                self._open[path], self._rest[path] = regular_file.open_regular(path), b""
             except OSError as error:
                 raise AcrcError(f"{path}: cannot be read: {error.strerror}") from None
         while piece := self._open[path].read(1 << 16):
@@ -71,12 +71,12 @@ class LogTail:
 
 
 @contextmanager
-def shown(out: Path, names: Sequence[str]) -> Iterator[Callable[[], None]]:
-    """Yield a function that shows on standard error what robots have printed since its last call.
+def printing_new_lines(out: Path, names: Sequence[str]) -> Iterator[Callable[[], None]]:
+    """Yield a function that prints new output of robots to standard error.
 
-    With the robot's name in front if there may be several.
+    Lines start with the robot's name if there may be several robots.
     """
-    tail, several = LogTail(out, names), EVERYBODY in names or len(names) > 1
+    tail, several = LogTail(out, names), ALL_ROBOTS in names or len(names) > 1
 
     def show_lines(lines: Iterator[tuple[str, str]]) -> None:
         for robot, line in lines:
@@ -91,22 +91,22 @@ def shown(out: Path, names: Sequence[str]) -> Iterator[Callable[[], None]]:
 def check_names(names: Sequence[str], known: Sequence[str], where: str) -> None:
     """Raise AcrcError for a robot that is not in the run."""
     for name in names:
-        if name not in known and name != EVERYBODY:
+        if name not in known and name != ALL_ROBOTS:
             raise AcrcError(f"{where}: no robot {name!r}; there are {', '.join(known)}, and '*' for all")
 
 
 _LAST_LINES: Final = 8192
-"""Bytes in which last lines are looked for."""
+"""Bytes searched for last lines."""
 _SHOWN: Final = 20_000
-"""Bytes of a program's output that are shown, its end."""
+"""Bytes of a program's output to show, from its end."""
 _DUMP: Final = 1 << 16
-"""Bytes in which a dump of the stack is looked for."""
+"""Bytes searched for a stack dump."""
 
 
 def _end(log: Path, most: int) -> str:
     """Return the last `most` bytes of a log; empty if it cannot be read."""
     try:
-        with regular_file.opened(log) as file:
+        with regular_file.open_regular(log) as file:
             file.seek(max(0, file.seek(0, os.SEEK_END) - most))
             return file.read(most).decode("utf-8", "replace")
     except OSError:
@@ -114,36 +114,37 @@ def _end(log: Path, most: int) -> str:
 
 
 def last_line(path: Path) -> str:
-    """Return the last line that is not empty, for a terminal; "" if there is none."""
+    """Return the last line that is not empty, safe for a terminal; "" if there is none."""
     return next(iter(last_lines(path)), "")
 
 
 def last_lines(path: Path) -> list[str]:
-    """Return the lines that are not empty in the last 8 KiB, the last one first, for a terminal."""
+    """Return the non-empty lines of the last 8 KiB, the last one first, safe for a terminal."""
     lines = _end(path, _LAST_LINES).split("\n")
     return [printable(line.strip()) for line in reversed(lines) if line.strip()]
 
 
-def said(program: Program) -> str:
-    """Return the end of a program's output, for a terminal."""
-    return program.in_our_words(printable(_end(program.log, _SHOWN)))
+def program_output(program: Program) -> str:
+    """Return the end of a program's output, safe for a terminal."""
+    return program.outside_text(printable(_end(program.log, _SHOWN)))
 
 
-def show(told: str) -> None:
-    """Show a program's output on standard error, if there is any."""
+def print_output(told: str) -> None:
+    """Print a program's output to standard error, if there is any."""
     if told.strip():
-        screen(stderr=True).print(told.rstrip("\n"))
+        create_console(stderr=True).print(told.rstrip("\n"))
 
 
 _FRAME: Final = re.compile(r'^  File "(.*)", line (\d+) in (.*)$', re.MULTILINE)
 _PATIENCE_S: Final = 1.0
-"""Limit of the answer; own choice. A signal handler writes it, even during an endless loop."""
+"""Timeout for the dump; own choice. A signal handler writes it, even during an endless loop."""
 
 
-def where_it_stands(child: Child, wait: Callable[[float], None]) -> str:
-    """Return `mine.py:12 (advance)`, the innermost line of the child's own code; empty without an answer.
+def current_line(child: ChildProcess, wait: Callable[[float], None]) -> str:
+    """Return the innermost line of the child's own code, such as `mine.py:12 (advance)`; "" on timeout.
 
-    The child must have called `answer_where`; otherwise the signal ends it. `wait` passes so many seconds.
+    The child must have called `enable_stack_dumps`, or the signal kills it. `wait` waits for a number of
+    seconds.
     """
     log = child.program.log
     before = log.stat().st_size if log.is_file() else 0
@@ -152,22 +153,22 @@ def where_it_stands(child: Child, wait: Callable[[float], None]) -> str:
     while time.monotonic() < deadline:
         wait(0.02)
         grown = log.stat().st_size - before if log.is_file() else 0
-        if grown and (found := place_in(_end(log, min(grown, _DUMP)))):
+        if grown and (found := line_in_dump(_end(log, min(grown, _DUMP)))):
             return found
     return ""
 
 
-def where_it_crashed(log: Path) -> str:
-    """Return `mine.py:12 (advance)`, where the process of this log crashed; empty if the log does not say."""
-    return place_in(_end(log, _DUMP))
+def crash_line(log: Path) -> str:
+    """Return the line where the process of this log crashed, such as `mine.py:12 (advance)`; "": unknown."""
+    return line_in_dump(_end(log, _DUMP))
 
 
-def place_in(text: str) -> str:
-    """Return `mine.py:12 (advance)` from a dump of faulthandler's; empty if it is incomplete."""
-    dumped = text.rpartition("(most recent call first):\n")[2]  # the main thread's is the last one
+def line_in_dump(text: str) -> str:
+    """Return the innermost own line of a faulthandler dump, as `mine.py:12 (advance)`; "": incomplete."""
+    dumped = text.rpartition("(most recent call first):\n")[2]  # the main thread is the last
     frames = [(name, int(line), function) for name, line, function in _FRAME.findall(dumped)]
     if not frames:
         return ""
-    name, line = own_place([(name, line) for name, line, _ in frames])
+    name, line = own_line([(name, line) for name, line, _ in frames])
     function = next(function for one in frames if one[:2] == (name, line) for function in one[2:])
     return f"{Path(name).name}:{line} ({function})"

@@ -16,32 +16,32 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 _CLEARANCE_S: Final = 10.0
-"""Limit of an orderly end after a signal, s; longer than every process gets to end."""
+"""Timeout for a clean exit after a signal, s; longer than any process's own timeout."""
 _AGAIN_S: Final = 0.05
-"""Delay after which a lost signal is sent again, s."""
+"""Delay before a lost signal is sent again, s."""
 
 
-class Interrupted(BaseException):  # no error
-    """The command was ended from outside; `exit_code` is 128 + the signal's number.
+class Interrupted(BaseException):  # not an error
+    """The command was interrupted by a signal; `exit_code` is 128 + the signal's number.
 
-    No Exception, because a strategy in this process may catch those.
+    Not an Exception, because a strategy in this process may catch those.
     """
 
     def __init__(self, exit_code: int) -> None:
         super().__init__(exit_code)
         self.exit_code = exit_code
         self.recorded: Path | None = None
-        """The folder of the run so far; None if there is none."""
+        """Folder of the run so far; None if there is none."""
 
 
 @contextmanager
 def signals_as_interrupts() -> Iterator[None]:
-    """Raise Interrupted on Ctrl-C, SIGTERM and SIGHUP, so that what was started is ended in order.
+    """Raise Interrupted on Ctrl-C, SIGTERM and SIGHUP, so that child processes and files are cleaned up.
 
-    The next one does not cut that short, and none is lost. A signal that this process was started to ignore,
-    as by nohup, stays ignored.
+    A second signal does not interrupt the clean-up, and no signal is lost. Signals ignored at the start of
+    this process, as with nohup, stay ignored.
     """
-    heeding = _Heeding()
+    heeding = _InterruptHandler()
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     try:
@@ -51,12 +51,12 @@ def signals_as_interrupts() -> Iterator[None]:
         yield
         heeding.raise_lost()
     except RuntimeError as error:
-        # Until Python 3.11, an exception while a class names its attributes, so in an import, comes as this.
+        # Until Python 3.11, exceptions in __set_name__, so during imports, are wrapped in a RuntimeError.
         if isinstance(error.__cause__, Interrupted):
             raise error.__cause__ from None
         raise
     except ImportError:
-        # A package in C, such as numpy, replaces exceptions during its import.
+        # C extensions such as numpy replace exceptions during their import.
         if heeding.raised is not None:
             raise heeding.raised from None
         raise
@@ -67,8 +67,8 @@ def signals_as_interrupts() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-class _Heeding:
-    """Raises Interrupted on a signal, and again where that was lost."""
+class _InterruptHandler:
+    """Handler that raises Interrupted on a signal, and again if the exception was lost."""
 
     def __init__(self) -> None:
         self.tell = sys.unraisablehook
@@ -79,14 +79,14 @@ class _Heeding:
         self._sending: list[threading.Timer] = []
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
-        """Raise Interrupted, unless the end after an earlier signal is still under way."""
+        """Raise Interrupted, unless the clean-up after an earlier signal is in progress."""
         if time.monotonic() > self._raised_s + _CLEARANCE_S:
             self._raised_s, self._lost = time.monotonic(), None
             self.raised = Interrupted(128 + number)
             raise self.raised
 
     def send_again(self, what: "UnraisableHookArgs") -> None:
-        """Send a signal again whose exception C has swallowed, as where a kernel is loaded."""
+        """Send a signal again if C code swallowed its exception, for example while a kernel is loaded."""
         if not isinstance(what.exc_value, Interrupted):
             self.tell(what)
             return
@@ -97,12 +97,12 @@ class _Heeding:
         self._sending.append(again)
 
     def raise_lost(self) -> None:
-        """Raise Interrupted if one was lost and has not come again."""
+        """Raise Interrupted if one was lost and has not been raised again."""
         if self._lost is not None:
             raise self._lost.with_traceback(None)
 
     def send_no_more(self) -> None:
-        """Cancel or ignore signals on their way: later they would end the process without a word."""
+        """Cancel or ignore pending signals: later they would kill the process without a message."""
         if self._sending:
             self._raised_s = time.monotonic()
         for again in self._sending:

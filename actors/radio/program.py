@@ -13,7 +13,7 @@ from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import ActorProcess, run_note
 from actors.runtime.process_setup import read_setup
-from actors.runtime.processor import combined, fingerprints
+from actors.runtime.processor import combine_fingerprints, fingerprints
 
 KERNELS = (foundations, arrays, portable_draws, propagation, medium, robot_medium)
 """Modules with the numeric kernels of a radio."""
@@ -57,6 +57,6 @@ def actor_process(setup: RadioSetup, folder: Path, commit: str) -> ActorProcess:
         core=core,
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,
-        ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
+        ready=to(RADIO_READY, Ready(0, "radio", 0, combine_fingerprints(prints))),
         outcome=lambda: RadioReport(core.counters(), core.counters_by_robot()),
     )

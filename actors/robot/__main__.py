@@ -12,13 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from actors.robot import assembly, program
-from actors.runtime import debugger, failure, prints
-from actors.runtime.background import SparingRecorder
+from actors.runtime import captured_output, debugger, failure
+from actors.runtime.background import LossyRecorder
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.rules import client_config
-from actors.runtime.isolation.sandbox import RECORDING, enforce, own_folder
-from actors.runtime.linux import answer_where, die_with_parent, leave
-from actors.runtime.process import ActorProcess, play, tell
+from actors.runtime.isolation.sandbox import RECORDING, enforce_limits, own_folder
+from actors.runtime.linux import die_with_parent, enable_stack_dumps, exit_now
+from actors.runtime.process import ActorProcess, report_failure, run_actor
 from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder
 
@@ -30,14 +30,14 @@ def preflight(make: Callable[[], ActorProcess], recorder: Recorder, patience_s: 
         try:
             recorder.note("run", make().run)
         except Exception as error:
-            tell(recorder, "robot", 0, error)
+            report_failure(recorder, "robot", 0, error)
             return 1
     return 0
 
 
 def _robot(setup: program.RobotProgram, folder: Path) -> ActorProcess:
     """Create the robot; output of user code goes to the log with simulated time."""
-    printed = prints.on(sys.stdout, setup.actor.step_us)
+    printed = captured_output.output_to_stream(sys.stdout, setup.actor.step_us)
     with printed.during(setup.actor.first_step):
         return replace(program.actor_process(setup, folder), prints=printed)
 
@@ -45,7 +45,7 @@ def _robot(setup: program.RobotProgram, folder: Path) -> ActorProcess:
 def main(argv: Sequence[str]) -> int:
     """Run one robot until a halt message; return the exit code."""
     parent, threads = os.getppid(), threading.enumerate()
-    answer_where()
+    enable_stack_dumps()
     try:
         parser = setup_parser("actors.robot", "Run one robot.")
         parser.add_argument(
@@ -55,14 +55,14 @@ def main(argv: Sequence[str]) -> int:
         setup, folder = program.load_setup(options.setup), options.setup.parent
         process, step_us = setup.process, setup.actor.step_us
         assembly.kernels()
-        kind = SparingRecorder if process.spares_record else Recorder
+        kind = LossyRecorder if process.spares_record else Recorder
         recorder = kind(folder / process.record, step_us, RECORDING if process.isolate else None)
-        failure.hold(own_folder(folder) if process.isolate else folder)
+        failure.hold_reserve(own_folder(folder) if process.isolate else folder)
         if process.with_parent and not process.isolate:  # otherwise the sandbox ends the process
             die_with_parent(parent)
         debugger.answer_breakpoints(process.debugger, setup.actor.id)
         if process.limits is not None:
-            enforce(process.limits, isolated=process.isolate)
+            enforce_limits(process.limits, isolated=process.isolate)
         if options.preflight is not None:
             return preflight(lambda: program.actor_process(setup, folder), recorder, options.preflight)
         config = client_config(folder / process.credentials, process.endpoint(folder))
@@ -72,13 +72,13 @@ def main(argv: Sequence[str]) -> int:
             raise
         except BaseException as error:
             with recorder:
-                tell(recorder, setup.actor.id, setup.actor.first_step, error)
+                report_failure(recorder, setup.actor.id, setup.actor.first_step, error)
             return 1
-        return play(robot, recorder, config, threads=threads, patience_s=process.patience_s)
+        return run_actor(robot, recorder, config, threads=threads, patience_s=process.patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
 
 
 if __name__ == "__main__":
-    leave(main(sys.argv[1:]))
+    exit_now(main(sys.argv[1:]))

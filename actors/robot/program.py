@@ -14,8 +14,8 @@ from actors.robot_model import load_model
 from actors.runtime.core import to
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process import ActorProcess, run_note
-from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model, read_setup
-from actors.runtime.processor import combined
+from actors.runtime.process_setup import ActorSetup, ProcessSetup, read_setup, resolve_model
+from actors.runtime.processor import combine_fingerprints
 
 
 class RobotProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
@@ -44,7 +44,7 @@ def load_setup(path: Path) -> RobotProgram:
 
 def build(setup: RobotSetup, folder: Path) -> RobotCore:
     """Return the core of a robot whose files are in `folder`. Raises AcrcError for invalid parts."""
-    model = load_model(located_model(setup.model, folder), setup.sensor)
+    model = load_model(resolve_model(setup.model, folder), setup.sensor)
     return robot(setup, model, load_map(folder / setup.map))
 
 
@@ -72,7 +72,7 @@ def actor_process_of(setup: RobotSetup, folder: Path, name: str, commit: str) ->
     core, prints = build(setup, folder), kernels()
     run = run_note(name, setup, commit, seed=setup.seed, kernels=prints)
     run = msgspec.structs.replace(run, code=loading.FINDER.hashes() or None)
-    ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
+    ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combine_fingerprints(prints)), setup.id)
     return ActorProcess(
         core=core,
         listens=core.listens(),

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.geometry import Pose, between
+from actors.geometry import Pose, interpolate
 from actors.instant import Instant
 from actors.messages import Scan
 from actors.robot_model import RangeSensor
@@ -59,6 +59,6 @@ class OdometryBuffer:
             if instant <= stamp:
                 if instant == later or stamp >= later:
                     return pose
-                return between(pose, after, (stamp - instant) / (later - instant))
+                return interpolate(pose, after, (stamp - instant) / (later - instant))
             later, after = instant, pose
         return after

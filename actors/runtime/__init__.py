@@ -1,1 +1,1 @@
-"""What every actor process shares: the core protocol, the shell, the buses, recording, access, isolation."""
+"""Runtime of all actor processes: core interface, shell, buses, recording, access control, isolation."""

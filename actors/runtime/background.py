@@ -1,4 +1,4 @@
-"""Writing to a disk that may be slow, full or dead, for a process that must not wait for it."""
+"""Background disk writes, for processes that must not wait for a slow, full or failed disk."""
 
 import sys
 import threading
@@ -12,36 +12,36 @@ from typing import Final
 
 import msgspec
 
-from actors.runtime.linux import keep_room
+from actors.runtime.linux import reserve_log_space
 from actors.runtime.recording import Recorder, UnwritableError
 
 _LOG: Final = 2
-"""Descriptor of standard error, which leads to the process's log."""
-_FAREWELL_S: Final = 5.0
-"""Time for a slow disk at the end; own choice, as long as a process may take to end."""
+"""Descriptor of standard error, which is the process's log."""
+_CLOSE_TIMEOUT_S: Final = 5.0
+"""Timeout for the last writes to a slow disk; own choice, as long as a process may take to exit."""
 
 
-class Background:
-    """Executes tasks one after the other in a thread.
+class BackgroundWorker:
+    """Thread that executes tasks in order.
 
-    Tasks are dropped and counted while `LIMIT` wait, and after an OSError.
+    Tasks are dropped and counted while `LIMIT` tasks wait, and after an OSError.
     """
 
     LIMIT: Final = 20_000
-    """Some minutes of a base's messages."""
+    """Most waiting tasks: some minutes of a base's messages."""
 
     def __init__(self) -> None:
         self.dropped = 0
         self.error: OSError | None = None
-        """The first one."""
+        """First error."""
         self._tasks: deque[Callable[[], object]] = deque()
         self._changed = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
         self._thread.start()
 
-    def do(self, task: Callable[[], object]) -> None:
-        """Execute a task later; never waits."""
+    def submit(self, task: Callable[[], object]) -> None:
+        """Queue a task; never block."""
         with self._changed:
             if self._closed or self.error is not None or len(self._tasks) >= self.LIMIT:
                 self.dropped += 1
@@ -49,8 +49,8 @@ class Background:
             self._tasks.append(task)
             self._changed.notify()
 
-    def close(self, patience_s: float = _FAREWELL_S) -> bool:
-        """Take no more tasks, and wait for the rest so long; True if all were executed."""
+    def close(self, patience_s: float = _CLOSE_TIMEOUT_S) -> bool:
+        """Finish the waiting tasks within a timeout and stop; return whether all tasks were executed."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -73,19 +73,19 @@ class Background:
             return self._tasks.popleft() if self._tasks else None
 
 
-class SparingRecorder(Recorder):
-    """A recorder that never fails its process: what the disk does not take is lost, counted, and reported.
+class LossyRecorder(Recorder):
+    """A recorder that never fails its process: on a disk error, it drops, counts and reports records.
 
-    Nothing is recorded after the first loss.
+    It records nothing after the first loss.
     """
 
     def __init__(self, path: Path, step_us: int, descriptor: int | None = None) -> None:
         """As in Recorder."""
         super().__init__(path, step_us, descriptor)
         self.lost = 0
-        """Records so far."""
+        """Number of records lost."""
         self._unflushed = 0
-        """Records since the last flush, which no seal covers yet."""
+        """Records since the last flush, not yet sealed."""
         self._full: UnwritableError | None = None
 
     def __exit__(
@@ -93,7 +93,7 @@ class SparingRecorder(Recorder):
     ) -> None:
         self._attempt(partial(super().__exit__, kind, error, trace), 0)
         if self._full is not None:
-            to_stderr(f"{self._full}; {self.lost} records are missing\n")
+            write_stderr(f"{self._full}; {self.lost} records lost\n")
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """As in Recorder."""
@@ -112,11 +112,11 @@ class SparingRecorder(Recorder):
         self._do(partial(super().computed, key, step, sequence, payload), 1)
 
     def flush(self) -> None:
-        """As in Recorder; keeps room in the log for the report of a full disk, as long as there is some."""
+        """As in Recorder; reserves log space for the report of a full disk."""
         self._do(self._flush, 0)
 
     def _flush(self) -> None:
-        keep_room(_LOG)
+        reserve_log_space(_LOG)
         super().flush()
         self._unflushed = 0
 
@@ -132,22 +132,22 @@ class SparingRecorder(Recorder):
             task()
         except UnwritableError as error:
             self._full, self.lost = error, self._unflushed
-            to_stderr(f"{error}; records are lost from here on\n")
+            write_stderr(f"{error}; all further records are lost\n")
 
 
-class BackgroundRecorder(SparingRecorder):
-    """A sparing recorder whose disk cannot hold up the process either.
+class BackgroundRecorder(LossyRecorder):
+    """A sparing recorder whose process does not wait for the disk.
 
-    The last records may be missing after the death of the process.
+    The last records may be missing if the process is killed.
     """
 
     def __init__(self, path: Path, step_us: int) -> None:
         super().__init__(path, step_us)
-        self._background = Background()
+        self._background = BackgroundWorker()
 
     @property
     def dropped(self) -> int:
-        """Records lost so far."""
+        """Number of records lost."""
         return self._background.dropped + self.lost
 
     def __exit__(
@@ -156,30 +156,30 @@ class BackgroundRecorder(SparingRecorder):
         if self._background.close():
             super().__exit__(kind, error, trace)
         else:
-            to_stderr(f"{self.path}: the disk is too slow; {self.dropped} records are missing\n")
+            write_stderr(f"{self.path}: disk too slow; {self.dropped} records lost\n")
 
     def _do(self, task: Callable[[], object], records: int) -> None:
-        self._background.do(partial(self._attempt, task, records))
+        self._background.submit(partial(self._attempt, task, records))
 
 
-class Log:
-    """Lines for a log, from a loop that must not wait for it."""
+class BackgroundLog:
+    """A log for a loop that must not wait for it."""
 
     def __init__(self, write: Callable[[str], None]) -> None:
         self._write = write
-        self._background = Background()
+        self._background = BackgroundWorker()
 
     def say(self, line: str) -> None:
-        """Write one line, later."""
-        self._background.do(partial(self._write, f"{line}\n"))
+        """Queue one line."""
+        self._background.submit(partial(self._write, f"{line}\n"))
 
     def close(self) -> None:
-        """Wait a moment for the rest."""
+        """Write the queued lines, within 1 s."""
         self._background.close(1.0)
 
 
-def to_stderr(text: str) -> None:
-    """Write text to standard error, at once; where that is a log on a full disk, it is lost."""
+def write_stderr(text: str) -> None:
+    """Write text to standard error immediately; it is lost if the log's disk is full."""
     with suppress(OSError):
         sys.stderr.write(text)
         sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""Messages to bytes and back: one version byte, then a msgpack array; whatever does not fit is named."""
+"""Encoding of messages: one version byte, then a msgpack array. Errors name the invalid field."""
 
 import re
 import reprlib
@@ -23,33 +23,31 @@ _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 60, 60
 
 
 MESSAGE_LIMIT: Final = 65_000
-"""Bytes of one message, on every bus: what fits a batch of Zenoh's low-latency transport (65 535 bytes, which
-it does not split) beside the longest key."""
+"""Most bytes of a message, on every bus: what a batch of Zenoh's low-latency transport (65 535 bytes, not
+split) holds with the longest key."""
 
 
 class WireError(AcrcError):
-    """Bytes on a key that are no message of its topic."""
+    """Bytes that are not a valid message of their key's topic."""
 
 
 def encode(message: Message, key: str = "", limit: int = MESSAGE_LIMIT) -> bytes:
-    """The bytes of `message`; equal messages give equal bytes.
+    """Encode `message`; equal messages give equal bytes.
 
-    AcrcError for more than `limit` of them, and for values that are not of the plain types of
-    the message's fields; it says on which `key`.
+    AcrcError, with the `key`, for more than `limit` bytes or for values that do not have the plain types of
+    the message's fields.
     """
     try:
         payload = _PREFIX + _encoded(_travelling(message) if message.omissible else message)
     except (TypeError, ValueError, OverflowError) as error:
         raise AcrcError(f"{_title(message, key)} {_unfit(message) or error}") from None
-    if payload[limit:]:  # the one call fewer of each message
-        raise AcrcError(
-            f"{_title(message, key)} has {len(payload)} bytes; a message may have at most {limit}"
-        )
+    if payload[limit:]:  # saves a call of len() per message
+        raise AcrcError(f"{_title(message, key)} has {len(payload)} bytes; the limit is {limit}")
     return payload
 
 
 def _travelling(message: Message) -> object:
-    """The message, or its fields without the last ones that are empty and need not travel."""
+    """Return the message, or its fields without omissible trailing defaults."""
     fields, last = msgspec.structs.astuple(message), -message.omissible
     return fields[:last] if fields[last:] == message.__struct_defaults__[last:] else message
 
@@ -59,7 +57,7 @@ def _title(message: Message, key: str) -> str:
 
 
 def _unfit(value: object, name: str = "") -> str:
-    """What cannot be encoded in a message or a part of it; empty if nothing was found."""
+    """Describe the first value in a message, or a part of it, that cannot be encoded; "" if there is none."""
     inner: Iterable[tuple[str, object]] = ()
     if isinstance(value, msgspec.Struct):
         inner = ((f"{name}.{field}", getattr(value, field)) for field in value.__struct_fields__)
@@ -72,27 +70,27 @@ def _unfit(value: object, name: str = "") -> str:
             kind = f"{type(value).__module__}.{type(value).__qualname__}"
             shown = ascii(value)
             shown = f"{shown[:60]}…" if len(shown) > 60 else shown
-            return f"holds {shown}, a {kind}, in {name.lstrip('.')}; it must be a plain value ({error})"
+            return f"has {shown} of type {kind} in {name.lstrip('.')}; it must be a plain value ({error})"
     return next(filter(None, (_unfit(item, place) for place, item in inner)), "")
 
 
 def decode(topic: Topic[Message], key: str, payload: bytes) -> Message:
-    """The message in `payload`, or WireError with key, field and value."""
+    """Decode `payload`. Raises WireError with key, field and value."""
     if payload[:1] != _PREFIX:
         found = f"version {payload[0]}" if payload else "no bytes"
-        raise WireError(f"{key}: {found} where message version {MESSAGE_VERSION} was due")
+        raise WireError(f"{key}: {found}, expected message version {MESSAGE_VERSION}")
     try:
         message: Message = _DECODERS[topic.kind].decode(memoryview(payload)[1:])
     except msgspec.ValidationError as error:
         raise WireError(_explain(topic, key, payload[1:], str(error))) from None
-    except (ValueError, RecursionError) as error:  # DecodeError; text that is not UTF-8; nested too deeply
-        raise WireError(f"{key}: not msgpack after {len(payload)} bytes: {error}") from None
+    except (ValueError, RecursionError) as error:  # DecodeError; invalid UTF-8; nested too deeply
+        raise WireError(f"{key}: {len(payload)} bytes of invalid msgpack: {error}") from None
     return message
 
 
 def _element(kind: msgspec.inspect.Type | None, number: int) -> tuple[str, msgspec.inspect.Type | None]:
-    """Return an element of a message as it stands in its name, and its type if that is known."""
-    if isinstance(kind, msgspec.inspect.UnionType):  # a part that may be missing
+    """Return an element's name within its message, and its type if known."""
+    if isinstance(kind, msgspec.inspect.UnionType):  # an optional part
         kinds = [one for one in kind.types if not isinstance(one, msgspec.inspect.NoneType)]
         kind = kinds[0] if len(kinds) == 1 else None
     if isinstance(kind, msgspec.inspect.StructType) and kind.tag is None:
@@ -102,7 +100,7 @@ def _element(kind: msgspec.inspect.Type | None, number: int) -> tuple[str, msgsp
 
 
 def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
-    """One sentence with the name and the value of the field that `reason`, msgspec's words, points to."""
+    """Return an error with name and value of the field in `reason`, msgspec's message."""
     reason, _, path = reason.partition(" - at `$")
     try:
         value = msgspec.msgpack.decode(body)

@@ -1,7 +1,7 @@
-"""The contract of an actor's core: messages in, messages out, and nothing else.
+"""Interface of an actor's core: messages in, messages out, no I/O.
 
-A core opens no file, reads no clock, starts no thread and draws no number that its generator did not give it.
-So the same core runs behind Zenoh, in one process over memory, and under a debugger from a recording.
+A core opens no file, reads no clock, starts no thread, and draws random numbers only from its generator.
+So the same core runs over Zenoh, in memory, and from a recording in a debugger.
 """
 
 import functools
@@ -21,65 +21,65 @@ M = TypeVar("M", bound=Message)
 
 
 class Address(NamedTuple):
-    """One key on the bus; made by `at`."""
+    """A key on the bus, with its topic; created by `at`."""
 
     topic: Topic[Message]
     robot: str
-    """Where the topic has one, the robot's id; "*" = every robot."""
+    """Robot id if the topic has one; "*": every robot."""
     key: str
-    """The key as text."""
+    """Key as text."""
 
 
 class Output(msgspec.Struct, frozen=True, gc=False):
-    """A message and where it goes."""
+    """A message with its destination."""
 
     address: Address
     message: Message
 
 
 Inputs = Mapping[str, Message]
-"""What a core is given: one message per key."""
+"""Inputs of a core: one message per key."""
 
 
 class Core(Protocol):
-    """One actor without I/O."""
+    """An actor's logic, without I/O."""
 
     @property
     def step(self) -> int:
-        """The step that the core is in: every message it awaits or gives belongs to it."""
+        """Current step: all messages that the core waits for or returns belong to it."""
 
     @property
     def finished(self) -> bool:
         """True once the core will take no further step."""
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """What must still arrive before `advance`, given what is at hand.
+        """Return the messages still missing before `advance`, given the inputs so far.
 
-        Called again whenever all it named has arrived, so that a message can name others by its counts.
+        Called again when all of them have arrived: a message can announce others by its counts.
         """
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Take in exactly what `missing` asked for and give what follows, in the order it is to be sent."""
+        """Process exactly the messages that `missing` returned; return the outputs in sending order."""
 
 
 def to(topic: Topic[M], message: M, robot: str = "") -> Output:
-    """`message` on `topic`; mypy checks that the two fit."""
+    """Return `message` as an output on `topic`; mypy checks that their types match."""
     return Output(at(topic, robot), message)
 
 
 @functools.cache
 def at(topic: Topic[M], robot: str = "") -> Address:
-    """The address of `topic` for `robot`."""
+    """Return the address of `topic` for `robot`."""
     return Address(topic, robot, topic.key(robot))  # type: ignore[arg-type]
 
 
 def read(inputs: Inputs, topic: Topic[M], robot: str = "") -> M:
-    """The message of `topic` among the inputs; it must be there."""
+    """Return the input message of `topic`, which must be present."""
     return inputs[at(topic, robot).key]  # type: ignore[return-value]  # `decode` has made it of the topic's type
 
 
 class Delivery(msgspec.Struct, frozen=True, gc=False):
-    """Encoded bytes that arrived on a key."""
+    """An encoded message received on a key."""
 
     topic: Topic[Message]
     key: str
@@ -87,37 +87,37 @@ class Delivery(msgspec.Struct, frozen=True, gc=False):
 
 
 class Outlet(Protocol):
-    """The sending half of a bus; keeps the order of one sender's messages on one key."""
+    """Sending half of a bus; messages of one sender on one key keep their order."""
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Hand `payload` to everyone who listens to `key`; never drops."""
+        """Publish `payload` to all subscribers of `key`; never drop it."""
 
 
 class Bus(Outlet, Protocol):
-    """A bus from which an actor fetches what it waits for: the mesh, or a recording.
+    """Bus with a blocking receive: the mesh, or a recording.
 
-    In memory nobody can wait: there the bus hands each message to the shells that listen (`MemoryBus`).
+    The in-memory bus cannot block: it delivers each message to the subscribed shells (`MemoryBus`).
     """
 
     def receive(self, topic: Topic[Message]) -> Delivery:
-        """The next message on any key of `topic`; waits for it."""
+        """Wait for the next message on any key of `topic`, and return it."""
 
     def poll(self, topic: Topic[Message]) -> Delivery | None:
-        """The next message on any key of `topic` if one is there."""
+        """Return the next message on any key of `topic`; None: none has arrived."""
 
 
 class Pace:
-    """Since the origin simulated time has never passed more than `speed` times as fast as real time.
+    """Limit of simulated time to `speed` times real time since the origin.
 
-    A run that is late does not wait, and so goes faster than that until it has caught up.
+    A late run does not wait, and so runs faster until it has caught up.
     """
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
         self._origin: float | None = None
 
-    def hold(self, instant: Instant) -> None:
-        """Return when `instant` is due; the first call sets the origin."""
+    def wait_until(self, instant: Instant) -> None:
+        """Wait until `instant` is due; the first call sets the origin."""
         now = time.monotonic()
         due = in_seconds(instant) / self._speed
         if self._origin is None:
@@ -126,16 +126,16 @@ class Pace:
             time.sleep(self._origin + due - now)
 
     def restart(self) -> None:
-        """After a pause: the next instant sets the origin anew."""
+        """Let the next instant set a new origin, after a pause."""
         self._origin = None
 
 
 @contextmanager
-def ticking(period_s: float, tick: Callable[[FrameType | None], None]) -> Iterator[None]:
-    """Call `tick` in the main thread every `period_s`, between two instructions of whatever runs there.
+def interval_timer(period_s: float, tick: Callable[[FrameType | None], None]) -> Iterator[None]:
+    """Call `tick` in the main thread every `period_s`, between two Python instructions.
 
-    It is given the frame that it comes between, and may raise. Uses the interval timer, so there can
-    be one of these at a time; a process that was stopped meanwhile gets one call, however long that lasted.
+    `tick` gets the interrupted frame and may raise. Uses the process's only interval timer, so contexts
+    cannot overlap; a process that was stopped meanwhile gets a single call.
     """
 
     def ring(number: int, frame: FrameType | None) -> None:

@@ -1,4 +1,4 @@
-"""A debugger in the user's own code, at a terminal; meanwhile the whole run waits."""
+"""Debugger for the user's code at a terminal; the run waits meanwhile."""
 
 import os
 import pdb
@@ -13,27 +13,27 @@ _ROOT: Final = Path(__file__).resolve().parents[2]
 _OURS: Final = tuple(
     f"{_ROOT / name}/" for name in ("acrc_testbed", "actors", "deeco", "deploy", "firmware_bridge")
 )
-"""What a strategy runs on."""
+"""Framework code, which the debugger skips."""
 _SHIPPED: Final = f"{_ROOT / 'cleaning'}/"
-"""The shipped strategies: the user's code if there is no other."""
+"""Shipped strategies: skipped if the user has a strategy of their own."""
 
 
 class UserPdb(pdb.Pdb):
-    """A debugger that steps over everything that a strategy runs on."""
+    """A debugger that skips framework code."""
 
     def __init__(
         self, stdin: TextIO | None = None, stdout: TextIO | None = None, *, own: bool = False
     ) -> None:
-        """`own`: the strategy is the user's, and what the shipped ones are made of is stepped over, too."""
-        super().__init__(stdin=stdin, stdout=stdout, skip=["*"])  # so that is_skipped_module is asked
+        """`own`: the strategy is the user's; skip the shipped strategies, too."""
+        super().__init__(stdin=stdin, stdout=stdout, skip=["*"])  # calls is_skipped_module for every module
         self._skipped = (*_OURS, sys.prefix, sys.base_prefix, *((_SHIPPED,) if own else ()))
 
     def stop_here(self, frame: FrameType) -> bool:
-        """As in Bdb, but never in code that stands in no file, as what a dataclass generates."""
+        """As in Bdb, but never in code without a file, such as a dataclass's generated methods."""
         return not frame.f_code.co_filename.startswith("<") and super().stop_here(frame)
 
     def is_skipped_module(self, module_name: Any) -> bool:
-        """True for all but the user's code."""
+        """Return True except for the user's code."""
         module = sys.modules.get(module_name or "")
         file = getattr(module, "__file__", None)
         if file is None:
@@ -42,24 +42,24 @@ class UserPdb(pdb.Pdb):
 
 
 class _RobotPdb(UserPdb):
-    """A debugger that ends the run when the user leaves it."""
+    """A debugger that ends the run when the user quits it."""
 
     def set_quit(self) -> None:
-        """Raises AcrcError."""
+        """Raise AcrcError, which ends the run."""
         super().set_quit()
         sys.settrace(None)
-        raise AcrcError("somebody has left the debugger; `c` goes on with the run")
+        raise AcrcError("the run ended because the debugger was quit; use `c` to continue")
 
 
 def answer_breakpoints(terminal: str | None, robot: str) -> None:
-    """Decide what `breakpoint()` does in this process from now on.
+    """Set the behaviour of `breakpoint()` in this process.
 
-    `terminal`: the path of a device, at which it stops and output appears; empty: nothing, for another robot
-    is debugged; None: raise AcrcError, for nobody could type. Raises AcrcError where it cannot be opened.
+    `terminal`: path of the terminal device for the debugger; empty: ignore breakpoints, another robot is
+    debugged; None: raise AcrcError. Raises AcrcError if the device cannot be opened.
     """
 
     def refuse(*args: object, **kwargs: object) -> None:
-        raise AcrcError(f"breakpoint() has no terminal here; `acrc run --debug {robot}` stops there")
+        raise AcrcError(f"breakpoint() has no terminal; use `acrc run --debug {robot}`")
 
     if terminal:
         streams = sys.stdin, sys.stdout = _open(terminal)
@@ -72,11 +72,11 @@ def _open(terminal: str) -> tuple[TextIO, TextIO]:
     try:
         device = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
     except OSError as error:
-        raise AcrcError(f"{terminal}: no terminal for a debugger: {error.strerror}") from None
+        raise AcrcError(f"{terminal}: cannot be opened for the debugger: {error.strerror}") from None
     reading = os.fdopen(device, encoding="utf-8", errors="replace")
     return reading, os.fdopen(os.dup(device), "w", encoding="utf-8", buffering=1)
 
 
 def stop_here(frame: FrameType | None) -> None:
-    """Stop in a frame, at the streams that this process was started with, wherever they lead by now."""
+    """Stop in a frame, using the streams that this process was started with."""
     _RobotPdb(sys.__stdin__, sys.__stdout__).set_trace(frame)

@@ -1,4 +1,4 @@
-"""Failures of processes: the reserve with which they report one, and the cause in words."""
+"""Failures of processes: their cause as text, and the resources reserved for reporting them."""
 
 import mmap
 import os
@@ -19,113 +19,112 @@ import msgspec
 from actors.runtime.errors import AcrcError, printable
 
 _MEMORY: Final = 16 * 1024 * 1024
-"""Bytes; own choice: many times what a failure note and the traceback in the log take. It is address space
-until it is used."""
+"""Bytes; own choice: many times the size of a failure note and a traceback. Only address space until used."""
 _DISK: Final = 64 * 1024
-"""Bytes; own choice: the last records of a recording, and the traceback in the log."""
+"""Bytes; own choice: for the last records of a recording and the traceback in the log."""
 _DESCRIPTORS: Final = 8
 _MAP_NORESERVE: Final = 0x4000
-"""mmap(2); makes the kernel keep it apart from what lies beside it, so that all of it comes free at once."""
+"""mmap(2); keeps the mapping separate from its neighbours, so that all of it is freed at once."""
 
 
-class _Held:
-    """The reserve: memory, and how each other part is released."""
+class _Reserve:
+    """Reserved memory, and the functions that release everything else."""
 
     memory: mmap.mmap | None = None
     others: Final[list[Callable[[], object]]] = []
 
 
-_held: Final = _Held()
+_reserve: Final = _Reserve()
 
 
-def hold(folder: Path) -> None:
-    """Hold a reserve of memory, descriptors and, in `folder`, disk, unless this process does already.
+def hold_reserve(folder: Path) -> None:
+    """Reserve memory, descriptors and, in `folder`, disk space, unless this process has a reserve.
 
-    What the system does not give is left out.
+    Resources that the system refuses are skipped.
     """
-    if _held.memory is not None:
+    if _reserve.memory is not None:
         return
     with suppress(OSError):
-        _held.memory = mmap.mmap(-1, _MEMORY, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_NORESERVE)
+        _reserve.memory = mmap.mmap(-1, _MEMORY, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _MAP_NORESERVE)
     for _ in range(_DESCRIPTORS):
         with suppress(OSError):
-            _held.others.append(partial(os.close, os.open(os.devnull, os.O_RDONLY)))
+            _reserve.others.append(partial(os.close, os.open(os.devnull, os.O_RDONLY)))
     with suppress(OSError), tempfile.TemporaryFile(dir=folder, buffering=0) as file:
         os.posix_fallocate(file.fileno(), 0, _DISK)
         room = os.dup(file.fileno())
-        _held.others.extend((partial(os.close, room), partial(os.ftruncate, room, 0)))  # a fork has it
+        _reserve.others.extend((partial(os.close, room), partial(os.ftruncate, room, 0)))  # a fork has it
 
 
-def keep_room_in_files() -> None:
-    """Hold back a little of the size limit of this process's files, if there is one."""
+def reserve_file_size() -> None:
+    """Keep back a little of the process's file size limit, if there is one."""
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     if most != resource.RLIM_INFINITY:
         resource.setrlimit(resource.RLIMIT_FSIZE, (max(most - _DISK, 0), most))
-        _held.others.append(partial(resource.setrlimit, resource.RLIMIT_FSIZE, (most, most)))
+        _reserve.others.append(partial(resource.setrlimit, resource.RLIMIT_FSIZE, (most, most)))
 
 
-def release() -> None:
-    """Release the reserve, if there is one; the memory first, for which nothing must be allocated."""
-    if _held.memory is not None:
-        _held.memory.close()
-        _held.memory = None
-    while _held.others:
-        with suppress(OSError, ValueError):  # a strategy may have closed it, or lowered the limit
-            _held.others.pop()()
+def release_reserve() -> None:
+    """Release the reserve, if any: first the memory, which takes no allocation."""
+    if _reserve.memory is not None:
+        _reserve.memory.close()
+        _reserve.memory = None
+    while _reserve.others:
+        with suppress(OSError, ValueError):  # closed, or the limit lowered, by a strategy
+            _reserve.others.pop()()
 
 
 _LIBRARIES: Final = tuple(
     f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")
 )
-"""Where code lies that is neither the user's nor this project's."""
+"""Folders of library code: neither the user's nor this project's."""
 _FRAMEWORK: Final = tuple(
     f"{Path(__file__).resolve().parents[3] / name}/" for name in ("acrc_testbed", "actors", "deeco", "deploy")
 )
 _MOST_SHOWN: Final = 20
-"""Frames below the sentence of a failure."""
+"""Most frames shown below a failure."""
 _LONGEST_TRACE: Final = 1200
-"""Frames of a traceback that are shown; Python's own limit of recursion is 1000."""
+"""Most frames of a traceback; Python's recursion limit is 1000."""
 
 
-class TimedOut(BaseException):  # no Exception, for a strategy may catch those
-    """An actor does not end its step; the text says which one, and where it stands."""
+class StepTimeout(BaseException):  # not an Exception, which a strategy may catch
+    """An actor exceeded its timeout; the text names it and its current line."""
 
 
 class HardExit(SystemExit):
-    """`os._exit` was called where it would have ended the whole run."""
+    """A call of `os._exit` where it would have ended the whole run."""
 
 
 class FailureNote(msgspec.Struct, frozen=True):
-    """The last record of a process that failed: the step it was in, and the cause in words."""
+    """Last record of a failed process: step and cause."""
 
     actor: str
     step: int
     cause: str
     expected: bool
-    """True for an AcrcError, whose sentence says it all; False for a bug, whose traceback is in the log."""
+    """True for an AcrcError, whose text is sufficient; False for a bug with a traceback in the log."""
 
 
 def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
-    """Return the cause in words; releases the process's reserve."""
-    release()
-    if isinstance(error, AcrcError | TimedOut):
+    """Return the failure as a note; releases the process's reserve."""
+    release_reserve()
+    if isinstance(error, AcrcError | StepTimeout):
         return FailureNote(actor, step, printable(str(error)), expected=True)
-    # what the lack of memory meets on its way up may fail, too: the first one is the cause
-    alike = [error, *takewhile(lambda one: isinstance(one, MemoryError), _chain(error))]
-    place = next(filter(None, map(_raised_at, reversed(alike))), "")  # without memory there are no lines
-    return FailureNote(actor, step, printable(f"{_said(error)}{place}"), expected=False)
+    # handlers of a MemoryError may run out of memory, too: the first error is the cause
+    alike = [error, *takewhile(lambda one: isinstance(one, MemoryError), _error_chain(error))]
+    place = next(filter(None, map(_raised_at, reversed(alike))), "")  # "" without memory
+    return FailureNote(actor, step, printable(f"{_error_text(error)}{place}"), expected=False)
 
 
 def print_traceback(error: BaseException) -> None:
-    """Print the traceback of a bug, as far as standard error takes it; of endless recursion the end."""
+    """Print a bug's traceback, as far as standard error accepts it; of a deep recursion only the end."""
     with suppress(MemoryError, OSError):
-        for one in _chain(error):
-            one.__traceback__ = _end_of(one.__traceback__)
+        for one in _error_chain(error):
+            one.__traceback__ = _last_frames(one.__traceback__)
         traceback.print_exception(error)
 
 
 def own_frames(error: BaseException) -> str:
-    """Return the lines of the traceback that are in the user's own code, or in a shipped strategy."""
+    """Return the traceback lines in the user's code or a shipped strategy."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
@@ -134,22 +133,22 @@ def own_frames(error: BaseException) -> str:
     return printable("".join(traceback.format_list(frames[-_MOST_SHOWN:])))
 
 
-def in_words(note: FailureNote) -> str:
+def failure_sentence(note: FailureNote) -> str:
     """Return the note as one sentence."""
     where = "" if note.cause.startswith("step ") else f"{note.actor} failed in step {note.step}: "
     return f"{where}{note.cause}"
 
 
-def where(frame: FrameType | None) -> str:
-    """`mine.py:12 (advance)`: where in its own code, not in a library, a thread stands."""
+def current_line(frame: FrameType | None) -> str:
+    """Return a thread's current line outside libraries, such as `mine.py:12 (advance)`."""
     frames = [(at.f_code.co_filename, line, at.f_code.co_name) for at, line in traceback.walk_stack(frame)]
-    own = own_place([(name, line) for name, line, _ in frames])
+    own = own_line([(name, line) for name, line, _ in frames])
     function = next((each[2] for each in frames if each[:2] == own), "")
     return f"{Path(own[0]).name}:{own[1]} ({function})"
 
 
-def own_place(frames: Sequence[tuple[str, int]]) -> tuple[str, int]:
-    """Of file names and lines, the innermost first, the first that is in no library."""
+def own_line(frames: Sequence[tuple[str, int]]) -> tuple[str, int]:
+    """Return the innermost file name and line outside libraries."""
     return next(filter(_is_own, frames), frames[0] if frames else ("nowhere", 0))
 
 
@@ -158,12 +157,12 @@ def _is_own(frame: tuple[str, int]) -> bool:
 
 
 def _raised_at(error: BaseException) -> str:
-    """` (mine.py:12)`: the last line of its own code on the way to where it was raised; "" if it is lost."""
+    """Return the innermost line outside libraries, such as ` (mine.py:12)`; "" if unknown."""
     frames: Iterable[tuple[str, int]] = (
         (frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)
     )
     if isinstance(error, HardExit):
-        frames = [*frames][:-1]  # the last one is that of the function that stands in for os._exit
+        frames = [*frames][:-1]  # the last frame is the replacement of os._exit
     last = own = ("", 0)
     for last in frames:
         own = last if _is_own(last) else own
@@ -171,8 +170,8 @@ def _raised_at(error: BaseException) -> str:
     return f" ({Path(name).name}:{line})" if name else ""
 
 
-def _chain(error: BaseException) -> Iterator[BaseException]:
-    """The error and those that it came of."""
+def _error_chain(error: BaseException) -> Iterator[BaseException]:
+    """Yield the error, its cause or context, and so on."""
     seen: set[int] = set()
     now: BaseException | None = error
     while now is not None and id(now) not in seen:
@@ -181,7 +180,7 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
         now = now.__cause__ or now.__context__
 
 
-def _end_of(trace: TracebackType | None) -> TracebackType | None:
+def _last_frames(trace: TracebackType | None) -> TracebackType | None:
     length, at = 0, trace
     while at is not None:
         length, at = length + 1, at.tb_next
@@ -190,12 +189,12 @@ def _end_of(trace: TracebackType | None) -> TracebackType | None:
     return trace
 
 
-def _said(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     if isinstance(error, SystemExit):
         function = "os._exit" if isinstance(error, HardExit) else "sys.exit"
         return f"its code called {function}({error.code!r})"
     try:
         text = str(error)
-    except Exception:  # an exception of the user's own, that cannot even be shown
-        text = "(which has no text that can be shown)"
+    except Exception:  # a user's exception whose __str__ fails
+        text = "(its text cannot be shown)"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,7 +1,7 @@
-"""Linux system calls that Python 3.11 lacks, and the start and end of processes.
+"""Linux system calls missing in Python 3.11, and the start and end of processes.
 
-Each raises OSError that names the call. Numbers are those of the kernel's uapi headers (sched.h, mount.h,
-prctl.h, capability.h).
+Each raises OSError naming the call. Constants are from the kernel's uapi headers (sched.h, mount.h, prctl.h,
+capability.h).
 """
 
 import contextlib
@@ -56,7 +56,7 @@ _PR_CAP_AMBIENT: Final = 47
 _PR_CAP_AMBIENT_CLEAR_ALL: Final = 4
 _CAPABILITY_VERSION_3: Final = 0x2008_0522
 _CAPABILITIES: Final = 64
-"""Room in version 3."""
+"""Number of capabilities in version 3."""
 
 
 @cache
@@ -72,7 +72,7 @@ def _checked(result: int, what: str) -> int:
 
 
 def unshare(flags: int) -> None:
-    """Move this process into new namespaces (unshare(2))."""
+    """Move this process to new namespaces (unshare(2))."""
     _checked(_libc().unshare(flags), "unshare of user, network, mount, IPC and process namespaces")
 
 
@@ -90,7 +90,7 @@ def mount(source: str | None, target: str | Path, kind: str | None, flags: int, 
 
 
 def mount_flags(path: str | Path) -> int:
-    """Return the per-mount flags at `path`, to be repeated when it is remounted; without MS_RDONLY."""
+    """Return the mount flags at `path` to repeat in a remount; without MS_RDONLY."""
     found = os.statvfs(path).f_flag
     flags = found & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
     if found & _ST_RELATIME:
@@ -99,7 +99,7 @@ def mount_flags(path: str | Path) -> int:
 
 
 def pivot_root(root: str | Path) -> None:
-    """Make the mount at `root` this process's root, and detach the former one (pivot_root(2))."""
+    """Make the mount at `root` the root of this process, and detach the former one (pivot_root(2))."""
     os.chdir(root)
     number = ctypes.c_long(_SYS_PIVOT_ROOT[os.uname().machine])
     _checked(_libc().syscall(number, b".", b"."), f"pivot_root to {root}")
@@ -107,8 +107,8 @@ def pivot_root(root: str | Path) -> None:
     os.chdir("/")
 
 
-def reserve(descriptor: int, size: int) -> None:
-    """Allocate the first `size` bytes of a file on the disk; its length stays (fallocate(2))."""
+def allocate(descriptor: int, size: int) -> None:
+    """Allocate the first `size` bytes of a file on disk without changing its length (fallocate(2))."""
     result = _libc().fallocate(
         descriptor, _FALLOC_FL_KEEP_SIZE, ctypes.c_longlong(0), ctypes.c_longlong(size)
     )
@@ -116,16 +116,16 @@ def reserve(descriptor: int, size: int) -> None:
 
 
 def prctl(option: int, argument: int = 0, more: int | ctypes.c_void_p = 0) -> None:
-    """Change something of this process (prctl(2))."""
+    """Change a property of this process (prctl(2))."""
     last = more if isinstance(more, ctypes.c_void_p) else ctypes.c_ulong(more)
     result = _libc().prctl(option, ctypes.c_ulong(argument), last, ctypes.c_ulong(0), ctypes.c_ulong(0))
     _checked(result, f"prctl option {option}")
 
 
 def set_title(title: str) -> None:
-    """Set the process name and command line that ps and top show, as far as it fits.
+    """Set the process name and command line shown by ps and top, truncated to the available space.
 
-    Overwrites the command line in memory (proc(5), arg_start in /proc/PID/stat).
+    Overwrites the command line in memory (arg_start in /proc/PID/stat, proc(5)).
     """
     name = ctypes.create_string_buffer(title.encode()[:15])
     prctl(_PR_SET_NAME, ctypes.addressof(name))
@@ -138,15 +138,15 @@ def set_title(title: str) -> None:
 
 @cache
 def _command_line() -> tuple[int, int] | None:
-    """Return its begin and end in memory, also for forks, which may have no /proc; None under qemu."""
+    """Return the command line's start and end in memory, also for forks without /proc; None under qemu."""
     numbers = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
     return (int(numbers[45]), int(numbers[46])) if len(numbers) > 46 else None
 
 
 def drop_capabilities() -> None:
-    """Give up every capability, also for programs that this process executes later (capabilities(7))."""
+    """Drop all capabilities, also for programs executed later (capabilities(7))."""
     for capability in range(_CAPABILITIES):
-        with contextlib.suppress(OSError):  # EINVAL beyond the last one that this kernel knows
+        with contextlib.suppress(OSError):  # EINVAL beyond the kernel's last capability
             prctl(_PR_CAPBSET_DROP, capability)
     prctl(_PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL)
     header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)
@@ -155,25 +155,25 @@ def drop_capabilities() -> None:
     prctl(_PR_SET_NO_NEW_PRIVS, 1)
 
 
-RESERVE: Final = 8192
-"""Bytes allocated behind a log's end: on a full disk, the reason why a process ends still finds room."""
+LOG_RESERVE: Final = 8192
+"""Bytes allocated beyond the end of a log, for the reason of a failure on a full disk."""
 
 
 def create_log(path: Path) -> int:
-    """Return a descriptor of a new file to append to; FileExistsError if there is anything, even a link."""
+    """Create a log for appending; return its descriptor. FileExistsError if the path exists, even as link."""
     log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_APPEND, 0o644)
-    keep_room(log)
+    reserve_log_space(log)
     return log
 
 
-def keep_room(log: int) -> None:
-    """Renew the reserve of a log, as far as the disk has room."""
+def reserve_log_space(log: int) -> None:
+    """Extend the space reserved for a log, as far as the disk has space."""
     if sys.platform == "linux":
-        with suppress(OSError):  # also a file system that cannot, or no file at all
-            reserve(log, os.fstat(log).st_size + RESERVE)
+        with suppress(OSError):  # full disk, no fallocate, or not a file
+            allocate(log, os.fstat(log).st_size + LOG_RESERVE)
 
 
-def write_to(log: int) -> None:
+def redirect_output(log: int) -> None:
     """Redirect this process's standard output and error to an open log."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -182,16 +182,16 @@ def write_to(log: int) -> None:
     os.close(log)
 
 
-class Ended(SystemExit):
-    """SIGTERM has come."""
+class Terminated(SystemExit):
+    """Exit on SIGTERM."""
 
 
 def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> None:
-    """Get the signal `number` as soon as the parent ends; `parent` is the parent's process id.
+    """Send this process the signal `number` when its parent, the process `parent`, exits.
 
-    Call it after `isolate`, because a change of user or capabilities clears the setting (prctl(2),
-    PR_SET_PDEATHSIG), and in the main thread. The parent counts as ended when the *thread* that started this
-    process ends. On other systems than Linux only a parent that has already ended is noticed.
+    Call it in the main thread, after `isolate`: a change of user or capabilities clears the setting
+    (prctl(2), PR_SET_PDEATHSIG). The parent counts as exited when the *thread* that started this process
+    exits. Outside Linux only a parent that has already exited is noticed.
     """
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, number)
@@ -199,114 +199,115 @@ def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> Non
         os.kill(os.getpid(), number)
 
 
-def leave_in_order() -> None:
-    """Let SIGTERM end this process by Ended, so that sockets, files and sessions are closed."""
+def exit_on_sigterm() -> None:
+    """Raise Ended on SIGTERM, so that sockets, files and sessions are closed."""
 
     def leave(number: int, frame: FrameType | None) -> None:
-        raise Ended(128 + number)
+        raise Terminated(128 + number)
 
     signal.signal(signal.SIGTERM, leave)
 
 
-def leave(code: int) -> NoReturn:
-    """End this process now, without waiting for the user's threads or a full disk."""
+def exit_now(code: int) -> NoReturn:
+    """Exit immediately, without waiting for the user's threads or a full disk."""
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
     os._exit(code)
 
 
-def answer_where() -> None:
-    """Write the stack to standard error on SIGUSR1, even during an endless loop, and on a crash."""
+def enable_stack_dumps() -> None:
+    """Dump the stack to standard error on SIGUSR1, even in an endless loop, and on a crash."""
     faulthandler.enable(file=2)
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=True)
 
 
-# Only a child enters a new process namespace (pid_namespaces(7)). So the started process becomes the keeper,
-# which stays outside, and the robot goes on in a child, process 2 of the namespace. Process 1 is another
-# child: the kernel ends a namespace with all its processes when process 1 ends.
+# Only a child can enter a new process namespace (pid_namespaces(7)). So the started process becomes the
+# keeper outside, and the robot continues in a child, process 2 of the namespace. Process 1 is another child:
+# when it exits, the kernel kills all processes of the namespace.
 
 _FORWARDED: Final = (
     signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2,
 )  # fmt: skip
-_spent: list[float] = []
+_keeper_cpu_s: list[float] = []
 """CPU time of this process's keepers, s."""
 
 
 def enter_namespace(parent: int | None, prepare: Callable[[], None], private: Collection[int]) -> None:
-    """Go on in a child, alone in the new process namespace; this process becomes its keeper.
+    """Continue in a child, alone in a new process namespace; this process becomes its keeper.
 
-    Returns in the child. Call it after unshare(CLONE_NEWPID), with one thread, and with no descriptor open
-    that the namespace must not share. The keeper first calls `prepare`, which must end the process if it
-    fails; it alone keeps the descriptors `private`. It forwards signals, and ends as the child does once the
-    namespace is empty. The namespace ends with the keeper, and with `parent` (a process id; None: no parent).
+    Returns in the child. Call it after unshare(CLONE_NEWPID), with a single thread, and without open
+    descriptors that the namespace must not share. The keeper first calls `prepare`, which must exit on
+    failure; only the keeper keeps the descriptors `private`. It forwards signals, and exits like the child
+    once the namespace is empty. The namespace ends with the keeper and with `parent` (a process id; None: no
+    parent).
     """
     sys.stdout.flush()
     sys.stderr.flush()
     spent = cpu_s()
     pulse, lifeline = os.pipe()
-    nothing = os.open(os.devnull, os.O_RDWR)  # now: /dev will be replaced
+    nothing = os.open(os.devnull, os.O_RDWR)  # before /dev is replaced
     first = os.fork()
     if first == 0:
         for handle in (lifeline, *private):
             os.close(handle)
-        _be_first(pulse, nothing)
+        _run_init(pulse, nothing)
     child = os.fork()
     if child == 0:
         for handle in (pulse, lifeline, nothing, *private):
             os.close(handle)
-        os.setsid()  # or a signal to the own group would reach the group of the keeper
-        _spent.append(spent)
+        os.setsid()  # keeps signals to its group from the keeper's group
+        _keeper_cpu_s.append(spent)
         return
     os.close(pulse)
     try:
         prepare()
-        status = _keep(child, nothing, parent)
+        status = _run_keeper(child, nothing, parent)
     finally:  # the keeper must never return into the robot's program
         os.close(lifeline)
         os.waitpid(first, 0)
-    _end_alike(status)
+    _exit_alike(status)
 
 
-def add_spent(seconds: float) -> None:
-    """Count CPU time of a keeper in `cpu_s`."""
-    _spent.append(seconds)
+def add_cpu_s(seconds: float) -> None:
+    """Add a keeper's CPU time to `cpu_s`."""
+    _keeper_cpu_s.append(seconds)
 
 
 def cpu_s() -> float:
     """Return the CPU time of this process and its keepers, s."""
-    return time.process_time() + sum(_spent)
+    return time.process_time() + sum(_keeper_cpu_s)
 
 
-def _be_first(pulse: int, nothing: int) -> NoReturn:
-    """Be process 1, which reaps orphans by ignoring their ends, and ends with the keeper."""
+def _run_init(pulse: int, nothing: int) -> NoReturn:
+    """Run as process 1: reap orphans by ignoring SIGCHLD; exit with the keeper."""
     try:
         os.setsid()
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)
-        _let_go(nothing)
+        _release_log(nothing)
         os.read(pulse, 1)
     finally:
         os._exit(0)
 
 
-def _keep(child: int, nothing: int, parent: int | None) -> int:
-    """Wait for the child's end; return its status."""
+def _run_keeper(child: int, nothing: int, parent: int | None) -> int:
+    """Wait for the child; return its status."""
     for number in _FORWARDED:
         signal.signal(number, lambda got, _: os.kill(child, got))
-    _let_go(nothing)
+    _release_log(nothing)
     if parent is not None:
         die_with_parent(parent)
     return os.waitpid(child, 0)[1]
 
 
-def _let_go(nothing: int) -> None:
-    """Release the log and the working directory."""
+def _release_log(nothing: int) -> None:
+    """Release log and working directory."""
     os.chdir("/")
     for number in (0, 1, 2):
         os.dup2(nothing, number)
 
 
-def _end_alike(status: int) -> NoReturn:
+def _exit_alike(status: int) -> NoReturn:
     code = os.waitstatus_to_exitcode(status)
     if code < 0:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,4 +1,4 @@
-"""An actor's process around its shell: join the mesh, publish Ready, run, record the end."""
+"""Process of an actor: join the mesh, publish Ready, run the core, record the outcome."""
 
 import ctypes
 import gc
@@ -15,12 +15,12 @@ import msgspec
 import zenoh
 
 from actors.runtime import failure, typed_json
+from actors.runtime.captured_output import CapturedOutput, captured_by
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
-from actors.runtime.failure import failure_note, in_words, print_traceback
-from actors.runtime.linux import Ended, cpu_s
-from actors.runtime.prints import Prints, taken_by
-from actors.runtime.process_table import has_strays, leftover_fault
+from actors.runtime.failure import failure_note, failure_sentence, print_traceback
+from actors.runtime.linux import Terminated, cpu_s
+from actors.runtime.process_table import has_descendants, leftover_fault
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import ActorDigest, Shell, run_shell
@@ -31,35 +31,36 @@ T = TypeVar("T")
 
 
 class RunNote(msgspec.Struct, frozen=True):
-    """The first record of every file: the process and its set-up."""
+    """First record of every recording: the process and its set-up."""
 
     actor: str
     seed: int
-    """The run's; a robot's is derived from it (`randomness.derived_seed`)."""
+    """The run's seed; a robot's seed is derived from it (`randomness.derived_seed`)."""
     step_us: int
     commit: str
     setup: msgspec.Raw = msgspec.Raw()
-    """The actor's part of its set-up."""
+    """The actor's part of the set-up."""
     kernels: dict[str, str] = {}
     """Fingerprint of each numeric kernel on fixed inputs, by module or function."""
     processor: Processor = Processor("")
-    """What it ran on."""
+    """Processor that it ran on."""
     code: dict[str, str] | None = None
-    """Sha256 of each module loaded from a folder, by its place there; None: none, or an old recording."""
+    """SHA-256 of each module loaded from a folder, by relative path; None: no such folder, or an old
+    recording."""
 
     def __post_init__(self) -> None:
-        """Refuse old recordings, which have a command line, and the set-up as text."""
+        """Reject old recordings, which have a command line, and the set-up as text."""
         if not bytes(self.setup):
             made_by = f"version {self.commit[:60]}" if self.commit else "an earlier version"
-            raise ValueError(f"it holds no set-up; {made_by} has made it, and can read it; this one cannot")
+            raise ValueError(f"it has no set-up; {made_by} recorded it: use that version")
 
 
 class Setup(Protocol):
-    """A process's set-up, which can be written as JSON."""
+    """A process's set-up, serialisable as JSON."""
 
     @property
     def step_us(self) -> int:
-        """Length of a step, µs."""
+        """Duration of a step, µs."""
 
 
 def run_note(
@@ -76,54 +77,54 @@ def run_note(
 
 
 class FinalNote(msgspec.Struct, frozen=True):
-    """The last record of a process without a failure."""
+    """Last record of a process that did not fail."""
 
     digest: ActorDigest
     published: Count
     received: Count
     unread: Count
-    """Messages received that the core never took."""
+    """Messages received and never used by the core."""
     cpu_s: float
-    """From the process's start to its end."""
+    """CPU time of the process, s."""
     startup_cpu_s: float
-    """The share of it before the first step."""
+    """Part of it before the first step."""
     started_s: float
-    """Wall clock when the first step began, s since the epoch."""
+    """Wall-clock time of the first step, s since the epoch."""
     ended_s: float
     sent: dict[str, Count] = {}
-    """Messages published, by key."""
+    """Number of messages published, by key."""
     arrived: dict[str, Count] = {}
-    """Messages received from other actors, by key, taken or not."""
+    """Number of messages received from other actors, by key, used or not."""
     outcome: dict[str, msgspec.Raw] = {}
-    """The actor's results, by subject."""
+    """Results of the actor, by subject."""
     code: dict[str, str] = {}
-    """As in the first record, with what was loaded later."""
+    """As in the first record, plus modules loaded later."""
 
     def report(self, kind: type[T]) -> T:
-        """Return the outcome as the struct that the actor made it of. Raises ValueError."""
+        """Return the outcome as a struct of type `kind`. Raises ValueError."""
         return typed_json.decode(msgspec.json.encode(self.outcome), kind)
 
 
 @dataclass(frozen=True)
 class ActorProcess:
-    """A core and its connections."""
+    """A core with its connections."""
 
     core: Core
     listens: Sequence[Address]
     run: RunNote
     ready: Output | None = None
-    open_to: Callable[[], Sequence[Address]] = tuple
+    optional_inputs: Callable[[], Sequence[Address]] = tuple
     bus: Callable[[zenoh.Session, Sequence[Address]], Any] = ZenohBus
-    """The bus that `drive` waits on."""
+    """Bus that `drive` waits on."""
     drive: Callable[[Shell, Any], None] = run_shell
     outcome: Callable[[], Mapping[str, object] | msgspec.Struct] = dict
     code: Callable[[], dict[str, str]] = dict
     """Return the modules loaded so far, as in RunNote."""
-    prints: Prints | None = None
-    """Takes the output of a strategy; None: there is none."""
+    prints: CapturedOutput | None = None
+    """Captures the output of a strategy; None: there is no strategy."""
 
 
-def play(
+def run_actor(
     part: ActorProcess,
     recorder: Recorder,
     config: zenoh.Config,
@@ -132,51 +133,53 @@ def play(
     threads: Collection[threading.Thread] | None = None,
     patience_s: float = 0.0,
 ) -> int:
-    """Run an actor over the mesh; return the exit code: 0 without a failure, 1 with one.
+    """Run an actor over the mesh; return the exit code: 0, or 1 after a failure.
 
     Closes `recorder`. Calls `on_listening` once all subscriptions are declared. Waits `patience_s` for the
-    router. `threads`: those before any code of the user's; others must have ended at the end, and so
-    must processes. None: there is no such code.
+    router. `threads`: threads that exist before user code runs; all others, and child processes, must have
+    ended at the end. None: there is no user code.
     """
     with ExitStack() as stack:
         stack.enter_context(recorder)
         recorder.note("run", part.run)
-        failure.hold(recorder.path.parent)
-        stack.callback(failure.release)
+        failure.hold_reserve(recorder.path.parent)
+        stack.callback(failure.release_reserve)
         try:
             session = stack.enter_context(open_session(config, patience_s))
             bus = part.bus(session, part.listens)
             on_listening()
-            shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
+            shell = Shell(
+                part.core, bus, recorder, actor=part.run.actor, optional_inputs=part.optional_inputs
+            )
             shell.prints = part.prints
             if part.ready is not None:
                 shell.send(part.ready)
-            settle()
-            with taken_by(None):  # desks that stand need not be set up each step
+            freeze_heap()
+            with captured_by(None):  # replaces the streams once, not in each step
                 part.drive(shell, bus)
-            failure.release()  # to end well takes as much, and a user's code may have left nothing
+            failure.release_reserve()  # ending takes resources that user code may have used up
             if part.prints is not None:
                 part.prints.close()
-            if threads is not None and (wrong := leftover_fault(has_strays(), threads)):
+            if threads is not None and (wrong := leftover_fault(has_descendants(), threads)):
                 raise AcrcError(wrong)
             recorder.note("final", final_note(shell, part, cpu_s()))
-        except Ended:
+        except Terminated:
             raise
-        except BaseException as error:  # a strategy may call sys.exit, which is no Exception
-            failure.release()  # here already: not even a call may be possible
-            tell(recorder, part.run.actor, part.core.step, error)
+        except BaseException as error:  # a strategy may call sys.exit, which is not an Exception
+            failure.release_reserve()  # first of all: without memory no call may succeed
+            report_failure(recorder, part.run.actor, part.core.step, error)
             return 1
     return 0
 
 
-def tell(recorder: Recorder, actor: str, step: int, error: BaseException) -> None:
-    """Report what has ended the process in its last record and in its log, a bug with its traceback."""
+def report_failure(recorder: Recorder, actor: str, step: int, error: BaseException) -> None:
+    """Report a process's failure in its last record and its log; a bug with its traceback."""
     note = failure_note(actor, step, error)
-    told = f"{in_words(note)}\n" if note.expected else ""
+    told = f"{failure_sentence(note)}\n" if note.expected else ""
     try:
         recorder.note("failure", note)
-    except AcrcError:  # not even the room that was kept for it is there
-        told = f"{in_words(note)}\n"
+    except AcrcError:  # even the reserved disk space is gone
+        told = f"{failure_sentence(note)}\n"
     if not note.expected:
         print_traceback(error)
     with suppress(OSError):
@@ -184,7 +187,7 @@ def tell(recorder: Recorder, actor: str, step: int, error: BaseException) -> Non
         sys.stderr.flush()
 
 
-def settle() -> None:
+def freeze_heap() -> None:
     """Return free memory to the system, and exempt all objects from garbage collection."""
     gc.collect()
     if sys.platform == "linux":
@@ -195,20 +198,20 @@ def settle() -> None:
 
 
 def final_note(shell: Shell, part: ActorProcess, cpu_s: float) -> FinalNote:
-    """Return the last record of a process that has run to its end."""
+    """Return the last record of a process that ran to its end."""
     report = part.outcome()
     told = msgspec.structs.asdict(report) if isinstance(report, msgspec.Struct) else report
     return FinalNote(
-        digest=shell.tally.hash.digest(shell.actor),
-        published=shell.tally.published,
-        received=shell.tally.received,
+        digest=shell.counts.hash.digest(shell.actor),
+        published=shell.counts.published,
+        received=shell.counts.received,
         unread=shell.unread,
         cpu_s=cpu_s,
-        startup_cpu_s=shell.began.cpu_s,
-        started_s=shell.began.wall_s,
+        startup_cpu_s=shell.first_advance.cpu_s,
+        started_s=shell.first_advance.wall_s,
         ended_s=time.time(),
-        sent=dict(shell.tally.sent),
-        arrived=dict(shell.tally.arrived),
+        sent=dict(shell.counts.sent),
+        arrived=dict(shell.counts.arrived),
         outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in told.items()},
         code=part.code(),
     )

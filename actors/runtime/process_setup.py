@@ -1,7 +1,7 @@
-"""What an actor's process is started with: one struct in one file, `setup.json` in the actor's folder.
+"""Set-up of an actor's process: one struct in one file, `setup.json` in the actor's folder.
 
-World, radio and robots read the same kind of file, and so do base and bridge on board. In memory nobody reads
-a file: the struct is handed over as it is.
+World, radio and robots use the same file format, and so do base and bridge on a robot. In-memory runs pass
+the struct directly.
 """
 
 import argparse
@@ -17,58 +17,58 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import unix_endpoint
 
 SETUP: Final = "setup.json"
-"""The file, in the actor's folder of the run."""
+"""File name in the actor's folder of the run."""
 RecordDetail = Literal["lean", "full"]
-"""How much an actor records: `lean` has what results and causes need, `full` also what it computed, for
-viewers and exports. A set-up without it is of an earlier version, which recorded lean."""
+"""Detail of recordings: `lean` for results and causes, `full` with introspection for viewers and exports.
+Set-ups of earlier versions lack it and are lean."""
 A = TypeVar("A")
 P = TypeVar("P", bound="ProcessSetup")
 
 
 class ProcessSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A process's place in a run. Paths are relative to the folder of the set-up, and may be absolute."""
+    """A process's connections and files. Paths are absolute or relative to the folder of the set-up."""
 
     record: str
-    """The MCAP file to write; must not exist."""
+    """MCAP file to write; must not exist."""
     router: str
-    """The router's socket; for the router itself the file that says whom it knows."""
+    """The router's socket; for the router itself, the router file."""
     credentials: str = ""
-    """File with one line `user:password`; the router needs none."""
+    """File with one line `user:password`; empty for the router."""
     commit: str = ""
     """Version of the software, for the first record."""
     with_parent: bool = False
-    """End as soon as the process that started this one has ended."""
+    """Exit when the parent process exits."""
 
     @property
     def patience_s(self) -> float:
-        """How long the router may take to be there, s; who is looked after waits until he is ended."""
+        """Timeout for connecting to the router, s; infinite for a process whose parent monitors it."""
         return math.inf if self.with_parent else 30.0
 
     def endpoint(self, folder: Path) -> str:
-        """Of the router, as Zenoh spells it; the set-up lies in `folder`."""
-        # A socket's path has room for a hundred characters, of which none are to be spent on `..`.
+        """Return the router's endpoint in Zenoh's notation, for a set-up in `folder`."""
+        # Normalised because a socket's path is limited to about a hundred characters.
         return unix_endpoint(Path(os.path.normpath(folder.resolve() / self.router)))
 
 
 class ActorSetup(msgspec.Struct, Generic[A, P], frozen=True, forbid_unknown_fields=True):
-    """All of the file: what the actor is, which its recording begins with, and its process's place."""
+    """Content of the file: the actor's parameters, which its recording starts with, and its process."""
 
     actor: A
     process: P
 
 
 def read_setup(path: Path, kind: type[ActorSetup[A, P]], actor: str) -> ActorSetup[A, P]:
-    """The set-up of what is called `actor`, such as "a robot", in a file. Raises AcrcError."""
+    """Read the set-up of `actor`, such as "a robot", from a file. Raises AcrcError."""
     return typed_json.read(path, kind, f"set-up of {actor}")
 
 
-def located_model(model: str, folder: Path) -> str:
-    """A robot model as a set-up in `folder` names it: the path of a file, or the name of a shipped one."""
+def resolve_model(model: str, folder: Path) -> str:
+    """Return the robot model named in a set-up in `folder`: a file's path or a shipped model's name."""
     return str(folder / model) if model.endswith(".toml") else model
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """An argparse parser whose errors are sentences for the caller to show."""
+    """An argparse parser that raises its errors."""
 
     def error(self, message: str) -> NoReturn:
         """Raise AcrcError instead of printing the usage and exiting."""
@@ -76,7 +76,7 @@ class ArgumentParser(argparse.ArgumentParser):
 
 
 def setup_parser(program: str, description: str) -> ArgumentParser:
-    """The command line of a process that reads a set-up: one word, the file."""
+    """Return the parser of a process that reads a set-up: one argument, the file."""
     parser = ArgumentParser(prog=f"python -m {program}", description=description)
-    parser.add_argument("setup", type=Path, help="its set-up, setup.json in its folder of the run")
+    parser.add_argument("setup", type=Path, help="set-up file: setup.json in the actor's folder")
     return parser

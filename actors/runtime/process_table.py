@@ -1,4 +1,4 @@
-"""The table of running processes, and the end of all descendants of one. On Linux; elsewhere it is empty."""
+"""The table of running processes, and termination of process trees. Linux only; empty elsewhere."""
 
 import contextlib
 import os
@@ -13,65 +13,67 @@ from typing import Final, NamedTuple
 
 _PROC: Final = Path("/proc")
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
-_HELD: Final = re.compile(rb"^(RssAnon|RssShmem|VmPTE|VmSwap|HugetlbPages|Threads):\s+(\d+)", re.MULTILINE)
+_USAGE: Final = re.compile(rb"^(RssAnon|RssShmem|VmPTE|VmSwap|HugetlbPages|Threads):\s+(\d+)", re.MULTILINE)
 """Lines of /proc/PID/status; sizes in KiB."""
 _LONGEST_SWEEP_S: Final = 5.0
-"""Limit of the pursuit of something that starts processes as fast as they are ended."""
+"""Timeout against a program that starts processes as fast as they are killed."""
 
 
-class ProcessGlance(NamedTuple):
-    """One process at one instant, from /proc/PID/stat (proc(5))."""
+class ProcessState(NamedTuple):
+    """Status of one process, from /proc/PID/stat (proc(5))."""
 
     parent: int
     session: int
     state: str
-    """R running or waiting for a processor, S and D waiting, T and t stopped, Z ended."""
+    """R running or runnable, S and D sleeping, T and t stopped, Z zombie."""
     cpu_s: float
-    """With that of its children that have ended and been waited for."""
+    """CPU time with that of waited-for children, s."""
 
     @property
     def stopped(self) -> bool:
-        """True while a signal or a debugger holds it."""
+        """True while stopped by a signal or a debugger."""
         return self.state in ("T", "t")
 
 
-class Holding(NamedTuple):
+class ProcessUsage(NamedTuple):
     """Memory and threads of one process, from /proc/PID/status (proc_pid_status(5))."""
 
     memory: int
-    """Bytes that no file backs: data and stacks, shared memory, page tables, swap. What it shares with its
-    parent since the fork counts for both."""
+    """Bytes not backed by files: data, stacks, shared memory, page tables, swap. Memory shared with the
+    parent since a fork counts for both."""
     threads: int
 
 
-def table() -> dict[int, ProcessGlance]:
-    """Return every visible process by its id."""
+def processes() -> dict[int, ProcessState]:
+    """Return the status of every visible process, by process id."""
     if not (_PROC / "self/stat").exists():
         return {}
-    found = {int(entry.name): glance(int(entry.name)) for entry in _PROC.iterdir() if entry.name.isdigit()}
+    found = {
+        int(entry.name): process_state(int(entry.name)) for entry in _PROC.iterdir() if entry.name.isdigit()
+    }
     return {pid: one for pid, one in found.items() if one is not None}
 
 
-def glance(pid: int) -> ProcessGlance | None:
-    """Return one process; None if it has ended."""
-    text = _told(pid, "stat")
+def process_state(pid: int) -> ProcessState | None:
+    """Return the status of a process; None if it has exited."""
+    text = _read(pid, "stat")
     if not text:
         return None
-    # The name stands in parentheses and may hold anything; what follows the last one is numbers.
+    # The name in parentheses may contain anything; only numbers follow the last parenthesis.
     words = text.rpartition(b")")[2].split()
     cpu_ticks = sum(map(int, words[11:15]))
-    return ProcessGlance(int(words[1]), int(words[3]), words[0].decode(), cpu_ticks / _TICKS_PER_S)
+    return ProcessState(int(words[1]), int(words[3]), words[0].decode(), cpu_ticks / _TICKS_PER_S)
 
 
-def held(pid: int) -> Holding:
-    """Return what a process holds; nothing if it has ended."""
-    numbers = {name: int(number) for name, number in _HELD.findall(_told(pid, "status"))}
+def process_usage(pid: int) -> ProcessUsage:
+    """Return a process's memory and threads; zero if it has exited."""
+    numbers = {name: int(number) for name, number in _USAGE.findall(_read(pid, "status"))}
     threads = numbers.pop(b"Threads", 0)
-    return Holding(1024 * sum(numbers.values()), threads)
+    return ProcessUsage(1024 * sum(numbers.values()), threads)
 
 
-def _told(pid: int, name: str) -> bytes:
-    """Return a file of the process; nothing if it has ended. Some µs count: there may be hundreds."""
+def _read(pid: int, name: str) -> bytes:
+    """Read a process's file; empty if it has exited. Unbuffered for speed: there may be hundreds."""
     try:
         with open(f"/proc/{pid}/{name}", "rb", buffering=0) as file:  # noqa: PTH123
             return file.read()
@@ -80,7 +82,7 @@ def _told(pid: int, name: str) -> bytes:
 
 
 def queued_s(pid: int) -> float | None:
-    """Return the waiting time of a process's threads for a processor, s; None where that is unknown.
+    """Return how long a process's threads waited for a processor, s; None if unknown.
 
     From /proc/PID/task/TID/schedstat (Documentation/scheduler/sched-stats in the kernel's sources).
     """
@@ -91,12 +93,12 @@ def queued_s(pid: int) -> float | None:
         return None
 
 
-def children(of: int, among: Mapping[int, ProcessGlance]) -> set[int]:
+def children(of: int, among: Mapping[int, ProcessState]) -> set[int]:
     """Return the children of a process."""
     return {pid for pid, one in among.items() if one.parent == of}
 
 
-def descendants(of: Iterable[int], among: Mapping[int, ProcessGlance]) -> set[int]:
+def descendants(of: Iterable[int], among: Mapping[int, ProcessState]) -> set[int]:
     """Return these processes and their descendants."""
     below: dict[int, list[int]] = {}
     for pid, one in among.items():
@@ -111,24 +113,24 @@ def descendants(of: Iterable[int], among: Mapping[int, ProcessGlance]) -> set[in
     return found
 
 
-def end_orphans(heirs: Collection[int]) -> int:
-    """End these children of this process with their descendants; return how many of them still ran.
+def kill_orphans(heirs: Collection[int]) -> int:
+    """Kill these children of this process with their descendants; return how many were running.
 
-    This process must inherit orphans (PR_SET_CHILD_SUBREAPER) to find those that arise on the way.
+    This process must inherit orphans (PR_SET_CHILD_SUBREAPER) to find those that arise meanwhile.
     """
     ended: set[int] = set()
     wanted = set(heirs)
     sessions: set[int] = set()
     deadline = time.monotonic() + _LONGEST_SWEEP_S
     while time.monotonic() < deadline:
-        known = table()
-        # Others may lose their parent at this moment, too: other families are left alone.
+        known = processes()
+        # Only these families: unrelated orphans may arrive at the same moment.
         own = {pid for pid in children(os.getpid(), known) if pid in wanted or known[pid].session in sessions}
         if not own:
             break
         family = descendants(own, known)
         living = {pid for pid in family if known[pid].state != "Z"}
-        for number in (signal.SIGSTOP, signal.SIGKILL):  # nothing that is stopped starts another one
+        for number in (signal.SIGSTOP, signal.SIGKILL):  # a stopped process cannot start another
             for pid in living:
                 _signal(pid, number)
         ended |= living
@@ -140,25 +142,25 @@ def end_orphans(heirs: Collection[int]) -> int:
     return len(ended)
 
 
-def end_sessions(leaders: Collection[int]) -> None:
-    """End the rest of the sessions that these processes have begun (setsid(2))."""
-    for pid, one in table().items():
+def kill_sessions(leaders: Collection[int]) -> None:
+    """Kill the remaining processes of the sessions led by these processes (setsid(2))."""
+    for pid, one in processes().items():
         if one.session in leaders:
             _signal(pid, signal.SIGKILL)
 
 
-def has_strays() -> bool:
-    """Return whether a descendant of this process runs."""
+def has_descendants() -> bool:
+    """Return whether a descendant of this process is running."""
     with contextlib.suppress(ChildProcessError):
-        while os.waitpid(-1, os.WNOHANG)[0]:  # what has only not been waited for
+        while os.waitpid(-1, os.WNOHANG)[0]:  # reap zombies
             pass
-    if os.getppid() == 0:  # a process namespace of its own, whose other processes /proc need not show
+    if os.getppid() == 0:  # in a process namespace, whose processes /proc may not show
         try:
             os.kill(-1, 0)
         except ProcessLookupError:
             return False
         return True
-    known, me = table(), os.getpid()
+    known, me = processes(), os.getpid()
     return any(known[pid].state != "Z" for pid in descendants((me,), known) - {me})
 
 
@@ -172,18 +174,18 @@ def _wait(pid: int) -> None:
         os.waitpid(pid, os.WNOHANG)
 
 
-def leftover_fault(strays: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
-    """Return what is wrong with an actor that leaves processes, or other threads than `at_first`."""
-    if strays:
-        return f"processes of its own were still running at its end: {_RULE}"
+def leftover_fault(orphans: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
+    """Return the fault of an actor that leaves processes or new threads; None: no fault."""
+    if orphans:
+        return f"its child processes were still running at its end: {_RULE}"
     if at_first is None:
         return None
     names = sorted(thread.name for thread in threading.enumerate() if thread not in at_first)
     shown = ", ".join(names)
-    return f"threads of its own were still running at its end ({shown}): {_RULE}" if names else None
+    return f"its threads were still running at its end ({shown}): {_RULE}" if names else None
 
 
-_RULE = "a strategy must start neither processes nor threads"
+_RULE = "a strategy must not start processes or threads"
 
 
 _NAMES: Final = frozenset(
@@ -195,17 +197,17 @@ _NAMES: Final = frozenset(
 _PREFIXES: Final = (
     "LC_", "PYTHON", "NUMBA_", "NPY_", "OPENBLAS_", "OMP_", "MKL_", "ZENOH_", "RERUN_", "WGPU_",
 )  # fmt: skip
-"""Of the libraries that a run uses."""
+"""Prefixes of the variables of libraries that a run uses."""
 
 
-def python() -> list[str]:
-    """Return this interpreter's command, without the working directory on its path, with this -O."""
+def python_command() -> list[str]:
+    """Return the command of this interpreter, with -P and the same -O."""
     return [sys.executable, "-P", *["-O"] * sys.flags.optimize]
 
 
-def passed_on(shell: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables of interpreter, libraries and viewer in the environment `shell`.
+def child_environment(shell: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables of interpreter, libraries and viewer from the environment `shell`.
 
-    No others: one may hold a key or password of the user's, and all robots can read it.
+    All others are dropped: robots could read a key or password in them.
     """
     return {name: value for name, value in shell.items() if name in _NAMES or name.startswith(_PREFIXES)}

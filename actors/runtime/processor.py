@@ -1,4 +1,4 @@
-"""Which processor this is, and what of it arithmetic may depend on: for people, never in a digest."""
+"""The processor, and fingerprints of its arithmetic; for messages, never in a digest."""
 
 import functools
 import hashlib
@@ -15,16 +15,16 @@ _FEATURES: Final = frozenset({
     "sse2", "sse42", "avx", "avx2", "fma3", "avx512f", "avx512_skx", "x86_v3", "x86_v4",
     "neon", "asimd", "sve",
 })  # fmt: skip
-"""Those whose presence changes which code is run, as numpy names them, in lower case."""
+"""Features that select code paths, by numpy's names in lower case."""
 
 
 class Processor(msgspec.Struct, frozen=True):
-    """A processor, as a recording names it."""
+    """A processor as named in recordings."""
 
     architecture: str
     model: str = ""
     features: tuple[str, ...] = ()
-    """Extensions of its arithmetic that numpy found, by name, sorted; none where numpy is not loaded."""
+    """Arithmetic extensions found by numpy, sorted; empty if numpy is not loaded."""
 
     def __str__(self) -> str:
         model = f" ({self.model})" if self.model else ""
@@ -33,7 +33,7 @@ class Processor(msgspec.Struct, frozen=True):
 
 
 def processor() -> Processor:
-    """This one."""
+    """Return this computer's processor."""
     return Processor(platform.machine(), _model(Path("/proc/cpuinfo")), _features())
 
 
@@ -52,7 +52,7 @@ def _model(cpuinfo: Path) -> str:
 
 
 def _model_in(lines: Iterable[str]) -> str:
-    """The first name that the kernel gives; on ARM there may be numbers of the maker only."""
+    """Return the model name from cpuinfo; on ARM maybe only the maker's numbers."""
     fields: dict[str, str] = {}
     for line in lines:
         name, _, value = line.partition(":")
@@ -64,61 +64,61 @@ def _model_in(lines: Iterable[str]) -> str:
 
 
 _SHORT: Final = 16
-"""Digits of a hash in a message."""
+"""Hexadecimal digits of a hash in a message."""
 
 
 class KernelModule(Protocol):
-    """A module with kernels."""
+    """A module with numeric kernels."""
 
     __name__: str
 
     def __hash__(self) -> int: ...
 
     def fingerprint(self) -> bytes | dict[str, bytes]:
-        """The bytes that its kernels give on fixed inputs, together or by function."""
+        """Return the kernels' results for fixed inputs, together or by function."""
 
 
 def fingerprints(modules: Iterable[KernelModule]) -> dict[str, str]:
-    """The sha256 of each module's fingerprint, by the name of the module or of the function in it.
+    """Return the SHA-256 of each module's fingerprint, by module or function name.
 
-    Computed once in a process and those forked from it: code and processor stay what they are.
+    Computed once per process and its forks.
     """
     return dict(pair for module in modules for pair in _hashed(module))
 
 
-def combined(prints: Mapping[str, str]) -> str:
-    """All of them in a text that a message holds, shortened."""
+def combine_fingerprints(prints: Mapping[str, str]) -> str:
+    """Return the fingerprints as text for a message, shortened."""
     return "\n".join(f"{name}={value[:_SHORT]}" for name, value in sorted(prints.items()))
 
 
-def parted(text: str) -> dict[str, str]:
-    """What `combined` made, whoever sent it; drops names of more than letters, digits, dots, blanks."""
+def parse_fingerprints(text: str) -> dict[str, str]:
+    """Parse the text of `combine_fingerprints`; drop invalid names."""
     pairs = (line.partition("=") for line in text.split("\n"))
     return {name: value for name, _, value in pairs if re.fullmatch(r"[\w. ]{1,100}", name, re.ASCII)}
 
 
-def otherwise(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """What computes otherwise there than here, by name, sorted; what only one of them has is left out."""
+def differing_kernels(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+    """Return the sorted names of kernels with different results; kernels on one side only are ignored."""
     return sorted(name for name in there.keys() & here.keys() if there[name] != here[name])
 
 
-def few(names: list[str]) -> str:
-    """The first of them for a sentence."""
+def first_names(names: list[str]) -> str:
+    """Return the first three names, for a sentence."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def difference(there: Processor, here: Processor, names: list[str]) -> str:
-    """In words what may be the cause of other bits than were recorded; "" if nothing speaks for one.
+def difference_cause(there: Processor, here: Processor, names: list[str]) -> str:
+    """Return the likely cause of results that differ from the recording; "" if unknown.
 
-    `names`: what computes otherwise, see `otherwise`.
+    `names`: differing kernels, see `differing_kernels`.
     """
     if names:
         if there == here:
-            return f"recorded with another version of this software: other bits come from {few(names)}"
-        cause = f"other bits come from {few(names)}"
+            return f"recorded with another version of this software: results of {first_names(names)} differ"
+        cause = f"results of {first_names(names)} differ"
         return f"recorded on another processor: {cause}; it was {there}, this is {here}"
     if there != here and there.architecture:
-        return f"recorded on another processor, {there}; this is {here}, and its functions give the same bits"
+        return f"recorded on another processor, {there}; this is {here}, with equal results of all kernels"
     return ""
 
 

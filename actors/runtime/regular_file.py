@@ -1,6 +1,6 @@
-"""Files in folders that somebody else may have laid out: read if they are regular, and written beside links.
+"""Safe file access in folders with untrusted content: read regular files only, and never write through links.
 
-What is no regular file would keep a reader waiting for ever, and a link leads a writer out of the folder.
+A pipe or device could block a reader forever; a link could lead a writer out of the folder.
 """
 
 import errno
@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Final
 
 LARGEST: Final = 64_000_000
-"""Bytes of what a run or a campaign writes beside its recordings; a result of 1000 robots has 1 MB."""
+"""Bytes; limit of files beside the recordings of a run or campaign; a result of 1000 robots has 1 MB."""
 
 
-def opened(path: Path, *, links: bool = True) -> BufferedReader:
-    """The file, open for reading. OSError, at once, for a pipe, socket, device or folder.
+def open_regular(path: Path, *, links: bool = True) -> BufferedReader:
+    """Open a regular file for reading. OSError, without blocking, for a pipe, socket, device or folder.
 
-    `links`: follow one; else that is an OSError, too.
+    `links`: follow a link; False: OSError for a link.
     """
     follow = 0 if links else os.O_NOFOLLOW
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | follow)
@@ -30,34 +30,34 @@ def opened(path: Path, *, links: bool = True) -> BufferedReader:
         if stat.S_ISDIR(mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         if not stat.S_ISREG(mode):
-            raise OSError(errno.EINVAL, "is no regular file", str(path))
+            raise OSError(errno.EINVAL, "is not a regular file", str(path))
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
         raise
 
 
-def content(path: Path, most: int = LARGEST) -> bytes:
-    """All that is in a regular file. OSError, also if that is more than `most` bytes."""
-    with opened(path) as file:
+def read_bytes(path: Path, most: int = LARGEST) -> bytes:
+    """Return the content of a regular file. OSError if it is longer than `most` bytes."""
+    with open_regular(path) as file:
         data = file.read(most + 1)
     if len(data) > most:
         raise OSError(errno.EFBIG, f"has more than {most} bytes", str(path))
     return data
 
 
-def summed(path: Path) -> tuple[int, str]:
-    """How many bytes a regular file has, and its SHA-256 in hexadecimal. OSError, also for a link."""
-    with opened(path, links=False) as file:
+def size_and_sha256(path: Path) -> tuple[int, str]:
+    """Return a regular file's size in bytes and its SHA-256 in hexadecimal. OSError also for a link."""
+    with open_regular(path, links=False) as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return file.tell(), digest
 
 
 @contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """A new file beside `path`, to be written, that then takes its name and the place of whatever has it.
+def atomic_replacement(path: Path) -> Iterator[Path]:
+    """Yield the path of a new file that atomically replaces `path` at the end of the context.
 
-    It has the same ending. A link at `path` is replaced, and what it leads to stays as it is.
+    It has the same suffix. A link at `path` is replaced; its target is unchanged.
     """
     part = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -72,12 +72,12 @@ def replaced(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def write(path: Path, data: bytes, *, durable: bool = False) -> None:
-    """Write a file anew, as `replaced` does.
+def write_atomically(path: Path, data: bytes, *, durable: bool = False) -> None:
+    """Write a file atomically, as `atomic_replacement` does.
 
-    `durable`: wait for the disk; after a loss of power it is the old file or the new one.
+    `durable`: sync to disk; after a power failure there is either the old file or the new one.
     """
-    with replaced(path) as part:
+    with atomic_replacement(path) as part:
         part.write_bytes(data)
         if durable:
             _sync(part)
@@ -93,8 +93,8 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def no_link(folder: Path) -> Path:
-    """The folder, or where it is to be. OSError where a link lies there."""
+def check_no_link(folder: Path) -> Path:
+    """Return the folder, which need not exist. OSError if it is a symbolic link."""
     if folder.is_symlink():
-        raise OSError(errno.ELOOP, "is a link, through which nothing is written", str(folder))
+        raise OSError(errno.ELOOP, "is a symbolic link, and must be a folder", str(folder))
     return folder

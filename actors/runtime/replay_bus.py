@@ -1,4 +1,4 @@
-"""Re-executes one actor from its recording: given the same inputs, its outputs must be the same."""
+"""Replay of one actor from its recording: equal inputs must give equal outputs."""
 
 import contextlib
 import functools
@@ -21,7 +21,7 @@ from actors.topic import Message, Topic
 
 
 class _Absent:
-    """Stands where the shorter of two sequences has ended."""
+    """Placeholder beyond the end of the shorter sequence."""
 
     def __repr__(self) -> str:
         return "absent"
@@ -31,18 +31,18 @@ _ABSENT: Final = _Absent()
 
 
 class Difference(NamedTuple):
-    """A field with two values."""
+    """A field with two different values."""
 
     field: str
-    """Such as `Drive.route[2].place`."""
+    """Path such as `Drive.route[2].place`."""
     one: object
     other: object
 
 
 def first_difference(one: object, other: object, field: str = "") -> Difference | None:
-    """The first field, in the order of the declaration, in which two values differ; None if none does.
+    """Return the first field, in declaration order, in which two values differ; None: equal values.
 
-    Of sequences that are not equally long it is the first element; what the shorter one lacks is `absent`.
+    For sequences of different lengths, return the first different element; missing elements are `absent`.
     """
     field = field or type(one).__name__
     if isinstance(one, msgspec.Struct) and type(one) is type(other):
@@ -61,25 +61,25 @@ def first_difference(one: object, other: object, field: str = "") -> Difference 
 
 
 _LONGEST: Final = 200
-"""Characters of a value that a sentence shows."""
+"""Most characters of a value in a message."""
 
 
 class ReplayError(AcrcError):
-    """The actor does not do again what it did."""
+    """The replayed actor's outputs differ from its recording."""
 
 
-class RecordingEnds(Exception):  # noqa: N818  # no error: the recorded process was ended here
-    """There is no further input in the recording."""
+class EndOfRecording(Exception):  # noqa: N818  # not an error: the recorded process ended here
+    """The recording has no further input."""
 
 
 class ReplayBus:
-    """Gives the inputs of a recording in their order and compares every output with the recorded one.
+    """Bus that replays a recording's inputs in order and compares every output with the recorded one.
 
-    It is the replayed actor's journal, too: so messages that are only recorded are compared as well.
+    It is also the replayed actor's journal, to compare messages that are only recorded.
     """
 
     def __init__(self, path: Path, recall: Callable[[bytes], bytes | None] = lambda sha256: None) -> None:
-        """`recall` gives a message by its sha256, where only that was kept; asked for at a difference."""
+        """`recall`: return a message by SHA-256, or None; for differences where only the hash is recorded."""
         entries = [item for item in read_recording(path) if isinstance(item, Entry)]
         self._path = path
         self._recall = recall
@@ -88,18 +88,19 @@ class ReplayBus:
         self.compared = 0
 
     def receive(self, topic: Topic[Message]) -> Delivery:
-        """The next recorded input; it must be on `topic`. RecordingEnds after the last one."""
+        """Return the next recorded input, which must be on `topic`. Raises EndOfRecording at the end."""
         delivery = self.poll(topic)
         if delivery is not None:
             return delivery
         if not self._inputs:
-            raise RecordingEnds
+            raise EndOfRecording
         raise ReplayError(
-            f"{self._path}: the actor waits for {topic.pattern} where {self._inputs[0].key} was recorded"
+            f"{self._path}: the actor waits for {topic.pattern}, but the next recorded input is on "
+            f"{self._inputs[0].key}"
         )
 
     def poll(self, topic: Topic[Message]) -> Delivery | None:
-        """The next recorded input if it is on `topic`."""
+        """Return the next recorded input if it is on `topic`."""
         if not self._inputs or topic_of(self._inputs[0].key) is not topic:
             return None
         entry = self._inputs.popleft()
@@ -107,51 +108,51 @@ class ReplayBus:
         return Delivery(topic, entry.key, entry.payload)
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Compare with what was recorded; the first difference ends the replay with a sentence."""
+        """Compare an output with the recorded one. Raises ReplayError at a difference."""
         if topic_of(key).is_telemetry:
             return
         if not self._outputs:
             if self._inputs:
-                raise ReplayError(f"{self._path}: sends on {key}, where nothing more was recorded")
-            return  # the recording was cut while this step was being written
+                raise ReplayError(f"{self._path}: sends on {key}, but the recording has no further output")
+            return  # the recording is truncated in this step
         entry = self._outputs.popleft()
         if (entry.key, entry.sha256) != (key, sha256(payload).digest()):
             raise ReplayError(self._difference(entry, key, payload))
         self.compared += 1
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """Compare with what was recorded."""
+        """Compare with the recorded message."""
         self.publish(key, payload)
 
     def flush(self) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """ReplayError if something was recorded that has not been sent again."""
+        """Raise ReplayError if recorded outputs are left."""
         if self._outputs:
             entry = self._outputs[0]
             raise ReplayError(
-                f"{self._path}: step {entry.step}: does not send again what was recorded on {entry.key}"
+                f"{self._path}: step {entry.step}: does not send the recorded message on {entry.key}"
             )
 
     def _difference(self, entry: Entry, key: str, payload: bytes) -> str:
         where = f"{self._path}: step {entry.step}"
         if key != entry.key:
-            return f"{where}: sends on {key}; recorded was a message on {entry.key}"
+            return f"{where}: sends on {key}, recorded was {entry.key}"
         recorded = entry.payload if entry.payload is not None else self._recall(entry.sha256)
         if recorded is None:
-            return f"{where}: {key}: sends other bytes than those recorded, of which only the hash is kept"
+            return f"{where}: {key}: sends a different message (only a hash was recorded)"
         topic = topic_of(key)
         found = first_difference(decode(topic, key, payload), decode(topic, key, recorded))
         if found is None:
-            return f"{where}: {key}: sends other bytes for the same {topic.kind.__name__}"
-        return f"{where}: {key}: {found.field} is {_shown(found.one)}; recorded was {_shown(found.other)}"
+            return f"{where}: {key}: sends different bytes for an equal {topic.kind.__name__}"
+        return f"{where}: {key}: {found.field} is {_shown(found.one)}, recorded was {_shown(found.other)}"
 
 
 def _shown(value: object) -> str:
@@ -160,17 +161,17 @@ def _shown(value: object) -> str:
 
 
 def replay(shell: Shell, bus: ReplayBus) -> None:
-    """Drive `shell`, whose outlet must be `bus`, through the whole recording."""
-    with contextlib.suppress(RecordingEnds):
+    """Run `shell`, whose outlet must be `bus`, through the whole recording."""
+    with contextlib.suppress(EndOfRecording):
         run_shell(shell, bus)
     bus.close()
 
 
 @functools.lru_cache(maxsize=16_384)
 def topic_of(key: str) -> Topic[Message]:
-    """The topic that `key` belongs to."""
+    """Return the topic of `key`. Raises ReplayError."""
     for topic in TOPICS:
         prefix, hole, suffix = topic.pattern.partition("{id}")
         if key == topic.pattern or (hole and key.startswith(prefix) and key.endswith(suffix)):
             return topic
-    raise ReplayError(f"{key[:80]!r}: no key of this project")
+    raise ReplayError(f"{key[:80]!r}: not a key of this project")

@@ -1,4 +1,4 @@
-"""JSON that somebody else may have written, as a value of a type; what is wrong with it is one sentence."""
+"""Decoding of untrusted JSON into typed values, with errors of one sentence."""
 
 import re
 from collections.abc import Callable
@@ -9,24 +9,24 @@ import msgspec
 
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.wording import shown
+from actors.wording import toml_text
 
 T = TypeVar("T")
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
-"""Number of anything; also an instant or a duration, µs."""
+"""A count; also an instant or a duration, µs."""
 Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Name = Annotated[str, msgspec.Meta(max_length=200)]
 Text = Annotated[str, msgspec.Meta(max_length=20_000)]
-Listed = Annotated[list[T], msgspec.Meta(max_length=10_000)]
-"""A list in a report; what robots write themselves has at most a tenth of that."""
+BoundedList = Annotated[list[T], msgspec.Meta(max_length=10_000)]
+"""A list in a report; lists written by robots are limited to a tenth of it."""
 Counts = Annotated[dict[Name, Count], msgspec.Meta(max_length=500)]
 """Counts by name."""
-_MOST_TOLD: Final = 300
-"""Characters of what is wrong with a file."""
+_MAX_ERROR: Final = 300
+"""Most characters of an error about a file."""
 _KINDS: Final = {
     "int": "a whole number",
     "float": "a number",
-    "str": "a text",
+    "str": "a string",
     "bool": "true or false",
     "object": "an object",
     "array": "a list",
@@ -42,7 +42,7 @@ _BOUNDS: Final = (
     (" that's ", " that is "),
     (" matching regex ", " of the form "),
 )
-"""How msgspec puts a bound, and how a person does."""
+"""Bounds in msgspec's words, and in these errors."""
 _EXPECTED: Final = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<bound>.*?)(?:, got .*)?", re.DOTALL)
 _FIELD: Final = re.compile(
     r"Object (?P<how>missing required|contains unknown) field `(?P<name>.*)`", re.DOTALL
@@ -51,7 +51,7 @@ _STEP: Final = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+)\]")
 
 
 def dump(value: object) -> bytes:
-    """Return a value as indented JSON with a line end."""
+    """Return a value as indented JSON with a final newline."""
     return msgspec.json.format(msgspec.json.encode(value)) + b"\n"
 
 
@@ -62,13 +62,13 @@ def read(
     most: int = regular_file.LARGEST,
     hook: Callable[[type, Any], Any] | None = None,
 ) -> T:
-    """What stands in a file, which should be a `what`, such as "set-up of a robot". Raises AcrcError."""
+    """Read a file that should contain a `what`, such as "set-up of a robot". Raises AcrcError."""
     try:
-        return decode(regular_file.content(path, most), kind, hook=hook)
+        return decode(regular_file.read_bytes(path, most), kind, hook=hook)
     except OSError as error:
         raise AcrcError(f"{path}: the {what} cannot be read: {error.strerror or error}") from None
     except (ValueError, AcrcError) as error:
-        raise AcrcError(f"{path}: no {what}: {str(error)[:_MOST_TOLD]}") from None
+        raise AcrcError(f"{path}: invalid {what}: {str(error)[:_MAX_ERROR]}") from None
 
 
 def decode(
@@ -78,9 +78,9 @@ def decode(
     form: Any = msgspec.json,
     hook: Callable[[type, Any], Any] | None = None,
 ) -> T:
-    """The value in `data`, JSON or what else `form` reads.
+    """Decode `data`: JSON, or the format of the msgspec module `form`.
 
-    Raises ValueError with what is wrong, where, which value stands there, and what would be right.
+    Raises ValueError with the fault, its place, the value found and the valid values.
     """
     try:
         found: T = form.decode(data, type=kind, dec_hook=hook)
@@ -90,11 +90,11 @@ def decode(
     except UnicodeDecodeError as error:
         raise ValueError(f"byte {error.start} is not UTF-8") from None
     except RecursionError:
-        raise ValueError("it is nested more deeply than what is written here") from None
+        raise ValueError("it is nested too deeply") from None
 
 
 def must_be(reason: str) -> str:
-    """What would be right, as it goes on after "must be"; empty if `reason`, by msgspec, does not say so."""
+    """Return the valid values in `reason`, msgspec's message, as text after "must be"; "" if not stated."""
     expected = _EXPECTED.fullmatch(reason)
     if expected is None:
         return ""
@@ -109,7 +109,7 @@ def must_be(reason: str) -> str:
 
 
 def _sentence(told: str, data: Any, form: Any) -> str:
-    """What msgspec has told, for people."""
+    """Rephrase an error of msgspec."""
     reason, _, place = told.partition(" - at `")
     of_key = place.startswith("key` in `")
     path = place.removeprefix("key` in `").removeprefix("$").rstrip("`")
@@ -117,19 +117,19 @@ def _sentence(told: str, data: Any, form: Any) -> str:
     if field := _FIELD.fullmatch(reason):
         name = f"{key}.{field['name']}" if key else field["name"]
         missing = field["how"].startswith("missing")
-        return f"{name} is missing, but must be there" if missing else f"{name} is not known; leave it out"
+        return f"{name} is missing" if missing else f"{name} is not known; remove it"
     right = must_be(reason)
-    if not right and not reason.startswith("Invalid"):  # the words of a type of ours
+    if not right and not reason.startswith("Invalid"):  # raised by a type of this project
         return f"{key}: {reason}" if key else reason
     name = f"a key of {key}" if of_key else key or "it"
     try:
-        stands = "wrong" if of_key or "[...]" in path else shown(_value_at(data, path, form))
-    except (ValueError, RecursionError):  # what stands behind it is worse
+        stands = "wrong" if of_key or "[...]" in path else toml_text(_value_at(data, path, form))
+    except (ValueError, RecursionError):  # the data is invalid elsewhere, too
         stands = "wrong"
     return (
         f"{name} is {stands}, but must be {right}"
         if right
-        else f"{name} is {stands}; nothing of the kind may stand there"
+        else f"{name} is {stands}, which is not valid here"
     )
 
 

@@ -1,4 +1,4 @@
-"""The mesh: one Zenoh session per process; every put blocks rather than drops."""
+"""The mesh: one Zenoh session per process; publishing blocks instead of dropping messages."""
 
 import math
 import os
@@ -20,37 +20,37 @@ _ONE_THREAD: Final = (
     "(rx: (worker_threads: 1), tx: (handover: rx), app: (handover: rx), acc: (handover: rx), "
     "net: (handover: rx))"
 )
-"""All of Zenoh's work on one thread: with a process per robot, more of them only wake one another."""
-_FAREWELL_S: Final = 2.0
-"""How long a session may take to close: own choice, less than a supervisor grants to a process."""
+"""One thread for all of Zenoh: with a process per robot, more threads only wake each other."""
+_CLOSE_TIMEOUT_S: Final = 2.0
+"""Timeout for closing a session; own choice, less than a supervisor grants to a process."""
 
 
 class ZenohBus:
-    """Publishes and receives over one session; each listened topic has a queue of its own.
+    """Bus over one session, with a queue per subscribed topic.
 
-    A full queue holds the sender up (congestion control BLOCK); nothing is dropped. With `onlooker` it holds
-    nobody up, and the newest messages are kept.
+    A full queue blocks the sender (congestion control BLOCK), so nothing is dropped. A `lossy` bus blocks no
+    sender: only the newest messages are kept.
     """
 
     QUEUE: Final = 4096
 
-    def __init__(self, session: zenoh.Session, listens: Sequence[Address], *, onlooker: bool = False) -> None:
+    def __init__(self, session: zenoh.Session, listens: Sequence[Address], *, lossy: bool = False) -> None:
         self._session = session
-        channel = zenoh.handlers.RingChannel if onlooker else zenoh.handlers.FifoChannel
+        channel = zenoh.handlers.RingChannel if lossy else zenoh.handlers.FifoChannel
         self._subscribers: dict[Topic[Message], Any] = {
             address.topic: session.declare_subscriber(address.key, channel(self.QUEUE)) for address in listens
         }
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Hand `payload` to everyone who listens to `key`; waits while a queue is full."""
+        """Publish `payload` to all subscribers of `key`; block while a queue is full."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def receive(self, topic: Topic[Message]) -> Delivery:
-        """The next message on any key of `topic`; waits for it, and lets signal handlers run."""
+        """Wait for the next message on any key of `topic`; signal handlers run meanwhile."""
         return _delivery(topic, self._subscribers[topic].recv())
 
     def poll(self, topic: Topic[Message]) -> Delivery | None:
-        """The next message on any key of `topic` if one is there."""
+        """Return the next message on any key of `topic`; None: none has arrived."""
         sample = self._subscribers[topic].try_recv()
         return None if sample is None else _delivery(topic, sample)
 
@@ -66,23 +66,23 @@ def open_mesh(
     *,
     patience_s: float = math.inf,
     between: Callable[[], None] = lambda: None,
-    onlooker: bool = False,
+    lossy: bool = False,
 ) -> Iterator[ZenohBus]:
-    """A bus over a new session; see `open_session`."""
+    """Open a bus over a new session; see `open_session`."""
     with open_session(config, patience_s, between) as session:
-        yield ZenohBus(session, listens, onlooker=onlooker)
+        yield ZenohBus(session, listens, lossy=lossy)
 
 
 @contextmanager
 def open_session(
     config: zenoh.Config, patience_s: float = math.inf, between: Callable[[], None] = lambda: None
 ) -> Iterator[zenoh.Session]:
-    """A new session for a bus; tries again for `patience_s` while the router is not there yet.
+    """Open a session; retry for `patience_s` while the router does not listen yet.
 
-    `between` is called between two attempts, and may raise; without limit is for whoever is looked after.
+    `between` is called between attempts and may raise. No limit is for processes with a supervisor.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # read when the process opens its first session
-    # Zenoh logs to standard output, where a result may stand; what goes wrong is raised, or counted
+    os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # read at the process's first session
+    # Zenoh would log to standard output, which may carry results; its errors are raised or counted
     zenoh.init_log_from_env_or("off")
     deadline = time.monotonic() + patience_s
     while True:
@@ -92,28 +92,28 @@ def open_session(
         except zenoh.ZError as error:
             between()
             if time.monotonic() > deadline:
-                raise AcrcError(f"no session with the router within {patience_s:g} s: {error}") from None
+                raise AcrcError(f"cannot connect to the router within {patience_s:g} s: {error}") from None
             time.sleep(0.005)
     try:
         yield session
     finally:
-        _take_leave(session)
+        _close_session(session)
 
 
-def _take_leave(session: zenoh.Session) -> None:
-    """Close it, or leave that to the end of the process where it takes long.
+def _close_session(session: zenoh.Session) -> None:
+    """Close a session; leave it to the end of the process if that takes long.
 
-    Whoever has been stopped for good takes no farewell, and where a router waits to tell it that somebody
-    else has left, it waits for ever (Zenoh 1.10.2; eclipse-zenoh/zenoh#1267 is open). What all others were
-    sent has been written by then, and each side counts what it sent and received.
+    Closing blocks forever if the router waits to notify a stopped process (Zenoh 1.10.2;
+    eclipse-zenoh/zenoh#1267 is open). By then all messages to others have been written, and both sides count
+    what they sent and received.
     """
     closing = threading.Thread(target=_close, args=(session,), daemon=True)
     try:
         closing.start()
-    except RuntimeError:  # of threads there may be no more
+    except RuntimeError:  # no more threads available
         _close(session)
     else:
-        closing.join(_FAREWELL_S)
+        closing.join(_CLOSE_TIMEOUT_S)
 
 
 def _close(session: zenoh.Session) -> None:
@@ -122,21 +122,21 @@ def _close(session: zenoh.Session) -> None:
 
 
 class HostRouter:
-    """What a host knows of its link to the world's router."""
+    """A host's router and its link to the world's router."""
 
     def __init__(self, session: zenoh.Session, robot: str) -> None:
-        """`robot`: any of its robots."""
+        """`robot`: any of the host's robots."""
         self._session = session
         self._publisher: Any = session.declare_publisher(READY.key(robot))
 
     @property
     def joined(self) -> bool:
-        """True once the world hears what robots say here; before, it would be lost without a word."""
+        """True once the world has subscribed to this host's robots; earlier messages would be lost."""
         return bool(self._publisher.matching_status.matching)
 
     @property
     def linked(self) -> bool:
-        """True while there is a link to the world's router."""
+        """True while linked to the world's router."""
         return bool(self._session.info.routers_zid())
 
 
@@ -144,16 +144,16 @@ class HostRouter:
 def open_host_router(
     config: zenoh.Config, robot: str, between: Callable[[], None] = lambda: None
 ) -> Iterator[HostRouter]:
-    """The router of a host; see `open_session`."""
+    """Open the router of a host; see `open_session`."""
     with open_session(config, between=between) as session:
         yield HostRouter(session, robot)
 
 
-class WakingBus:
-    """Publishes and receives over one session. For Linux.
+class SelectableBus:
+    """Bus with a file descriptor for `select`. Linux only.
 
-    What arrives beyond QUEUE messages that nobody has taken is dropped and counted: the sender of a flood
-    must not hold up an actor that has a robot to stop.
+    It keeps QUEUE unread messages, and drops and counts more: a flood must not block an actor that has a
+    robot to stop.
     """
 
     QUEUE: Final = 4096
@@ -169,15 +169,15 @@ class WakingBus:
         ]
 
     def fileno(self) -> int:
-        """Readable while something has arrived; for `select`."""
+        """Descriptor that is readable while messages wait; for `select`."""
         return self._wake
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Hand `payload` to everyone who listens to `key`."""
+        """Publish `payload` to all subscribers of `key`."""
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def take(self) -> list[Delivery]:
-        """Everything that has arrived, in its order."""
+        """Return all waiting messages, in order."""
         with self._lock:
             try:
                 os.eventfd_read(self._wake)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from actors.instant import Instant
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskWords
 from actors.task.visits import visitors
-from actors.wording import brief
+from actors.wording import short_repr
 
 
 class Verdict(Enum):
@@ -231,4 +231,4 @@ class Referee:
 
 
 def _unknown(verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> str:
-    return f"{verb} place {place.place} of {brief(place.owner)}, which nobody was given"
+    return f"{verb} place {place.place} of {short_repr(place.owner)}, which nobody was given"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from actors.instant import Instant
 from actors.topic import MessagePart
-from actors.wording import brief
+from actors.wording import short_repr
 
 REASON_LIMIT: Final = 100
 """Characters of the reason for which a place is given up."""
@@ -129,7 +129,7 @@ def _reports_fault(reports: Sequence[object], begin: int, end: int, limits: Task
         return f"reports {len(reports)} places in one step; at most {limits.reports} may be"
     for report in reports:
         if not isinstance(report, PlaceReport):
-            return f"gives {brief(report)} for a report; it should be a PlaceReport"
+            return f"gives {short_repr(report)} for a report; it should be a PlaceReport"
         if wrong := _instant_fault("reports a place", report.instant, begin, end):
             return wrong
     return None
@@ -140,7 +140,7 @@ def _given_up_fault(given_up: Sequence[object], begin: int, end: int, limits: Ta
         return f"gives {len(given_up)} places up in one step; at most {limits.given_up} may be"
     for place in given_up:
         if not isinstance(place, PlaceGivenUp) or not isinstance(place.reason, str):
-            return f"gives {brief(place)} up; it should be a PlaceGivenUp with a reason in words"
+            return f"gives {short_repr(place)} up; it should be a PlaceGivenUp with a reason in words"
         if not 0 < len(place.reason) <= REASON_LIMIT:
             return (
                 f"gives a place up for a reason of {len(place.reason)} characters; "
@@ -153,7 +153,7 @@ def _given_up_fault(given_up: Sequence[object], begin: int, end: int, limits: Ta
 
 def _instant_fault(what: str, instant: object, begin: int, end: int) -> str | None:
     if type(instant) is not int:
-        return f"{what} at {brief(instant)} µs; it should be a whole number"
+        return f"{what} at {short_repr(instant)} µs; it should be a whole number"
     if not begin <= instant < end:
         return f"{what} at {instant} µs; it should be from {begin} to {end - 1} µs"
     return None
@@ -161,16 +161,14 @@ def _instant_fault(what: str, instant: object, begin: int, end: int) -> str | No
 
 def _route_fault(route: object, limits: TaskLimits) -> str | None:
     if not isinstance(route, tuple):
-        return f"gives {brief(route)} for a route; it should be a tuple of PlaceKey, or None"
+        return f"gives {short_repr(route)} for a route; it should be a tuple of PlaceKey, or None"
     if len(route) > limits.route:
         return f"has a route of {len(route)} places; at most {limits.route} may be"
     seen: set[tuple[str, int]] = set()
     for place in route:
         if not isinstance(place, PlaceKey):
-            return f"has {brief(place)} in its route; it should be a PlaceKey"
+            return f"has {short_repr(place)} in its route; it should be a PlaceKey"
         if (place.owner, place.place) in seen:
-            return (
-                f"has place {place.place} of {brief(place.owner)} twice in its route; each may be there once"
-            )
+            return f"has place {place.place} of {short_repr(place.owner)} twice in its route"
         seen.add((place.owner, place.place))
     return None

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
-from actors.runtime.isolation.credentials import reveal
+from actors.runtime.isolation.credentials import publish_sockets
 from actors.runtime.isolation.tls import world_config
-from actors.runtime.linux import answer_where, die_with_parent, leave_in_order
-from actors.runtime.process import play
+from actors.runtime.linux import die_with_parent, enable_stack_dumps, exit_on_sigterm
+from actors.runtime.process import run_actor
 from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder
 from actors.world.program import Conductor, actor_process, build, load_setup, world_note
@@ -18,8 +18,8 @@ from actors.world.program import Conductor, actor_process, build, load_setup, wo
 
 def main(argv: Sequence[str]) -> int:
     """Conduct a run; return the exit code."""
-    leave_in_order()
-    answer_where()
+    exit_on_sigterm()
+    enable_stack_dumps()
     try:
         file = setup_parser("actors.world", "Conduct a run.").parse_args(argv).setup
         program, folder = load_setup(file), file.parent
@@ -34,7 +34,7 @@ def main(argv: Sequence[str]) -> int:
         world = actor_process(core, note, conductor.drive)
         recorder = Recorder(folder / process.record, program.actor.step_us)
         try:
-            return play(world, recorder, world_config(issued), lambda: reveal(issued))
+            return run_actor(world, recorder, world_config(issued), lambda: publish_sockets(issued))
         finally:
             credentials.remove_router_file(router)
     except AcrcError as error:

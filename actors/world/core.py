@@ -38,9 +38,9 @@ from actors.messages import (
 )
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
-from actors.runtime.processor import few, otherwise, parted
+from actors.runtime.processor import differing_kernels, first_names, parse_fingerprints
 from actors.task.task import Task
-from actors.wording import brief
+from actors.wording import short_repr
 from actors.world.body import Bodies, Places
 from actors.world.orders import OrderEffects, Orders
 from actors.world.sensing import PoseErrorSum, WorldReport
@@ -129,7 +129,7 @@ class WorldCore:
         """Return all subscribed addresses."""
         return (at(READY, "*"), at(RADIO_READY), at(DRIVE, "*"), at(AIRED), at(CONTROL))
 
-    def open_to(self) -> Sequence[Address]:
+    def optional_inputs(self) -> Sequence[Address]:
         """Return the addresses of optional inputs: orders, at the start of a step."""
         return (at(CONTROL),) if self._phase is WorldPhase.OPEN else ()
 
@@ -185,8 +185,8 @@ class WorldCore:
             )
         first = self._participants.members[0]
         if first.kernels and ready.kernels != first.kernels:
-            names = otherwise(parted(first.kernels), parted(ready.kernels))
-            source = few(names) or "unknown kernels"
+            names = differing_kernels(parse_fingerprints(first.kernels), parse_fingerprints(ready.kernels))
+            source = first_names(names) or "unknown kernels"
             raise AcrcError(
                 f"{ready.actor} and {first.id} compute different results in {source}; "
                 "run the same version of this software on compatible processors"
@@ -239,7 +239,7 @@ class WorldCore:
         for count in aired.counts:
             if count.id not in self._participants or count.events < 1:
                 raise AcrcError(
-                    f"{self._when()}: the radio reports {count.events} events for {brief(count.id)}; "
+                    f"{self._when()}: the radio reports {count.events} events for {short_repr(count.id)}; "
                     "expected at least 1, for a robot of this run"
                 )
             self._participants[count.id].events += count.events

@@ -34,7 +34,7 @@ def moment_of_inertia(model: RobotModel) -> float:
     if model.footprint.radius is not None:
         return model.mass * (model.footprint.radius * model.footprint.radius) / 2
     assert model.footprint.vertices is not None
-    return geometry.moment(model.footprint.vertices, model.mass)
+    return geometry.moment_of_inertia(model.footprint.vertices, model.mass)
 
 
 def limits(models: Sequence[RobotModel]) -> NDArray[np.void]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
-from actors.message_limits import OrderLimits, fault
+from actors.message_limits import OrderLimits, order_fault
 from actors.messages import Jam, Loss, ProcessOrder
 from actors.orders import (
     CloseDoor,
@@ -106,7 +106,7 @@ class Orders:
         return tuple(refusals)
 
     def _carry_out(self, order: Order) -> None:
-        if wrong := fault(order, self._limits):
+        if wrong := order_fault(order, self._limits):
             raise AcrcError(wrong)
         match order:
             case Kill() | Freeze() | Thaw() | Restart() | Move() | Give():

@@ -10,7 +10,7 @@ import msgspec
 from actors.floor import raster
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
-from actors.runtime.core import Bus, Pace, ticking, to
+from actors.runtime.core import Bus, Pace, interval_timer, to
 from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.processor import fingerprints
@@ -51,7 +51,7 @@ def actor_process(
         core=core,
         listens=core.listens(),
         run=run,
-        open_to=core.open_to,
+        optional_inputs=core.optional_inputs,
         drive=hold,
         outcome=lambda: {**core.task_outcome, **msgspec.structs.asdict(core.report())},
     )
@@ -84,7 +84,7 @@ class Conductor:
                 shell.send(to(PROGRESS, self._core.waiting(shell.awaited)))
             seen = shell.advances
 
-        with ticking(self.TICK_S, tick):
+        with interval_timer(self.TICK_S, tick):
             run_shell(shell, bus, self.hold)
 
     def hold(self) -> None:
@@ -97,4 +97,4 @@ class Conductor:
         if self._core.paused:
             self._pace.restart()
         elif self._core.opening:
-            self._pace.hold(self._core.instant)
+            self._pace.wait_until(self._core.instant)

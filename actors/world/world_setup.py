@@ -12,7 +12,7 @@ from actors.orders import Order
 from actors.randomness import derived_seed, keyed_seed
 from actors.robot_model import OdometryKind, RobotDescription
 from actors.runtime.core import Address, at
-from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail, located_model
+from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail, resolve_model
 from actors.world.uncertainty import Uncertainty
 
 
@@ -58,7 +58,7 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def located(self, folder: Path) -> Self:
         """Return the set-up with its paths relative to `folder` resolved."""
         robots = tuple(
-            msgspec.structs.replace(robot, model=located_model(robot.model, folder)) for robot in self.robots
+            msgspec.structs.replace(robot, model=resolve_model(robot.model, folder)) for robot in self.robots
         )
         return msgspec.structs.replace(self, map=str(folder / self.map), robots=robots)
 

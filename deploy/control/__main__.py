@@ -13,7 +13,7 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.credentials import unix_endpoint
 from actors.runtime.isolation.rules import client_config
-from actors.runtime.linux import die_with_parent, leave_in_order
+from actors.runtime.linux import die_with_parent, exit_on_sigterm
 from actors.runtime.process_setup import SETUP, ArgumentParser, read_setup
 from actors.runtime.zenoh_bus import open_mesh
 from actors.world.program import load_setup
@@ -27,7 +27,7 @@ _FAREWELL_S: Final = 0.5
 
 def main(argv: Sequence[str]) -> int:
     """Serve until the run is over; the exit code."""
-    leave_in_order()
+    exit_on_sigterm()
     die_with_parent(os.getppid())
     parser = ArgumentParser(prog="python -m deploy.control", description="Serves the map page of a run.")
     parser.add_argument("run", type=Path, help="folder of the run, whose world has begun")
@@ -39,10 +39,10 @@ def main(argv: Sequence[str]) -> int:
         radio = read_setup(options.run / "radio" / SETUP, RadioProgram, "a radio").actor
         scene = Scene(setup.actor.located(world), radio, setup.process.speed or 0.0)
         router = unix_endpoint(world / "router.sock")
-        observer = client_config(world / "observer.credentials", router, onlooker=True)
+        observer = client_config(world / "observer.credentials", router, lossy=True)
         operator = client_config(world / "operator.credentials", router)
         with ExitStack() as stack:
-            messages = stack.enter_context(open_mesh(observer, LISTENS, onlooker=True))
+            messages = stack.enter_context(open_mesh(observer, LISTENS, lossy=True))
             orders = stack.enter_context(open_mesh(operator, ()))
             asyncio.run(_serve(scene, RunLink(scene, messages, orders), options.address))
         return 0
@@ -55,7 +55,7 @@ async def _serve(scene: Scene, link: RunLink, address: Path) -> None:
     pages = ControlServer(scene, link)
     async with await pages.start():
         os.umask(0o077)  # readable by the owner only
-        regular_file.write(address, pages.url.encode())
+        regular_file.write_atomically(address, pages.url.encode())
         try:
             while not scene.over:
                 link.poll()

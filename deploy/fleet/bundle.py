@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 
 from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError, wrong_value
-from actors.installation.version import COMMIT, MINORS, requirements, software
-from actors.processes.launch import scratch_folder
+from actors.installation.version import COMMIT, MINORS, requirements, software_version
+from actors.processes.launcher import scratch_folder
 from actors.robot.behaviour.code_permit import Permit
 from actors.robot.behaviour.loading import FINDER
 from actors.runtime import regular_file
@@ -74,7 +74,7 @@ def make(
             raise AcrcError(f"{found.subject}: {found.text}")
     own, (told, place) = _own_code(fleet, permit), _configuration(fleet, robot)
     files = {**_program(root), **own, **told}
-    files[COMMIT] = (f"{software()}\n".encode(), 0o644)
+    files[COMMIT] = (f"{software_version()}\n".encode(), 0o644)
     files |= _wheels((root / "constraints.txt").read_text(), machine, python)
     try:
         _write(out, f"acrc-{name}", files)
@@ -118,7 +118,7 @@ def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
     top = os.path.commonpath([path.parent for path in paths | private])
     names = {path: f"{CONFIGURATION}/{path.relative_to(top)}" for path in paths | private}
     told = {
-        name: (regular_file.content(path), 0o600 if path in private else 0o644)
+        name: (regular_file.read_bytes(path), 0o600 if path in private else 0o644)
         for path, name in names.items()
     }
     return told, names[Path(os.path.normpath(fleet.path))]
@@ -132,7 +132,7 @@ def _own_code(fleet: Fleet, permit: Permit) -> _Files:
         raise AcrcError(f"{fleet.path}: strategies are in {both}; a bundle needs them in one folder")
     loaded: Sequence[str] = tuple(FINDER.hashes())
     return {
-        f"modules/{path.relative_to(folder)}": (regular_file.content(path), 0o644)
+        f"modules/{path.relative_to(folder)}": (regular_file.read_bytes(path), 0o644)
         for folder in folders
         for path in {*strategy_files(fleet.run.strategy, folder), *(folder / name for name in loaded)}
     }
@@ -183,7 +183,7 @@ def _run(*command: str) -> bytes:
 
 def _write(path: Path, top: str, files: _Files) -> None:
     """Write a tar archive atomically, readable by its owner only. Raises OSError."""
-    with regular_file.replaced(path) as new:
+    with regular_file.atomic_replacement(path) as new:
         new.chmod(0o600)
         with tarfile.open(new, "w", format=tarfile.GNU_FORMAT) as archive:
             for name, (content, mode) in sorted(files.items()):

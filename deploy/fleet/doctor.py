@@ -21,7 +21,7 @@ import msgspec
 from numba.core.dispatcher import Dispatcher
 from rich.text import Text
 
-from actors.console import screen
+from actors.console import create_console
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
@@ -157,7 +157,7 @@ def _check_disk() -> str:
 
 
 def _check_namespaces() -> str:
-    if fault := sandbox.available():
+    if fault := sandbox.isolation_fault():
         raise AcrcError(fault)
     return "sandboxing of the robot's process is available"
 
@@ -395,11 +395,13 @@ def check_computer(path: Path | None, name: str | None, permit: Permit = INSTALL
         if not json:
             line = Text("ok     " if one.ok else "failed ", style="green" if one.ok else "bold red")
             line.append(f"{one.subject:<20} ", style="bold").append(one.text, style="default")
-            screen().print(line)
+            create_console().print(line)
     bad = sum(not one.ok for one in found)
     if json:
         report = DoctorReport(name, not bad, tuple(found))
         sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
     else:
-        screen().print(f"{bad} of {len(found)} checks failed" if bad else f"all {len(found)} checks passed")
+        create_console().print(
+            f"{bad} of {len(found)} checks failed" if bad else f"all {len(found)} checks passed"
+        )
     return not bad

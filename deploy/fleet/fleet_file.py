@@ -19,7 +19,7 @@ from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot_model import Model, RobotDescription, SensorName, load_model
 from actors.runtime.errors import AcrcError
-from actors.runtime.process_setup import located_model
+from actors.runtime.process_setup import resolve_model
 from actors.settings import ParameterError, Settings, Text
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
@@ -217,7 +217,7 @@ def _located(file: _FleetFile, path: Path) -> Fleet:
         "map": os.path.realpath(folder / file.map),
         "keys": str(folder / (file.keys or f"{path.stem}-keys")),
         "run": replace(file.run, modules=str(folder / (file.run.modules or "."))),
-        "robot": tuple(replace(one, model=located_model(one.model, folder)) for one in file.robot),
+        "robot": tuple(replace(one, model=resolve_model(one.model, folder)) for one in file.robot),
     }
     return Fleet(path=path, **told)
 

@@ -25,7 +25,7 @@ from actors.observer.canvas import Canvas
 from actors.observer.glyphs import GREY, OUTCOME_COLOURS
 from actors.observer.layout import ViewerContents, ViewFile
 from actors.observer.panels import DrawnEvent
-from actors.processes.launch import scratch_folder
+from actors.processes.launcher import scratch_folder
 from actors.runtime.core import at
 from actors.topic import Message
 from deploy.fleet import operator_station

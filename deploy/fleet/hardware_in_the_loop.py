@@ -15,7 +15,7 @@ from acrc_testbed.results.seal import seal
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
-from actors.processes.launch import Launcher, Program, launcher
+from actors.processes.launcher import Launcher, Program, create_launcher
 from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_model import radio_model
 from actors.runtime import typed_json
@@ -24,7 +24,7 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import rules
 from actors.runtime.isolation.credentials import unix_endpoint
-from actors.runtime.isolation.sandbox import warn
+from actors.runtime.isolation.sandbox import print_warning
 from actors.runtime.process_setup import SETUP
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 from deploy.fleet import onboard_processes as layout
@@ -79,13 +79,13 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     plan = swarm.plan(scenario, options)
     simulated = _without_board(plan, options.boards)
     for sentence in (plan.warning, *plan.warnings):
-        warn(sentence)
+        print_warning(sentence)
     make_folder(plan.out)
     plan.folder(LABORATORY).mkdir()
     plan.write_scenario()
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
-        _run_processes(plan, simulated, launched or launcher(options.spawn, reap=False), follow)
+        _run_processes(plan, simulated, launched or create_launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
     result = collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
     seal(plan.out)

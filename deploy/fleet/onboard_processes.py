@@ -16,7 +16,7 @@ import msgspec
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
-from actors.processes.launch import Program
+from actors.processes.launcher import Program
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
@@ -217,7 +217,7 @@ class EpochCounter:
                 epoch = self._next()
                 if epoch > LAST_EPOCH:
                     raise AcrcError(f"{self.file}: the next epoch, {epoch}, exceeds the maximum {LAST_EPOCH}")
-                regular_file.write(self.file, _line(epoch), durable=True)
+                regular_file.write_atomically(self.file, _line(epoch), durable=True)
         except OSError as error:
             raise AcrcError(
                 f"{self.file}: the epoch of {self.robot} cannot be stored ({error.strerror}); make the file "

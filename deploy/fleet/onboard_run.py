@@ -18,16 +18,16 @@ import msgspec
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
 from actors.geometry import Point
-from actors.installation.usage import command, wrong_value
-from actors.installation.version import software
-from actors.processes.launch import Child, Launcher, launcher
+from actors.installation.usage import command_name, wrong_value
+from actors.installation.version import software_version
+from actors.processes.launcher import ChildProcess, Launcher, create_launcher
 from actors.processes.robot_logs import last_lines
 from actors.processes.signals import signals_as_interrupts
 from actors.robot.behaviour.code_permit import Permit
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import choose
-from actors.runtime.process_table import glance
+from actors.runtime.isolation.sandbox import choose_isolation
+from actors.runtime.process_table import process_state
 from deploy.fleet import onboard_processes as layout
 from deploy.fleet.doctor import check_keys, run_check
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
@@ -64,7 +64,7 @@ class OnboardSupervisor(Supervisor):
         self._onboard = onboard
         self._withdraw = launcher.withdraw
         self._count = {layout.BASE: 0, layout.BRIDGE: 0, onboard.robot.id: 0}
-        self._current: dict[str, Child] = {}
+        self._current: dict[str, ChildProcess] = {}
         """Latest process by name."""
         self._losses: dict[Path, str] = {}
         """Last reported warning about each incomplete recording."""
@@ -174,7 +174,7 @@ class FallbackStop:
 
     def look(self, base: int | None) -> None:
         """Send a stop command if the process with PID `base` is suspended; does not block."""
-        found = None if base is None else glance(base)
+        found = None if base is None else process_state(base)
         if found is None or not found.stopped:
             self._close()
             return
@@ -249,7 +249,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
         raise AcrcError(
             f"--debugpy: {options.debug_port} needs the Python package debugpy; install it with "
-            f"`{command()} add debugpy`"
+            f"`{command_name()} add debugpy`"
         )
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot_named(name)
@@ -278,7 +278,7 @@ def run(prepared: OnboardRobot, say: Callable[[str], None]) -> None:
     """Run until the operator's stop, a signal (Interrupted), or an exhausted restart budget (AcrcError)."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
-    with writing(prepared.plan.out), signals_as_interrupts(), launcher("exec", reap=False) as launched:
+    with writing(prepared.plan.out), signals_as_interrupts(), create_launcher("exec", reap=False) as launched:
         layout.lay_out(prepared)
         service, in_doubt = SystemdNotifier(), last_pose.read(prepared.pose_file) is not None
         operator = OperatorAccessCheck(prepared.link_fault, say)
@@ -352,12 +352,12 @@ def new_folder(runs: Path) -> Path:
 
 
 def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> RunPlan:
-    choice = choose(options.isolate, debugged=options.debug_port is not None)
+    choice = choose_isolation(options.isolate, debugged=options.debug_port is not None)
     return RunPlan(
         **vars(fleet.swarm(robot)),
         options=RunOptions(options.out, speed="1", modules=own_code(fleet, Permit(options.modules))),
         scenario=ScenarioCopy("", ()),
-        commit=software(),
+        commit=software_version(),
         isolate=choice.isolate,
         warning=choice.warning,
     )

@@ -209,7 +209,7 @@ class _RobotListener:
     def _session(self) -> None:
         """Pass on messages until the session with the robot's router ends."""
         with open_session(laptop_config(self._keys, self._endpoint), 0.0) as session:
-            bus = ZenohBus(session, self._addresses, onlooker=len(self._addresses) > 2)
+            bus = ZenohBus(session, self._addresses, lossy=len(self._addresses) > 2)
             self._set_state("connected")
             while session.info.routers_zid():
                 for address in self._addresses:

@@ -22,14 +22,14 @@ import msgspec
 from distributed import Status, Worker, get_worker
 
 from acrc_testbed.results.seal import Id, Size, Sum
-from actors.processes.launch import Child, Launcher, Program, launcher
-from actors.processes.monitor import ResourceWatch
+from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher
+from actors.processes.monitor import ResourceMonitor
 from actors.robot.program import RobotProgram
 from actors.runtime import process_table, regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials, tls
-from actors.runtime.isolation.credentials import Credentials, Gate, reveal
-from actors.runtime.isolation.sandbox import FOLDER, Names, ProcessLimits, code_places, own_folder
+from actors.runtime.isolation.credentials import Credentials, HostGateway, publish_sockets
+from actors.runtime.isolation.sandbox import FOLDER, ProcessLimits, SandboxPaths, code_paths, own_folder
 from actors.runtime.process_setup import SETUP
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.zenoh_bus import HostRouter, open_host_router
@@ -109,7 +109,7 @@ class EndedProcess(msgspec.Struct, frozen=True):
 
     number: Number
     code: Annotated[int, msgspec.Meta(ge=-64, le=255)]
-    strays: Annotated[int, msgspec.Meta(ge=0)]
+    orphans: Annotated[int, msgspec.Meta(ge=0)]
     cpu_s: Seconds
     left: "LeftRecording | None" = None
 
@@ -281,7 +281,7 @@ class _Session:
         try:
             while not self._begun.is_set():
                 self._turn()
-            with launcher(self._task.spawn) as launched:
+            with create_launcher(self._task.spawn) as launched:
                 self._run(launched)
         except _FinishedError:
             pass
@@ -316,7 +316,7 @@ class _Session:
         for robot in self._task.robots:
             own_folder(run / robot).mkdir(parents=True, exist_ok=True)
         issued = credentials.issue({robot: run / robot for robot in self._task.robots}, run / _INFRA, ())
-        gate = Gate("", self._folder / _KEYS, {})
+        gate = HostGateway("", self._folder / _KEYS, {})
         credentials.write_router_file(run / _INFRA / credentials.ROUTER_FILE, replace(issued, gate=gate))
         launched.withdraw(run / _INFRA / credentials.ROUTER_FILE)
         for words in self._task.share:
@@ -339,7 +339,7 @@ class _Session:
 
     def _look_at_link(self, router: HostRouter, issued: Credentials) -> None:
         if not self._joined and router.joined:
-            reveal(issued)
+            publish_sockets(issued)
             self._joined = True
         elif self._joined and not self._unlinked:
             self._unlinked = not router.linked
@@ -365,12 +365,12 @@ class RobotProcesses:
         self._launched: Launcher | None = None
         self._closed = False
         self._waiting: deque[StartRobot] = deque()
-        self._children: dict[int, Child] = {}
+        self._children: dict[int, ChildProcess] = {}
         self._files: dict[Path, GrowingFile] = {}
         self._refused: dict[int, str] = {}
-        self._ending: dict[int, Child] = {}
+        self._ending: dict[int, ChildProcess] = {}
         """Processes whose end has been reported, but not all of whose output has been sent."""
-        self._resources = ResourceWatch(task.limits)
+        self._resources = ResourceMonitor(task.limits)
 
     @property
     def all_ended(self) -> bool:
@@ -428,7 +428,7 @@ class RobotProcesses:
     def looked(self) -> ProcessList:
         """Return the states of the processes and their descendants."""
         numbers = {child.pid: number for number, child in self._children.items() if child.exit_code is None}
-        table = process_table.table()
+        table = process_table.processes()
         seen = (
             ProcessStatus(pid, one.parent, one.session, one.state, one.cpu_s, process_table.queued_s(pid))
             for pid, one in ((pid, table[pid]) for pid in process_table.descendants(numbers, table))
@@ -454,7 +454,7 @@ class RobotProcesses:
             for path in self._written(child.program):
                 self._files.pop(path).close()
             left = self._left(child.program)
-            ended.append(EndedProcess(number, child.exit_code or 0, child.strays, child.cpu_s, left))
+            ended.append(EndedProcess(number, child.exit_code or 0, child.orphans, child.cpu_s, left))
         for child in self._running():
             if room > 0:
                 room = self._read(child.program, parts, room)
@@ -464,7 +464,7 @@ class RobotProcesses:
                 break
         return HostEvents(tuple(parts), tuple(new), refused, tuple(ended), room <= 0)
 
-    def _running(self) -> list[Child]:
+    def _running(self) -> list[ChildProcess]:
         return [child for child in self._children.values() if child.exit_code is None]
 
     def _program(self, order: StartRobot) -> Program:
@@ -475,8 +475,8 @@ class RobotProcesses:
         folder, process = self._folder / order.robot, told.process
         record = folder / Path(process.record).name
         isolated = process.isolate
-        seen, code = (FOLDER, code_places(len(self._code))) if isolated else (folder, self._code)
-        names = Names(str(folder), str(record), tuple(map(str, self._code))) if isolated else None
+        seen, code = (FOLDER, code_paths(len(self._code))) if isolated else (folder, self._code)
+        names = SandboxPaths(str(folder), str(record), tuple(map(str, self._code))) if isolated else None
         process = msgspec.structs.replace(process, code=tuple(map(str, code)))
         setup: Any = msgspec.structs.replace(told, process=process)
         log = record.with_suffix(".log")
@@ -490,7 +490,7 @@ class RobotProcesses:
         if not self._task.leave or program.record is None:
             return None
         try:
-            size, digest = regular_file.summed(program.record)
+            size, digest = regular_file.size_and_sha256(program.record)
         except OSError:
             return None
         notes: dict[str, str] = {}

@@ -14,12 +14,12 @@ from distributed import Client, Future
 
 from acrc_testbed.results.result import versions
 from actors.installation.repository import REPOSITORY
-from actors.installation.version import software
-from actors.processes.kernels import compile_kernels
+from actors.installation.version import software_version
+from actors.processes.kernel_compilation import compile_kernels
 from actors.robot import assembly
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation import sandbox
-from actors.runtime.processor import few, otherwise
+from actors.runtime.processor import differing_kernels, first_names
 from deploy.hosts.address import PAGE, own_address
 from deploy.hosts.connection import PATIENCE_S, ClusterError, answer, connect, machines
 
@@ -97,10 +97,10 @@ def offer() -> HostOffer:
     return HostOffer(
         name=socket.gethostname(),
         cores=len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1,
-        commit=software(),
+        commit=software_version(),
         versions=versions(),
         kernels=assembly.kernels(),
-        isolation_fault=sandbox.available(),
+        isolation_fault=sandbox.isolation_fault(),
         repository=str(REPOSITORY),
     )
 
@@ -116,8 +116,8 @@ def unfit(there: HostOffer, here: HostOffer) -> str | None:
     for name, version in here.versions.items():
         if (other := there.versions.get(name)) != version:
             return printable(f"has {name} {other}, this is {version}; must be the same")
-    if names := otherwise(there.kernels, here.kernels):
-        return printable(f"computes other bits than this computer: in {few(names)}")
+    if names := differing_kernels(there.kernels, here.kernels):
+        return printable(f"computes other bits than this computer: in {first_names(names)}")
     return None
 
 
@@ -140,7 +140,7 @@ def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[s
 
 def describe() -> bytes:
     """On a worker: return its computer's offer as JSON. Raises AcrcError if its software has changed."""
-    now, loaded = software.__wrapped__(), software()
+    now, loaded = software_version.__wrapped__(), software_version()
     if now.removesuffix("+") != loaded.removesuffix("+"):
         raise AcrcError(f"it runs {loaded}, its clone has {now}; restart the worker")
     return msgspec.json.encode(offer())

@@ -68,7 +68,7 @@ def listed(folder: str, run: str) -> bytes:
     for path in sorted(place.glob("*/*")):
         name = path.relative_to(place).as_posix()
         if is_name(name) and path.is_file() and not path.is_symlink():
-            found.append(Listed(name, *regular_file.summed(path)))
+            found.append(Listed(name, *regular_file.size_and_sha256(path)))
     if len(found) > MOST:
         raise AcrcError(f"{place} has {len(found)} recordings and logs; at most {MOST} are fetched")
     return msgspec.json.encode(found)
@@ -79,7 +79,7 @@ def piece(folder: str, run: str, name: str, begin: int) -> bytes:
     place = _place(folder, run)
     if place is None or not is_name(name):
         raise AcrcError(f"{name[:200]!r} is no recording")
-    with regular_file.opened(place / name, links=False) as file:
+    with regular_file.open_regular(place / name, links=False) as file:
         file.seek(begin)
         return file.read(PIECE)
 
@@ -180,11 +180,15 @@ class _Host:
         """Have the file here; False if it was. Raises ClusterError, and AcrcError where it cannot be kept."""
         path = out / one.name
         try:
-            if path.is_file() and not path.is_symlink() and regular_file.summed(path)[1] == one.sha256:
+            if (
+                path.is_file()
+                and not path.is_symlink()
+                and regular_file.size_and_sha256(path)[1] == one.sha256
+            ):
                 return False
             path.parent.mkdir(exist_ok=True)
-            regular_file.no_link(path.parent)
-            with regular_file.replaced(path) as part, part.open("wb") as file:
+            regular_file.check_no_link(path.parent)
+            with regular_file.atomic_replacement(path) as part, part.open("wb") as file:
                 done, digest = 0, hashlib.sha256()
                 while done < one.bytes:
                     data = self._ask(piece, one.name, done)
@@ -278,7 +282,7 @@ class GrowingFile:
         """Return the next bytes; None if there are none. The first part of an empty file is empty."""
         if self._file is None:
             try:
-                self._file = regular_file.opened(self._path, links=False)
+                self._file = regular_file.open_regular(self._path, links=False)
             except OSError:
                 return None
         data = self._file.read(PART)

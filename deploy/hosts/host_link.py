@@ -13,11 +13,11 @@ import msgspec
 from distributed import Future
 
 from acrc_testbed.results.seal import HostLoad
-from actors.processes.launch import Child, LaunchError, Program, write_setup
-from actors.processes.monitor import OUT_OF_SIGHT
+from actors.processes.launcher import ChildProcess, LaunchError, Program, write_setup
+from actors.processes.monitor import UNREACHABLE
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.process_table import ProcessGlance
+from actors.runtime.process_table import ProcessState
 from deploy.hosts.agent import (
     HostEvents,
     HostOrders,
@@ -42,7 +42,7 @@ _PIDS: Final = 1 << 32
 
 
 @dataclass(kw_only=True)
-class RemoteChild(Child):
+class RemoteChild(ChildProcess):
     """A robot's process on a host."""
 
     link: "HostLink"
@@ -88,7 +88,7 @@ class HostLink:
         self.unlinked_s = math.inf
         """When its router's connection was reported broken, on this computer's clock, s."""
         self.queued: dict[int, float | None] = {}
-        """How long its processes have waited for a processor, by the ids of `table`, s."""
+        """How long its processes have waited for a processor, by process id, s."""
         self.signals: list[tuple[int, int]] = []
         """Signals to be sent."""
         self.meter = LoadMeter()
@@ -134,7 +134,7 @@ class HostLink:
         """Send these files, by their names there, then start the host's router."""
         self._first = read_files(files)
 
-    def start(self, program: Program) -> Child:
+    def start(self, program: Program) -> ChildProcess:
         """Have a robot's process started; on a host that is gone it has ended at once."""
         assert program.setup is not None
         write_setup(program)
@@ -173,7 +173,7 @@ class HostLink:
         """Nothing more comes from it."""
         return bool(self.lost) or self._closed
 
-    def table(self) -> Iterator[tuple[int, ProcessGlance]]:
+    def table(self) -> Iterator[tuple[int, ProcessState]]:
         """Return its processes by ids that no process here has; out of sight while it is silent."""
         hidden = self.silent_s > HIDDEN_S or bool(self.lost)
         numbers = self._listed.numbers
@@ -181,14 +181,14 @@ class HostLink:
         for number, child in self._children.items():
             if child.exit_code is None:
                 seen = number in known and not (hidden or child.ending)
-                yield child.pid, ProcessGlance(0, 0, "S" if seen else OUT_OF_SIGHT, 0.0)
+                yield child.pid, ProcessState(0, 0, "S" if seen else UNREACHABLE, 0.0)
         roots = {
             pid: self._children[number].pid for pid, number in numbers.items() if number in self._children
         }
         for one in self._listed.processes:
             parent = roots.get(one.pid, self._pid(one.parent))
-            state = OUT_OF_SIGHT if hidden else one.state
-            yield self._pid(one.pid), ProcessGlance(parent, self._pid(one.session), state, one.cpu_s)
+            state = UNREACHABLE if hidden else one.state
+            yield self._pid(one.pid), ProcessState(parent, self._pid(one.session), state, one.cpu_s)
 
     def lose(self, why: str) -> None:
         """Treat the host as lost, and its processes as ended."""
@@ -280,11 +280,11 @@ class HostLink:
             self._children[number].ending = True
         for number, why in events.refused.items():
             child = self._children[number]
-            self.fault = self.fault or f"{child.program.actor} is not started; {why}"
+            self.fault = self.fault or f"{child.program.actor} cannot be started: {why}"
             child.exit_code = 1
         for one in events.ended:
             child = self._children[one.number]
-            child.left, child.strays, child.cpu_s = one.left, one.strays, one.cpu_s
+            child.left, child.orphans, child.cpu_s = one.left, one.orphans, one.cpu_s
             child.exit_code = one.code
 
 

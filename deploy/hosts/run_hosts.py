@@ -14,13 +14,13 @@ from distributed import Future
 
 from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
-from actors.installation.usage import typed
-from actors.processes.launch import Child, Launcher, Program
+from actors.installation.usage import command_line
+from actors.processes.launcher import ChildProcess, Launcher, Program
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.credentials import Gate
+from actors.runtime.isolation.credentials import HostGateway
 from actors.runtime.isolation.sandbox import ProcessLimits
-from actors.runtime.process_table import ProcessGlance
+from actors.runtime.process_table import ProcessState
 from deploy.hosts import certificates
 from deploy.hosts.address import PAGE, bound, bracketed, free_port, host_and_port
 from deploy.hosts.agent import CODE, HostAgent, HostTask, occupy
@@ -48,7 +48,7 @@ class HostedLauncher:
         self._silence_s = silence_s
         self._say = say
         self._of = {robot: link for link in links for robot in link.robots}
-        self._world: Child | None = None
+        self._world: ChildProcess | None = None
         """The mesh ends with it."""
         self._told_s = dict.fromkeys((link.name for link in links), _FIRST_TOLD_S)
 
@@ -57,7 +57,7 @@ class HostedLauncher:
         """Output of ended processes is on its way here."""
         return any(link.ending for link in self._links)
 
-    def start(self, program: Program) -> Child:
+    def start(self, program: Program) -> ChildProcess:
         """Start one program where it belongs."""
         link = self._of.get(program.actor)
         child = self._here.start(program) if link is None else link.start(program)
@@ -91,9 +91,9 @@ class HostedLauncher:
     def _mesh_is_there(self) -> bool:
         return self._world is not None and self._world.exit_code is None
 
-    def table(self) -> Mapping[int, ProcessGlance]:
+    def table(self) -> Mapping[int, ProcessState]:
         """Return all processes here, and the run's on its hosts."""
-        found = process_table.table()
+        found = process_table.processes()
         for link in self._links:
             found.update(link.table())
         return found
@@ -175,7 +175,7 @@ class RunHosts:
         own.write(keys)
         here = bound(address)
         port = free_port(here, port)
-        self.gate = Gate(f"tls/{bracketed(here)}:{port}", keys, robots)
+        self.gate = HostGateway(f"tls/{bracketed(here)}:{port}", keys, robots)
         """Where the world's router listens for them."""
         self._place = f"{bracketed(address)}:{port}"
         self._pool, self._settings = pool, settings
@@ -269,7 +269,7 @@ class RunHosts:
         if not lost:
             return ""
         return (
-            f"what has stayed on {', '.join(lost)} comes by `{typed('cluster', 'fetch', out)}`, once "
+            f"what has stayed on {', '.join(lost)} comes by `{command_line('cluster', 'fetch', out)}`, once "
             "the cluster has a worker there again"
         )
 

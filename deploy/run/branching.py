@@ -14,8 +14,8 @@ from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.results import summary
 from acrc_testbed.results.result import BranchOrigin, RunResult
 from acrc_testbed.results.seal import seal
-from actors.console import screen
-from actors.installation.usage import OptionError, typed
+from actors.console import create_console
+from actors.installation.usage import OptionError, command_line
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
@@ -111,7 +111,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     if parted is not None and parted.step < first:
         raise AcrcError(
             f"{origin}: does not come out the same up to {change.at_s:g} s, so there is nothing to continue: "
-            f"{parted.words}; `{typed('replay', origin, modules=permit.modules)}` says more"
+            f"{parted.words}; `{command_line('replay', origin, modules=permit.modules)}` says more"
         )
     control: BranchedControl | None = None
     if anew is not None:
@@ -187,7 +187,7 @@ def continue_run(
     with output_folder(options.out, quiet=json):
         branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     summary.print_result(branched.result, json=json)
-    console = screen(stderr=True)
+    console = create_console(stderr=True)
     changes = "; ".join(change.words) or "nothing changed"
     console.print(
         f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s"

@@ -14,22 +14,29 @@ from typing import Final, NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
-from actors.processes.kernels import kernel_modules
-from actors.processes.launch import Program
-from actors.processes.monitor import HoldUp, StallDetector, Suspect
-from actors.processes.watchdog import BoardTurn, Show, guarded
+from actors.processes.kernel_compilation import kernel_modules
+from actors.processes.launcher import Program
+from actors.processes.monitor import AwaitedProcess, StallDetector, StepDelays
+from actors.processes.watchdog import BoardState, WriteBoard, run_watchdog
 from actors.radio.program import actor_process as radio_process
 from actors.robot.program import actor_process as robot_process
 from actors.robot.program import share
-from actors.runtime import failure, prints, process_table
+from actors.runtime import captured_output, failure, process_table
 from actors.runtime.codec import decode
-from actors.runtime.core import Delivery, Pace, at, ticking
+from actors.runtime.core import Delivery, Pace, at, interval_timer
 from actors.runtime.debugger import stop_here
 from actors.runtime.errors import AcrcError
-from actors.runtime.failure import HardExit, TimedOut, failure_note, in_words, own_frames, where
+from actors.runtime.failure import (
+    HardExit,
+    StepTimeout,
+    current_line,
+    failure_note,
+    failure_sentence,
+    own_frames,
+)
 from actors.runtime.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.process import ActorProcess, final_note
-from actors.runtime.process_table import ProcessGlance, leftover_fault
+from actors.runtime.process_table import ProcessState, leftover_fault
 from actors.runtime.processor import fingerprints
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import MemoryBus, Shell, run_shells
@@ -51,7 +58,7 @@ def _say(sentence: str) -> None:
 def watched(
     shells: Sequence[Shell],
     stalls: StallDetector,
-    turn: Callable[[], BoardTurn],
+    turn: Callable[[], BoardState],
     give_up: Callable[[str], None],
 ) -> Iterator[None]:
     """Raise TimedOut in the main thread if none of the `shells` advances for too long.
@@ -74,16 +81,16 @@ def watched(
             stalls.step()
             return
         now_on = turn()
-        me = (Suspect(now_on.actor, os.getpid()),)
+        me = (AwaitedProcess(now_on.actor, os.getpid()),)
         stall = stalls.check(me, me, now_on.in_words())
         if stall is not None:
             in_vain += 1
-            sentence = f"{stall.sentence}; it stands at {where(frame)}"
+            sentence = f"{stall.sentence}; it is at {current_line(frame)}"
             if in_vain > 3:
                 give_up(sentence)
-            raise TimedOut(sentence)
+            raise StepTimeout(sentence)
 
-    with ticking(_TICK_S, tick):
+    with interval_timer(_TICK_S, tick):
         yield
 
 
@@ -107,13 +114,13 @@ def exits_caught() -> Iterator[None]:
 @contextmanager
 def leftovers_ended() -> Iterator[None]:
     """End what strategies in this process have started and not ended; AcrcError if there is something."""
-    threads, children = threading.enumerate(), process_table.children(os.getpid(), process_table.table())
+    threads, children = threading.enumerate(), process_table.children(os.getpid(), process_table.processes())
     _adopt_orphans(True)
     try:
         yield
     finally:
-        left = process_table.children(os.getpid(), process_table.table()) - children
-        fault = leftover_fault(process_table.end_orphans(left) > 0, threads)
+        left = process_table.children(os.getpid(), process_table.processes()) - children
+        fault = leftover_fault(process_table.kill_orphans(left) > 0, threads)
         _adopt_orphans(False)
     if fault is not None:
         raise AcrcError(f"a strategy failed: {fault}")
@@ -141,16 +148,16 @@ class MemorySwarm:
         self._shared: list[object] = []
         """Data shared by the robots, kept for those that start later."""
         self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
-        self._show: Show | None = None
+        self._show: WriteBoard | None = None
         """Shows others whose turn it is."""
         self._stalls = StallDetector(
-            plan.timeout, _say, table=lambda: {os.getpid(): ProcessGlance(0, 0, "S", time.process_time())}
+            plan.timeout, _say, table=lambda: {os.getpid(): ProcessState(0, 0, "S", time.process_time())}
         )
         self.rosters = 0
         """Roster messages received."""
 
     @property
-    def held_up(self) -> dict[str, HoldUp]:
+    def held_up(self) -> dict[str, StepDelays]:
         """Delays of steps so far, by actor."""
         return self._stalls.held_up
 
@@ -163,16 +170,16 @@ class MemorySwarm:
         """Run to the end; whatever happens, the recordings are closed and say how it ended."""
         with self._stack:
             if self._plan.own_code:
-                self._show = self._stack.enter_context(guarded(self._plan.timeout.step_s))
-            failure.hold(self._plan.out)
-            self._stack.callback(failure.release)
+                self._show = self._stack.enter_context(run_watchdog(self._plan.timeout.step_s))
+            failure.hold_reserve(self._plan.out)
+            self._stack.callback(failure.release_reserve)
             with leftovers_ended():
                 try:
                     self._play()
-                except (SystemExit, TimedOut) as error:
+                except (SystemExit, StepTimeout) as error:
                     raise AcrcError(self._note_failure(error)) from None
                 except Exception as error:
-                    failure.release()  # here already: not even a call may be possible
+                    failure.release_reserve()  # here already: not even a call may be possible
                     sentence = self._note_failure(error)
                     if isinstance(error, AcrcError) or not (frames := own_frames(error)):
                         raise
@@ -187,12 +194,12 @@ class MemorySwarm:
             self._breakpoints(),
             exits_caught(),
             watched(self._shells, self._stalls, self._whose_turn, self._give_up),
-            prints.taken_by(None),
+            captured_output.captured_by(None),
         ):
             self._build()
             with _settled():
                 run_shells(self._shells, self._hold)
-            failure.release()  # to end well takes as much, and a user's code may have left nothing
+            failure.release_reserve()  # to end well takes as much, and a user's code may have left nothing
 
     @contextmanager
     def _breakpoints(self) -> Iterator[None]:
@@ -234,7 +241,7 @@ class MemorySwarm:
         if self._plan.debug is not None and program.actor == self._plan.debug.robot:
             self._add(program, robot_process(program.setup, folder))
             return
-        printed = prints.in_file(program.log, self._plan.world.step_us)
+        printed = captured_output.output_to_file(program.log, self._plan.world.step_us)
         self._stack.callback(printed.close)
         with printed.during(first_step):
             part = robot_process(program.setup, folder)
@@ -245,7 +252,9 @@ class MemorySwarm:
         assert program.record is not None
         recorder = self._stack.enter_context(Recorder(program.record, part.run.step_us))
         recorder.note("run", part.run)
-        shell = Shell(part.core, self._bus, recorder, actor=part.run.actor, open_to=part.open_to)
+        shell = Shell(
+            part.core, self._bus, recorder, actor=part.run.actor, optional_inputs=part.optional_inputs
+        )
         for address in part.listens:
             self._bus.listen(address, shell.deliver)
         self._actors.append((program, part, shell, recorder))
@@ -260,15 +269,15 @@ class MemorySwarm:
             if shell is self._turn:
                 note = failure_note(part.run.actor, shell.core.step, error)
                 recorder.note("failure", note)
-        return in_words(note)
+        return failure_sentence(note)
 
-    def _whose_turn(self) -> BoardTurn:
+    def _whose_turn(self) -> BoardState:
         turn = self._turn
-        return BoardTurn(0, "") if turn is None else BoardTurn(turn.core.step, turn.actor)
+        return BoardState(0, "") if turn is None else BoardState(turn.core.step, turn.actor)
 
     def _give_up(self, sentence: str) -> NoReturn:
         """End this process, although something in it catches whatever is raised."""
-        self._note_failure(TimedOut(sentence))
+        self._note_failure(StepTimeout(sentence))
         self._stack.close()
         sys.stderr.write(f"acrc: {sentence}\n")
         sys.stderr.flush()
@@ -281,7 +290,7 @@ class MemorySwarm:
         if self._show is not None:
             self._show(shell.core.step, shell.actor)
         if self._pace is not None and shell.core is self._core and self._core.opening:
-            self._pace.hold(self._core.instant)
+            self._pace.wait_until(self._core.instant)
 
     def _take(self, delivery: Delivery) -> None:
         message = decode(delivery.topic, delivery.key, delivery.payload)

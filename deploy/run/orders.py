@@ -10,7 +10,7 @@ from typing import Final
 from actors import orders
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
-from actors.message_limits import OrderLimits, fault
+from actors.message_limits import OrderLimits, order_fault
 from actors.messages import ANSWERED, CONTROL, Answered, Control
 from actors.orders import Order
 from actors.runtime.codec import decode, encode
@@ -98,7 +98,7 @@ def parse(verb: str, words: Sequence[str]) -> Order:
     except (ValueError, TypeError, OverflowError):  # too many words; an infinite number of seconds
         form = f"{verb} {shape}".strip()
         raise wrong_value("VERB", " ".join([verb, *words]), f"like {form}") from None
-    if wrong := fault(order, OrderLimits()):
+    if wrong := order_fault(order, OrderLimits()):
         raise OptionError(wrong)
     return order
 

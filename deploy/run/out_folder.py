@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.installation.usage import OptionError
-from actors.processes.launch import reason, write_fault
+from actors.processes.launcher import reason, write_fault
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
 

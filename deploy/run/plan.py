@@ -12,9 +12,9 @@ import msgspec
 from acrc_testbed.results.result import UNKNOWN, Origin, versions
 from actors.floor import offices
 from actors.floor.map_file import read_header
-from actors.installation.version import software
+from actors.installation.version import software_version
 from actors.messages import ProcessOrder
-from actors.processes.launch import Program
+from actors.processes.launcher import Program
 from actors.processes.monitor import Timeout
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
@@ -22,9 +22,16 @@ from actors.robot.behaviour import handover
 from actors.robot.program import RobotProcess
 from actors.runtime import typed_json
 from actors.runtime.isolation import credentials
-from actors.runtime.isolation.credentials import Credentials, Gate
-from actors.runtime.isolation.sandbox import FOLDER, NAMES, Names, StrategyFolders, code_places, own_folder
-from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
+from actors.runtime.isolation.credentials import Credentials, HostGateway
+from actors.runtime.isolation.sandbox import (
+    FOLDER,
+    NAMES,
+    SandboxPaths,
+    StrategyFolders,
+    code_paths,
+    own_folder,
+)
+from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, resolve_model
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.run.options import RunOptions
@@ -63,7 +70,7 @@ def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioC
     here = with_models(here, lambda model: places.get(model, model))
     models = tuple((Path(name), place) for name, place in places.items())
     return ScenarioCopy(
-        to_toml(here), models, origin(scenario, options.scenario, settled.behaviour, software())
+        to_toml(here), models, origin(scenario, options.scenario, settled.behaviour, software_version())
     )
 
 
@@ -141,11 +148,11 @@ class RunPlan(Swarm):
             (self.out / place).parent.mkdir(exist_ok=True)
             shutil.copy(source, self.out / place)
 
-    def names(self, robot: str, record: str) -> Names:
+    def names(self, robot: str, record: str) -> SandboxPaths:
         """Return the paths that an isolated robot sees under other names; `record`: its recording's name."""
         folder = self.folder(robot).resolve()
         hidden = tuple(str(path.absolute()) for path in self.options.hidden)
-        return Names(str(folder), str(folder / record), self.code, hidden)
+        return SandboxPaths(str(folder), str(folder / record), self.code, hidden)
 
     @property
     def code(self) -> tuple[str, ...]:
@@ -259,7 +266,7 @@ def robot_program(
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
     isolated = plan.isolate and not _is_debugged(plan, robot.id)
     modules = plan.options.modules
-    seen, code = (FOLDER, code_places(len(modules))) if isolated else (folder, modules)
+    seen, code = (FOLDER, code_paths(len(modules))) if isolated else (folder, modules)
     process = RobotProcess(
         record=f"{name}.mcap",
         router="router.sock",
@@ -304,7 +311,7 @@ def in_common(
     stack = msgspec.json.encode(plan.stack).decode()
     told = [(_beside(plan, robot), (out or plan.out) / robot.id) for robot in kinds.values()]
     return [
-        (str(folder / one.map), located_model(one.model, folder), one.sensor or "", stack)
+        (str(folder / one.map), resolve_model(one.model, folder), one.sensor or "", stack)
         for one, folder in told
     ]
 
@@ -314,7 +321,7 @@ def router_of(plan: RunPlan) -> Path:
     return plan.folder("world") / credentials.ROUTER_FILE
 
 
-def issue_credentials(plan: RunPlan, gate: Gate | None = None) -> Credentials:
+def issue_credentials(plan: RunPlan, gate: HostGateway | None = None) -> Credentials:
     """Draw the run's passwords; the robots' lie in their folders, all others in the world's.
 
     `gate`: where robots are let in that are on hosts, with passwords from there.

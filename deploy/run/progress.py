@@ -8,7 +8,7 @@ from typing import Final
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from actors.console import screen
+from actors.console import create_console
 from actors.instant import in_seconds
 from actors.messages import Progress as ProgressMessage
 
@@ -32,7 +32,7 @@ def lines(console: Console) -> Callable[[str], None]:
 @contextmanager
 def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[ProgressMessage], None]]:
     """Says on standard error how far the run is of which it is told; nothing at all if `quiet`."""
-    console, total = screen(stderr=True, soft_wrap=False), in_seconds(duration_us)
+    console, total = create_console(stderr=True, soft_wrap=False), in_seconds(duration_us)
     if quiet:
         yield lambda message: None
         return

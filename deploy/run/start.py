@@ -17,7 +17,7 @@ from deploy.scenario.tables import Scenario
 
 if TYPE_CHECKING:  # importing what a run needs takes a second; a wrong option is reported before
     from acrc_testbed.results.result import RunResult
-    from actors.processes.launch import Launcher
+    from actors.processes.launcher import Launcher
 
     RunFunction = Callable[[Scenario, RunOptions, Launcher | None], RunResult]
 
@@ -60,7 +60,7 @@ def output_folder(out: Path, *, quiet: bool) -> Iterator[None]:
 
     An empty folder is removed after an error. `quiet`: do not report the compilation.
     """
-    from actors.processes.kernels import compile_kernels  # noqa: PLC0415
+    from actors.processes.kernel_compilation import compile_kernels  # noqa: PLC0415
 
     with out_folder.dropped_if_empty(out), out_folder.writing(out):
         compile_kernels(quiet=quiet)
@@ -79,10 +79,10 @@ def start_run(
     with replacing, output_folder(options.out, quiet=quiet):
         if by is not None:
             return by(scenario, options, None)
-        from actors.processes.launch import launcher  # noqa: PLC0415
+        from actors.processes.launcher import create_launcher  # noqa: PLC0415
 
         # the forkserver imports what all processes need while this process imports what a run needs
-        with launcher(options.spawn) if options.bus == "zenoh" else nullcontext() as launched:
+        with create_launcher(options.spawn) if options.bus == "zenoh" else nullcontext() as launched:
             from deploy.run import swarm  # noqa: PLC0415
 
             return swarm.run(scenario, options, launched)

@@ -10,15 +10,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
-from actors.processes.launch import Child, Launcher, LaunchError, Program
-from actors.processes.monitor import HoldUp, Phase, ResourceWatch, StallDetector, Suspect, Timeout
-from actors.processes.robot_logs import last_line, where_it_crashed, where_it_stands
+from actors.processes.launcher import ChildProcess, Launcher, LaunchError, Program
+from actors.processes.monitor import (
+    AwaitedProcess,
+    Phase,
+    ResourceMonitor,
+    StallDetector,
+    StepDelays,
+    Timeout,
+)
+from actors.processes.robot_logs import crash_line, current_line, last_line
 from actors.runtime.codec import decode
 from actors.runtime.core import Bus
 from actors.runtime.errors import AcrcError
-from actors.runtime.failure import FailureNote, in_words
-from actors.runtime.process_table import glance, leftover_fault
-from actors.runtime.recording import RecordingError, decoded
+from actors.runtime.failure import FailureNote, failure_sentence
+from actors.runtime.process_table import leftover_fault, process_state
+from actors.runtime.recording import RecordingError, decode_note
 from actors.topic import Message, Topic
 
 if TYPE_CHECKING:  # it needs the packages of a cluster
@@ -58,7 +65,7 @@ class Supervisor:
         self._say = say
         self._poll = poll
         self._restarts: deque[float] = deque()
-        self._children: list[Child] = []
+        self._children: list[ChildProcess] = []
 
     @property
     def programs(self) -> tuple[Program, ...]:
@@ -66,7 +73,7 @@ class Supervisor:
         return tuple(child.program for child in self._children)
 
     @property
-    def running(self) -> list[Child]:
+    def running(self) -> list[ChildProcess]:
         """Processes that have not exited."""
         return [child for child in self._children if child.exit_code is None]
 
@@ -74,7 +81,7 @@ class Supervisor:
         """Start processes."""
         self._children.extend(self._launcher.start(program) for program in programs)
 
-    def count_restart(self, owner: str, name: str, child: Child) -> None:
+    def count_restart(self, owner: str, name: str, child: ChildProcess) -> None:
         """Count a restart of `child`, which is called `name`; AcrcError if the policy allows no more."""
         now, policy = time.monotonic(), self._policy
         self._restarts.append(now)
@@ -97,7 +104,7 @@ class Supervisor:
                     child.send(signal.SIGCONT)
             self.await_exits(running)
 
-    def await_exits(self, children: Iterable[Child]) -> None:
+    def await_exits(self, children: Iterable[ChildProcess]) -> None:
         """Wait until they have exited, for GRACE_S at most."""
         deadline = time.monotonic() + self.GRACE_S
         left = [child for child in children if child.exit_code is None]
@@ -108,12 +115,12 @@ class Supervisor:
             left = [child for child in left if child.exit_code is None]
 
 
-def last_words(child: Child) -> str:
+def last_words(child: ChildProcess) -> str:
     """The last line of its log."""
-    return child.program.in_our_words(last_line(child.program.log))
+    return child.program.outside_text(last_line(child.program.log))
 
 
-def exit_in_words(child: Child) -> str:
+def exit_in_words(child: ChildProcess) -> str:
     """How a process has ended, and its last line."""
     code, last = child.exit_code or 0, last_words(child)
     how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
@@ -124,7 +131,7 @@ _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, 
 """Signals that a process brings upon itself."""
 
 
-def on_host(children: Iterable[Child], actor: str) -> str:
+def on_host(children: Iterable[ChildProcess], actor: str) -> str:
     """On which host it is, to stand behind what is said of it; empty: on this computer."""
     host = next((child.host for child in children if child.program.actor == actor), "")
     return f" (on host {host})" if host else ""
@@ -142,7 +149,7 @@ class RunSupervisor(Supervisor):
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
         timeout: Timeout,
-        resources: ResourceWatch,
+        resources: ResourceMonitor,
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         """`restart`: the program of an ordered restart, from a step on."""
@@ -162,7 +169,7 @@ class RunSupervisor(Supervisor):
         """Roster messages received."""
 
     @property
-    def held_up(self) -> dict[str, HoldUp]:
+    def held_up(self) -> dict[str, StepDelays]:
         """Delays of steps so far, by actor."""
         return self._stalls.held_up
 
@@ -187,7 +194,7 @@ class RunSupervisor(Supervisor):
         deadline = time.monotonic() + self.VIEW_S
         while (running := self.running) and time.monotonic() < deadline:
             # who is held by a signal finishes nothing; it is let go, and told to end, by `end_all`
-            if all((seen := glance(child.pid)) is not None and seen.stopped for child in running):
+            if all((seen := process_state(child.pid)) is not None and seen.stopped for child in running):
                 return
             self._launcher.wait(self.POLL_S)
 
@@ -230,7 +237,7 @@ class RunSupervisor(Supervisor):
                 self._complete.add(child.pid)
                 _check_end(child)
 
-    def _stall(self, running: Sequence[Child], recording: Path) -> str | None:
+    def _stall(self, running: Sequence[ChildProcess], recording: Path) -> str | None:
         """A sentence on who keeps the run from its next step, or from its end; None while all is well."""
         if self._finished:
             return self._overdue(running, f"{_names(running)} did not end after the last step")
@@ -251,20 +258,20 @@ class RunSupervisor(Supervisor):
 
     def _overdue(
         self,
-        running: Sequence[Child],
+        running: Sequence[ChildProcess],
         what: str,
-        awaited: Sequence[Child] | None = None,
+        awaited: Sequence[ChildProcess] | None = None,
         phase: Phase = "end",
     ) -> str | None:
         """A sentence on who of `awaited`, or of all, has used the time up, and where its code stands."""
-        everyone = {child.pid: Suspect(child.program.actor, child.pid) for child in running}
+        everyone = {child.pid: AwaitedProcess(child.program.actor, child.pid) for child in running}
         suspects = [everyone[child.pid] for child in (running if awaited is None else awaited)]
         stall = self._stalls.check([*everyone.values()], suspects, what, phase)
         if stall is None:
             return None
         guilty = next(child for child in running if child.pid == stall.suspect.pid)
-        place = where_it_stands(guilty, self._launcher.wait)
-        return f"{stall.sentence}; {guilty.program.actor} stands at {place}" if place else stall.sentence
+        place = current_line(guilty, self._launcher.wait)
+        return f"{stall.sentence}; {guilty.program.actor} is at {place}" if place else stall.sentence
 
     def _take_messages(self, bus: Bus) -> None:
         while (progress := _next(bus, PROGRESS)) is not None:
@@ -295,25 +302,25 @@ def _next(bus: Bus, topic: Topic[Progress] | Topic[Roster]) -> Message | None:
     return None if delivery is None else decode(delivery.topic, delivery.key, delivery.payload)
 
 
-def _cause(failed: list[Child]) -> str:
+def _cause(failed: list[ChildProcess]) -> str:
     """One sentence on what failed first: an actor with a cause of its own before those it dragged down."""
     notes = [note for note in (_failure(child) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
-        return in_words(note) + on_host(failed, note.actor)
+        return failure_sentence(note) + on_host(failed, note.actor)
     child = failed[0]
     code = child.exit_code
     assert code is not None
     if code < 0:
         actor = child.program.actor
-        ended = f"{actor} was ended by signal {signal.Signals(-code).name}{on_host(failed, actor)}"
-        place = where_it_crashed(child.program.log) if -code in _CRASHES else ""
-        return ended + (f"; it stood at {place}" if place else "")
+        ended = f"{actor} was killed by {signal.Signals(-code).name}{on_host(failed, actor)}"
+        place = crash_line(child.program.log) if -code in _CRASHES else ""
+        return ended + (f"; it was at {place}" if place else "")
     last = last_words(child)
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
 
 
-def _check_end(child: Child) -> None:
+def _check_end(child: ChildProcess) -> None:
     """AcrcError if a process with exit code 0 has ended before its time, or left something running."""
     program = child.program
     if "final" not in child.notes():
@@ -321,18 +328,18 @@ def _check_end(child: Child) -> None:
             f"{program.actor} ended with exit code 0 in the middle of the run, as by os._exit(0); "
             f"its log is {program.log}"
         )
-    if wrong := leftover_fault(child.strays > 0):
+    if wrong := leftover_fault(child.orphans > 0):
         raise AcrcError(f"{program.actor} failed: {wrong}")
 
 
-def _names(children: Iterable[Child]) -> str:
+def _names(children: Iterable[ChildProcess]) -> str:
     return ", ".join(child.program.actor for child in children)
 
 
-def _failure(child: Child) -> FailureNote | None:
+def _failure(child: ChildProcess) -> FailureNote | None:
     assert child.program.record is not None
     try:
         text = child.notes().get("failure")
-        return None if text is None else decoded(child.program.record, "failure", text, FailureNote)
+        return None if text is None else decode_note(child.program.record, "failure", text, FailureNote)
     except RecordingError:
         return None

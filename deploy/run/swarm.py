@@ -21,27 +21,27 @@ from acrc_testbed.results.result import RunResult, gather
 from acrc_testbed.results.seal import elsewhere, seal
 from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
-from actors.installation.version import software
+from actors.installation.version import software_version
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
 from actors.processes import monitor
-from actors.processes.launch import Child, Launcher, Program, launcher, scratch_folder
-from actors.processes.monitor import HoldUp, ResourceWatch, Timeout
-from actors.processes.robot_logs import check_names, said, show, shown
+from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher, scratch_folder
+from actors.processes.monitor import ResourceMonitor, StepDelays, Timeout
+from actors.processes.robot_logs import check_names, print_output, printing_new_lines, program_output
 from actors.processes.signals import Interrupted, signals_as_interrupts
-from actors.processes.watchdog import guarded
+from actors.processes.watchdog import run_watchdog
 from actors.robot import assembly
 from actors.robot.behaviour.handover import dry_run
 from actors.robot.behaviour.loading import expect_hashes, set_folders
 from actors.robot_model import load_model
 from actors.runtime import typed_json
+from actors.runtime.captured_output import captured_by
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import FailureNote, failure_note, own_frames
 from actors.runtime.isolation import rules
 from actors.runtime.isolation.mounts import code_entries, unseen
-from actors.runtime.isolation.sandbox import IsolationChoice, choose, warn
-from actors.runtime.prints import taken_by
+from actors.runtime.isolation.sandbox import IsolationChoice, choose_isolation, print_warning
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.shell import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
@@ -186,7 +186,7 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
     start = assembly.start(told, model, floor)
     # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
     set_folders(modules)
-    with contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():
+    with contextlib.redirect_stdout(sys.stderr), captured_by(None), exits_caught():
         try:
             dry_run(settled.behaviour, start)
         except AcrcError:
@@ -198,13 +198,13 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
             raise AcrcError(f"{sentence}\n{own_frames(error)}".rstrip()) from error
 
 
-def _await_end(child: Child, launched: Launcher, bounds: PreflightLimits) -> None:
+def _await_end(child: ChildProcess, launched: Launcher, bounds: PreflightLimits) -> None:
     deadline = time.monotonic() + bounds.patience_s + bounds.grace_s
     while child.exit_code is None and time.monotonic() < deadline:
         launched.wait(0.05)
 
 
-def _judge(plan: RunPlan, child: Child, bounds: PreflightLimits, *, hung: bool) -> None:
+def _judge(plan: RunPlan, child: ChildProcess, bounds: PreflightLimits, *, hung: bool) -> None:
     """AcrcError unless the robot's process says that the robot could be made.
 
     `hung`: it had not ended by itself in time, so the signal that ended it was ours.
@@ -215,24 +215,24 @@ def _judge(plan: RunPlan, child: Child, bounds: PreflightLimits, *, hung: bool) 
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
             raise AcrcError(printable(note.cause))
-        show(said(child.program))
+        print_output(program_output(child.program))
         raise AcrcError(f"{made}: {printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
-    told = said(child.program)
+    told = program_output(child.program)
     place = _HUNG.search(told)
     if place is not None:
         where = f"{Path(place[1]).name}:{place[2]}"
         raise AcrcError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
     if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
         raise AcrcError(told.strip().splitlines()[-1])
-    show(told)
+    print_output(told)
     if hung:
         raise AcrcError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
     assert child.exit_code is not None
     if child.exit_code < 0:
         number = signal.Signals(-child.exit_code)
-        raise AcrcError(f"{made}: its process was ended by signal {number.name}")
+        raise AcrcError(f"{made}: its process was killed by {number.name}")
     raise AcrcError(f"{made}: its process ended with exit code {child.exit_code}")
 
 
@@ -258,7 +258,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     with allocated_hosts(options) as pool:
         prepared = plan(scenario, options, None if pool is None else pool.isolation_fault)
         for sentence in (prepared.warning, *(() if options.json else prepared.warnings)):
-            warn(sentence)
+            print_warning(sentence)
         places = sum(len(robot.places) for robot in prepared.world.robots)
         given = (timed.order for timed in prepared.world.events)
         places += sum(len(order.places) for order in given if isinstance(order, Give))
@@ -266,7 +266,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
         check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
         with (
             progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow,
-            shown(options.out, options.log) as look,
+            printing_new_lines(options.out, options.log) as look,
         ):
 
             def on_progress(message: Progress) -> None:
@@ -289,14 +289,14 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
     its own.
     """
     memory = options.bus == "memory"
-    choice = IsolationChoice(False) if memory else choose(options.isolate, elsewhere=elsewhere)
+    choice = IsolationChoice(False) if memory else choose_isolation(options.isolate, elsewhere=elsewhere)
     settled = resolve(scenario)
     _check_followed(settled, options)
     planned = RunPlan(
         **{one.name: getattr(settled, one.name) for one in fields(Swarm)},
         options=options,
         scenario=copied_scenario(settled, options),
-        commit=software(),
+        commit=software_version(),
         isolate=choice.isolate,
         warning=choice.warning,
         warnings=scenario_warnings(settled),
@@ -305,7 +305,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
     )
     if options.bus == "memory":
         expect_hashes(options.recorded)
-        with guarded(planned.timeout.step_s) if planned.own_code else nullcontext():
+        with run_watchdog(planned.timeout.step_s) if planned.own_code else nullcontext():
             preflight_here(settled, options.modules)
     return planned
 
@@ -354,7 +354,7 @@ def run_processes(
     """
     began = time.time()
     check_new(plan.out)
-    with signals_as_interrupts(), nullcontext(launched) if launched else launcher(spawn) as starting:
+    with signals_as_interrupts(), nullcontext(launched) if launched else create_launcher(spawn) as starting:
         preflight(plan, starting)
         lay_out(plan)
         with hosts_of(plan, pool) as away:
@@ -375,7 +375,7 @@ def _supervise(
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.timeout,
-        ResourceWatch(plan.options.limits),
+        ResourceMonitor(plan.options.limits),
         _say,
     )
     try:
@@ -422,8 +422,8 @@ def _say(sentence: str) -> None:
     sys.stderr.write(f"acrc: {sentence}\n")
 
 
-def _tell(held_up: Mapping[str, HoldUp]) -> None:
-    for sentence in monitor.sentences(held_up):
+def _tell(held_up: Mapping[str, StepDelays]) -> None:
+    for sentence in monitor.delay_sentences(held_up):
         _say(sentence)
 
 

@@ -15,8 +15,8 @@ from acrc_testbed.recordings.run_recordings import all_recordings, read_setup, r
 from acrc_testbed.recordings.sandboxed_replay import warn_unhashed
 from actors.instant import in_seconds
 from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Truth
-from actors.processes.launch import scratch_folder
-from actors.processes.robot_logs import EVERYBODY, shown
+from actors.processes.launcher import scratch_folder
+from actors.processes.robot_logs import ALL_ROBOTS, printing_new_lines
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from actors.robot.behaviour.loading import RecordedModules
@@ -24,7 +24,7 @@ from actors.runtime.codec import decode
 from actors.runtime.recording import Entry, read_recording
 from actors.runtime.replay_bus import ReplayError, first_difference, topic_of
 from actors.topic import Message, sender
-from actors.wording import brief
+from actors.wording import short_repr
 from cleaning.strategies import entry
 from deploy.run import swarm
 from deploy.run.change import OrderBus, recorded_orders
@@ -76,7 +76,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
         ).detail  # what is only recorded is compared, too
         options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded, record=level)
         plan = swarm.plan(scenario, options)
-        with shown(again, (EVERYBODY,)) as look:
+        with printing_new_lines(again, (ALL_ROBOTS,)) as look:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)
         if not told.complete or result.digest != told.digest:
             until = math.inf if told.complete else (told.good_until or 0)
@@ -192,9 +192,9 @@ def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: t
     then = first.message(difference.key, difference.one)
     now = second.message(difference.key, difference.other)
     if difference.one is None:
-        return f"only in the {names[1]}: {brief(now)}"
+        return f"only in the {names[1]}: {short_repr(now)}"
     if difference.other is None:
-        return f"only in the {names[0]}: {brief(then)}"
+        return f"only in the {names[0]}: {short_repr(then)}"
     if isinstance(now, Truth) and isinstance(then, Truth):
         now, then = (msgspec.structs.replace(truth, jams=(), losses=()) for truth in (now, then))
         if now == then:
@@ -202,7 +202,7 @@ def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: t
     found = None if now is None or then is None else first_difference(now, then)
     if found is None:
         return "other bytes"
-    return f"{found.field} is {brief(found.one)}; in the {names[0]} it was {brief(found.other)}"
+    return f"{found.field} is {short_repr(found.one)}; in the {names[0]} it was {short_repr(found.other)}"
 
 
 def replay_otherwise(out: Path, actor: str, behaviour: str, replay_options: ReplayOptions) -> ReplayReport:

@@ -12,7 +12,7 @@ from actors.geometry import wrap
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.orders import Order
 from actors.runtime.errors import AcrcError
-from actors.wording import shown
+from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
 from deploy.scenario.tables import AreaTable, EventTable, Scenario
 
@@ -91,7 +91,7 @@ def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
     for index, area in enumerate(table.area for table in scenario.area):
         if not has_free_floor(grid, area):
             raise AcrcError(
-                f"area[{index}] {shown(area.name)} spans x {area.x0:g} to {area.x1:g} and"
+                f"area[{index}] {toml_text(area.name)} spans x {area.x0:g} to {area.x1:g} and"
                 f" y {area.y0:g} to {area.y1:g} m, where nothing is free; it must cover free floor"
             )
 
@@ -113,9 +113,10 @@ def _unknown_area(names: Sequence[str] | None, key: str, scenario: Scenario) -> 
             continue
         near = difflib.get_close_matches(name, known, n=1)
         if near:
-            return f"{key}[{index}] is {shown(name)}, which is not an area; did you mean {shown(near[0])}?"
-        right = f"one of {', '.join(map(shown, known))}" if known else "the name of an [[area]]"
-        return f"{key}[{index}] is {shown(name)}, but must be {right}"
+            nearest = toml_text(near[0])
+            return f"{key}[{index}] is {toml_text(name)}, which is not an area; did you mean {nearest}?"
+        right = f"one of {', '.join(map(toml_text, known))}" if known else "the name of an [[area]]"
+        return f"{key}[{index}] is {toml_text(name)}, but must be {right}"
     return _repetition(names or (), f"{key}[{{}}]", "name each area once")
 
 
@@ -123,7 +124,7 @@ def _repetition(names: Sequence[str], key: str, rule: str) -> str | None:
     """Return an error for a repeated name; `key` has a placeholder for its index."""
     for index, name in enumerate(names):
         if name in names[:index]:
-            return f"{key.format(index)} is a second {shown(name)}; {rule}"
+            return f"{key.format(index)} is a second {toml_text(name)}; {rule}"
     return None
 
 

@@ -14,14 +14,14 @@ from actors.floor import offices
 from actors.floor.map_file import load_map, read_header
 from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
-from actors.installation.usage import OptionError, typed, wrong_value
+from actors.installation.usage import OptionError, command_line, wrong_value
 from actors.robot.behaviour import handover
 from actors.robot.behaviour.code_permit import is_installed
 from actors.robot.behaviour.loading import module_file
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.robot.stack import IMPROVED_REMOVED
 from actors.runtime.errors import AcrcError
-from actors.runtime.process_setup import located_model
+from actors.runtime.process_setup import resolve_model
 from actors.settings import ParameterError, decode, loads, read_text, toml_tables
 from deploy.scenario.events import area_fault, event_fault, robot_fault
 from deploy.scenario.tables import AreaTable, Scenario
@@ -78,7 +78,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     """Return the scenario in the text of the file `path`, like load_scenario."""
     content = toml_tables(text, path)
     if is_study(content):
-        raise AcrcError(f"{path}: is a study, not a scenario; run it with: {typed('campaign', path)}")
+        raise AcrcError(f"{path}: is a study, not a scenario; run it with: {command_line('campaign', path)}")
     own_map = content.get("map")
     options = _apply_overrides(content, overrides)
     try:
@@ -191,7 +191,7 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
     """Resolve paths against the scenario file's folder."""
     return with_models(
         replace(scenario, run=replace(scenario.run, modules=str(folder / (scenario.run.modules or ".")))),
-        lambda model: located_model(model, folder),
+        lambda model: resolve_model(model, folder),
     )
 
 

@@ -42,7 +42,7 @@ Parameters = Annotated[dict[str, Any], Meta(description="a table of a preset and
 _Setting = Annotated[
     Scalar | Annotated[tuple[Scalar, ...], Meta(max_length=MOST_ITEMS)],
     Meta(
-        description="true, false, a whole number of 64 bits, a finite number, a text, or a list of at most"
+        description="true, false, a whole number of 64 bits, a finite number, a string, or a list of at most"
         f" {MOST_ITEMS} of these"
     ),
 ]

@@ -16,16 +16,16 @@ from types import FrameType
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.robot_model import load_model
-from actors.runtime.background import BackgroundRecorder, Log, to_stderr
+from actors.runtime.background import BackgroundLog, BackgroundRecorder, write_stderr
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
-from actors.runtime.isolation.credentials import reveal
+from actors.runtime.isolation.credentials import publish_sockets
 from actors.runtime.isolation.tls import onboard_router_config
 from actors.runtime.linux import die_with_parent
-from actors.runtime.process import ActorProcess, play, run_note
+from actors.runtime.process import ActorProcess, run_actor, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
-from actors.runtime.zenoh_bus import WakingBus
+from actors.runtime.zenoh_bus import SelectableBus
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
 from firmware_bridge.onboard.device_loop import OPENNI, BaseProcessSetup, BaseSetup, Clock, run_event_loop
@@ -69,7 +69,7 @@ class Base:
     def __init__(self, setup: BaseSetup, clock: Clock) -> None:
         now = clock.now()
         self._clock = clock
-        self._log = Log(to_stderr)
+        self._log = BackgroundLog(write_stderr)
         self._vehicle = turtlebot(setup, clock, self._log.say)
         self._keeper = None if setup.last_pose is None else PoseWriter(Path(setup.last_pose), now)
         begun = None if self._keeper is None else self._keeper.begun
@@ -78,7 +78,7 @@ class Base:
         self.core.patience = None if setup.patience_s is None else seconds(setup.patience_s)
         self._stopped = False
 
-    def drive(self, shell: Shell, bus: WakingBus) -> None:
+    def drive(self, shell: Shell, bus: SelectableBus) -> None:
         """Run until stopped; the vehicle stands when this returns or raises."""
         core = self.core
         before = signal.signal(signal.SIGTERM, self._stop)
@@ -153,7 +153,7 @@ def main(argv: Sequence[str]) -> int:
             core=base.core,
             listens=base.core.listens(),
             run=run_note("base", setup, told.process.commit),
-            bus=WakingBus,
+            bus=SelectableBus,
             drive=base.drive,
             outcome=base.core.report,
         )
@@ -161,7 +161,7 @@ def main(argv: Sequence[str]) -> int:
         try:
             check_endpoint(setup.listen)
             recorder = BackgroundRecorder(folder / told.process.record, setup.step_us)
-            return play(process, recorder, config, lambda: reveal(issued))
+            return run_actor(process, recorder, config, lambda: publish_sockets(issued))
         finally:
             credentials.remove_router_file(router)
     except AcrcError as error:

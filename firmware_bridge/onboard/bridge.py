@@ -39,15 +39,15 @@ from actors.messages import (
     Truth,
     Unconfirmed,
 )
-from actors.runtime.background import SparingRecorder, to_stderr
+from actors.runtime.background import LossyRecorder, write_stderr
 from actors.runtime.core import Address, Inputs, Output, at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.rules import client_config
 from actors.runtime.linux import die_with_parent
-from actors.runtime.process import ActorProcess, play, run_note
+from actors.runtime.process import ActorProcess, run_actor, run_note
 from actors.runtime.process_setup import read_setup, setup_parser
 from actors.runtime.shell import Shell
-from actors.runtime.zenoh_bus import WakingBus
+from actors.runtime.zenoh_bus import SelectableBus
 from firmware_bridge.beeclick.answer_decoder import BoardEvent, PacketOutcome
 from firmware_bridge.beeclick.board_link import BoardLink
 from firmware_bridge.device_lines import TransceiverLink
@@ -206,10 +206,10 @@ class Bridge:
         self._link = BoardLink(setup.settings) if setup.board else TransceiverLink()
         self.core = BridgeCore(setup.robot, self._link)
         self._line = ReconnectingPort(
-            functools.partial(BoardPort, setup.radio), lambda sentence: to_stderr(f"{sentence}\n")
+            functools.partial(BoardPort, setup.radio), lambda sentence: write_stderr(f"{sentence}\n")
         )
 
-    def drive(self, shell: Shell, bus: WakingBus) -> None:
+    def drive(self, shell: Shell, bus: SelectableBus) -> None:
         """Run until the base ends the run."""
         core = self.core
         try:
@@ -257,12 +257,12 @@ def main(argv: Sequence[str]) -> int:
             listens=bridge.core.listens(),
             run=run_note("radio", setup, place.commit),
             ready=to(RADIO_READY, Ready(0, "radio", 0, "")),
-            bus=WakingBus,
+            bus=SelectableBus,
             drive=bridge.drive,
             outcome=bridge.core.outcome,
         )
         config = client_config(folder / place.credentials, place.endpoint(folder))
-        return play(process, SparingRecorder(folder / place.record, setup.step_us), config)
+        return run_actor(process, LossyRecorder(folder / place.record, setup.step_us), config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -12,9 +12,9 @@ import msgspec
 from actors.instant import Instant, seconds
 from actors.robot_model import RobotDescription
 from actors.runtime.core import Address, Inputs, Output
-from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
+from actors.runtime.process_setup import ActorSetup, ProcessSetup, resolve_model
 from actors.runtime.shell import Shell
-from actors.runtime.zenoh_bus import WakingBus
+from actors.runtime.zenoh_bus import SelectableBus
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.serial_port import PortError, SerialPort
 
@@ -44,7 +44,7 @@ class BaseSetup(RobotDescription, frozen=True, kw_only=True):
     def located(self, folder: Path) -> Self:
         """Return the set-up with paths resolved against `folder`, in which it was read."""
         last_pose = None if self.last_pose is None else str(folder / self.last_pose)
-        return msgspec.structs.replace(self, model=located_model(self.model, folder), last_pose=last_pose)
+        return msgspec.structs.replace(self, model=resolve_model(self.model, folder), last_pose=last_pose)
 
 
 class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -127,7 +127,7 @@ LONGEST_WAIT = 0.02
 
 def run_event_loop(
     shell: Shell,
-    bus: WakingBus,
+    bus: SelectableBus,
     core: TimedCore,
     devices: ServedDevices,
     clock: Clock,

@@ -11,7 +11,7 @@ from actors.geometry import Pose
 from actors.instant import Duration, Instant, seconds
 from actors.messages import Odometry
 from actors.runtime import regular_file
-from actors.runtime.background import Background
+from actors.runtime.background import BackgroundWorker
 
 SPREAD: Final = 0.3
 """Standard deviation of a stored pose, m and rad, due to PERIOD at 0.5 m/s. Own choice."""
@@ -58,7 +58,7 @@ def write(path: Path, last: LastPose) -> None:
     """
     data = msgspec.json.encode(last)
     try:
-        regular_file.write(path, data, durable=True)
+        regular_file.write_atomically(path, data, durable=True)
     except OSError:
         with path.open("r+b") as file:
             file.write(data)
@@ -74,7 +74,7 @@ class PoseWriter:
         """Read the file and rewrite its pose with this process's odometry, which starts at 0."""
         self._path = path
         self._due = started
-        self._background = Background()
+        self._background = BackgroundWorker()
         self.begun = read(path)
         if self.begun is not None:
             self._write(LastPose(self.begun.pose, (0.0, 0.0, 0.0), self.begun.spread))
@@ -97,4 +97,4 @@ class PoseWriter:
         self._background.close()
 
     def _write(self, last: LastPose) -> None:
-        self._background.do(lambda: write(self._path, last))
+        self._background.submit(lambda: write(self._path, last))

@@ -21,8 +21,8 @@ from acrc_testbed.results.result import Origin, RobotResult, RunResult
 from actors.installation import usage
 from actors.installation.repository import REPOSITORY
 from actors.installation.repository import REPOSITORY as ROOT
-from actors.installation.version import release
-from actors.processes import kernels
+from actors.installation.version import package_version
+from actors.processes import kernel_compilation
 from actors.world.sensing import PoseError
 from cleaning.strategies import STRATEGIES
 from tests import in_process
@@ -78,7 +78,7 @@ def test_usage_errors_have_one_form(words: str, sentence: str) -> None:
 
 
 def test_acrc_help_is_the_same_as_the_option() -> None:
-    assert acrc("--version")[1].startswith(f"acrc {release()}")
+    assert acrc("--version")[1].startswith(f"acrc {package_version()}")
     assert acrc("help") == acrc("--help")
     assert acrc("help", "list", "maps") == acrc("list", "maps", "--help")
 
@@ -133,7 +133,7 @@ def test_arguments_of_test_go_to_pytest_in_the_repository(
         called.append((root, *words))
         return 3
 
-    monkeypatch.setattr(kernels, "compile_kernels", lambda: None)
+    monkeypatch.setattr(kernel_compilation, "compile_kernels", lambda: None)
     monkeypatch.setattr(development, "run_suite", noted)
     assert acrc("test", "tests/run", "-k", "one", "-q", cwd=tmp_path)[0] == 3
     assert called == [(ROOT, "tests/run", "-k", "one", "-q")]
@@ -276,15 +276,15 @@ def test_suggested_commands_work_in_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert usage.command() == str(REPOSITORY / "acrc")
+    assert usage.command_name() == str(REPOSITORY / "acrc")
     monkeypatch.setattr(usage, "REPOSITORY", tmp_path / "site-packages")
-    assert usage.command() == "acrc"
+    assert usage.command_name() == "acrc"
     (clone := tmp_path / "my clone").mkdir()
     (clone / "acrc").touch()
     monkeypatch.setattr(usage, "REPOSITORY", clone)
-    assert usage.command() == f"'{clone}/acrc'"
+    assert usage.command_name() == f"'{clone}/acrc'"
     monkeypatch.chdir(clone)
-    assert usage.command() == "./acrc"
+    assert usage.command_name() == "./acrc"
 
 
 def test_a_result_as_json(capsys: pytest.CaptureFixture[str]) -> None:

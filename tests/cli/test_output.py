@@ -12,7 +12,7 @@ from rich.table import Table
 from acrc_testbed.command_line.documentation import command_tree
 from acrc_testbed.command_line.lists import head_comment, preset_summary
 from acrc_testbed.command_line.shared_options import answer
-from actors.console import print_table, screen
+from actors.console import create_console, print_table
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.radio.radio_model import PRESETS as RADIO
@@ -88,7 +88,7 @@ def test_a_table_breaks_no_word_at_any_width(width: int, capsys: pytest.CaptureF
     table = Table("strategy", "what it does", "places done", title="All :x:")
     for name in NAMES:
         table.add_row(name, TEXT, "12.5 [11.0, 14.0]")
-    print_table(screen(width=width), table)
+    print_table(create_console(width=width), table)
     told = capsys.readouterr().out
     words = {word for text in (*NAMES, TEXT, "12.5 [11.0, 14.0]") for word in text.split()}
     assert words <= set(re.split(r"[\s│┃]+", told))
@@ -100,7 +100,7 @@ def test_a_table_that_does_not_fit_is_printed_row_by_row(capsys: pytest.CaptureF
     table = Table("name", "", "entry", title="Two")
     table.add_row("none", "", "cleaning.strategies.none:behaviour")
     table.add_row("mine", "of\nmine", "")
-    print_table(screen(width=20), table)
+    print_table(create_console(width=20), table)
     assert capsys.readouterr().out.splitlines() == [
         "Two",
         "none",

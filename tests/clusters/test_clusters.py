@@ -298,7 +298,7 @@ def test_two_commands_make_a_cluster_that_ends_with_them(tmp_path: Path) -> None
         ended(worker)
         ended(scheduler)
     ours = {worker.pid, scheduler.pid}
-    assert eventually(lambda: not any(one.session in ours for one in process_table.table().values()))
+    assert eventually(lambda: not any(one.session in ours for one in process_table.processes().values()))
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from actors.radio.program import build as build_radio
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, read, to
-from actors.runtime.recording import Unrecorded
+from actors.runtime.recording import NullJournal
 from actors.runtime.shell import MemoryBus, Shell, run_digest, run_shells
 from actors.task.referee import PlaceOutcome, Referee
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, Task
@@ -92,7 +92,7 @@ class ScriptedRobot:
         return [*outputs, to(DRIVE, drive, self._robot)]
 
 
-class FloorRecorder(Unrecorded):
+class FloorRecorder(NullJournal):
     """Recorder of the changes of the floor."""
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class ScriptedSwarm:
         self.floor = FloorRecorder()
         self.bodies = Bodies(setup)
         self.core = WorldCore(setup, self.bodies, task or Referee(setup.robots, setup.reach))
-        self.world = self._shell(self.core, self.core.listens(), "world", self.core.open_to)
+        self.world = self._shell(self.core, self.core.listens(), "world", self.core.optional_inputs)
         addresses = tuple((robot, number + 1) for number, robot in enumerate(robots))
         self.radio = build_radio(RadioSetup(seed=1, step_us=STEP, robots=addresses))
         radio = self._shell(self.radio, (at(TRUTH), at(TRANSMIT, "*")), "radio")
@@ -173,20 +173,20 @@ class ScriptedSwarm:
 
     @property
     def digest(self) -> str:
-        return run_digest([shell.tally.hash.digest(shell.actor) for shell in self.shells])
+        return run_digest([shell.counts.hash.digest(shell.actor) for shell in self.shells])
 
     @property
     def undelivered(self) -> int:
-        return sum(s.tally.published - s.tally.received for s in self.shells) - self.rosters
+        return sum(s.counts.published - s.counts.received for s in self.shells) - self.rosters
 
     def _shell(
         self,
         core: Core,
         listens: Sequence[Address],
         name: str,
-        open_to: Callable[[], Sequence[Address]] = tuple,
+        optional_inputs: Callable[[], Sequence[Address]] = tuple,
     ) -> Shell:
-        shell = Shell(core, self.bus, self.floor, actor=name, open_to=open_to)
+        shell = Shell(core, self.bus, self.floor, actor=name, optional_inputs=optional_inputs)
         for address in listens:
             self.bus.listen(address, shell.deliver)
         return shell

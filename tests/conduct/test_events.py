@@ -30,7 +30,7 @@ from actors.robot_model import load_model
 from actors.runtime.codec import encode
 from actors.runtime.core import Delivery, at
 from actors.runtime.errors import AcrcError
-from actors.runtime.processor import combined
+from actors.runtime.processor import combine_fingerprints
 from actors.world.body import Bodies
 from tests.conduct.scripted_swarm import STEP, ScriptedRobot, ScriptedSwarm, told
 from tests.refusals import refused
@@ -178,7 +178,7 @@ def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
 def test_single_steps_pause_again_and_change_nothing() -> None:
     play = ScriptedSwarm(1.0)
     ordered(play, Pause())
-    stands = r"nobody can go on: world \(step {}\) for swarm/infra/control"
+    stands = r"no actor can continue: world \(step {}\) waits for swarm/infra/control"
     for steps, at_step in ((1, 1), (3, 4)):
         with pytest.raises(AcrcError):
             play.run()
@@ -277,14 +277,14 @@ def test_an_invalid_event_ends_the_run(order: Order, sentence: str) -> None:
 @pytest.mark.parametrize(
     ("said", "named"),
     [
-        (combined({"a.cos": "1" * 64, "a.sin": "4" * 64}), "a.sin"),
+        (combine_fingerprints({"a.cos": "1" * 64, "a.sin": "4" * 64}), "a.sin"),
         ("a.sin=\x1b[2J", "a.sin"),
         ("\x1b[2J=1", "unknown kernels"),
         ("", "unknown kernels"),
     ],
 )
 def test_robots_with_other_results_are_refused(said: str, named: str) -> None:
-    here = combined({"a.cos": "1" * 64, "a.sin": "2" * 64, "a.tan": "3" * 64})
+    here = combine_fingerprints({"a.cos": "1" * 64, "a.sin": "2" * 64, "a.tan": "3" * 64})
     with refused(
         f"r2 and r1 compute different results in {named}; run the same version of this software on "
         "compatible processors"

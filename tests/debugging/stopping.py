@@ -1,4 +1,4 @@
-"""A strategy with a breakpoint in it: the naive one, stopped once, at 1 s."""
+"""The naive strategy with a breakpoint at 1 s."""
 
 from dataclasses import replace
 from typing import Self
@@ -12,7 +12,7 @@ from deeco import component, periodic, seconds
 
 @component
 class StoppingRobot(CleaningRobot):
-    """Stops where somebody is to look at it."""
+    """Stops at a breakpoint."""
 
     looked: bool = False
 
@@ -25,5 +25,5 @@ class StoppingRobot(CleaningRobot):
 
 
 def behaviour(start: Start) -> Behaviour:
-    """The naive strategy, and a look at it."""
+    """Return the naive strategy with a breakpoint."""
     return host(start, StoppingRobot(id=start.robot, position=start.pose.point, route=assignments(start)))

@@ -1,4 +1,4 @@
-"""`acrc run --debug`: a breakpoint in one robot's strategy stops the world, and nothing is lost by it."""
+"""`acrc run --debug`: a breakpoint in one robot's strategy pauses the world and loses nothing."""
 
 import json
 import os
@@ -24,7 +24,7 @@ WORDS: Final = ("run", SCENARIO, "--strategy", "tests.debugging.stopping:behavio
 
 
 class Terminal:
-    """`acrc …` with a terminal of its own, and somebody who types."""
+    """A run of `acrc …` with its own terminal and typed input."""
 
     def __init__(self, *words: object) -> None:
         self._ours, theirs = pty.openpty()
@@ -35,7 +35,7 @@ class Terminal:
         self.shown = ""
 
     def _read(self) -> bool:
-        """Add what is shown; False if the other end is closed."""
+        """Read new output; return False if the other end is closed."""
         try:
             if select.select([self._ours], [], [], 0.2)[0]:
                 self.shown += os.read(self._ours, 4096).decode(errors="replace")
@@ -72,7 +72,7 @@ def terminals() -> Iterator[list[Terminal]]:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The digest of the run without a breakpoint."""
+    """Return the digest of the run without a breakpoint."""
     options = RunOptions(tmp_path_factory.mktemp("undisturbed") / "out", bus="memory")
     settled = load_scenario(SCENARIO, Overrides(duration=3.0, strategy="none"))
     return swarm.run_in_memory(swarm.plan(settled, options), lambda progress: None).digest
@@ -101,16 +101,18 @@ def test_a_breakpoint_stops_the_world(
 
 
 @pytest.mark.nightly
-def test_who_leaves_the_debugger_ends_the_run_and_is_told(tmp_path: Path, terminals: list[Terminal]) -> None:
+def test_quitting_the_debugger_ends_the_run_with_a_message(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(*WORDS, "--debug", "r2", "--bus", "memory", "--out", tmp_path / "out")
     terminals.append(terminal)
     terminal.until("(Pdb) ")
     terminal.type("q")
     assert terminal.end() == 1
-    assert "somebody has left the debugger; `c` goes on with the run" in terminal.shown.replace("\r\n", " ")
+    assert "the run ended because the debugger was quit; use `c` to continue" in terminal.shown.replace(
+        "\r\n", " "
+    )
 
 
-def test_what_cannot_be_debugged(tmp_path: Path) -> None:
+def test_invalid_debug_options(tmp_path: Path) -> None:
     done = acrc(*WORDS, "--debug", "r2", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert "--debug: r2; standard input must be a terminal" in done.stderr
@@ -119,10 +121,10 @@ def test_what_cannot_be_debugged(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_a_breakpoint_without_a_terminal_says_how_to_get_one(tmp_path: Path) -> None:
+def test_breakpoint_without_a_terminal_names_the_option(tmp_path: Path) -> None:
     done = acrc(*WORDS, "--out", tmp_path / "out")
     assert done.returncode == 1
-    assert "breakpoint() has no terminal here; `acrc run --debug r" in done.stderr
+    assert "breakpoint() has no terminal; use `acrc run --debug r" in done.stderr
 
 
 def _size(out: Path) -> int:

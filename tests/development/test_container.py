@@ -15,7 +15,7 @@ from typing import Final
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.installation.version import software
+from actors.installation.version import software_version
 from tests.swarm.command import run
 
 RECIPES: Final = REPOSITORY / "deploy" / "container"
@@ -126,4 +126,7 @@ def test_a_run_in_the_container_has_the_digest_of_one_outside(
     assert not re.search("installing|compiling", done.stderr)
     inside = json.loads(done.stdout)
     outside = run(tmp_path / "out", *TASK)
-    assert (inside["digest"], inside["origin"]["commit"]) == (outside["digest"], software().removesuffix("+"))
+    assert (inside["digest"], inside["origin"]["commit"]) == (
+        outside["digest"],
+        software_version().removesuffix("+"),
+    )

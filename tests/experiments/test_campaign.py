@@ -284,7 +284,7 @@ def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
         store.load(tmp_path / "nothing")
     trial = next(STUDY.trials())
     folder.path(trial).write_text('{"strategy": 3}')
-    with pytest.raises(AcrcError, match=rf"{trial.name}\.json: no record of a trial: "):
+    with pytest.raises(AcrcError, match=rf"{trial.name}\.json: invalid record of a trial: "):
         list(folder.records())
 
 
@@ -300,7 +300,7 @@ def test_tuning_has_seeds_that_no_test_has_and_every_variant_has_every_value() -
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        (b"[" * 100_000, "its process has left no record of a trial: "),
+        (b"[" * 100_000, "its process wrote no valid record of a trial: "),
         (b'{"strategy":"x","seed":9,"variant":{}}', "its process has left a record with neither result nor"),
         (None, "it died"),
     ],

@@ -16,7 +16,7 @@ from actors.runtime.replay_bus import ReplayError
 from tests.recorded_runs import record
 from tests.swarm.command import processes_of, start
 
-ABLE = sandbox.available() is None
+ABLE = sandbox.isolation_fault() is None
 CONFINED = pytest.mark.skipif(not ABLE, reason="this machine cannot confine processes")
 SCENARIO = """
 map = "../maps/corridor.yaml"

@@ -69,7 +69,7 @@ def outcome(one: LineNoise, out: Path, digest: str) -> tuple[str, list[str]]:
     time.sleep(one.at_s)
     victims: list[int] = []
     while not victims and process.poll() is None:
-        family = process_table.descendants((process.pid,), process_table.table())
+        family = process_table.descendants((process.pid,), process_table.processes())
         victims = [pid for pid in family if one.victim in (ALL, role(pid, process.pid, out))]
         time.sleep(0.05)
     send(one.number, victims)

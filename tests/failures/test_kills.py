@@ -33,7 +33,7 @@ def test_a_killed_process_ends_the_run_at_once(r2_killed: Death, tmp_path: Path)
 def check_end(death: Death, actor: str) -> None:
     assert death.lasted_s < 10  # not the 30 s of a silent actor
     assert death.code == 1
-    assert death.said.strip().splitlines()[-1] == f"acrc: {actor} was ended by signal SIGKILL"
+    assert death.said.strip().splitlines()[-1] == f"acrc: {actor} was killed by SIGKILL"
     assert gone(death.out)
     steps = {path.stem: last_step(path) for path in death.out.glob("*/*.mcap")}
     # its own last step may be sent and not yet in its file, while the world is in the one after
@@ -113,6 +113,6 @@ def test_a_strategy_that_fills_the_disk_ends_the_run_and_is_named(tmp_path: Path
     done = acrc("run", "--strategy", "tests.failures.saboteur:fills", *words, "--out", out)
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1] == (
-        f"acrc: r2 has written more than 30 MB to {out}/r2; --limit disk_mb=N allows more"
+        f"acrc: r2 has written more than 30 MB to {out}/r2; raise the limit with --limit disk_mb=N"
     )
     assert processes_of(out) == [] and leftovers(out) == []

@@ -308,7 +308,7 @@ def test_junk_beside_recordings_and_impossible_instants_are_named_and_left_out(
     (far / "r1" / "empty.mcap").touch()
     ours = collect([far])
     assert ours.notes[:3] == (
-        f"{far}/r1/a.mcap: not a recording of this project, or damaged at its start",
+        f"{far}/r1/a.mcap: not a recording, or damaged at its start",
         f"{far}/r1/empty.mcap: ends before its first record, or is no actor's recording; left out",
         f"{far}/r2/r2.mcap: damaged: an instant is {1 << 61} µs, as no clock shows; what "
         "comes before is taken",
@@ -375,6 +375,6 @@ def test_messages_of_another_version_are_a_sentence(
     ours = collect([far])
     assert ours.per_robot["r2"].recordings[0].ended == "damaged"
     assert ours.notes[0] == (
-        f"{far}/r2/r2.mcap: swarm/down/r2/senses: version 7 where message version {MESSAGE_VERSION} was due; "
+        f"{far}/r2/r2.mcap: swarm/down/r2/senses: version 7, expected message version {MESSAGE_VERSION}; "
         "what comes before is taken"
     )

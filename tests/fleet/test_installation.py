@@ -400,7 +400,7 @@ def test_missing_wheels_are_reported_in_one_sentence(monkeypatch: pytest.MonkeyP
 def test_a_bundles_program_reports_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / version.COMMIT).write_text("abc+\n")
     monkeypatch.setattr(version, "REPOSITORY", tmp_path)
-    assert version.software.__wrapped__() == "abc+"
+    assert version.software_version.__wrapped__() == "abc+"
 
 
 @pytest.mark.parametrize("minor", version.MINORS)

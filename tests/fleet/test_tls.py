@@ -64,7 +64,7 @@ class Robot:
     def router(self) -> Iterator[zenoh.Session]:
         """Open the router's session and publish the sockets of the robot's actors."""
         with zenoh.open(listening_router_config(self.issued, self.own, [self.endpoint])) as session:
-            credentials.reveal(self.issued)
+            credentials.publish_sockets(self.issued)
             yield session
 
     def _issued(self) -> Credentials:

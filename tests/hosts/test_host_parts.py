@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostLoad, HostPart, HostsFile, LeftFile
-from actors.installation.usage import OptionError, typed
+from actors.installation.usage import OptionError, command_line
 from actors.runtime.errors import AcrcError
 from deploy.hosts import host_link
 from deploy.hosts.address import bound, free_port, place_of, plain
@@ -267,7 +267,7 @@ def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:
     assert seal.read(tmp_path) == told
     assert seal.where(tmp_path, seal.elsewhere(tmp_path)) == (
         f"{tmp_path}/r1/r1.mcap and 2 more are still on hosts h0, h1; "
-        f"`{typed('cluster', 'fetch', tmp_path)}` brings what has stayed there"
+        f"`{command_line('cluster', 'fetch', tmp_path)}` brings what has stayed there"
     )
     for number in (1, 2):
         (tmp_path / f"r{number}").mkdir()

@@ -1,4 +1,4 @@
-"""Rig of the attack tests: the world's router and two robots, processes that carry out stages of attacks."""
+"""Test rig of the attacks: the world's router and two robots, processes that execute stages of attacks."""
 
 import os
 
@@ -23,10 +23,10 @@ import zenoh
 from actors.installation.repository import REPOSITORY
 from actors.runtime import process_table
 from actors.runtime.isolation import rules
-from actors.runtime.isolation.credentials import Credentials, issue, reveal
+from actors.runtime.isolation.credentials import Credentials, issue, publish_sockets
 from actors.runtime.isolation.mounts import file_view
-from actors.runtime.isolation.sandbox import Handover, isolate
-from actors.runtime.linux import create_log, write_to
+from actors.runtime.isolation.sandbox import SandboxSetup, isolate
+from actors.runtime.linux import create_log, redirect_output
 
 Note = dict[str, Any]
 """Data that the stages of one attack share through the test instead of the swarm."""
@@ -125,7 +125,7 @@ Stage = tuple[str, Callable[[SwarmMember, Note], Note | bool | None]]
 
 
 class Attack(NamedTuple):
-    """A way by which r1 tries to reach r2 or to act as another actor.
+    """An attempt of r1 to reach r2 or to act as another actor.
 
     The attack succeeds if its stages end with a true note `reached`; a refused call ends it before.
     """
@@ -202,7 +202,7 @@ class AttackedSwarm:
             stdout=subprocess.PIPE,
             text=True,
             cwd=self._swarm.out,
-            env=process_table.passed_on(shell) if isolated else shell,
+            env=process_table.child_environment(shell) if isolated else shell,
             pass_fds=[self._swarm.inherited],
         )
         self._write(name, self._swarm._asdict())
@@ -210,7 +210,7 @@ class AttackedSwarm:
     def _pid(self, name: str) -> int:
         outer = self._members[name].pid
         alone = self._swarm.mode != "isolated" or name == "world"
-        return outer if alone else max(process_table.children(outer, process_table.table()))
+        return outer if alone else max(process_table.children(outer, process_table.processes()))
 
     def _ask(self, name: str, order: Note) -> Note:
         self._write(name, order)
@@ -271,15 +271,15 @@ def main() -> None:
         if swarm.mode == "isolated" and name != "world":
             own = swarm.robots[name]
             view = file_view(own, (swarm.out, Path(swarm.study, "scenario.toml")))
-            write_to(create_log(own / "log.txt"))
-            isolate(lambda: Handover(view), (1, 2, orders, answers), parent=os.getppid())
+            redirect_output(create_log(own / "log.txt"))
+            isolate(lambda: SandboxSetup(view), (1, 2, orders, answers), parent=os.getppid())
             os.chdir(own)
         with zenoh.open(router(swarm) if name == "world" else client(swarm, name)) as session:
             member = SwarmMember(name, swarm, session)
             keys = ORDINARY_KEYS if name == "world" else (f"swarm/down/{name}/*",)
             member.ordinary = [session.declare_subscriber(key) for key in keys]
             if name == "world":
-                reveal(credentials_of(swarm))
+                publish_sockets(credentials_of(swarm))
             _obey_all(member, incoming, outgoing)
 
 

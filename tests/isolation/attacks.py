@@ -1,4 +1,4 @@
-"""Attacks on the rule that robots communicate by radio only: one or two for each layer that closes a way."""
+"""Attacks on the rule that robots communicate by radio only: one or two for each protection layer."""
 
 import ctypes
 import fcntl

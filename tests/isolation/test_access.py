@@ -22,7 +22,7 @@ def robots(folders: Path) -> dict[str, Path]:
     return {name: folders / name for name in ("r1", "r2")}
 
 
-def test_every_actor_gets_a_password_of_its_own_that_only_its_owner_can_read(folders: Path) -> None:
+def test_every_actor_has_a_private_password(folders: Path) -> None:
     issued = issue(robots(folders), folders / "infra")
     assert issued.robots == ("r1", "r2")
     assert issued.others == ("radio", "observer", "operator")
@@ -34,7 +34,7 @@ def test_every_actor_gets_a_password_of_its_own_that_only_its_owner_can_read(fol
     assert issued.dictionary.read_text() == "".join(f"{user}:{password}\n" for user, password in pairs)
 
 
-def test_passwords_are_drawn_anew_and_a_link_in_a_robots_folder_is_not_followed(folders: Path) -> None:
+def test_passwords_are_new_and_links_are_not_followed(folders: Path) -> None:
     issued = issue(robots(folders), folders / "infra")
     before = credentials.read(issued.files["r1"])
     victim = folders / "victim"
@@ -59,7 +59,7 @@ def test_each_robot_has_a_socket_in_its_folder_and_the_others_share_one(folders:
 
 
 @pytest.mark.parametrize("actor", ["world", "r1"])
-def test_no_session_looks_for_others_or_stamps_or_shares_memory(actor: str, folders: Path) -> None:
+def test_sessions_disable_discovery_timestamps_and_shared_memory(actor: str, folders: Path) -> None:
     issued = issue(robots(folders), folders / "infra")
     if actor == "world":
         config = rules.router_config(issued)
@@ -96,23 +96,22 @@ def test_a_robot_may_use_its_own_keys_only_and_an_observer_may_not_publish() -> 
 
 
 @pytest.mark.parametrize("name", ["", "r/1", "*", "r*", "$r", "a:b", "a b", "-r", "r1\n", "é"])
-def test_a_name_that_is_no_part_of_a_key_is_refused(name: str, folders: Path) -> None:
+def test_invalid_actor_id_is_rejected(name: str, folders: Path) -> None:
     with refused(
-        f"the actor id {name!r} cannot be part of a key; "
-        "letters, digits, '-' and '_' would have been right, a letter or a digit first"
+        f"the actor id {name!r} is invalid; use letters, digits, '-' and '_', with a letter or digit first"
     ):
         issue({name: folders / "r1"}, folders / "infra")
 
 
-def test_a_robot_called_like_the_radio_or_in_too_deep_a_folder_is_refused(folders: Path) -> None:
-    with refused("the actor id 'radio' is used twice; every actor needs its own"):
+def test_duplicate_id_and_too_long_socket_path_are_rejected(folders: Path) -> None:
+    with refused("the actor id 'radio' is used twice; ids must be unique"):
         issue({"radio": folders / "r1"}, folders / "infra")
     deep = folders / ("d" * 100)
     deep.mkdir()
     length = len(str(deep / "router.sock"))
     with refused(
-        f"the path of the router's socket {deep}/router.sock has {length} bytes, but Linux allows 107; "
-        "a shorter output folder would have been right"
+        f"the path of the router's socket {deep}/router.sock has {length} bytes; the limit is 107: "
+        "choose an output folder with a shorter path"
     ):
         issue({"r1": deep}, folders / "infra")
 
@@ -120,10 +119,10 @@ def test_a_robot_called_like_the_radio_or_in_too_deep_a_folder_is_refused(folder
 def test_a_missing_or_broken_credentials_file_is_named(folders: Path) -> None:
     file = folders / "r1" / "credentials"
     with refused(
-        f"the credentials file {file} cannot be read (No such file or directory); "
-        "the start of the run should have written it"
+        f"the credentials file {file} cannot be read: No such file or directory; "
+        "it is created at the start of the run"
     ):
         rules.client_config(file, "tcp/127.0.0.1:1")
     file.write_text("r1\n")
-    with refused(f"the credentials file {file} should hold one line user:password, but does not"):
+    with refused(f"the credentials file {file} must contain one line user:password"):
         rules.client_config(file, "tcp/127.0.0.1:1")

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from actors.runtime.isolation.sandbox import available
+from actors.runtime.isolation.sandbox import isolation_fault
 from tests.isolation.attacked_swarm import MODES, Attack, AttackedSwarm, Layer
 from tests.isolation.attacks import ATTACKS
 
-WHY_NOT = cache(available)
+WHY_NOT = cache(isolation_fault)
 CASES = [
     pytest.param(mode, attack, id=f"{mode}: {attack.name}")
     for mode in MODES

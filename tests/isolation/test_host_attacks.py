@@ -14,7 +14,7 @@ import zenoh
 from actors.messages import DRIVE
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials, tls
-from actors.runtime.isolation.credentials import Credentials, Gate, reveal
+from actors.runtime.isolation.credentials import Credentials, HostGateway, publish_sockets
 from actors.runtime.isolation.rules import CERTIFIED, client_config, session_config, set_value
 from actors.runtime.isolation.tls import Keys, load_keys
 from actors.runtime.zenoh_bus import open_session
@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.claim("attacks"), pytest.mark.nightly]
 HERE = "127.0.0.1"
 ROBOTS = {"h1": ("r1",), "h2": ("r2",)}
 SETTLE_S = 0.3
-"""For messages that take another path than the mark."""
+"""Wait for messages that take another path than the mark, s."""
 
 
 class AttackedHosts:
@@ -36,14 +36,14 @@ class AttackedHosts:
         self._endpoint = f"tls/{HERE}:{free_port(HERE)}"
         self._heard: dict[str, list[str]] = {"world": [], "r1": [], "r2": []}
         issued = credentials.issue({}, self._made("world"))
-        gate = Gate(self._endpoint, self._written("keys", self._world_keys), ROBOTS)
+        gate = HostGateway(self._endpoint, self._written("keys", self._world_keys), ROBOTS)
         with_gate = Credentials(
             issued.robots, issued.others, issued.dictionary, issued.files, issued.sockets, gate
         )
         self._world = self._open(tls.world_config(with_gate))
         for key in ("swarm/up/**", "swarm/infra/**"):
             self._world.declare_subscriber(key, _into(self._heard["world"]))
-        reveal(issued)
+        publish_sockets(issued)
         self.robots = {robot: self._robot(host, robot) for host, (robot,) in ROBOTS.items()}
         for robot, session in self.robots.items():
             session.declare_subscriber(f"swarm/down/{robot}/**", _into(self._heard[robot]))
@@ -88,7 +88,7 @@ class AttackedHosts:
         issued = credentials.issue({robot: self._made(f"{host}-{robot}")}, self._made(host), ())
         keys = load_keys(self._written(f"{host}-keys", self._keys[host]))
         self._open(tls.host_config(issued, keys, self._endpoint))
-        reveal(issued)
+        publish_sockets(issued)
         return self._open(client_config(issued.files[robot], issued.endpoint(robot)))
 
     def _open(self, config: zenoh.Config) -> zenoh.Session:
@@ -133,7 +133,7 @@ def test_controls_hosts_and_their_robots_are_heard(attacked: AttackedHosts) -> N
 
 
 @pytest.mark.parametrize("keys", [lambda attacked: None, AttackedHosts.foreign_keys])
-def test_without_a_certificate_of_this_run_nobody_gets_in(
+def test_clients_without_a_certificate_of_this_run_are_rejected(
     attacked: AttackedHosts, keys: Callable[[AttackedHosts], Keys | None]
 ) -> None:
     try:

@@ -1,4 +1,4 @@
-"""The isolated process: what it keeps, what it says when it cannot be had, and each layer by itself."""
+"""The isolated process: what it can access, errors without isolation, and each layer separately."""
 
 import errno
 import json
@@ -15,13 +15,13 @@ import pytest
 from actors.installation.repository import REPOSITORY
 from actors.runtime.isolation import sandbox, syscall_filter
 from actors.runtime.isolation.sandbox import (
-    OPEN,
+    ISOLATION_RISKS,
     IsolationChoice,
     advice,
-    choose,
+    choose_isolation,
     container_kind,
+    print_warning,
     remedy,
-    warn,
 )
 from actors.runtime.isolation.syscall_filter import Instruction
 from tests.isolation.test_attacks import need_isolation
@@ -33,11 +33,11 @@ from pathlib import Path
 from actors.runtime.isolation import sandbox, syscall_filter
 from actors.runtime import linux
 from actors.runtime.isolation.mounts import file_view
-from actors.runtime.isolation.sandbox import Handover, available
+from actors.runtime.isolation.sandbox import SandboxSetup, isolation_fault
 from actors.runtime.linux import die_with_parent
 
 def isolate(own, *view):
-    sandbox.isolate(lambda: Handover(file_view(own, *view)))
+    sandbox.isolate(lambda: SandboxSetup(file_view(own, *view)))
     os.chdir(own)
 
 def attempt(act):
@@ -150,7 +150,7 @@ def test_a_process_with_threads_is_refused(run_folder: Path) -> None:
     )
 
 
-def test_a_process_dies_with_its_parent() -> None:
+def test_process_exits_with_its_parent() -> None:
     # The run is over when nobody holds its stdout any more, so not before the grandchild has ended.
     done = run(
         """
@@ -170,7 +170,7 @@ def test_a_process_dies_with_its_parent() -> None:
 
 PROFILE = REPOSITORY / "deploy" / "container" / "seccomp.json"
 DOCKER = ("mount", "mount_setattr", "pivot_root", "setns", "umount2", "unshare")
-"""What Docker's default profile refuses of what a sandbox is made with."""
+"""System calls for the sandbox that Docker's default profile blocks."""
 RESTRICTED = """
 from actors.runtime.isolation.syscall_filter import Instruction
 
@@ -187,10 +187,10 @@ for capability in {*range(64)} - {*map(int, sys.argv[1].split(","))}:
     attempt(lambda: linux.prctl(linux._PR_CAPBSET_DROP, capability))
 linux.prctl(linux._PR_SET_NO_NEW_PRIVS, 1)
 refuse(sys.argv[2:])
-print(available())  # asks a process that is executed, and so has no capability but these
+print(isolation_fault())  # asks a process that is executed, and so has no capability but these
 """
 CAP_SETFCAP = 31
-"""Without it root maps itself into no new namespace; other users need none."""
+"""Required by root to map itself into a new user namespace; not by other users."""
 REFUSED = "robots cannot be isolated on this machine"
 
 
@@ -207,11 +207,11 @@ def isolation_without(*calls: str, kept: int = CAP_SETFCAP) -> str:
         (("mount",), "mount on /"),  # as AppArmor's docker-default has it
     ],
 )
-def test_what_a_container_refuses_is_named_with_what_would_help(calls: Sequence[str], failed: str) -> None:
+def test_refused_system_call_is_named_with_a_remedy(calls: Sequence[str], failed: str) -> None:
     assert isolation_without(*calls) == (f"{REFUSED}: {failed}: Operation not permitted; {advice()}")
 
 
-def test_root_without_capabilities_is_told_what_it_lacks_and_others_lack_nothing() -> None:
+def test_missing_capability_of_root_is_named() -> None:
     refused = f"{REFUSED}: Operation not permitted (/proc/self/uid_map); {advice()}"
     assert isolation_without(kept=0) == ("None" if os.getuid() else refused)
 
@@ -262,44 +262,47 @@ def test_kind_of_container(
          "this is a container (Apptainer): allow unprivileged user namespaces on the machine that it runs "
          "on, or run with --no-isolate"),
         ("lxc",
-         "this is a container (lxc): let it make user namespaces and mounts, or run with --no-isolate"),
+         "this is a container (lxc): allow user namespaces and mounts in it, or run with --no-isolate"),
     ],
 )  # fmt: skip
 def test_advice_for_a_container(sort: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sandbox, "container_kind", lambda: sort)
-    monkeypatch.setattr(sandbox, "available", lambda: f"{REFUSED}: no; {advice()}")
+    monkeypatch.setattr(sandbox, "isolation_fault", lambda: f"{REFUSED}: no; {advice()}")
     assert advice() == f"{remedy()}, or run with --no-isolate" == sentence
     with refused(f"{REFUSED}: no; {sentence}"):
-        choose(True)
-    warning = f"robots run as plain processes, because {REFUSED}: no; {OPEN}"
-    assert choose(None) == IsolationChoice(False, f"{warning}; {remedy()}" if sort else warning)
+        choose_isolation(True)
+    warning = f"robots run as plain processes, because {REFUSED}: no; {ISOLATION_RISKS}"
+    assert choose_isolation(None) == IsolationChoice(False, f"{warning}; {remedy()}" if sort else warning)
 
 
-def test_the_trial_in_a_process_of_its_own_knows_the_container(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_test_process_detects_the_container(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("APPTAINER_CONTAINER", "/acrc.sif")
     monkeypatch.setattr(
         sandbox,
-        "_TRIAL",
+        "_TEST_PROGRAM",
         "from actors.runtime.isolation.sandbox import container_kind; import sys\n"
         "sys.stderr.write(container_kind()); sys.exit(2)",
     )
-    assert sandbox.available.__wrapped__() == "Apptainer"
+    assert sandbox.isolation_fault.__wrapped__() == "Apptainer"
 
 
 def test_isolation_possible_or_not_wanted(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sandbox, "available", lambda: None)
-    assert choose(None) == choose(True) == IsolationChoice(True, "")
+    monkeypatch.setattr(sandbox, "isolation_fault", lambda: None)
+    assert choose_isolation(None) == choose_isolation(True) == IsolationChoice(True, "")
     monkeypatch.setattr(sandbox, "container_kind", lambda: "Docker")
     there = "on host lab1 robots cannot be isolated: no; allow it"
-    warning = f"robots run as plain processes, because {there}; {OPEN}"
-    assert choose(None, elsewhere=there).warning == warning
-    choice = choose(False)
-    assert choice == IsolationChoice(False, f"--no-isolate: robots run as plain processes; {OPEN}")
-    assert choose(None, debugged=True).warning == f"--debugpy: robots run as plain processes; {OPEN}"
-    warn(choice.warning)
-    warn("")
+    warning = f"robots run as plain processes, because {there}; {ISOLATION_RISKS}"
+    assert choose_isolation(None, elsewhere=there).warning == warning
+    choice = choose_isolation(False)
+    assert choice == IsolationChoice(False, f"--no-isolate: robots run as plain processes; {ISOLATION_RISKS}")
+    assert (
+        choose_isolation(None, debugged=True).warning
+        == f"--debugpy: robots run as plain processes; {ISOLATION_RISKS}"
+    )
+    print_warning(choice.warning)
+    print_warning("")
     assert capsys.readouterr() == ("", f"acrc: {choice.warning}\n")
 
 
@@ -357,7 +360,7 @@ DECISIONS = (
 
 
 @pytest.mark.parametrize("case", DECISIONS)
-def test_the_filter_decides_alike_on_both_machines(case: tuple[int, int, tuple[int, ...], int]) -> None:
+def test_filter_is_equal_on_both_machines(case: tuple[int, int, tuple[int, ...], int]) -> None:
     x86_64, aarch64, arguments, error = case
     intel = decide(syscall_filter.program("x86_64"), 0xC000_003E, x86_64, arguments)
     arm = decide(syscall_filter.program("aarch64"), 0xC000_00B7, aarch64, arguments)

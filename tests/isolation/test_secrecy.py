@@ -1,4 +1,4 @@
-"""A sandboxed robot learns neither scenario nor run nor seed; `--key` determines all random streams."""
+"""A sandboxed robot finds neither scenario nor run nor seed; `--key` determines all random streams."""
 
 import json
 import secrets
@@ -60,7 +60,7 @@ def forms(number: int) -> Sequence[bytes]:
 
 @pytest.fixture
 def short_path() -> Iterator[Path]:
-    """A folder with a shorter path than pytest's: sockets are in it."""
+    """Return a folder with a shorter path than pytest's, for sockets."""
     with tempfile.TemporaryDirectory(prefix="acrc-", dir="/tmp") as name:
         yield Path(name)
 

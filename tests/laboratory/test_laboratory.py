@@ -310,7 +310,7 @@ def test_it_exits_with_its_parent_process(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("radio", "sentence"),
     [
-        (None, "no set-up of a laboratory: world is missing, but must be there"),
+        (None, "invalid set-up of a laboratory: world is missing"),
         ({"step_us": 100_000, "robots": [["r1", 1]]}, "robots r1, r2, but addresses of r1; give each robot"),
         ({"step_us": 1, "robots": [["r1", 1], ["r2", 2]], "preset": "loud"}, "preset 'loud' is unknown"),
     ],

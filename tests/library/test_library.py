@@ -112,8 +112,8 @@ def test_errors_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         ("--set deeco.publish: x; must be above 0", 'settings["deeco.publish"]: x; must be above 0'),
         ("say --modules '/my code', or --trust", 'say modules=["/my code"], or trust=True'),
         ("runs with `--bus memory` and two robots", 'runs with `bus="memory"` and two robots'),
-        ("--limit disk_mb=N allows more", "acrc run --limit disk_mb=N allows more"),
-        ("`acrc run --debug r1` stops there", "`acrc run --debug r1` stops there"),
+        ("raise the limit with --limit disk_mb=N", "raise the limit with acrc run --limit disk_mb=N"),
+        ("use `acrc run --debug r1`", "use `acrc run --debug r1`"),
     ],
 )  # fmt: skip
 def test_errors_name_arguments(sentence: str, right: str) -> None:

@@ -14,7 +14,7 @@ from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.hardware_runs import whole_run
 from actors.installation.usage import OptionError
 from actors.instant import Instant
-from actors.processes.launch import Launcher
+from actors.processes.launcher import Launcher
 from actors.radio.robot_medium import COPIES
 from deploy.fleet import hardware_in_the_loop
 from deploy.run import swarm

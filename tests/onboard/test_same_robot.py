@@ -17,7 +17,7 @@ from actors.geometry import Pose
 from actors.installation.usage import OptionError
 from actors.instant import Instant, seconds
 from actors.messages import Odometry, ProcessOrder
-from actors.processes.launch import Child, Program
+from actors.processes.launcher import ChildProcess, Program
 from actors.robot.assembly import RobotSetup
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
@@ -308,16 +308,16 @@ class FakeLauncher:
 
     def __init__(self) -> None:
         self.started: list[str] = []
-        self.children: dict[str, Child] = {}
+        self.children: dict[str, ChildProcess] = {}
         self.ends: list[dict[str, int]] = []
         self.said: list[str] = []
 
     def withdraw(self, router: Path) -> None:
         """Do nothing."""
 
-    def start(self, program: Program) -> Child:
+    def start(self, program: Program) -> ChildProcess:
         self.started.append(program.actor)
-        self.children[program.actor] = Child(program, pid=2**22 + len(self.started))
+        self.children[program.actor] = ChildProcess(program, pid=2**22 + len(self.started))
         return self.children[program.actor]
 
     def wait(self, _timeout_s: float) -> None:
@@ -384,13 +384,13 @@ def test_each_warning_about_an_incomplete_recording_is_reported_once(
     full = f"{tmp_path}/r1.mcap: cannot be written: no space left on device"
     log = tmp_path / "r1.log"
     later = "and this was said after it, before anybody looked\n"
-    for text in ("a line of the strategy\n", f"{full}; records are lost from here on\n{later}", "", ""):
+    for text in ("a line of the strategy\n", f"{full}; all further records are lost\n{later}", "", ""):
         log.write_text((log.read_text() if log.exists() else "") + text)
         assert watch.look(0.0)
-    log.write_text(log.read_text() + f"{full}; 1234 records are missing\n")
+    log.write_text(log.read_text() + f"{full}; 1234 records lost\n")
     launcher.ends = [{"r1": 0, onboard_processes.BRIDGE: 0, onboard_processes.BASE: 0}]
     assert not watch.look(0.0)
     assert launcher.said == [
-        f"r1: {full}; records are lost from here on",
-        f"r1: {full}; 1234 records are missing",
+        f"r1: {full}; all further records are lost",
+        f"r1: {full}; 1234 records lost",
     ]

@@ -37,7 +37,7 @@ class Function:
     bound: float
     """Error that its docstring states, in units of the last place (ulp)."""
     arguments: Callable[[np.random.Generator, int], tuple[Floats, ...]]
-    """Draws arguments of all sizes, and difficult ones."""
+    """Draws arguments of all magnitudes, and difficult ones."""
 
 
 def _sizes(rng: np.random.Generator, count: int, least: int, most: int) -> Floats:
@@ -163,7 +163,7 @@ def bits(values: Any) -> list[int]:
 
 
 def each(function: Callable[..., float], arguments: tuple[Any, ...]) -> Any:
-    """The function in a kernel, over all arguments."""
+    """Apply the function to all arguments in a kernel."""
     results = np.empty(arguments[0].size)
     loop(function, len(arguments))(*arguments, results)
     return results
@@ -191,18 +191,18 @@ def test_python_kernels_and_arrays_agree(function: Function) -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(st.floats())
-def test_cosine_and_sine_together_are_those_alone(x: float) -> None:
+def test_cos_sin_equals_cos_and_sin(x: float) -> None:
     assert bits(portable.cos_sin(x)) == bits([portable.cos(x), portable.sin(x)])
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.floats(min_value=5e-324, allow_infinity=False))
-def test_a_float_taken_apart_is_put_together_again(x: float) -> None:
+def test_split_and_ldexp_are_inverse(x: float) -> None:
     m, k = elementary.split(x)
     assert math.sqrt(0.5) <= m < math.sqrt(2) and math.ldexp(m, k) == x
 
 
-def test_what_ieee_754_says_of_special_arguments() -> None:
+def test_special_arguments_of_ieee_754() -> None:
     inf, nan = math.inf, math.nan
     assert [portable.exp(x) for x in (inf, -inf, 710.0, -746.0, 0.0)] == [inf, 0.0, inf, 0.0, 1.0]
     assert [portable.exp10(x) for x in (inf, -inf, 2.0, -1.0, 0.0)] == [inf, 0.0, 100.0, 0.1, 1.0]
@@ -221,14 +221,14 @@ def test_what_ieee_754_says_of_special_arguments() -> None:
     assert bits([portable.atan2(*v) for v in zeros]) == bits([math.atan2(*v) for v in zeros])
 
 
-def test_a_turn_of_many_millions_of_radians_still_is_a_direction() -> None:
+def test_huge_angles_keep_their_direction() -> None:
     for x in (1e7, -1e15, 1e300):
         c, s = portable.cos_sin(x)
         assert abs(c * c + s * s - 1.0) < 1e-15
     assert abs(portable.sin(1e9) - math.sin(1e9)) < 1e-7
 
 
-def test_sums_go_from_the_first_entry_to_the_last() -> None:
+def test_sums_are_left_to_right() -> None:
     scales = 10.0 ** np.arange(1000)[None, ::-1].clip(0, 20)
     terms = np.random.default_rng(5).uniform(-1, 1, (3, 1000)) * scales
     assert arrays.total(terms).tolist() == np.cumsum(terms, axis=1)[:, -1].tolist()
@@ -252,7 +252,7 @@ def test_every_function_is_measured() -> None:
     assert {one.name for one in FUNCTIONS} | {"cos_sin"} == set(portable.__all__)
 
 
-def test_angles_that_almost_are_multiples_of_a_right_angle() -> None:
+def test_angles_near_multiples_of_a_right_angle() -> None:
     # the first: by rounding; the others: numerators of the continued fraction of pi, or their halves
     for x in (573204.0 * 1.5707963267948966, 355.0, 52174.0 / 2, 710.0, 103993.0, 208341.0, 833719.0 / 2):
         with mpmath.workprec(200):
@@ -284,13 +284,13 @@ def test_normal_draws_are_normal() -> None:
         assert abs(share - exact) < 4 * math.sqrt(exact / draws.size)
 
 
-def test_normal_draws_come_from_the_uniform_ones_in_their_order() -> None:
+def test_normal_draws_use_uniform_draws_in_order() -> None:
     uniform = generator(1, "test", "r1").random((3, 4))
     draws = normals(generator(1, "test", "r1"), (3, 4))
     assert draws.tolist() == [[normal_quantile(u) for u in row] for row in uniform.tolist()]
 
 
-def test_normal_draws_of_several_generators_are_those_of_each() -> None:
+def test_normal_draws_of_several_generators() -> None:
     names, counts = ("r1", "r2", "r3"), (5, 0, 3)
     draws = normals_of_each([generator(1, "test", name) for name in names], counts)
     alone = [normals(generator(1, "test", name), count) for name, count in zip(names, counts, strict=True)]

@@ -1,4 +1,4 @@
-"""The shipped strategy `auction`, of which each robot counts its own decisions; r2 pauses for a while."""
+"""The strategy `auction` with counters of its decisions; r2 pauses for a while."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ PAUSE = (Instant(seconds(8)), Instant(seconds(15)))
 
 
 class Counting:
-    """Runs the other behaviour, and counts what goes through it."""
+    """Wraps a behaviour and counts its inputs and outputs."""
 
     def __init__(self, start: Start) -> None:
         self.robot = start.robot

@@ -1,4 +1,4 @@
-"""A behaviour that prints and logs, and one robot of which prints far too much."""
+"""A behaviour that prints and logs; one robot prints far too much."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""`acrc export`: every table, its columns as on the page, and its numbers as the run itself counted them."""
+"""`acrc export`: every table, its documented columns, and its numbers as counted by the run itself."""
 
 import json
 from pathlib import Path
@@ -19,7 +19,7 @@ Rows = list[dict[str, Any]]
 
 @pytest.fixture(scope="module")
 def exported(recorded_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """As the page has it, seen from a folder in which `runs/tables` is the run."""
+    """Export a run as on the page, from a folder where `runs/tables` is the run."""
     here = tmp_path_factory.mktemp("exported")
     (here / "runs" / "tables").mkdir(parents=True)
     done = acrc("export", recorded_run, "--out", here / "runs" / "tables" / "tables")

@@ -1,4 +1,4 @@
-"""Every quantity of a run's result, accounting, report and export, counted again from the recorded messages.
+"""Every quantity of results, accounting, report and export, recounted from the recorded messages.
 
 The recordings are read message by message, and the strategy counts its own decisions; nothing here uses the
 code that computes the quantities.
@@ -63,12 +63,12 @@ class Counted:
     truths: Sequence[Truth]
     drives: Sequence[tuple[str, Drive]]
     received: Sequence[tuple[str, Any]]
-    """Events of transceivers, with whose they are."""
+    """Transceiver events with their robots."""
     places: Mapping[Key, tuple[float, float]]
     given_at: Mapping[Key, float]
     tables: Mapping[str, list[dict[str, Any]]]
     own: Mapping[str, dict[str, int]]
-    """By process, what the strategy counted."""
+    """Counters of the strategy, by process."""
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Counted:
 
 
 def reported(run: Counted) -> dict[Key, float]:
-    """When each place was first reported, s."""
+    """Return the time of the first report of each place, s."""
     found: dict[Key, float] = {}
     for _, drive in run.drives:
         for report in drive.reports:
@@ -121,7 +121,7 @@ def reported(run: Counted) -> dict[Key, float]:
 
 
 def reached(run: Counted) -> dict[Key, float]:
-    """When a robot first was within reach of each place, s."""
+    """Return the time at which a robot was first within reach of each place, s."""
     found: dict[Key, float] = {}
     for truth in run.truths:
         for key, (x, y) in run.places.items():
@@ -158,7 +158,7 @@ def costs(run: Counted) -> dict[str, float | None]:
     return {cost.says: cost.of(run.result, record) for cost in COSTS}
 
 
-def test_places_lost_are_in_no_route_at_the_end(run: Counted) -> None:
+def test_lost_places_are_in_no_final_route(run: Counted) -> None:
     routes = {robot: {key for key in run.places if key[0] == robot} for robot in run.result.per_robot}
     restarts = [
         truth.step for truth in run.truths if next(r for r in truth.robots if r.id == "r4").epoch == 1
@@ -195,7 +195,7 @@ def test_exchanges_are_those_of_the_results(run: Counted) -> None:
     assert made.keys() <= seen
 
 
-def test_frames_are_those_that_transceivers_told_of(run: Counted) -> None:
+def test_frames_match_transceiver_events(run: Counted) -> None:
     kinds = Counter(type(event).__name__ for _, event in run.received)
     result, frames = run.result, run.result.frames
     rows_of = run.tables["frames"]
@@ -219,7 +219,7 @@ def test_frames_are_those_that_transceivers_told_of(run: Counted) -> None:
         assert 0.9 * own["copies_heard"] <= heard[robot] <= own["copies_heard"]
 
 
-def test_ways_and_errors_are_those_of_the_true_and_estimated_poses(run: Counted) -> None:
+def test_paths_and_errors_match_poses(run: Counted) -> None:
     way, errors = defaultdict[str, float](float), defaultdict[str, list[float]](list)
     for before, after in zip(run.truths, run.truths[1:], strict=False):
         for one, other in zip(before.robots, after.robots, strict=True):
@@ -249,7 +249,7 @@ def test_ways_and_errors_are_those_of_the_true_and_estimated_poses(run: Counted)
     assert said == pytest.approx(errors["r1"])
 
 
-def test_goals_and_the_own_outcome_are_what_the_strategy_counted(run: Counted) -> None:
+def test_goals_and_outcomes_match_the_strategys_counts(run: Counted) -> None:
     own = run.result.outcome
     assert own["robot"] == {robot: robot for robot in run.result.per_robot}
     goals = run.result.navigation

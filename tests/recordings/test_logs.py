@@ -7,8 +7,8 @@ import pytest
 
 from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
 from actors.installation.repository import REPOSITORY
-from actors.processes.robot_logs import EVERYBODY, LogTail, logs
-from actors.runtime import prints
+from actors.processes.robot_logs import ALL_ROBOTS, LogTail, log_files
+from actors.runtime import captured_output
 from tests.in_process import acrc
 from tests.recorded_runs import HEAD_ON, record
 from tests.swarm.command import run
@@ -32,17 +32,21 @@ def test_a_flood_is_bounded_and_counted(talked: Path) -> None:
     assert (talked / "r1" / "r1.log").read_text() == R1
     text = (talked / "r2" / "r2.log").read_text()
     assert text.startswith(R1.replace("r1", "r2"))
-    assert prints.MOST < len(text) < 1.2 * prints.MOST
+    assert captured_output.MAX_CHARACTERS < len(text) < 1.2 * captured_output.MAX_CHARACTERS
     *_, before, last = text.splitlines()
-    assert before == "     2.000 s  step 20  too much: nothing more is kept"
+    assert before == "     2.000 s  step 20  output limit reached; further output is discarded"
     lines, characters = (int(word) for word in last.split() if word.isdigit())
     printed = 10_001 + 5000 * 1001 + len("made r2\nhalf of a line and the rest\x1b[31m\nr2 warns\n")
     kept = sum(len(line.split("  ", 2)[-1].split("  ", 1)[-1]) for line in text.splitlines()[:-2])
-    assert lines > 500 and characters <= printed - prints.MOST + prints.LONGEST and kept > prints.MOST // 2
-    assert max(map(len, text.splitlines())) < prints.LONGEST + 40
+    assert (
+        lines > 500
+        and characters <= printed - captured_output.MAX_CHARACTERS + captured_output.MAX_LINE
+        and kept > captured_output.MAX_CHARACTERS // 2
+    )
+    assert max(map(len, text.splitlines())) < captured_output.MAX_LINE + 40
 
 
-def test_processes_keep_the_same_and_printing_changes_no_digest(talked: Path, tmp_path: Path) -> None:
+def test_output_of_processes_and_digest_are_equal(talked: Path, tmp_path: Path) -> None:
     out = tmp_path / "processes"
     result = run(out, HEAD_ON, "--duration", 3, "--strategy", ENTRY)
     assert (out / "r1" / "r1.log").read_text() == R1
@@ -50,7 +54,7 @@ def test_processes_keep_the_same_and_printing_changes_no_digest(talked: Path, tm
     assert f'"digest": "{result["digest"]}"' in (talked / "run.json").read_text()
 
 
-def test_log_shows_them_for_a_terminal(talked: Path) -> None:
+def test_record_echo_shows_logs(talked: Path) -> None:
     assert acrc("record", "echo", talked, "r1/log").stdout == R1.replace("\x1b", "\\x1b")
     both = acrc("record", "echo", talked, "*/log").stdout.splitlines()
     assert both[0] == "r1       0.000 s  step 0  made r1" and both[3].startswith("r2  ")
@@ -63,7 +67,7 @@ def test_log_shows_them_for_a_terminal(talked: Path) -> None:
     assert done.stderr == f"acrc: {talked}: no robot 'r9'; there are r1, r2, and '*' for all\n"
 
 
-def test_the_terminal_shows_them_while_the_run_goes_on(tmp_path: Path) -> None:
+def test_terminal_shows_output_during_the_run(tmp_path: Path) -> None:
     words = ("run", HEAD_ON, "--duration", 2, "--strategy", ENTRY, "--bus", "memory", "--json")
     done = acrc(*words, "--out", tmp_path / "out", "--log", "r1")
     assert done.returncode == 0, done.stderr
@@ -72,19 +76,23 @@ def test_the_terminal_shows_them_while_the_run_goes_on(tmp_path: Path) -> None:
     assert (done.returncode, "--log: no robot 'r7'; there are r1, r2" in done.stderr) == (1, True)
 
 
-def test_a_replay_says_them_again(talked: Path) -> None:
+def test_replay_prints_the_same(talked: Path) -> None:
     done = acrc("replay", talked, "--robot", "r1", "--modules", REPOSITORY)
     assert done.returncode == 0 and "     1.000 s  step 10  half of a line and the rest" in done.stderr
     said: list[str] = []
-    replay_actor(talked, "r1", ReplayOptions(prints=lambda step_us: prints.Prints(step_us, said.append)))
+    replay_actor(
+        talked,
+        "r1",
+        ReplayOptions(prints=lambda step_us: captured_output.CapturedOutput(step_us, said.append)),
+    )
     assert "".join(said) == R1
 
 
 def test_a_growing_log_gives_whole_lines(tmp_path: Path) -> None:
     (tmp_path / "r1").mkdir()
     (tmp_path / "r1" / "r1.mcap").touch()
-    tail = LogTail(tmp_path, (EVERYBODY,))
-    assert list(tail.poll()) == [] == logs(tmp_path, "r1")
+    tail = LogTail(tmp_path, (ALL_ROBOTS,))
+    assert list(tail.poll()) == [] == log_files(tmp_path, "r1")
     with (tmp_path / "r1" / "r1.log").open("w") as log:
         for text, shown in (("a\nb", [("r1", "a")]), ("c\n", [("r1", "bc")]), ("d", [])):
             log.write(text)

@@ -1,4 +1,4 @@
-"""Large messages are packed in a recording, and come back as they were, whatever bytes they are."""
+"""Packing of large messages in recordings is lossless for any bytes."""
 
 import random
 import tracemalloc
@@ -18,16 +18,23 @@ from mcap.writer import CompressionType, IndexType, Writer
 from acrc_testbed.recordings.topics import GrowingRecording
 from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
 from actors.runtime.codec import encode
-from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, read_recording
-from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SCANNED, MessageUnpacker, Packer
-from actors.runtime.recording.reading import FAULTS
+from actors.runtime.recording import Entry, Recorder, RecordingError, RecordingReader, read_recording
+from actors.runtime.recording.format import (
+    DEFLATED,
+    LARGEST_RECORD,
+    MESSAGES,
+    SCANNED,
+    MessagePacker,
+    MessageUnpacker,
+)
+from actors.runtime.recording.reader import FAULTS
 from actors.runtime.recording.scans import LARGEST, ScanBuffers
 
 SENSES, RECEIVED = "swarm/down/r1/senses", "swarm/down/r1/received"
 
 
 def wall(rays: int, rng: np.random.Generator) -> bytes:
-    """A sweep along walls, with edges and places without an echo."""
+    """Return a scan along walls, with edges and missing echoes."""
     ranges = 2500 + np.cumsum(rng.integers(-20, 21, rays))
     ranges[rays // 2 :] += 1700
     ranges[rays // 3 : rays // 3 + 20] = NO_ECHO_MM
@@ -64,8 +71,8 @@ def payloads() -> Iterator[bytes]:
     yield senses(1, bytes(64_800))
 
 
-def test_every_byte_comes_back() -> None:
-    packer, unpacker, ways = Packer(), MessageUnpacker(), set()
+def test_packing_is_lossless() -> None:
+    packer, unpacker, ways = MessagePacker(), MessageUnpacker(), set()
     for payload in payloads():
         encoding, data = packer.packed(payload)
         ways.add(encoding)
@@ -94,7 +101,7 @@ def read(path: Path) -> list[bytes | None]:
     seed=some.integers(0, 999),
 )
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_readers_after_a_power_cut(tmp_path: Path, kind: str, at: float, seed: int) -> None:
+def test_reading_after_a_power_failure(tmp_path: Path, kind: str, at: float, seed: int) -> None:
     path, bad = tmp_path / "r1.mcap", tmp_path / "bad.mcap"
     path.unlink(missing_ok=True)
     steps, whole = written(path), path.read_bytes()
@@ -112,7 +119,7 @@ def test_readers_after_a_power_cut(tmp_path: Path, kind: str, at: float, seed: i
     assert found == steps[: len(found)]
     with GrowingRecording(bad) as growing:
         assert [one.payload for one in growing.poll()] == found
-    strict = Reading(bad, strict=True)
+    strict = RecordingReader(bad, strict=True)
     taken = []
     with suppress(RecordingError):
         for item in strict:
@@ -123,9 +130,9 @@ def test_readers_after_a_power_cut(tmp_path: Path, kind: str, at: float, seed: i
     assert kind != "longer" or (strict.damage is not None and found == steps)
 
 
-def test_lies_about_packed_scans_are_refused() -> None:
+def test_invalid_packed_scans_are_rejected() -> None:
     payload = senses(1, wall(640, np.random.default_rng(8)))
-    _, data = Packer().packed(payload)
+    _, data = MessagePacker().packed(payload)
     at = 2 + int.from_bytes(data[:2])
     size, count = int.from_bytes(data[at + 1 : at + 3]), data[at + 3 : at + 5]
     lies = {
@@ -154,7 +161,7 @@ def test_lies_about_packed_scans_are_refused() -> None:
             pytest.fail(f"{name}: {len(MessageUnpacker().unpacked(SCANNED, lie))} bytes")
 
 
-def test_a_bomb_takes_no_more_memory_than_a_record_may() -> None:
+def test_decompression_bomb_is_limited() -> None:
     deflate = zlib.compressobj(9, zlib.DEFLATED, -15)
     parts = [deflate.compress(bytes(LARGEST_RECORD)) for _ in range(12)]
     bomb = b"".join(parts) + deflate.flush(zlib.Z_SYNC_FLUSH)[:-4]
@@ -170,7 +177,7 @@ def test_a_bomb_takes_no_more_memory_than_a_record_may() -> None:
         MessageUnpacker().unpacked(DEFLATED, ended.compress(bytes(500)) + ended.flush())
 
 
-def test_many_bombs_in_one_step_are_refused(tmp_path: Path) -> None:
+def test_many_decompression_bombs_are_rejected(tmp_path: Path) -> None:
     path, deflate = tmp_path / "r1.mcap", zlib.compressobj(9, zlib.DEFLATED, -15)
     with path.open("wb") as file:
         writer = Writer(
@@ -185,7 +192,7 @@ def test_many_bombs_in_one_step_are_refused(tmp_path: Path) -> None:
     tracemalloc.start()
     try:
         with pytest.raises(RecordingError, match="bytes without a checksum"):
-            list(Reading(path, strict=True))
+            list(RecordingReader(path, strict=True))
         assert tracemalloc.get_traced_memory()[1] < 5 * LARGEST_RECORD
     finally:
         tracemalloc.stop()

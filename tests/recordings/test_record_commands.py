@@ -30,7 +30,7 @@ def test_check_of_one_recording(recorded_run: Path, tmp_path: Path) -> None:
         check_recording(damaged)
 
 
-def test_info_counts_what_is_there_and_says_what_was_cut(recorded_run: Path, tmp_path: Path) -> None:
+def test_info_counts_messages_and_reports_truncation(recorded_run: Path, tmp_path: Path) -> None:
     found = {one["actor"]: one for one in info(recorded_run)}
     assert list(found) == ["r1", "r2", "radio", "world"]
     robot = found["r1"]
@@ -79,7 +79,7 @@ def test_info_of_keys_names_fields_and_rates_in_simulated_time(recorded_run: Pat
     assert (truth["key"], truth["first_s"], truth["last_s"]) == ("truth", 1.0, 2.0)
 
 
-def test_keys_fit_in_short_in_full_and_with_a_star() -> None:
+def test_short_full_and_wildcard_keys() -> None:
     assert matches("swarm/up/r1/drive", "r1/drive") and matches("swarm/up/r1/drive", "swarm/up/r1/drive")
     assert matches("swarm/up/r1/drive", "*/drive") and matches("swarm/infra/truth", "truth")
     assert not matches("swarm/up/r1/drive", "drive") and not matches("swarm/up/r11/drive", "r1/drive")
@@ -105,7 +105,7 @@ def test_echo_shows_every_message_with_its_time(recorded_run: Path) -> None:
         list(message_formats.csv_lines(messages(recorded_run, "r1/*")))
 
 
-def test_a_number_is_drawn_and_what_is_none_is_told(recorded_run: Path, tmp_path: Path) -> None:
+def test_plot_draws_numbers_and_rejects_other_values(recorded_run: Path, tmp_path: Path) -> None:
     done = acrc("record", "plot", recorded_run, "*/drive", "vx", "--out", tmp_path / "vx.png")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "vx.png").read_bytes().startswith(b"\x89PNG")

@@ -1,4 +1,4 @@
-"""A behaviour that follows more than what it is told, by entry string: each robot another thing."""
+"""A nondeterministic behaviour: each robot depends on a different forbidden input."""
 
 import random
 import time
@@ -19,7 +19,7 @@ WAYS: dict[str, Callable[[], str]] = {
 
 
 class Fickle:
-    """Stands, and after one second says why it gives its first place up."""
+    """Stands, and after one second gives up its first place with a reason that varies."""
 
     def __init__(self, start: Start) -> None:
         self._start = start

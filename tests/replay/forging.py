@@ -1,4 +1,4 @@
-"""Writes a recording again with something changed, and with seals that are true of what is then there."""
+"""Rewriting of recordings with changes and valid seals."""
 
 import hashlib
 from collections.abc import Callable
@@ -15,13 +15,13 @@ KINDS: dict[str, type[msgspec.Struct]] = {"run": RunNote, "final": FinalNote, "f
 
 
 class Anything(msgspec.Struct):
-    """Stands for a note of any form."""
+    """A note of any form."""
 
     json: str
 
 
 def forge(path: Path, change: Change) -> None:
-    """Replace a recording; `change` gives what is to stand there instead of an item, None for nothing."""
+    """Rewrite a recording; `change` returns the replacement of an item, or None to drop it."""
     items = [changed for item in read_recording(path) if (changed := change(item)) is not None]
     path.unlink()
     with Recorder(path, 100_000) as recorder:

@@ -15,7 +15,7 @@ from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START
 from actors.messages import TOPICS, TRANSMIT, ProcessOrder, Transmit
-from actors.processes.launch import Program
+from actors.processes.launcher import Program
 from actors.radio import program as radio
 from actors.robot.program import load_setup
 from actors.robot_model import load_model
@@ -24,7 +24,7 @@ from actors.runtime.codec import decode
 from actors.runtime.failure import FailureNote
 from actors.runtime.isolation import credentials
 from actors.runtime.process import FinalNote, RunNote
-from actors.runtime.recording import Entry, decoded, read_notes, read_recording
+from actors.runtime.recording import Entry, decode_note, read_notes, read_recording
 from actors.runtime.replay_bus import topic_of
 from actors.world import program as world
 from deeco.fragments import Reassembly
@@ -163,7 +163,7 @@ def _decoder(topic: object) -> Callable[[bytes], object]:
 
 
 def _noted(path: Path, name: str, kind: type[T]) -> Callable[[bytes], T]:
-    return lambda data: decoded(path, name, data.decode("utf-8", "replace"), kind)
+    return lambda data: decode_note(path, name, data.decode("utf-8", "replace"), kind)
 
 
 def _through_a_file(path: Path, reader: Callable[[Path], object]) -> Callable[[bytes], object]:

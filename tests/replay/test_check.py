@@ -20,9 +20,9 @@ from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import (
     Entry,
     Note,
-    Reading,
     Recorder,
     RecordingError,
+    RecordingReader,
     read_notes,
     read_recording,
 )
@@ -41,8 +41,8 @@ def flipped(content: bytes, at: int) -> bytes:
     return content[:at] + bytes([content[at] ^ 1 << at % 8]) + content[at + 1 :]
 
 
-def test_no_flipped_bit_passes_or_raises_a_traceback(copy: Path) -> None:
-    """60 bits of all recordings, and many of the end of one, where counters and sums lie."""
+def test_flipped_bits_are_detected_without_traceback(copy: Path) -> None:
+    """60 bits of all recordings, and many at the end of one, where counters and sums are."""
     report = check(copy)
     assert report.complete and report.unreceived == 0
     assert report.digest == json.loads((copy / "run.json").read_text())["digest"]
@@ -60,12 +60,12 @@ def test_no_flipped_bit_passes_or_raises_a_traceback(copy: Path) -> None:
     for at in range(len(sound) - 750, len(sound), 3):
         last.write_bytes(flipped(sound, at))
         with suppress(RecordingError):
-            reading = Reading(last)
+            reading = RecordingReader(last)
             deque(reading, 0)
             assert not reading.whole, at
 
 
-def test_a_cut_run_says_up_to_which_step_it_is_good(copy: Path) -> None:
+def test_truncated_run_reports_last_valid_step(copy: Path) -> None:
     path = copy / "r1" / "r1.mcap"
     sound = path.read_bytes()
     path.write_bytes(sound[: len(sound) // 2])
@@ -82,7 +82,7 @@ def test_a_cut_run_says_up_to_which_step_it_is_good(copy: Path) -> None:
     assert done.stdout.splitlines()[-2].endswith(f"; recordings: complete up to step {last}")
 
 
-def test_any_cut_is_read_up_to_its_last_whole_step(copy: Path) -> None:
+def test_truncated_recording_is_read_to_its_last_complete_step(copy: Path) -> None:
     path = copy / "r2" / "r2.mcap"
     (copy / "run.json").unlink()
     sound = path.read_bytes()
@@ -99,7 +99,7 @@ def test_any_cut_is_read_up_to_its_last_whole_step(copy: Path) -> None:
     assert until == sorted(until) and until[0] == -1 and until[-1] == 30
 
 
-def test_a_robot_that_was_ended_while_it_started_is_part_of_a_run_that_was_cut(copy: Path) -> None:
+def test_robot_killed_at_startup_is_part_of_a_truncated_run(copy: Path) -> None:
     (copy / "run.json").unlink()
     world, robot = copy / "world" / "world.mcap", copy / "r2" / "r2.mcap"
     robot.write_bytes(b"")
@@ -110,7 +110,7 @@ def test_a_robot_that_was_ended_while_it_started_is_part_of_a_run_that_was_cut(c
 
 
 class Earlier(msgspec.Struct):
-    """The note of a version without set-ups in recordings."""
+    """Note of a version without set-ups in recordings."""
 
     actor: str = "r1"
     argv: tuple[str, ...] = ("--id", "r1")
@@ -120,7 +120,7 @@ class Earlier(msgspec.Struct):
     scenario: str = "{}"
 
 
-def test_other_bytes_received_than_sent(copy: Path) -> None:
+def test_received_bytes_differ_from_sent(copy: Path) -> None:
     def change(item: Entry | Note) -> Entry | Note:
         if not isinstance(item, Entry) or item.step != 7 or not item.key.endswith("/senses"):
             return item
@@ -143,12 +143,10 @@ def test_other_bytes_received_than_sent(copy: Path) -> None:
     path.unlink()
     with Recorder(path, 100_000) as recorder:
         recorder.note("run", Earlier())
-    assert fault(copy).startswith(
-        f"{path}: its record 'run' is not what it should be: it holds no set-up; ver"
-    )
+    assert fault(copy).startswith(f"{path}: invalid record 'run': it has no set-up; ver")
 
 
-def test_counters_that_are_not_those_of_the_file(copy: Path) -> None:
+def test_wrong_counters(copy: Path) -> None:
     def boast(item: Entry | Note) -> Entry | Note:
         if not isinstance(item, Note) or item.name != "final":
             return item
@@ -161,7 +159,7 @@ def test_counters_that_are_not_those_of_the_file(copy: Path) -> None:
     assert fault(copy) == f"{path}: number of sent messages differs from the process's count"
 
 
-def test_recordings_that_lie_where_none_is_written(copy: Path) -> None:
+def test_recordings_in_unexpected_places(copy: Path) -> None:
     stray = copy / "r1" / "world.mcap"
     stray.write_bytes((copy / "world" / "world.mcap").read_bytes())
     assert fault(copy).startswith(f"{stray}: unexpected recording; this folder may contain r1.mcap")
@@ -169,10 +167,10 @@ def test_recordings_that_lie_where_none_is_written(copy: Path) -> None:
     path = copy / "r1" / "r1.mcap"
     path.rename(copy / "elsewhere")
     path.symlink_to(copy / "elsewhere")
-    assert fault(copy) == f"{path}: a link, and a recording never is"
+    assert fault(copy) == f"{path}: is a symbolic link, not a recording"
 
 
-def test_what_is_no_recording_at_all(tmp_path: Path) -> None:
+def test_files_other_than_recordings(tmp_path: Path) -> None:
     path = tmp_path / "r1" / "r1.mcap"
     path.parent.mkdir()
     magic = b"\x89MCAP0\r\n"
@@ -180,16 +178,16 @@ def test_what_is_no_recording_at_all(tmp_path: Path) -> None:
     for content, why in (
         (magic, "ends before its first record"),
         (b"12345678", "not a recording of this project, or damaged at its start"),
-        (wild, "damaged before its first step; read up to there: a record would have 1099511627776 bytes; "),
+        (wild, "damaged before the first step, read up to there: a record has 1099511627776 bytes; "),
     ):
         path.write_bytes(content)
         assert fault(tmp_path).startswith(f"{path}: {why}")
     path.unlink()
     path.symlink_to(path)
-    assert fault(tmp_path) == f"{path}: a link, and a recording never is"
+    assert fault(tmp_path) == f"{path}: is a symbolic link, not a recording"
     path.unlink()
     path.mkdir()
-    assert fault(tmp_path) == f"{path}: no recording, as it is no file"
+    assert fault(tmp_path) == f"{path}: is not a regular file"
 
 
 ELSEWHERE = Processor("aarch64", "Cortex-A76", ("neon",))
@@ -197,7 +195,7 @@ SINE = "actors.portable.arrays.sin"
 
 
 def from_elsewhere(item: Entry | Note) -> Entry | Note:
-    """The run's note as of another processor, whose sine has other bits."""
+    """Change the run's note to another processor, with different results of the sine."""
     if not isinstance(item, Note) or item.name != "run":
         return item
     run = msgspec.json.decode(item.json, type=RunNote)
@@ -207,7 +205,7 @@ def from_elsewhere(item: Entry | Note) -> Entry | Note:
 
 
 def from_elsewhere_and_different(item: Entry | Note) -> Entry | Note:
-    """The same, with another last bit in what the robot sent in step 5."""
+    """Do the same, and change the last bit of what the robot sent in step 5."""
     if isinstance(item, Entry) and item.direction == "out" and item.step == 5 and item.payload is not None:
         return with_payload(item, item.payload[:-1] + bytes([item.payload[-1] ^ 1]))
     return from_elsewhere(item)
@@ -229,7 +227,7 @@ def test_a_replay_that_differs_names_processor_function_and_features(copy: Path,
     with pytest.raises(ReplayError) as caught:
         replay_actor(copy, "r1")
     assert str(caught.value).endswith(
-        f"; recorded on another processor: other bits come from {SINE}; "
+        f"; recorded on another processor: results of {SINE} differ; "
         f"it was {ELSEWHERE}, this is {processor()}"
     )
     assert "step 5" in str(caught.value)

@@ -1,4 +1,4 @@
-"""Files from elsewhere that are made to hurt: one sentence each; nothing is written through links."""
+"""Malicious files: one-sentence errors, and no writing through links."""
 
 import os
 import shutil
@@ -38,7 +38,7 @@ TOMLS = {
 
 
 @pytest.mark.parametrize("name", [*TOMLS, "a map whose YAML refers to itself"])
-def test_text_that_is_made_to_hurt(tmp_path: Path, name: str) -> None:
+def test_malicious_text(tmp_path: Path, name: str) -> None:
     path = tmp_path / "file.toml"
     bombs = "".join(f"  - &b{n} [{', '.join([f'*b{n - 1}'] * 9)}]\n" for n in range(1, 12))
     head = "resolution: 0.05\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
@@ -51,7 +51,7 @@ def test_text_that_is_made_to_hurt(tmp_path: Path, name: str) -> None:
         assert "\n" not in str(caught.value) and len(str(caught.value)) < 500
 
 
-def test_zero_characters_and_links_to_themselves_are_refused(tmp_path: Path) -> None:
+def test_null_characters_and_link_loops_are_rejected(tmp_path: Path) -> None:
     path, loop = tmp_path / "file.toml", tmp_path / "loop.toml"
     path.write_text('map = "a\\u0000b"\n')
     with pytest.raises(AcrcError, match=r'"a\\u0000b", but must be the '):
@@ -63,22 +63,22 @@ def test_zero_characters_and_links_to_themselves_are_refused(tmp_path: Path) -> 
     robot = tmp_path / "runs" / "r1"
     robot.mkdir(parents=True)
     (robot / "r1.mcap").symlink_to(robot / "r1.mcap")
-    with pytest.raises(AcrcError, match=r"r1\.mcap: a link, and a recording never is"):
+    with pytest.raises(AcrcError, match=r"r1\.mcap: is a symbolic link, not a recording"):
         collect([tmp_path / "runs"])
 
 
-def test_a_folder_in_the_place_of_the_routers_socket(tmp_path: Path) -> None:
+def test_folder_in_place_of_the_router_socket(tmp_path: Path) -> None:
     robot, world = tmp_path / "r1", tmp_path / "world"
     for folder in (robot, world):
         folder.mkdir()
     credentials.write_router_file(world / "router.json", credentials.issue({"r1": robot}, world))
     (robot / "router.sock").mkdir()
-    with pytest.raises(AcrcError, match=r"^what the run has put there could not be removed: "):
+    with pytest.raises(AcrcError, match=r"^files of the run could not be removed: "):
         credentials.remove_router_file(world / "router.json")
     assert list(world.iterdir()) == [] and [path.name for path in robot.iterdir()] == ["router.sock"]
 
 
-def test_control_characters_are_shown_and_logs_are_read_from_their_end(tmp_path: Path) -> None:
+def test_control_characters_are_escaped_and_log_ends_are_read(tmp_path: Path) -> None:
     assert str(AcrcError("r1 \x1b[2J\x9b31m\x07 says \u202eabc\ud800\r")) == (
         r"r1 \x1b[2J\x9b31m\x07 says \u202eabc\ud800\r"
     )
@@ -124,20 +124,20 @@ def test_outputs_replace_links_and_are_not_written_through_them(copy: Path, vict
     assert [path.name for path in victim.parent.iterdir()] == [victim.name]
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_file_replacement_is_atomic(tmp_path: Path) -> None:
     path = tmp_path / "run.png"
     path.write_text("before")
-    with pytest.raises(ZeroDivisionError), regular_file.replaced(path) as part:
+    with pytest.raises(ZeroDivisionError), regular_file.atomic_replacement(path) as part:
         part.write_text("half")
         raise ZeroDivisionError
     assert path.read_text() == "before" and [*tmp_path.iterdir()] == [path]
-    regular_file.write(path, b"after")
+    regular_file.write_atomically(path, b"after")
     assert path.read_text() == "after" and [*tmp_path.iterdir()] == [path]
     mask = os.umask(0)
     os.umask(mask)
     assert path.stat().st_mode & 0o777 == 0o666 & ~mask
     with pytest.raises(OSError) as caught:
-        regular_file.write(tmp_path / "none" / "run.png", b"")
+        regular_file.write_atomically(tmp_path / "none" / "run.png", b"")
     assert caught.value.filename == str(tmp_path / "none" / "run.png")
 
 
@@ -198,5 +198,5 @@ def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, 
     assert table.stat().st_size > 100 and not table.is_symlink()
     shutil.rmtree(kept.folder / "trials")
     (kept.folder / "trials").symlink_to(victim.parent)
-    with pytest.raises(AcrcError, match="trials: is a link, through which nothing is written"):
+    with pytest.raises(AcrcError, match="trials: is a symbolic link, and must be a folder"):
         store.create(kept.folder, kept.study)

@@ -107,7 +107,7 @@ def test_what_follows_a_clock_chance_a_set_or_an_address_is_found(tmp_path: Path
     said = str(caught.value)
     assert said.startswith("r1 and r2 and r3 and r4: the replay differs, so the code depends on more than ")
     faults = re.findall(
-        r"/(r\d)\.mcap: step 10: swarm/up/r\d/drive: Drive\.given_up\[0\]\.reason is '(.*?)'; "
+        r"/(r\d)\.mcap: step 10: swarm/up/r\d/drive: Drive\.given_up\[0\]\.reason is '(.*?)', "
         r"recorded was '(.*?)'",
         said,
     )

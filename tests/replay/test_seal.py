@@ -1,4 +1,4 @@
-"""A run's folder is sealed at its end: changed, missing, added and replaced files are found and named."""
+"""The seal of a run's folder: changed, missing, added and replaced files are detected and named."""
 
 import os
 import shutil
@@ -136,7 +136,7 @@ def test_files_drawn_later_are_counted_and_views_are_ignored(sealed: Path) -> No
     assert told(sealed).endswith("; added since: 3 (line\\nbreak, run.png, tables/places.csv)")
 
 
-def test_files_of_a_strategy_cannot_hold_up_the_seal(tmp_path: Path) -> None:
+def test_strategy_files_cannot_block_the_seal(tmp_path: Path) -> None:
     own, other = tmp_path / "r1" / "own", tmp_path / "r2" / "own"
     for folder in (own, other):
         folder.mkdir(parents=True)
@@ -152,7 +152,7 @@ def test_files_of_a_strategy_cannot_hold_up_the_seal(tmp_path: Path) -> None:
     assert "was changed" in fault(tmp_path)
 
 
-def test_a_seal_is_written_through_no_link(tmp_path: Path) -> None:
+def test_seal_does_not_follow_links(tmp_path: Path) -> None:
     folder, target = tmp_path / "run", tmp_path / "dotfile"
     folder.mkdir()
     target.write_text("mine")

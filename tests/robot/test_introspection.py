@@ -16,7 +16,7 @@ from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.introspection import Introspection
 from actors.messages import INTROSPECTION
-from actors.processes.launch import launcher
+from actors.processes.launcher import create_launcher
 from actors.robot.introspection import Introspector
 from actors.runtime.codec import decode
 from actors.runtime.process_setup import RecordDetail
@@ -37,7 +37,7 @@ def run(out: Path, record: RecordDetail, bus: str) -> RunResult:
     options = RunOptions(out, bus=bus, record=record)
     if bus == "memory":
         return swarm.run_in_memory(swarm.plan(scenario, options), lambda progress: None)
-    with launcher("forkserver") as launched:
+    with create_launcher("forkserver") as launched:
         return swarm.run(scenario, options, launched)
 
 

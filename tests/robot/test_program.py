@@ -29,7 +29,7 @@ from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup
-from actors.runtime.processor import combined
+from actors.runtime.processor import combine_fingerprints
 from tests.refusals import refused
 from tests.robot.rig import ScriptedBehaviour
 
@@ -51,7 +51,7 @@ ROBOT = RobotSetup(
 PLACE = RobotProcess(record="r1.2.mcap", router="router.sock", credentials="credentials", commit="abc")
 NAVIGATION_KERNELS = "cost_map disc_dwa dwa local_planner map_grid potential ray_tracing"
 LOCALISATION_KERNELS = "confidence measurement motion resampling"
-AN_ID = r", but must be a text of the form '\\A[A-Za-z0-9_-]{1,32}\\Z'"
+AN_ID = r", but must be a string of the form '\\A[A-Za-z0-9_-]{1,32}\\Z'"
 
 
 def test_a_setup_survives_a_round_trip(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(tmp_path: Pat
 
 def test_a_robots_process_reports_its_kernels_and_records_its_setup(tmp_path: Path) -> None:
     robot = actor_process(ActorSetup(ROBOT, PLACE), tmp_path)
-    assert robot.ready == to(READY, Ready(40, "r1", 2, combined(kernels())), "r1")
+    assert robot.ready == to(READY, Ready(40, "r1", 2, combine_fingerprints(kernels())), "r1")
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
     run = robot.run
     assert (run.actor, run.seed, run.step_us, run.commit) == ("r1.2", 7, 50_000, "abc")
@@ -108,12 +108,12 @@ def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
         (_actor("start", [1, 2]), "actor.start is [1, 2], but must be a list of length 3"),
         (_actor("places", [[1, True]]), "actor.places[0][1] is true, but must be a number"),
         (lambda told: told["actor"]["stack"]["dwa"].update(speed=1),
-         "actor.stack.dwa.speed is not known; leave it out"),
+         "actor.stack.dwa.speed is not known; remove it"),
         (lambda told: told["actor"]["stack"]["localisation"].update(beams=0),
          "actor.stack.localisation.beams is 0, but must be a whole number of at least 1"),
         (lambda told: told["process"].update(limits={"memory_mb": 0}),
          "process.limits.memory_mb is 0, but must be a whole number of at least 1"),
-        (lambda told: told.pop("process"), "process is missing, but must be there"),
+        (lambda told: told.pop("process"), "process is missing"),
     ],
 )  # fmt: skip
 def test_a_faulty_setup_gives_one_sentence(
@@ -125,7 +125,7 @@ def test_a_faulty_setup_gives_one_sentence(
     file.write_text(json.dumps(told))
     with pytest.raises(AcrcError) as caught:
         load_setup(file)
-    assert str(caught.value) == f"{file}: no set-up of a robot: {fault}"
+    assert str(caught.value) == f"{file}: invalid set-up of a robot: {fault}"
     assert robot_program.main([str(file)]) == 2
     assert capsys.readouterr().err == f"{caught.value}\n"
 

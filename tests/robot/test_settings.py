@@ -64,8 +64,8 @@ class Plain:
 
 
 FAULTS = {
-    "": "name is missing, but must be a text",
-    "name = 3": "name is 3, but must be a text",
+    "": "name is missing, but must be a string",
+    "name = 3": "name is 3, but must be a string",
     "nam = 'x'": "nam is not known; did you mean name?",
     "length = 0": "length is 0, but must be a number above 0",
     "length = inf": "length is Infinity, but must be a number above 0",
@@ -149,7 +149,7 @@ def test_dataclasses_are_decoded_too() -> None:
 def test_a_sentence_about_a_file_begins_with_its_name(tmp_path: Path) -> None:
     file = tmp_path / "cart.toml"
     for text, sentence in (
-        ("length = 2", "name is missing, but must be a text"),
+        ("length = 2", "name is missing, but must be a string"),
         ("[x", "invalid TOML: Expected ']' at the end of a table declaration (at end of document)"),
     ):
         file.write_text(text)

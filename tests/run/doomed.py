@@ -27,7 +27,7 @@ class Doom(msgspec.Struct, frozen=True):
 
 
 def sentence(doom: Doom) -> str:
-    before = process_table.children(os.getpid(), process_table.table())
+    before = process_table.children(os.getpid(), process_table.processes())
     overrides = Overrides(strategy=f"tests.failures.saboteur:{doom.behaviour}", robots=2, duration=3)
     options = RunOptions(Path(doom.out), isolate=doom.bus == "isolated")
     plan = replace(swarm.plan(load_scenario(None, overrides), options), timeout=Timeout(**doom.limits))
@@ -39,7 +39,7 @@ def sentence(doom: Doom) -> str:
             swarm.run_processes(plan, doom.spawn, lambda progress: None)
     except AcrcError as error:
         said = str(error)
-    assert process_table.children(os.getpid(), process_table.table()) == before
+    assert process_table.children(os.getpid(), process_table.processes()) == before
     return said
 
 

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 
 from actors.installation.usage import OptionError
-from actors.installation.version import software
-from actors.processes import launch
-from actors.processes.launch import scratch_folder
+from actors.installation.version import software_version
+from actors.processes import launcher
+from actors.processes.launcher import scratch_folder
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
@@ -181,7 +181,7 @@ def test_a_scratch_folder_is_removed_and_errors_with_another_cause_pass() -> Non
 
 
 def test_a_full_or_missing_scratch_folder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(launch, "write_fault", lambda folder: "no space left on device")
+    monkeypatch.setattr(launcher, "write_fault", lambda folder: "no space left on device")
     for error, prefix in ((OSError(*FULL), ""), (AcrcError("r1 has ended"), "r1 has ended; ")):
         with pytest.raises(AcrcError) as caught, scratch_folder() as folder:
             raise error
@@ -244,7 +244,7 @@ def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: 
     strategy = "my_own_study:behaviour"
     assert origin == {
         "scenario": "study.toml", "strategy": strategy, "behaviour": strategy, "settings": {}, "key": "",
-        "commit": software(), "navigation": "robust", "localisation": "robust", "branch": None,
+        "commit": software_version(), "navigation": "robust", "localisation": "robust", "branch": None,
     }  # fmt: skip
     text = (tmp_path / "one" / "out" / "scenario.toml").read_text()
     assert str(tmp_path) not in text and str(ROOT) not in text

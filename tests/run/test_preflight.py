@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from actors.processes.launch import Launcher
+from actors.processes.launcher import Launcher
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import available
+from actors.runtime.isolation.sandbox import isolation_fault
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
@@ -139,7 +139,7 @@ def sends_a_courier(start):
 
 @pytest.fixture(scope="module")
 def launched() -> Iterator[Launcher]:
-    if (reason := available()) is not None:
+    if (reason := isolation_fault()) is not None:
         pytest.skip(reason)
     with Launcher("fork") as launched:
         yield launched
@@ -158,7 +158,7 @@ MADE = "strategy 'hostile:{}', made for r1 before the run: "
     ("function", "grace_s", "sentence"),
     [
         ("leaves", 5.0, "behaviour 'hostile:leaves': its code called sys.exit(0) (hostile.py:10)"),
-        ("dies", 5.0, MADE + "its process was ended by signal SIGKILL"),
+        ("dies", 5.0, MADE + "its process was killed by SIGKILL"),
         ("hangs", 5.0, MADE + "is not done after 2 s; it is at hostile.py:16"),
         ("hangs_unseen", 0.5, MADE + "is not done after 2.5 s"),
     ],

@@ -15,15 +15,15 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.recordings import sandboxed_replay
-from actors.processes.launch import Child, Program
-from actors.processes.monitor import DiskUse, ResourceWatch, disk_use
+from actors.processes.launcher import ChildProcess, Program
+from actors.processes.monitor import DiskUsage, ResourceMonitor, disk_usage
 from actors.runtime import failure, linux, process_table
 from actors.runtime.errors import AcrcError
-from actors.runtime.failure import FailureNote, failure_note, in_words
-from actors.runtime.isolation.sandbox import Names, ProcessLimits, enforce
-from actors.runtime.process import tell
-from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
-from actors.runtime.recording.form import LARGE
+from actors.runtime.failure import FailureNote, failure_note, failure_sentence
+from actors.runtime.isolation.sandbox import ProcessLimits, SandboxPaths, enforce_limits
+from actors.runtime.process import report_failure
+from actors.runtime.recording import Entry, Recorder, decode_note, read_notes, read_recording
+from actors.runtime.recording.format import LARGE
 
 PlaceEvent = Callable[[], object]
 LEFT_KB = {"robot": (300, 2752), "replay": (300,)}
@@ -89,16 +89,16 @@ def hoarding(left_kb: int, name: str) -> None:
 
 def robot(folder: Path, deed: PlaceEvent) -> None:
     with Recorder(folder / "r2.mcap", 100_000) as recorder:
-        failure.hold(folder)
+        failure.hold_reserve(folder)
         try:
             deed()
         except BaseException as error:
-            failure.release()
-            tell(recorder, "r2", 20, error)
+            failure.release_reserve()
+            report_failure(recorder, "r2", 20, error)
 
 
 def replay(folder: Path, deed: PlaceEvent) -> None:
-    failure.hold(folder)
+    failure.hold_reserve(folder)
     try:
         deed()
     except Exception as error:
@@ -108,7 +108,7 @@ def replay(folder: Path, deed: PlaceEvent) -> None:
 
 def told(folder: Path) -> str:
     path = folder / "r2.mcap"
-    return in_words(decoded(path, "failure", read_notes(path)["failure"], FailureNote))
+    return failure_sentence(decode_note(path, "failure", read_notes(path)["failure"], FailureNote))
 
 
 @pytest.fixture(scope="module")
@@ -152,14 +152,14 @@ def test_a_strategy_that_opens_all_files_is_named_and_the_process_table_can_be_r
         open_all()
 
     def ends_well() -> None:
-        failure.hold(tmp_path)
+        failure.hold_reserve(tmp_path)
         with suppress(OSError):
             deed()
         with suppress(OSError):
-            process_table.table()
+            process_table.processes()
             os._exit(71)
-        failure.release()
-        assert os.getpid() in process_table.table()
+        failure.release_reserve()
+        assert os.getpid() in process_table.processes()
 
     assert in_child(lambda: robot(tmp_path, deed)) == 0
     assert re.fullmatch(
@@ -173,7 +173,7 @@ def test_a_strategy_that_opens_all_files_is_named_and_the_process_table_can_be_r
 def fill(folder: Path, limit: PlaceEvent) -> None:
     """Record until the disk or the limit refuses more; report the failure."""
     recorder = Recorder(folder / "r2.mcap", 100_000)
-    failure.hold(folder)
+    failure.hold_reserve(folder)
     limit()
     with recorder:
         try:
@@ -181,7 +181,7 @@ def fill(folder: Path, limit: PlaceEvent) -> None:
                 recorder.sent("swarm/toy", step, step, bytes(LARGE + 1), bytes(32))
                 recorder.flush()
         except AcrcError as error:
-            tell(recorder, "r2", 20, error)
+            report_failure(recorder, "r2", 20, error)
 
 
 def messages(path: Path) -> int:
@@ -190,7 +190,7 @@ def messages(path: Path) -> int:
 
 def test_a_recording_that_may_not_grow_has_its_last_record(tmp_path: Path) -> None:
     limits = ProcessLimits(file_mb=1)
-    assert in_child(lambda: fill(tmp_path, lambda: enforce(limits, isolated=False))) == 0
+    assert in_child(lambda: fill(tmp_path, lambda: enforce_limits(limits, isolated=False))) == 0
     assert told(tmp_path) == f"r2 failed in step 20: {tmp_path}/r2.mcap: cannot be written: file too large"
     assert messages(tmp_path / "r2.mcap") > 7000
 
@@ -217,24 +217,26 @@ def test_a_recording_on_a_disk_that_is_full_has_its_last_record(tmp_path: Path) 
 
 def test_a_reserve_is_held_once_and_released_whole(tmp_path: Path) -> None:
     before = {entry.name for entry in Path("/proc/self/fd").iterdir()}
-    failure.hold(tmp_path)
+    failure.hold_reserve(tmp_path)
     try:
         held = {entry.name for entry in Path("/proc/self/fd").iterdir()} - before
         sizes = [
             os.fstat(int(number)).st_blocks * 512 for number in held if Path("/proc/self/fd", number).exists()
         ]
         assert max(sizes) >= 64 * 1024 and list(tmp_path.iterdir()) == []
-        failure.hold(tmp_path)
+        failure.hold_reserve(tmp_path)
         assert len({entry.name for entry in Path("/proc/self/fd").iterdir()} - before) == len(held)
     finally:
-        failure.release()
+        failure.release_reserve()
     assert {entry.name for entry in Path("/proc/self/fd").iterdir()} == before
-    failure.release()
+    failure.release_reserve()
     assert failure_note("r2", 3, MemoryError()).cause == "MemoryError"
 
 
-def child(folder: Path, module: str = "actors.robot", pid: int = 0, names: Names | None = None) -> Child:
-    return Child(Program(folder.name, module, (), folder / "r1.log", folder / "r1.mcap", names), pid)
+def child(
+    folder: Path, module: str = "actors.robot", pid: int = 0, names: SandboxPaths | None = None
+) -> ChildProcess:
+    return ChildProcess(Program(folder.name, module, (), folder / "r1.log", folder / "r1.mcap", names), pid)
 
 
 def test_use_counts_blocks_below_a_folder_and_follows_no_link(tmp_path: Path) -> None:
@@ -247,12 +249,12 @@ def test_use_counts_blocks_below_a_folder_and_follows_no_link(tmp_path: Path) ->
     (folder / "loop").symlink_to(folder)
     with (folder / "sparse").open("wb") as file:
         file.truncate(1 << 33)
-    size, files = disk_use(folder, PLENTY, PLENTY)
+    size, files = disk_usage(folder, PLENTY, PLENTY)
     assert files == 7 and 200_000 <= size < 300_000
     for number in range(50):
         (deep / f"{number}").touch()
-    assert disk_use(deep, PLENTY, 10).files == 11, "counting ends at the limit"
-    assert disk_use(tmp_path / "none", PLENTY, PLENTY) == DiskUse(0, 0)
+    assert disk_usage(deep, PLENTY, 10).files == 11, "counting ends at the limit"
+    assert disk_usage(tmp_path / "none", PLENTY, PLENTY) == DiskUsage(0, 0)
 
 
 def test_a_robot_that_writes_too_much_is_named_and_the_world_is_not(tmp_path: Path) -> None:
@@ -262,19 +264,19 @@ def test_a_robot_that_writes_too_much_is_named_and_the_world_is_not(tmp_path: Pa
         one.mkdir()
         (one / "file").write_bytes(os.urandom(2_100_000))
     everyone = (child(world, "actors.world"), child(folder))
-    watch = ResourceWatch(ProcessLimits(disk_mb=2), lambda: now_s)
+    watch = ResourceMonitor(ProcessLimits(disk_mb=2), lambda: now_s)
     assert watch.fault(everyone) is None, "it is not time"
     now_s = 0.6
     assert watch.fault(everyone) == (
-        f"r1 has written more than 2 MB to {folder}; --limit disk_mb=N allows more"
+        f"r1 has written more than 2 MB to {folder}; raise the limit with --limit disk_mb=N"
     )
     now_s = 1.2
     assert watch.fault(everyone[:1]) is None
-    few = ResourceWatch(ProcessLimits(disk_files=1), lambda: now_s)
+    few = ResourceMonitor(ProcessLimits(disk_files=1), lambda: now_s)
     (folder / "second").touch()
     now_s = 2.0
     assert few.fault(everyone) == (
-        f"r1 has made more than 1 files in {folder}; --limit disk_files=N allows more"
+        f"r1 has created more than 1 files in {folder}; raise the limit with --limit disk_files=N"
     )
 
 
@@ -282,7 +284,7 @@ def test_a_robot_that_writes_too_much_is_named_and_the_world_is_not(tmp_path: Pa
 def test_slow_looks_are_put_off_and_not_for_long(tmp_path: Path, look_s: float, pause_s: float) -> None:
     done_s = 10.0 + look_s
     times = iter([0.0, 10.0, done_s, done_s + pause_s - 0.01, done_s + pause_s + 0.01, done_s + 2 * pause_s])
-    watch = ResourceWatch(ProcessLimits(disk_files=1), lambda: next(times))
+    watch = ResourceMonitor(ProcessLimits(disk_files=1), lambda: next(times))
     assert watch.fault([]) is None
     (tmp_path / "a").touch()
     (tmp_path / "b").touch()
@@ -308,28 +310,28 @@ def test_all_processes_of_a_robot_count(tmp_path: Path, where: str) -> None:
     ) as robot:
         assert robot.stdout is not None
         assert [robot.stdout.readline() for _ in range(4)] == [b"held\n"] * 4
-        suspects = [child(tmp_path, pid=robot.pid, names=Names("", ""))]
+        suspects = [child(tmp_path, pid=robot.pid, names=SandboxPaths("", ""))]
         faults = []
         for limits in (ProcessLimits(), ProcessLimits(memory_mb=200), ProcessLimits(processes=1)):
             times = iter((0.0, *[1.0] * 9))
-            watch = ResourceWatch(limits, times.__next__)
+            watch = ResourceMonitor(limits, times.__next__)
             faults.append(watch.fault(suspects))
-        for pid in process_table.descendants([robot.pid], process_table.table()):
+        for pid in process_table.descendants([robot.pid], process_table.processes()):
             os.kill(pid, signal.SIGKILL)
     name = tmp_path.name
     assert faults == [
         None,
-        f"{name} has taken more than 200 MB of memory with all its processes; "
-        "--limit memory_mb=N allows more",
-        f"{name} has more than 1 processes and threads; --limit processes=N allows more",
+        f"{name} has used more than 200 MB of memory in all its processes; "
+        "raise the limit with --limit memory_mb=N",
+        f"{name} has more than 1 processes and threads; raise the limit with --limit processes=N",
     ]
-    assert process_table.held(robot.pid) == (0, 0), "it has ended"
+    assert process_table.process_usage(robot.pid) == (0, 0), "it has ended"
 
 
 HIDES = """
 import ctypes, mmap, resource, time
-from actors.runtime.isolation.sandbox import ProcessLimits, enforce
-enforce(ProcessLimits(memory_mb=100), isolated=False)
+from actors.runtime.isolation.sandbox import ProcessLimits, enforce_limits
+enforce_limits(ProcessLimits(memory_mb=100), isolated=False)
 hidden = []
 for _ in range(5):
     piece = mmap.mmap(-1, 40_000_000, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
@@ -346,13 +348,13 @@ def test_memory_that_was_made_readonly_counts_although_it_is_not_data(tmp_path: 
     now_s = 0.0
     with subprocess.Popen([sys.executable, "-c", HIDES], stdout=subprocess.PIPE) as robot:
         assert robot.stdout is not None and robot.stdout.readline() == b"held\n"
-        watch = ResourceWatch(ProcessLimits(memory_mb=100), lambda: now_s)
+        watch = ResourceMonitor(ProcessLimits(memory_mb=100), lambda: now_s)
         now_s += 1.0
         fault = watch.fault([child(tmp_path, pid=robot.pid)])
         robot.kill()
     assert fault == (
-        f"{tmp_path.name} has taken more than 100 MB of memory with all its processes; "
-        "--limit memory_mb=N allows more"
+        f"{tmp_path.name} has used more than 100 MB of memory in all its processes; "
+        "raise the limit with --limit memory_mb=N"
     )
 
 

@@ -2,15 +2,22 @@
 
 import pytest
 
-from actors.processes.monitor import HoldUp, Stall, StallDetector, Suspect, Timeout, sentences
-from actors.runtime.process_table import ProcessGlance
+from actors.processes.monitor import (
+    AwaitedProcess,
+    Stall,
+    StallDetector,
+    StepDelays,
+    Timeout,
+    delay_sentences,
+)
+from actors.runtime.process_table import ProcessState
 
-R1, R2 = Suspect("r1", 11), Suspect("r2", 12)
+R1, R2 = AwaitedProcess("r1", 11), AwaitedProcess("r2", 12)
 BOTH = (R1, R2)
 KEEPER, WORKER, CHILD = 12, 112, 1112
 """r2 is an isolated robot: a keeper process starts its worker."""
 IDLE = Stall(R2, "no Drive from r2 for 30 s")
-WORKED = Stall(R2, "no Drive from r2 after 30 s of processor time")
+WORKED = Stall(R2, "no Drive from r2 after 30 s of CPU time")
 
 
 class Machine:
@@ -28,9 +35,9 @@ class Machine:
         self.queued_s = queued_s
         self.pass_by(0.5)  # the first look only shows how much each has worked so far
 
-    def table(self) -> dict[int, ProcessGlance]:
+    def table(self) -> dict[int, ProcessState]:
         parents = {11: 1, KEEPER: 1, WORKER: KEEPER, CHILD: WORKER}
-        return {pid: ProcessGlance(parents[pid], 1, self.state[pid], self.cpu_s[pid]) for pid in self.state}
+        return {pid: ProcessState(parents[pid], 1, self.state[pid], self.cpu_s[pid]) for pid in self.state}
 
     def pass_by(
         self, seconds: float, *, working: float = 0.0, every: float = 0.5, starting: bool = False
@@ -62,7 +69,7 @@ def test_an_idle_robot_is_named_after_30_s_and_a_working_one_after_30_s_of_work(
 def test_until_it_is_ready_it_may_work_ten_times_as_long_but_not_idle_longer(machine: Machine) -> None:
     assert machine.pass_by(299.0, working=1.0, starting=True) is None
     assert machine.pass_by(2.0, working=1.0, starting=True) == (
-        R2, "no Drive from r2 after 300 s of processor time"
+        R2, "no Drive from r2 after 300 s of CPU time"
     )  # fmt: skip
     machine.stalls.step()
     machine.pass_by(0.5)
@@ -80,7 +87,7 @@ def test_a_process_that_waits_for_a_processor_or_a_disk_is_not_idle(
         machine.state[CHILD], machine.cpu_s[CHILD] = of_child, 0.0
     assert machine.pass_by(3600.0) is None
     if of_child is not None:
-        assert machine.stalls.doing(R2) == "waits for a disk"
+        assert machine.stalls.activity(R2) == "is waiting for a disk"
 
 
 def test_a_process_that_waits_for_its_child_is_idle(machine: Machine) -> None:
@@ -88,7 +95,7 @@ def test_a_process_that_waits_for_its_child_is_idle(machine: Machine) -> None:
     machine.state |= {WORKER: "D", CHILD: "S"}
     machine.cpu_s[CHILD] = 0.0
     assert machine.pass_by(28.0) is None
-    assert machine.stalls.doing(R2) == "waits for a process of its own"
+    assert machine.stalls.activity(R2) == "is waiting for a child process"
     assert machine.pass_by(3.0) == IDLE
 
 
@@ -118,7 +125,7 @@ def test_a_step_restarts_the_timeout_and_only_awaited_living_robots_are_named(ma
     for _ in range(2):  # r1 is idle throughout, and not awaited
         assert machine.pass_by(29.0, working=0.5) is None
     machine = Machine()
-    gone = Suspect("r3", 999)
+    gone = AwaitedProcess("r3", 999)
     for _ in range(20):
         machine.now_s += 0.5
         assert machine.stalls.check((*BOTH, gone), (gone,), "no Drive from r3") is None
@@ -129,7 +136,7 @@ def test_a_robot_that_works_and_sleeps_by_turns_has_no_more_time(working: float)
     machine = Machine(queued_s=0.0)
     assert machine.pass_by(29.5, working=working) is None
     assert machine.pass_by(1.0, working=working) == Stall(
-        R2, f"no Drive from r2 for 30 s, {30 * working:.0f} s of them processor time"
+        R2, f"no Drive from r2 for 30 s, {30 * working:.0f} s of it CPU time"
     )
 
 
@@ -147,11 +154,13 @@ def test_steps_that_a_robot_delays_are_counted_with_their_time(machine: Machine)
         machine.stalls.step()
         machine.pass_by(lasted_s)
     machine.stalls.step()
-    assert machine.stalls.held_up == {"r2": HoldUp(2, 2.5, 4.5)}
+    assert machine.stalls.held_up == {"r2": StepDelays(2, 2.5, 4.5)}
     machine.pass_by(4.0, working=1.0)
     again = machine.stalls.held_up["r2"]  # the one that lasts is among them
     assert (again.steps, round(again.most_s, 6), again.total_s) == (3, 4.0, 8.5)
-    assert list(sentences(machine.stalls.held_up)) == ["r2 held up 3 steps, by 4.0 s at most, 8.5 s in all."]
+    assert list(delay_sentences(machine.stalls.held_up)) == [
+        "r2 delayed 3 steps, by up to 4.0 s, 8.5 s in total."
+    ]
 
 
 @pytest.mark.parametrize("state", ["R", "D", "T"])
@@ -168,7 +177,7 @@ def test_a_long_step_and_the_robot_that_delayed_it_are_reported(machine: Machine
     machine.stalls.step()
     machine.stalls.step()
     assert machine.said == [
-        "no Drive from r2 for 10 s; r2 does nothing",
-        "no Drive from r2 for 20 s; r2 does nothing",
-        "r2 held up 1 step, by 21.5 s at most, 21.5 s in all.",
+        "no Drive from r2 for 10 s; r2 is idle",
+        "no Drive from r2 for 20 s; r2 is idle",
+        "r2 delayed 1 step, by up to 21.5 s, 21.5 s in total.",
     ]

@@ -19,8 +19,8 @@ from actors.floor import raster
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import Progress
-from actors.processes import kernels
-from actors.processes.launch import Program, launcher
+from actors.processes import kernel_compilation
+from actors.processes.launcher import Program, create_launcher
 from actors.processes.monitor import Timeout
 from actors.robot import assembly
 from actors.robot.stack import Stack
@@ -39,26 +39,25 @@ CHAPTER = MAPS.parent / "scenarios" / "chapter.toml"
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(kernels, "kernel_modules", lambda onboard=False: (visits,))
+    monkeypatch.setattr(kernel_compilation, "kernel_modules", lambda onboard=False: (visits,))
     return tmp_path
 
 
 def test_compiling_is_announced_until_the_cache_is_complete(
     cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kernels, "_HELPER", "raise SystemExit")
-    monkeypatch.setattr(kernels, "fingerprints", lambda modules: None)
-    kernels.compile_kernels()
+    monkeypatch.setattr(kernel_compilation, "_COMPILER", "raise SystemExit")
+    monkeypatch.setattr(kernel_compilation, "fingerprints", lambda modules: None)
+    kernel_compilation.compile_kernels()
     first, second = capsys.readouterr().err.splitlines()
     assert first == (
-        "acrc: compiling the numeric kernels, once after an installation or a change of the sources: "
-        "1 modules"
+        "acrc: compiling numeric kernels (once after an installation or a source change):  1 modules"
     )
     assert second.startswith("acrc: compiled in ")
-    kernels.compile_kernels()
+    kernel_compilation.compile_kernels()
     assert capsys.readouterr().err == ""
     (cache / "complete").write_text("another processor\n")
-    kernels.compile_kernels(quiet=True)
+    kernel_compilation.compile_kernels(quiet=True)
     assert capsys.readouterr() == ("", "") and (cache / "complete").is_file()
 
 
@@ -68,7 +67,7 @@ def test_a_terminal_shows_the_progress_of_compiling(
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "200")
-    kernels.compile_kernels()
+    kernel_compilation.compile_kernels()
     assert "1/1" in capsys.readouterr().err
 
 
@@ -76,17 +75,20 @@ def test_modules_that_helpers_fail_to_compile_are_compiled(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    monkeypatch.setattr(kernels, "_HELPER", "raise SystemExit")
-    monkeypatch.setattr(kernels, "kernel_modules", lambda onboard=False: (visits, scans))
-    monkeypatch.setattr(kernels, "fingerprints", lambda modules: asked.extend(m.__name__ for m in modules))
-    kernels.compile_kernels(quiet=True)
+    monkeypatch.setattr(kernel_compilation, "_COMPILER", "raise SystemExit")
+    monkeypatch.setattr(kernel_compilation, "kernel_modules", lambda onboard=False: (visits, scans))
+    monkeypatch.setattr(
+        kernel_compilation, "fingerprints", lambda modules: asked.extend(m.__name__ for m in modules)
+    )
+    kernel_compilation.compile_kernels(quiet=True)
     assert sorted(asked) == sorted([visits.__name__, scans.__name__])
     assert (cache / "complete").is_file()
 
 
 def test_a_run_compiles_every_module_once_and_a_robots_computer_nothing_of_the_world() -> None:
     robot, names = (
-        [module.__name__ for module in kernels.kernel_modules(onboard=onboard)] for onboard in (True, False)
+        [module.__name__ for module in kernel_compilation.kernel_modules(onboard=onboard)]
+        for onboard in (True, False)
     )
     planner = "actors.robot.navigation.dwa"
     assert {"actors.world.rays", "actors.radio.medium.medium", planner} <= set(names)
@@ -99,13 +101,13 @@ def test_a_run_compiles_every_module_once_and_a_robots_computer_nothing_of_the_w
 def test_what_a_robot_compiles_does_not_count_for_a_run(
     cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    kernels.compile_kernels(onboard=True)
-    kernels.compile_kernels(onboard=True)
+    kernel_compilation.compile_kernels(onboard=True)
+    kernel_compilation.compile_kernels(onboard=True)
     assert capsys.readouterr().err.count("compiling") == 1
-    kernels.compile_kernels()
+    kernel_compilation.compile_kernels()
     assert capsys.readouterr().err.count("compiling") == 1
     (cache / "complete").write_text("".join((cache / "complete").read_text().splitlines(True)[1:]))
-    kernels.compile_kernels(onboard=True)
+    kernel_compilation.compile_kernels(onboard=True)
     assert capsys.readouterr().err == "", "what a run computes with holds what a robot does"
 
 
@@ -157,7 +159,7 @@ def test_a_forked_process_finds_what_its_server_was_told_to_share(
     shutil.copytree(MAPS, tmp_path / "maps")
     stack = msgspec.json.encode(Stack()).decode()
     log = tmp_path / "heir.log"
-    with launcher("forkserver") as launched:
+    with create_launcher("forkserver") as launched:
         for name in ("none.yaml", "maps/corridor.yaml"):  # the first is left to who needs it
             launched.share("actors.robot.program", (name, "turtlebot2", "", stack), tmp_path)
         argv = (str(tmp_path / "maps" / "corridor.yaml"), str(tmp_path / "maps" / "maze.yaml"))

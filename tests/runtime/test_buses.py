@@ -1,4 +1,4 @@
-"""Whatever an actor sends, every bus hands on the same bytes, or refuses it in the same words."""
+"""Every bus delivers the same bytes, or rejects a message with the same error."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +16,7 @@ from actors.runtime.codec import MESSAGE_LIMIT, encode
 from actors.runtime.core import Address, Inputs, Outlet, Output, at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.rules import session_config, set_value
-from actors.runtime.recording import Journal, Recorder, Unrecorded
+from actors.runtime.recording import Journal, NullJournal, Recorder
 from actors.runtime.replay_bus import ReplayBus
 from actors.runtime.shell import MemoryBus, Shell
 from actors.runtime.zenoh_bus import open_mesh
@@ -25,11 +25,11 @@ from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 ROBOT = "r" * 32
 KEY = DRIVE.key(ROBOT)
 Send = Callable[[Drive], str]
-"""Sends a message and gives the bytes that arrive, or the sentence that refuses it."""
+"""Function that sends a message and returns the delivered bytes, or the error."""
 
 
 class Speaker:
-    """Sends one message."""
+    """A core that sends one message."""
 
     def __init__(self, message: Drive) -> None:
         self.step = 0
@@ -45,16 +45,16 @@ class Speaker:
 
 
 def say(message: Drive, outlet: Outlet, journal: Journal | None = None) -> str:
-    """The sentence that refuses it; empty if it was sent."""
+    """Return the error of sending; "" if the message was sent."""
     try:
-        Shell(Speaker(message), outlet, journal or Unrecorded(), actor=ROBOT).pump()
+        Shell(Speaker(message), outlet, journal or NullJournal(), actor=ROBOT).pump()
     except AcrcError as error:
         return str(error)
     return ""
 
 
 def over_memory(message: Drive) -> str:
-    """Through the bus of a swarm in one process."""
+    """Send over the in-memory bus."""
     arrived: list[bytes] = []
     bus = MemoryBus()
     bus.listen(at(DRIVE, "*"), lambda delivery: arrived.append(delivery.payload))
@@ -62,7 +62,7 @@ def over_memory(message: Drive) -> str:
 
 
 def over_replay(message: Drive, folder: Path) -> str:
-    """Recorded, and sent again: what is compared are the bytes that were recorded."""
+    """Record a message and replay it, which compares the recorded bytes."""
     path = folder / f"{time.monotonic_ns()}.mcap"
     with Recorder(path, 1000) as recorder:
         refused = say(message, MemoryBus(), recorder)
@@ -75,7 +75,7 @@ def over_replay(message: Drive, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def over_zenoh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Send]:
-    """From a client to the router, as from a robot to the world."""
+    """Send from a client to the router, as from a robot to the world."""
     endpoint = f"unixsock-stream/{tmp_path_factory.mktemp('z') / 'r.sock'}"
     router, client = session_config("router"), session_config("client")
     set_value(router, "listen/endpoints", [endpoint])
@@ -101,7 +101,7 @@ def over_zenoh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Send]:
 
 
 def several(one: some.SearchStrategy[Any], most: int) -> some.SearchStrategy[tuple[Any, ...]]:
-    """Few of them, different ones; or the same many times over, up to beyond every limit."""
+    """Draw a few different ones, or many equal ones, up to beyond every limit."""
     many = some.builds(lambda item, count: (item,) * count, one, some.integers(0, most))
     return some.lists(one, max_size=5).map(tuple) | many
 
@@ -135,7 +135,7 @@ def test_every_bus_delivers_the_same(over_zenoh: Send, tmp_path: Path, message: 
 
 
 def of_size(size: int) -> Drive:
-    """A message of so many bytes."""
+    """Return a message with this number of bytes."""
 
     def worded(letters: int) -> Drive:
         return Drive(0, 0.0, 0.0, 0.0, 0, given_up=(PlaceGivenUp(ROBOT, 0, 0, "x" * letters),))
@@ -148,13 +148,13 @@ def of_size(size: int) -> Drive:
 def test_the_limit_is_a_byte_wide_and_holds_on_every_bus(over_zenoh: Send, tmp_path: Path) -> None:
     most, over = of_size(MESSAGE_LIMIT), of_size(MESSAGE_LIMIT + 1)
     assert over_zenoh(most) == over_memory(most) == over_replay(most, tmp_path) == encode(most).hex()
-    said = f"step 0: Drive on {KEY} has 65001 bytes; a message may have at most 65000"
+    said = f"step 0: Drive on {KEY} has 65001 bytes; the limit is 65000"
     assert over_zenoh(over) == over_memory(over) == over_replay(over, tmp_path) == said
 
 
-def test_what_is_no_plain_value_is_named_by_its_place() -> None:
+def test_value_of_wrong_type_is_named_by_its_path() -> None:
     report = PlaceReport("r1", np.int64(3), 5)  # type: ignore[arg-type]
     assert over_memory(Drive(7, 0.0, 0.0, 0.0, 0, reports=(report,))) == (
-        f"step 7: Drive on {KEY} holds np.int64(3), a numpy.int64, in reports[0].place; it must be a plain "
-        "value (Encoding objects of type numpy.int64 is unsupported)"
+        f"step 7: Drive on {KEY} has np.int64(3) of type numpy.int64 in reports[0].place; it must be a "
+        "plain value (Encoding objects of type numpy.int64 is unsupported)"
     )

@@ -1,4 +1,4 @@
-"""What a session's end does where the links that it has do not end."""
+"""Closing a session whose links are blocked or broken."""
 
 import os
 import signal
@@ -34,7 +34,7 @@ ENOUGH = 400
 
 @contextmanager
 def session(*words: str) -> Iterator[subprocess.Popen[str]]:
-    """A process with one: which mode, whether it listens or connects, where, and to what it subscribes."""
+    """Start a process with a session; `words`: mode, listen or connect, address, subscription."""
     with subprocess.Popen(
         [sys.executable, "-c", PROGRAM, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
@@ -53,7 +53,7 @@ def tell(process: subprocess.Popen[str], text: str) -> None:
 
 
 @pytest.mark.nightly
-def test_a_router_ends_though_a_link_of_it_takes_nothing_and_others_have_broken(tmp_path: Path) -> None:
+def test_router_closes_with_a_blocked_link_and_broken_links(tmp_path: Path) -> None:
     socket = f"unixsock-stream/{tmp_path}/s"
     with ExitStack() as stack:
         router = stack.enter_context(session("router", "listen", socket, "own"))

@@ -1,4 +1,4 @@
-"""A compiled kernel belongs to the state of the sources that it can reach, and to no other."""
+"""The kernel cache depends on the content of all imported sources, and on nothing else."""
 
 import json
 import os
@@ -15,7 +15,7 @@ STATES = """
 import json
 from actors import kernels
 named = kernels._named().items()
-print(json.dumps({name: kernels.state(kernels.reachable(source)) for name, source in named}))
+print(json.dumps({name: kernels.source_hash(kernels.imported_sources(source)) for name, source in named}))
 """
 CALL = """
 from actors.deep import kernel
@@ -27,7 +27,7 @@ TWICE = "@njit(cache=True)\ndef twice(x):\n    return constants.TWO * x\n"
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """A package `actors` of its own with one kernel, one module that it imports, and others."""
+    """Return a package `actors` with one kernel, one module that it imports, and others."""
     folder = tmp_path / "actors"
     (folder / "deep").mkdir(parents=True)
     (folder / "__init__.py").touch()
@@ -40,7 +40,7 @@ def package(tmp_path: Path) -> Path:
 
 
 def python(package: Path, program: str) -> str:
-    """What a program says that imports this `actors`, and no installed one."""
+    """Return the output of a program that imports this `actors` instead of the installed one."""
     path = os.pathsep.join([str(package.parent), *(one for one in sys.path if "site-packages" in one)])
     kept = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     home = {"HOME": str(package.parent), "XDG_CACHE_HOME": str(package.parent / "home")}
@@ -52,7 +52,7 @@ def python(package: Path, program: str) -> str:
     return done.stdout.strip()
 
 
-def test_a_change_counts_for_the_kernels_that_reach_it_and_for_no_others(package: Path) -> None:
+def test_change_affects_only_kernels_that_import_it(package: Path) -> None:
     before = json.loads(python(package, STATES))
     (package / "deep" / "numbers.py").write_text("TWO = 3\n")
     after = json.loads(python(package, STATES))
@@ -87,19 +87,19 @@ def test_kernels_of_read_only_sources_are_in_the_user_cache(package: Path) -> No
 
 
 @pytest.mark.nightly
-def test_old_states_are_removed_but_for_the_one_before(package: Path) -> None:
+def test_prune_keeps_current_and_previous_state(package: Path) -> None:
     folder = package / "__pycache__" / "kernels"
     for number in (2, 3, 4):
         (package / "deep" / "numbers.py").write_text(f"TWO = {number}\n")
         python(package, CALL)
     (folder / "actors.gone-0123456789abcdef").mkdir()
     assert len(list(folder.glob("actors.deep.kernel-*"))) == 3
-    python(package, "from actors import kernels; kernels.prune()")
+    python(package, "from actors import kernels; kernels.prune_cache()")
     assert len(list(folder.glob("actors.deep.kernel-*"))) == 2
     assert python(package, CALL) == "16 0"
 
 
-def test_every_module_with_kernels_and_what_it_calls_is_among_their_sources() -> None:
+def test_kernel_sources_include_all_called_modules() -> None:
     folder = Path(str(kernels.__file__)).parent
     found = {str(source.relative_to(folder)) for source in kernels.kernel_sources()}
     assert {"robot/navigation/disc_dwa.py", "portable/compiled.py", "floor/raster.py"} <= found
@@ -112,8 +112,8 @@ def test_every_module_with_kernels_and_what_it_calls_is_among_their_sources() ->
             assert str(source.relative_to(folder)) in found
 
 
-def test_importing_the_actors_changes_nothing_of_the_process() -> None:
-    """Beside what numba and numpy themselves do when they are imported."""
+def test_importing_actors_changes_no_process_state() -> None:
+    """Except for changes by numba and numpy themselves."""
     program = """
 import gc, locale, os, signal, sys, warnings
 import numba, numpy

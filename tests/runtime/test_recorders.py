@@ -1,4 +1,4 @@
-"""A disk that is slow, full or dead holds up nobody, and what it has not taken is said."""
+"""A slow, full or failed disk blocks no process, and losses are reported."""
 
 import errno
 import io
@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from actors.runtime.background import Background, BackgroundRecorder
+from actors.runtime.background import BackgroundRecorder, BackgroundWorker
 from actors.runtime.recording import Entry, Note, Recorder, UnwritableError, read_recording
 from actors.runtime.recording import recorder as module
 from tests.helpers import on_small_disk
@@ -34,13 +34,13 @@ def fill(recorder: Recorder) -> None:
         recorder.note("final", Final("end"))
 
 
-def test_the_file_is_that_of_a_recorder_that_waits(tmp_path: Path) -> None:
+def test_background_recorder_writes_the_same_file(tmp_path: Path) -> None:
     fill(Recorder(tmp_path / "waits.mcap", 100_000))
     fill(BackgroundRecorder(tmp_path / "later.mcap", 100_000))
     assert (tmp_path / "later.mcap").read_bytes() == (tmp_path / "waits.mcap").read_bytes()
 
 
-def test_a_slow_disk_holds_up_nobody_and_a_full_one_is_said_in_the_end(
+def test_slow_disk_does_not_block_and_full_disk_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "base.mcap"
@@ -60,24 +60,24 @@ def test_a_slow_disk_holds_up_nobody_and_a_full_one_is_said_in_the_end(
         assert time.monotonic() - begun < 0.5
         slow.set()
     assert capsys.readouterr().err == (
-        f"{path}: cannot be written: no space left on device; records are lost from here on\n"
-        f"{path}: cannot be written: no space left on device; 10 records are missing\n"
+        f"{path}: cannot be written: no space left on device; all further records are lost\n"
+        f"{path}: cannot be written: no space left on device; 10 records lost\n"
     )
 
 
-def test_what_does_not_fit_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Background, "LIMIT", 3)
+def test_dropped_tasks_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(BackgroundWorker, "LIMIT", 3)
     begun, stuck, done = threading.Event(), threading.Event(), []
-    background = Background()
+    background = BackgroundWorker()
 
     def hang() -> None:
         begun.set()
         stuck.wait(10)
 
-    background.do(hang)
+    background.submit(hang)
     assert begun.wait(10)
     for number in range(5):
-        background.do(lambda number=number: done.append(number))  # type: ignore[misc]
+        background.submit(lambda number=number: done.append(number))  # type: ignore[misc]
     assert background.dropped == 2
     assert not background.close(0.01)
     stuck.set()
@@ -86,7 +86,7 @@ def test_what_does_not_fit_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_full_disk_drops_no_accepted_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All of it stays, also channels that begin meanwhile, and is there once the disk takes it."""
+    """Channels and messages during the outage are kept and written later."""
     path = tmp_path / "world.mcap"
     payload = b"v" + msgspec.msgpack.encode([1, bytes(100)])
     with Recorder(path, 100_000) as recorder:
@@ -107,8 +107,8 @@ class _Full:
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-def test_what_is_recorded_goes_to_the_disk_also_within_a_step(tmp_path: Path) -> None:
-    """A step may bring any number of messages, and only its end is flushed: a few KiB wait in memory."""
+def test_records_are_written_within_a_step(tmp_path: Path) -> None:
+    """A step may have any number of messages; only its end is flushed, and a few KiB wait in memory."""
     path = tmp_path / "r1.mcap"
     with Recorder(path, 100_000) as recorder:
         for sequence in range(500):
@@ -121,8 +121,8 @@ PROGRAM = """
 import errno, os, sys
 from pathlib import Path
 import msgspec
-from actors.runtime.background import BackgroundRecorder, SparingRecorder
-from actors.runtime.linux import create_log, write_to
+from actors.runtime.background import BackgroundRecorder, LossyRecorder
+from actors.runtime.linux import create_log, redirect_output
 from actors.runtime.recording import Note, Recorder, RecordingError, read_recording
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.last_pose import LastPose
@@ -134,9 +134,9 @@ def say(*words): print(*words, file=out, flush=True)
 
 last_pose.write(folder / "r1.pose", LastPose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 0.5))
 sys.excepthook = lambda kind, error, trace: say("failed", kind, error, trace.tb_lineno)
-write_to(create_log(folder / "r1.log"))
+redirect_output(create_log(folder / "r1.log"))
 recorders = {kind: kind(folder / f"{kind.__name__}.mcap", 100_000)
-             for kind in (SparingRecorder, BackgroundRecorder, Recorder)}
+             for kind in (LossyRecorder, BackgroundRecorder, Recorder)}
 for line in range(150):  # more than a log has room for in the beginning
     sys.stderr.write(f"{line:79}\\n")
 sys.stderr.flush()
@@ -174,7 +174,7 @@ say("log", (folder / "r1.log").read_text())
 """
 
 
-def test_records_are_lost_and_counted_the_pose_is_kept_and_the_log_has_room(tmp_path: Path) -> None:
+def test_full_disk_loses_records_but_not_pose_and_log(tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     words = on_small_disk(disk, "80k", [sys.executable, "-P", "-c", PROGRAM, str(disk)])
     env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/sbin:/usr/bin:/sbin:/bin"}
@@ -183,22 +183,22 @@ def test_records_are_lost_and_counted_the_pose_is_kept_and_the_log_has_room(tmp_
     full, *lines = done.stdout.splitlines()
     assert full == "full True"
     said = dict(
-        line.split(" ", 1) for line in lines if " kept " not in line and line.startswith(("S", "B", "R"))
+        line.split(" ", 1) for line in lines if " kept " not in line and line.startswith(("L", "B", "R"))
     )
     kept = {line.split()[0]: line.split()[2:] for line in lines if " kept " in line}
     assert all(one[:2] == ["True", "True"] for one in kept.values()), "what is there is whole, and in order"
     path = {name: f"{disk}/{name}.mcap: cannot be written: no space left on device" for name in kept}
     assert said["Recorder"] == path["Recorder"], "in a simulation it ends the run"
-    for name in ("SparingRecorder", "BackgroundRecorder"):
+    for name in ("LossyRecorder", "BackgroundRecorder"):
         assert int(said[name]) + int(kept[name][2]) == 203, "each record is kept or counted"
     assert "pose (4.0, 5.0, 6.0)" in lines
     log = [line.removeprefix("log ") for line in lines[lines.index("pose (4.0, 5.0, 6.0)") + 1 :]]
     assert [int(line) for line in log[:150]] == list(range(150))
     assert log[150:] == [
-        f"{path['SparingRecorder']}; records are lost from here on",
-        f"{path['SparingRecorder']}; {said['SparingRecorder']} records are missing",
-        f"{path['BackgroundRecorder']}; records are lost from here on",
-        f"{path['BackgroundRecorder']}; {said['BackgroundRecorder']} records are missing",
+        f"{path['LossyRecorder']}; all further records are lost",
+        f"{path['LossyRecorder']}; {said['LossyRecorder']} records lost",
+        f"{path['BackgroundRecorder']}; all further records are lost",
+        f"{path['BackgroundRecorder']}; {said['BackgroundRecorder']} records lost",
         "why it ends",
         "",
     ]
@@ -209,11 +209,11 @@ LINES = 3000
 
 
 class Told(BaseException):
-    """As SIGTERM has it: raised between two statements, wherever the process is."""
+    """Raised between two statements, as by a handler of SIGTERM."""
 
 
 def interrupted(path: Path, at: int) -> bool:
-    """Record some steps, ended before the statement with this number; False if there are not as many."""
+    """Record some steps, interrupted before statement number `at`; False if there are fewer statements."""
     left = at
 
     def trace(frame: FrameType, event: str, argument: Any) -> Any:
@@ -244,7 +244,7 @@ def interrupted(path: Path, at: int) -> bool:
     return False
 
 
-def test_wherever_it_is_ended_what_is_recorded_is_whole_and_from_the_beginning(tmp_path: Path) -> None:
+def test_recording_is_intact_after_a_signal_at_any_statement(tmp_path: Path) -> None:
     ends = 0
     whole = tmp_path / "whole.mcap"
     assert not interrupted(whole, LINES)

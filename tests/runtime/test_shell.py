@@ -1,4 +1,4 @@
-"""Shells over the memory bus: the barrier, the counts, the digest, the recordings and their replay."""
+"""Shells over the in-memory bus: barrier, counts, digest, recordings and replay."""
 
 import random
 from collections.abc import Callable, Sequence
@@ -15,9 +15,9 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.recording import (
     Entry,
     Note,
+    NullJournal,
     Recorder,
     RecordingError,
-    Unrecorded,
     read_notes,
     read_recording,
 )
@@ -31,7 +31,7 @@ AT_REST = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Caller:
-    """Sends Senses to all, awaits Drive from all, so many times; then halts everyone."""
+    """Sends Senses to all and awaits Drive from all, `steps` times; then halts all."""
 
     def __init__(self, robots: Sequence[str], steps: int) -> None:
         self.step = 0
@@ -42,13 +42,13 @@ class Caller:
         self._called = False
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """Nothing before the call, every answer after it."""
+        """Return no address before the call, every answer after it."""
         if not self._called:
             return ()
         return [at(DRIVE, robot) for robot in self._robots if DRIVE.key(robot) not in have]
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
-        """Call, or take the answers in."""
+        """Send the call, or use the answers."""
         if self._called:
             self.speeds.append([read(inputs, DRIVE, robot).vx for robot in self._robots])
             self.step += 1
@@ -70,7 +70,7 @@ class Answerer:
         self._robot = robot
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """The call."""
+        """Return the address of the call."""
         return () if have else (at(SENSES, self._robot),)
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
@@ -85,7 +85,7 @@ class Answerer:
 
 
 class Introspective(Answerer):
-    """Records besides what nobody receives."""
+    """Also sends recorded-only messages."""
 
     def __init__(self, robot: str, noise: int) -> None:
         super().__init__(robot)
@@ -101,7 +101,7 @@ class Introspective(Answerer):
 
 
 class LossyBus(MemoryBus):
-    """Loses the n-th message it is given."""
+    """Drops the n-th message."""
 
     def __init__(self, lost: int) -> None:
         super().__init__()
@@ -119,22 +119,22 @@ class Words(msgspec.Struct):
 
 def swarm(bus: MemoryBus, steps: int, recorders: dict[str, Recorder] | None = None) -> list[Shell]:
     journal = recorders or {}
-    caller = Shell(Caller(ROBOTS, steps), bus, journal.get("world", Unrecorded()), actor="world")
+    caller = Shell(Caller(ROBOTS, steps), bus, journal.get("world", NullJournal()), actor="world")
     bus.listen(at(DRIVE, "*"), caller.deliver)
     shells = [caller]
     for robot in ROBOTS:
-        shell = Shell(Answerer(robot), bus, journal.get(robot, Unrecorded()), actor=robot)
+        shell = Shell(Answerer(robot), bus, journal.get(robot, NullJournal()), actor=robot)
         bus.listen(at(SENSES, robot), shell.deliver)
         shells.append(shell)
     return shells
 
 
 def digest(shells: list[Shell]) -> str:
-    return run_digest([shell.tally.hash.digest(shell.actor) for shell in shells])
+    return run_digest([shell.counts.hash.digest(shell.actor) for shell in shells])
 
 
 def undelivered(shells: list[Shell]) -> int:
-    return sum(shell.tally.published - shell.tally.received for shell in shells)
+    return sum(shell.counts.published - shell.counts.received for shell in shells)
 
 
 def test_every_answer_reaches_the_caller_in_its_step() -> None:
@@ -145,14 +145,14 @@ def test_every_answer_reaches_the_caller_in_its_step() -> None:
 
 
 class Mixed(Caller):
-    """Awaits another family of keys, too."""
+    """Also awaits another family of keys."""
 
     def missing(self, have: Inputs) -> Sequence[Address]:
         return [*super().missing(have), at(AIRED)] if self._called else []
 
 
-def test_who_has_answered_is_awaited_no_more_though_one_before_has_not() -> None:
-    shell = Shell(Mixed(ROBOTS, 1), MemoryBus(), Unrecorded(), actor="world")
+def test_answered_actor_is_no_longer_awaited() -> None:
+    shell = Shell(Mixed(ROBOTS, 1), MemoryBus(), NullJournal(), actor="world")
     drives = {robot: encode(Drive(0, 0.1, 0.0, 0.0, 0), DRIVE.key(robot)) for robot in ROBOTS}
     shell.pump()
     awaited = []
@@ -179,9 +179,9 @@ def test_a_lost_message_is_named_and_counted() -> None:
     with pytest.raises(AcrcError) as caught:
         run_shells(shells)
     assert str(caught.value) == (
-        "nobody can go on: world (step 0) for swarm/up/r22/drive; r1 (step 1) for swarm/down/r1/senses; "
-        "r22 (step 1) for swarm/down/r22/senses; r333 (step 1) for swarm/down/r333/senses is awaited and "
-        "never sent"
+        "no actor can continue: world (step 0) waits for swarm/up/r22/drive; r1 (step 1) waits for "
+        "swarm/down/r1/senses; r22 (step 1) waits for swarm/down/r22/senses; r333 (step 1) waits for "
+        "swarm/down/r333/senses"
     )
     assert undelivered(shells) == 1
 
@@ -189,13 +189,13 @@ def test_a_lost_message_is_named_and_counted() -> None:
 @pytest.mark.parametrize(
     ("senders", "limit", "error"),
     [
-        (1, Shell.KEY_LIMIT, "step 0: r0 floods swarm/up/r0/drive: r1 has 5000 messages from there and has "
-         "asked for none of them; at most 5000 may wait"),
-        (30, Shell.INBOX_LIMIT, "r1 has 100000 messages waiting"),
+        (1, Shell.KEY_LIMIT, "step 0: r0 floods swarm/up/r0/drive: r1 has 5000 unread messages from "
+         "this key; at most 5000 are allowed"),
+        (30, Shell.INBOX_LIMIT, "r1 has 100000 unread messages"),
     ],
 )  # fmt: skip
-def test_an_inbox_that_only_grows_is_an_error(senders: int, limit: int, error: str) -> None:
-    shell = Shell(Answerer("r1"), MemoryBus(), Unrecorded(), actor="r1")
+def test_growing_inbox_is_an_error(senders: int, limit: int, error: str) -> None:
+    shell = Shell(Answerer("r1"), MemoryBus(), NullJournal(), actor="r1")
     with pytest.raises(AcrcError, match=error):
         for number in range(limit + 1):
             shell.deliver(Delivery(DRIVE, f"swarm/up/r{number % senders}/drive", b""))  # type: ignore[arg-type]
@@ -240,35 +240,35 @@ def test_a_recording_that_was_cut_reads_up_to_the_cut(recorded: tuple[Path, list
     assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == total
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+def test_invalid_recording_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as missing:
         list(read_recording(tmp_path / "none.mcap"))
     assert str(missing.value) == f"{tmp_path / 'none.mcap'}: no such recording"
     (tmp_path / "text.mcap").write_text("hello, this is no recording")
-    with pytest.raises(RecordingError, match=r"text\.mcap: not a recording of this project, or damaged"):
+    with pytest.raises(RecordingError, match=r"text\.mcap: not a recording, or damaged"):
         list(read_recording(tmp_path / "text.mcap"))
 
 
 def test_a_replay_gives_the_recorded_outputs(recorded: tuple[Path, list[Shell]]) -> None:
     folder, _ = recorded
     bus = ReplayBus(folder / "r22.mcap")
-    shell = Shell(Answerer("r22"), bus, Unrecorded(), actor="r22")
+    shell = Shell(Answerer("r22"), bus, NullJournal(), actor="r22")
     replay(shell, bus)
     assert shell.finished and bus.compared == 4
 
 
-def test_a_message_that_is_only_recorded_is_there_in_full_and_nowhere_else(tmp_path: Path) -> None:
+def test_recorded_only_message_is_recorded_and_not_published(tmp_path: Path) -> None:
     bus, path = MemoryBus(), tmp_path / "r22.mcap"
     plain = swarm(MemoryBus(), 5)
     run_shells(plain)
     with Recorder(path, 1000) as recorder:
-        caller = Shell(Caller(("r22",), 5), bus, Unrecorded(), actor="world")
+        caller = Shell(Caller(("r22",), 5), bus, NullJournal(), actor="world")
         shell = Shell(Introspective("r22", 50_000), bus, recorder, actor="r22")
         bus.listen(at(DRIVE, "*"), caller.deliver)
         bus.listen(at(SENSES, "r22"), shell.deliver)
         run_shells([caller, shell])
-    assert shell.tally.hash.digest("r22") == plain[2].tally.hash.digest("r22")
-    assert shell.tally.published == plain[2].tally.published
+    assert shell.counts.hash.digest("r22") == plain[2].counts.hash.digest("r22")
+    assert shell.counts.published == plain[2].counts.published
     kept = [
         one for one in read_recording(path) if isinstance(one, Entry) and one.key == INTROSPECTION.key("r22")
     ]
@@ -304,10 +304,10 @@ def test_a_replay_names_the_first_difference(recorded: tuple[Path, list[Shell]])
         return [replace(one, message=replace(one.message, vx=0.0)) for one in outputs]
 
     for fault, difference in (
-        (other_speed, "swarm/up/r22/drive: Drive.vx is 0.0; recorded was 3.3"),
-        (lambda outputs: (), "does not send again what was recorded on swarm/up/r22/drive"),
+        (other_speed, "swarm/up/r22/drive: Drive.vx is 0.0, recorded was 3.3"),
+        (lambda outputs: (), "does not send the recorded message on swarm/up/r22/drive"),
     ):
         bus = ReplayBus(path)
         with pytest.raises(ReplayError) as caught:
-            replay(Shell(Faulty(fault), bus, Unrecorded(), actor="r22"), bus)
+            replay(Shell(Faulty(fault), bus, NullJournal(), actor="r22"), bus)
         assert str(caught.value) == f"{path}: step 3: {difference}"

@@ -1,4 +1,4 @@
-"""The wire format: equal messages give equal bytes, and whatever does not fit is named."""
+"""Wire format: equal messages give equal bytes, and errors name invalid fields."""
 
 import math
 import platform
@@ -33,11 +33,11 @@ from actors.runtime.codec import WireError, decode, encode
 from actors.runtime.processor import (
     Processor,
     _model_in,
-    combined,
-    difference,
+    combine_fingerprints,
+    difference_cause,
+    differing_kernels,
     fingerprints,
-    otherwise,
-    parted,
+    parse_fingerprints,
     processor,
 )
 from actors.runtime.replay_bus import first_difference
@@ -68,7 +68,7 @@ RECEIVEDS = st.builds(
 
 
 def packed(*values: object) -> bytes:
-    """Version byte and a msgpack array."""
+    """Return a version byte and a msgpack array."""
     return bytes([MESSAGE_VERSION]) + msgspec.msgpack.encode(values)
 
 
@@ -95,8 +95,8 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
 @pytest.mark.parametrize(
     ("topic", "payload", "sentence"),
     [
-        (DRIVE, b"", f"swarm/k: no bytes where message version {MESSAGE_VERSION} was due"),
-        (DRIVE, b"\x4d", f"swarm/k: version 77 where message version {MESSAGE_VERSION} was due"),
+        (DRIVE, b"", f"swarm/k: no bytes, expected message version {MESSAGE_VERSION}"),
+        (DRIVE, b"\x4d", f"swarm/k: version 77, expected message version {MESSAGE_VERSION}"),
         (DRIVE, packed(3, 0.1, "x", 0.2, 0), "swarm/k: Drive.vy is 'x', but must be a number"),
         (
             DRIVE,
@@ -109,10 +109,10 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
             packed(3, [["shout", 1, 2]]),
             "swarm/k: Received.events[0][0] = 'shout': invalid value 'shout'",
         ),
-        (DRIVE, bytes([MESSAGE_VERSION, 0xC1]), "swarm/k: not msgpack after 2 bytes: MessagePack data is "
+        (DRIVE, bytes([MESSAGE_VERSION, 0xC1]), "swarm/k: 2 bytes of invalid msgpack: MessagePack data is "
          "malformed: invalid opcode '\\xc1' (byte 0)"),
-        (DRIVE, packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2, 4]]).replace(b"r1", b"\xde1"), "swarm/k: not msgpack "
-         "after 38 bytes: 'utf-8' codec can't decode byte 0xde in position 0: invalid continuation byte"),
+        (DRIVE, packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2, 4]]).replace(b"r1", b"\xde1"), "swarm/k: 38 bytes of "
+         "invalid msgpack: 'utf-8' codec can't decode byte 0xde in position 0: invalid continuation byte"),
     ],
 )  # fmt: skip
 def test_the_error_names_key_field_and_value(topic: Topic[Message], payload: bytes, sentence: str) -> None:
@@ -181,25 +181,25 @@ class Whole(msgspec.Struct):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("{}", "part is missing, but must be there"),
+        ("{}", "part is missing"),
         ('{"part": {"x": "q"}}', 'part.x is "q", but must be a whole number'),
         ('{"part": {"x": 1, "share": 0}}', "part.share is 0, but must be a number above 0"),
         ('{"part": {"x": 1, "share": 2}}', "part.share is 2, but must be a number of at most 1"),
-        ('{"part": {"x": 1, "name": ""}}', 'part.name is "", but must be a text of at least length 1'),
-        ('{"part": {"x": 1, "kind": "z"}}', 'part.kind is "z"; nothing of the kind may stand there'),
+        ('{"part": {"x": 1, "name": ""}}', 'part.name is "", but must be a string of at least length 1'),
+        ('{"part": {"x": 1, "kind": "z"}}', 'part.kind is "z", which is not valid here'),
         ('{"part": {"x": 1, "counts": {"q": 0.5}}}', "part.counts[…] is wrong, but must be a whole number"),
         ('{"part": {"x": 1, "maybe": "u"}}', 'part.maybe is "u", but must be a whole number or null'),
-        ('{"part": {"x": 1, "y": 1}}', "part.y is not known; leave it out"),
+        ('{"part": {"x": 1, "y": 1}}', "part.y is not known; remove it"),
         ('{"part": {"x": 1}, "many": [{"x": 1}, 7]}', "many[1] is 7, but must be an object"),
         ('{"part": {"x": [1}', "part.x is wrong, but must be a whole number"),
         ("[1]", "it is [1], but must be an object"),
         ("{", "Input data was truncated"),
         (b'{"part": {"x": "\xff"}}', "part.x is wrong, but must be a whole number"),
         (b'{"part": {"x": 1, "name": "\xff"}}', "byte 0 is not UTF-8"),
-        ('{"y": ' + "[" * 3000 + "]" * 3000 + "}", "it is nested more deeply than what is written here"),
+        ('{"y": ' + "[" * 3000 + "]" * 3000 + "}", "it is nested too deeply"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_one_sentence(text: str | bytes, sentence: str) -> None:
+def test_decoding_error_is_one_sentence(text: str | bytes, sentence: str) -> None:
     with pytest.raises(ValueError) as caught:
         typed_json.decode(text, Whole)
     assert str(caught.value) == sentence
@@ -218,7 +218,7 @@ A, B, C = (Heard(instant, 2, -80.0, 100, b"x") for instant in (1, 2, 3))
         ((A,), (Sent(1, 2),), "Received.events[0]", (repr(A), repr(Sent(1, 2)))),
     ],
 )
-def test_what_one_lacks_is_named(
+def test_missing_element_is_absent(
     one: tuple[Heard, ...], other: tuple[Heard | Sent, ...], field: str, values: tuple[object, object]
 ) -> None:
     found = first_difference(Received(5, one), Received(5, other))
@@ -262,7 +262,7 @@ def test_this_processor_has_a_name_and_features() -> None:
         (["flags : x"], ""),
     ],
 )
-def test_the_model_is_what_linux_says(lines: list[str], model: str) -> None:
+def test_processor_model_from_cpuinfo(lines: list[str], model: str) -> None:
     assert _model_in(lines) == model
 
 
@@ -270,12 +270,14 @@ def test_a_module_may_give_its_fingerprint_by_function() -> None:
     prints = fingerprints([Kernels("a.b", b"1"), Kernels("a.c", {"sin": b"1", "cos": b"2"})])
     assert list(prints) == ["a.b", "a.c.sin", "a.c.cos"]
     assert prints["a.b"] == prints["a.c.sin"] != prints["a.c.cos"]
-    assert combined(prints) == combined(dict(reversed(prints.items())))
-    assert parted(combined(prints)) == {name: value[:16] for name, value in prints.items()}
+    assert combine_fingerprints(prints) == combine_fingerprints(dict(reversed(prints.items())))
+    assert parse_fingerprints(combine_fingerprints(prints)) == {
+        name: value[:16] for name, value in prints.items()
+    }
 
 
-def test_what_computes_otherwise_is_found_among_what_both_have() -> None:
-    assert otherwise({"a": "1", "b": "2", "c": "3"}, {"b": "2", "c": "4", "d": "5"}) == ["c"]
+def test_differing_kernels_are_found() -> None:
+    assert differing_kernels({"a": "1", "b": "2", "c": "3"}, {"b": "2", "c": "4", "d": "5"}) == ["c"]
 
 
 @pytest.mark.parametrize(
@@ -286,23 +288,23 @@ def test_what_computes_otherwise_is_found_among_what_both_have() -> None:
         (
             CORTEX,
             ["a.sin"],
-            "recorded on another processor: other bits come from a.sin; it was aarch64 (Cortex-A76) with "
+            "recorded on another processor: results of a.sin differ; it was aarch64 (Cortex-A76) with "
             "neon, this is x86_64 (AMD EPYC) with avx2, fma3",
         ),
         (
             CORTEX,
             list("abcde"),
-            "recorded on another processor: other bits come from a, b, c and 2 more; it was aarch64 "
+            "recorded on another processor: results of a, b, c and 2 more differ; it was aarch64 "
             "(Cortex-A76) with neon, this is x86_64 (AMD EPYC) with avx2, fma3",
         ),
-        (EPYC, ["a.sin"], "recorded with another version of this software: other bits come from a.sin"),
+        (EPYC, ["a.sin"], "recorded with another version of this software: results of a.sin differ"),
         (
             CORTEX,
             [],
             "recorded on another processor, aarch64 (Cortex-A76) with neon; "
-            "this is x86_64 (AMD EPYC) with avx2, fma3, and its functions give the same bits",
+            "this is x86_64 (AMD EPYC) with avx2, fma3, with equal results of all kernels",
         ),
     ],
 )
-def test_the_cause_of_other_bits_in_words(there: Processor, names: list[str], sentence: str) -> None:
-    assert difference(there, EPYC, names) == sentence
+def test_cause_of_different_results(there: Processor, names: list[str], sentence: str) -> None:
+    assert difference_cause(there, EPYC, names) == sentence

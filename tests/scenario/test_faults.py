@@ -14,7 +14,7 @@ STEP = "but must be a multiple of the 10 ms physics sub-step, from 10 to 100"
 DURATION = "must be a number of seconds above 0 and at most 1000000"
 WHOLE_COUNT = "must be a whole number from 1 to 500"
 SETTING = (
-    "but must be true, false, a whole number of 64 bits, a finite number, a text, or a list of at most"
+    "but must be true, false, a whole number of 64 bits, a finite number, a string, or a list of at most"
     " 1000 of these"
 )
 SPAN = "but must be two numbers [from, to] in m, the first below the second"

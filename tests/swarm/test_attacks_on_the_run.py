@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.processes.launch import LaunchError, Program, launcher
-from actors.runtime.isolation.sandbox import available
+from actors.processes.launcher import LaunchError, Program, create_launcher
+from actors.runtime.isolation.sandbox import isolation_fault
 from actors.runtime.linux import create_log
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup
 from actors.runtime.recording import Entry, read_recording
@@ -38,7 +38,7 @@ restart = "r1"
 """
 
 
-@pytest.mark.skipif(available() is not None, reason="robots cannot be isolated here")
+@pytest.mark.skipif(isolation_fault() is not None, reason="robots cannot be isolated here")
 def test_links_created_by_a_robot_are_not_followed(tmp_path: Path) -> None:
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     victim = tmp_path / "victim.txt"
@@ -84,12 +84,12 @@ def test_logs_and_set_ups_are_not_written_through_links(tmp_path: Path) -> None:
     (tmp_path / "r1.log").symlink_to(victim)
     (tmp_path / "r2.log").touch()
     (tmp_path / "r3.log").symlink_to(tmp_path / "nothing.txt")
-    with launcher("exec") as launched:
+    with create_launcher("exec") as launched:
         for name in ("r1", "r2", "r3"):
             log = tmp_path / f"{name}.log"
             with pytest.raises(FileExistsError):
                 create_log(log)
-            with refused(f"{name} is not started; {log}: File exists", LaunchError):
+            with refused(f"{name} cannot be started: {log}: File exists", LaunchError):
                 launched.start(Program(name, "this", (), log, None))
         for number in range(2):
             told = ActorSetup({"epoch": number}, ProcessSetup(record="r1.mcap", router="router.sock"))
@@ -97,7 +97,7 @@ def test_logs_and_set_ups_are_not_written_through_links(tmp_path: Path) -> None:
             assert json.loads(file.read_text())["actor"] == {"epoch": number}
         file.unlink()
         file.mkdir()
-        with refused(f"r1 is not started; {file}: Is a directory", LaunchError):
+        with refused(f"r1 cannot be started: {file}: Is a directory", LaunchError):
             launched.start(Program("r1", "this", (), tmp_path / "r1.2.log", None, setup=told))
     assert victim.read_text() == "untouched" and not (tmp_path / "nothing.txt").exists()
 

@@ -16,7 +16,7 @@ import pytest
 
 from acrc_testbed.recordings.record_replay import recheck, replay_actor
 from acrc_testbed.results.result import RunResult
-from actors.runtime.isolation.sandbox import available
+from actors.runtime.isolation.sandbox import isolation_fault
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -193,7 +193,7 @@ def digest(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 def test_processes_have_the_digest_of_the_run_in_memory(
     transport: str, digest: str, full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
-    if transport == "isolated" and (reason := available()) is not None:
+    if transport == "isolated" and (reason := isolation_fault()) is not None:
         pytest.skip(reason)
     result = chapter(tmp_path / "out", full, **TRANSPORTS[transport])
     assert (result.digest, result.undelivered) == (digest, 0)

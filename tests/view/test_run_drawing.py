@@ -160,7 +160,7 @@ def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr(viewer, "open_window", lambda: pytest.fail("a window was opened"))
-    for name in ("leave_in_order", "die_with_parent"):
+    for name in ("exit_on_sigterm", "die_with_parent"):
         monkeypatch.setattr(program, name, lambda *words: None)
     monkeypatch.setattr("os.nice", lambda more: 0)
     pages: list[str] = []

@@ -239,9 +239,9 @@ def test_polygons_not_around_the_origin_are_refused() -> None:
     beside = [(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)]
     assert geometry.polygon_fault(beside) == "(0, 0) is not inside the edge from (1, 0) to (2, 0)"
     rectangle = [(0.3, -0.2), (0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2)]
-    assert geometry.moment(rectangle, 12.0) == pytest.approx(12.0 * (0.6**2 + 0.4**2) / 12)
+    assert geometry.moment_of_inertia(rectangle, 12.0) == pytest.approx(12.0 * (0.6**2 + 0.4**2) / 12)
     ring = [(math.cos(a), math.sin(a)) for a in np.linspace(0, math.tau, 500, endpoint=False)]
-    assert geometry.moment(ring, 2.0) == pytest.approx(1.0, rel=1e-3)
+    assert geometry.moment_of_inertia(ring, 2.0) == pytest.approx(1.0, rel=1e-3)
 
 
 @given(st.lists(st.floats(0.05, 2.0), min_size=3, max_size=20), st.floats(0.1, 2.0))

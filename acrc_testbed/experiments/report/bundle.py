@@ -22,7 +22,7 @@ from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.seal import SUMS, lines
 from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
-from actors.processes.launch import scratch_folder
+from actors.processes.launcher import scratch_folder
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 
@@ -204,7 +204,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         "digests.csv": _digests(records),
         "constraints.txt": (SHIPPED / "constraints.txt").read_bytes(),
         **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
-        **{f"{_INPUTS}/{name}": regular_file.content(path) for name, path in read.files.items()},
+        **{f"{_INPUTS}/{name}": regular_file.read_bytes(path) for name, path in read.files.items()},
         **dict(_plan(kept)),
         **dict(_results(kept)),
         **dict(_report(folder)),
@@ -220,7 +220,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
 def _plan(kept: store.Store) -> Iterator[tuple[str, bytes]]:
     """Beside the study, where whoever makes the runs again finds it."""
     if kept.plan is not None:
-        yield f"study{SUFFIX}", regular_file.content(kept.plan_file)
+        yield f"study{SUFFIX}", regular_file.read_bytes(kept.plan_file)
 
 
 def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
@@ -228,7 +228,7 @@ def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
     records = (part(trial) for part in (kept.path, kept.check_path) for trial in trials)
     for path in (kept.about_file, kept.plan_file, kept.looks_file, *records):
         if path.exists():
-            yield f"results/{path.relative_to(kept.folder).as_posix()}", regular_file.content(path)
+            yield f"results/{path.relative_to(kept.folder).as_posix()}", regular_file.read_bytes(path)
 
 
 def _report(folder: Path) -> Iterator[tuple[str, bytes]]:
@@ -281,7 +281,7 @@ def write_archive(path: Path, top: str, files: Mapping[str, bytes]) -> None:
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     whole = {**files, SUMS: lines(sums)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    with regular_file.replaced(path) as new, zipfile.ZipFile(new, "w") as archive:
+    with regular_file.atomic_replacement(path) as new, zipfile.ZipFile(new, "w") as archive:
         for name in sorted(whole):
             info = zipfile.ZipInfo(f"{top}/{name}", _BEGIN)
             info.create_system = _UNIX

@@ -129,8 +129,8 @@ def save(figure: Figure, folder: Path, name: str) -> bytes:
     """Write both, and give the SVG."""
     drawn = svg(figure)
     figure.set_layout_engine("none")  # once is enough: all keeps its place
-    regular_file.write(folder / f"{name}.png", png(figure))
-    regular_file.write(folder / f"{name}.svg", drawn)
+    regular_file.write_atomically(folder / f"{name}.png", png(figure))
+    regular_file.write_atomically(folder / f"{name}.svg", drawn)
     return drawn
 
 

@@ -51,7 +51,7 @@ def write(folders: Sequence[Path], out: Path) -> Path:
     sources = read(folders)
     out.mkdir(parents=True, exist_ok=True)
     page = compose(sources, out)
-    regular_file.write(out / PAGE, rendering.html(*page).encode())
+    regular_file.write_atomically(out / PAGE, rendering.html(*page).encode())
     return out / PAGE
 
 

@@ -211,7 +211,7 @@ class ReportView:
         if not told:
             return PageTable(caption, (), (), ())
         columns, cells = list(told[0]), [list(row.values()) for row in told]
-        regular_file.write(self.out / f"{name}.csv", _csv(columns, cells).encode())
+        regular_file.write_atomically(self.out / f"{name}.csv", _csv(columns, cells).encode())
         numeric = [
             any(not isinstance(cell, str | None) for cell in column) for column in zip(*cells, strict=True)
         ]

@@ -14,7 +14,7 @@ from actors.geometry import Point
 from actors.instant import Instant
 from actors.message_limits import MessageLimits, frames_fault
 from actors.robot.behaviour.ports import MAX_BACK_OUT, Decision, GoalOrder
-from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name, Text
+from actors.runtime.typed_json import BoundedList, Count, Counts, Metres, Name, Text
 from actors.task.task import words_fault
 from deeco import Knowledge
 from deeco.component import processes_of
@@ -108,9 +108,9 @@ class AdaptationDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 class AdaptationReport(msgspec.Struct, forbid_unknown_fields=True):
     """Decisions of a robot's adaptation."""
 
-    decisions: Listed[AdaptationDecision] = []
+    decisions: BoundedList[AdaptationDecision] = []
     decisions_unlisted: Count = 0
-    blocked: Listed[tuple[Count, Count | None]] | None = None
+    blocked: BoundedList[tuple[Count, Count | None]] | None = None
     """Intervals in which the robot detected that it was blocked, µs; None if its component does not."""
 
 

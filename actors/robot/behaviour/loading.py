@@ -40,7 +40,7 @@ class _HashingLoader(SourceFileLoader):
         return self.source_to_code(data, file)
 
     def get_data(self, path: str) -> bytes:
-        return regular_file.content(Path(path), _LARGEST)
+        return regular_file.read_bytes(Path(path), _LARGEST)
 
 
 class _FolderFinder(MetaPathFinder):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.array_types import Floats
-from actors.geometry import ORIGIN, Point, Pose, between, wrap
+from actors.geometry import ORIGIN, Point, Pose, interpolate, wrap
 from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.confidence import BeamClasses, CovarianceModel, classify_beams
@@ -280,7 +280,7 @@ class Amcl:
         since = before = self._odometry
         parts = step_count(before, pose, self._parameters)
         for part in range(1, parts + 1):
-            after = pose if part == parts else between(since, pose, part / parts)
+            after = pose if part == parts else interpolate(since, pose, part / parts)
             made = odometry_step(before, after)
             draws = normals(self._generator, (3, self._count))
             move(self._poses, self._count, made, step_spread(made, self._parameters), draws)

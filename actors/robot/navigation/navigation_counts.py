@@ -7,7 +7,7 @@ import msgspec
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.robot.behaviour.ports import AbortReason, GoalPhase, GoalStatus
-from actors.runtime.typed_json import Count, Counts, Listed, Metres, Name
+from actors.runtime.typed_json import BoundedList, Count, Counts, Metres, Name
 
 _KEPT: Final = 1000
 """Maximum number of listed goals and intervals; later ones are only counted."""
@@ -43,14 +43,14 @@ class NavigationReport(msgspec.Struct, forbid_unknown_fields=True):
     """Number of times the robot backed away."""
     aborted: Counts = {}
     """Aborted goals by reason."""
-    no_valid_trajectory: Listed[tuple[Count, Count, Ending]] = []
+    no_valid_trajectory: BoundedList[tuple[Count, Count, Ending]] = []
     """Intervals in which the local planner found no trajectory."""
     no_valid_trajectory_unlisted: Count = 0
-    given: Listed[GivenGoal] = []
+    given: BoundedList[GivenGoal] = []
     given_unlisted: Count = 0
-    without_plan: Listed[tuple[Count, Count]] = []
+    without_plan: BoundedList[tuple[Count, Count]] = []
     """Intervals without a path to the goals."""
-    paused: Listed[tuple[Count, Count | None]] = []
+    paused: BoundedList[tuple[Count, Count | None]] = []
     """Intervals in which the behaviour paused navigation; None: until the end of the run."""
 
 

@@ -1,4 +1,4 @@
-"""The file tree of a sandboxed process: the system, Python, the code that it runs, and its own folder."""
+"""File tree of a sandboxed process: the system, Python, the code that it runs, and its own folder."""
 
 import os
 import stat
@@ -28,38 +28,39 @@ SYSTEM: Final = tuple(
 """The operating system: programs, libraries, configuration."""
 
 _STAGE: Final = Path("/dev")
-"""Where the new tree is built; a folder that every system has."""
+"""Mount point of the new tree during its construction; exists on every system."""
 _DEVICES: Final = tuple(Path("/dev", name) for name in ("null", "full", "random", "urandom"))
-"""No terminals or disks: device files are writable on a read-only mount. Not zero: mapped and shared, it is
-memory that no limit counts."""
+"""Visible devices. No terminals or disks: device files are writable on a read-only mount. Not zero: mapped
+and shared, it is memory outside all limits."""
 _STATIC: Final = (
     *(Path("/sys/devices/system/cpu", name) for name in ("online", "possible", "present", "kernel_max")),
     *(Path("/proc", name) for name in ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory")),
 )
-"""Files about the machine that libraries read, shown as copies: procfs and sysfs show other processes."""
+"""Files about the machine that libraries read; shown as copies: procfs and sysfs would show other
+processes."""
 _SCRATCH_BYTES: Final = 64 * 1024 * 1024
 """Size of each scratch folder."""
 _SCRATCH_FILES: Final = 10_000
-"""Files and folders in each; one takes the kernel about a kilobyte."""
+"""Files and folders in each; one takes about 1 KB of kernel memory."""
 _DEPTH: Final = 3
-"""Folder levels that are searched for runs."""
+"""Folder levels searched for runs."""
 _PROJECT: Final = Path(__file__).resolve().parents[3]
-"""Where the packages of this project are."""
-_OF_SWARMS: Final = tuple(
+"""Folder of this project's packages."""
+_SWARM_FOLDERS: Final = tuple(
     _PROJECT / name for name in ("acrc_testbed", "deploy", "scenarios", "fleets", "runs")
 )
-"""Folders of the project that concern whole swarms and runs, not one robot."""
+"""Project folders about whole swarms and runs, not single robots."""
 
 
 class FileView(NamedTuple):
-    """What a process sees beside the system; absolute paths."""
+    """Files visible to a process besides the system; absolute paths."""
 
     own: Path
-    """The only folder that is writable and lasts."""
+    """The only folder that is writable and persistent."""
     homes: Sequence[Path]
-    """Where it is seen."""
+    """Paths at which it is visible."""
     shown: Mapping[Path, Path]
-    """Readable files and folders, by the place where each is seen; missing ones are left out."""
+    """Readable files and folders, by the path at which each is visible; missing ones are skipped."""
 
 
 def file_view(
@@ -68,10 +69,10 @@ def file_view(
     readable: Collection[Path] = (),
     code: Collection[Path] = (),
 ) -> FileView:
-    """Return a view in which every path keeps its name.
+    """Return a view that keeps all paths.
 
-    `hidden`: files and folders to leave out of folders with code: the run's folder, the scenario. `readable`:
-    shown whole, also below a hidden folder. `code`: folders with code beside those on Python's path.
+    `hidden`: paths to omit from code folders: the run's folder, the scenario. `readable`: paths to show
+    completely, also below a hidden folder. `code`: code folders besides those on Python's path.
     """
     installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
     folders = (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT)
@@ -83,20 +84,20 @@ def file_view(
 
 
 def unseen(hidden: Collection[Path]) -> tuple[Path, ...]:
-    """Return what is hidden beside code: `hidden`, and the project's runs and scenarios.
+    """Return the paths hidden in code folders: `hidden`, and the project's runs and scenarios.
 
-    With a scenario, all others beside it: which of them is missing would tell which one it is.
+    With a scenario, its sibling files are hidden, too: a single missing file would reveal which one it is.
     """
     beside = [other for path in hidden if path.is_file() for other in path.parent.glob("*.toml")]
-    paths = (*hidden, *beside, *_OF_SWARMS)
+    paths = (*hidden, *beside, *_SWARM_FOLDERS)
     return tuple(dict.fromkeys((*paths, *(path.resolve() for path in paths))))
 
 
 def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
-    """Yield the files and folders in `folder` that may be shown whole; `folder` itself if it is a file.
+    """Yield the files and folders in `folder` that may be shown completely; `folder` itself if it is a file.
 
-    Left out are `hidden` paths, names that begin with a dot, empty folders and runs. A folder that holds such
-    a thing is entered. Nothing of a folder that is itself hidden is shown, except below scratch folders.
+    Skipped: `hidden` paths, names that begin with a dot, empty folders and runs. A folder that contains one
+    of these is searched recursively. Nothing in a hidden folder is shown, except below scratch folders.
     """
     if _is_under(folder.resolve(), [path for path in hidden if path not in SCRATCH]):
         return
@@ -121,7 +122,7 @@ def _entries(folder: Path, hidden: Sequence[Path], depth: int) -> Iterator[Path]
 
 
 def _is_run(folder: Path) -> bool:
-    """True for a folder that a run writes to or has written to."""
+    """Return True for the folder of a current or finished run."""
     inside = [entry for entry in _listed(folder) if _is_subfolder(entry)]
     if (folder / "scenario.toml").is_file() and {"world", "laboratory"} & {entry.name for entry in inside}:
         return True
@@ -154,12 +155,12 @@ def _is_under(path: Path, folders: Iterable[Path]) -> bool:
 
 
 def _places(path: Path) -> tuple[Path, ...]:
-    """Return the absolute path, and the path behind its links."""
+    """Return the absolute path, and the path with links resolved."""
     return tuple(dict.fromkeys((path.absolute(), Path(os.path.realpath(path)))))
 
 
 def enter(view: FileView) -> None:
-    """Replace this process's file tree by `view`; requires its own user and mount namespaces."""
+    """Replace this process's file tree by `view`; requires new user and mount namespaces."""
     linux.mount(None, "/", None, MS_REC | MS_PRIVATE)
     links = {path: path.readlink() for path in SYSTEM if path.is_symlink()}
     handles = _handles(view, [path for path in SYSTEM if path not in links])
@@ -182,7 +183,7 @@ def enter(view: FileView) -> None:
 
 
 def _handles(view: FileView, system: Iterable[Path]) -> dict[Path, int]:
-    """Open everything that is shown, by its place in the new tree."""
+    """Open all visible files and folders; return the descriptors by place in the new tree."""
     outermost: list[Path] = []
     for place in sorted(view.shown):
         if not _is_under(place, (*outermost, *SYSTEM)):
@@ -206,7 +207,7 @@ def _new(path: Path) -> Path:
 
 
 def _bind(handle: int, path: Path) -> None:
-    """Show what `handle` refers to at `path`, which is made if it is missing."""
+    """Bind-mount the file or folder `handle` at `path`, which is created if missing."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         if stat.S_ISDIR(os.fstat(handle).st_mode):
@@ -217,7 +218,7 @@ def _bind(handle: int, path: Path) -> None:
 
 
 def _make_readonly(writable: Collection[Path]) -> None:
-    """Make all mounts of the new tree read-only but these."""
+    """Make all other mounts of the new tree read-only."""
     for line in Path("/proc/self/mountinfo").read_text().splitlines():
         path = Path(_unescaped(line.split(" ")[4]))
         if path in writable or not path.is_relative_to(_STAGE):

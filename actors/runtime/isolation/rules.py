@@ -1,7 +1,7 @@
-"""Configuration of every Zenoh session, and the access rules that the router applies.
+"""Configuration of Zenoh sessions, and the router's access rules.
 
-The world's session is the router; every other actor is a client with a user name and a password. The router
-silently drops whatever no rule allows. Its own session is not filtered.
+The world's session is the router; every other actor is a client with user name and password. The router
+silently drops messages that no rule allows. Its own session is not filtered.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,36 +15,36 @@ import zenoh
 from actors.messages import AIRED, BOARD, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import credentials
-from actors.runtime.isolation.credentials import Credentials, unix_endpoint, unnamed
+from actors.runtime.isolation.credentials import Credentials, hidden_path, unix_endpoint
 
 
 @dataclass(frozen=True)
 class SessionParameters:
-    """When a link counts as dead."""
+    """Timeouts of links."""
 
     lease_s: float = 86_400.0
-    """Silence after which the other end closes the link, s. Own choice: a day, for on one machine the end of
-    a process closes its sockets, and silence means that it, or the machine, was stopped and may go on."""
+    """Silence after which a peer closes the link, s. Own choice: a day. On one machine the sockets close when
+    a process exits; a silent process, or the machine, was stopped and may continue."""
     lease_over_network_s: float = 10.0
-    """The same where the other end may be out of reach; Zenoh's default."""
-    onlooker_s: float = 0.1
-    """Longest wait of a message for an observer that takes nothing, s; then its link is closed, and it
-    connects anew later. Own choice: a run is held up once, for the blink of an eye."""
+    """The same for links over a network; Zenoh's default."""
+    observer_timeout_s: float = 0.1
+    """Longest wait for an observer that reads nothing, s; then its link is closed, and it reconnects. Own
+    choice: it delays a run once, hardly noticeably."""
 
 
 def session_config(mode: str, lease_s: float = SessionParameters.lease_s) -> zenoh.Config:
-    """Return a `router` or `client` without discovery, time stamps and shared memory."""
+    """Return the configuration of a `router` or `client` without discovery, timestamps and shared memory."""
     config = zenoh.Config()
     for key, value in {
         "mode": mode,
         "scouting/multicast/enabled": False,
-        # Gossip would tell clients of each other, and they would connect past the rules.
+        # Gossip would let clients connect to each other and bypass the rules.
         "scouting/gossip/enabled": False,
-        # Stamps would be the wall clock's, in recordings that have to be equal run for run.
+        # Wall-clock timestamps would make recordings of equal runs differ.
         "timestamping/enabled": False,
         "transport/shared_memory/enabled": False,
-        # Messages go out on the thread that sends them: two context switches fewer per step and robot. One
-        # priority is enough, for the barrier has at most a handful of messages on a link.
+        # Sending on the publishing thread saves two context switches per step and robot. One priority
+        # suffices: the barrier has few messages per link.
         "transport/unicast/lowlatency": True,
         "transport/unicast/qos/enabled": False,
         "transport/link/tx/lease": round(1000 * lease_s),
@@ -54,30 +54,30 @@ def session_config(mode: str, lease_s: float = SessionParameters.lease_s) -> zen
 
 
 def set_value(config: zenoh.Config, key: str, value: object) -> None:
-    """Set one key of the configuration, or a whole section."""
+    """Set a key of the configuration, or a whole section."""
     config.insert_json5(key, msgspec.json.encode(value).decode())
 
 
 CERTIFIED: Final = "certificate"
-"""User and password of all that come over TLS: a router that asks some for passwords asks all. It is no
-secret: no rule admits the user without a certificate."""
+"""User and password of all TLS clients: a router requires passwords from all clients or none. Not a secret:
+the rules admit this user only with a certificate."""
 _LOCAL: Final[dict[str, Any]] = {"link_protocols": ["unixsock-stream"]}
 OVER_TLS: Final[dict[str, Any]] = {"link_protocols": ["tls"]}
 
 
 class Grant(NamedTuple):
-    """What one actor may do, as key expressions; a rule must include the whole key that is used."""
+    """Permissions of one actor, as key expressions; a rule must include the whole key that is used."""
 
     publish: Sequence[str]
     subscribe: Sequence[str]
     receive: Sequence[str]
-    """Narrower than or equal to what it may subscribe to."""
+    """Equal to or narrower than `subscribe`."""
     see_subscribers: Sequence[str]
-    """Where it learns of subscribers: a declared publisher stays mute without one."""
+    """Keys whose subscribers it sees: a declared publisher sends nothing without a known subscriber."""
 
 
 def robots_grant(*robots: str) -> Grant:
-    """Return the rights of robots: to publish on their own `up` keys, to receive on their own `down` keys."""
+    """Return the permissions of robots: publish on their own `up` keys, receive on their own `down` keys."""
     down = [f"swarm/down/{robot}/**" for robot in robots]
     return Grant([f"swarm/up/{robot}/**" for robot in robots], down, down, ["swarm/up/**"])
 
@@ -98,57 +98,57 @@ _CLIENT_GRANTS: Final = {
 
 
 def client_grant(actor: str) -> Grant:
-    """Return the rights of a client that is no robot. Raises AcrcError."""
+    """Return the permissions of a client other than a robot. Raises AcrcError."""
     if actor not in _CLIENT_GRANTS:
-        raise AcrcError(f"there are no access rules for {actor!r}; there are for {', '.join(_CLIENT_GRANTS)}")
+        raise AcrcError(f"no access rules for {actor!r}; known clients: {', '.join(_CLIENT_GRANTS)}")
     return _CLIENT_GRANTS[actor]
 
 
-class Admitted(NamedTuple):
-    """Somebody whom a router lets in."""
+class AdmittedClient(NamedTuple):
+    """A client that a router admits."""
 
     subject: str
     known_by: Mapping[str, Any]
-    """As Zenoh's section has it."""
+    """The client's properties, as in Zenoh's section."""
     grant: Grant
 
 
-def certified(name: str, grant: Grant) -> Admitted:
-    """Return the owner of a certificate with this common name; it shows the user CERTIFIED."""
-    return Admitted(
+def certified_client(name: str, grant: Grant) -> AdmittedClient:
+    """Return the client that has a certificate with this common name and the user CERTIFIED."""
+    return AdmittedClient(
         f"certified {name}", {"cert_common_names": [name], "usernames": [CERTIFIED], **OVER_TLS}, grant
     )
 
 
 def router_config(
-    issued: Credentials, endpoints: Sequence[str] = (), remote: Sequence[Admitted] = ()
+    issued: Credentials, endpoints: Sequence[str] = (), remote: Sequence[AdmittedClient] = ()
 ) -> zenoh.Config:
-    """Return the world's session: a router that listens for the actors and at `endpoints`.
+    """Return the configuration of the world's session: a router with the actors' sockets and `endpoints`.
 
-    The actors find its sockets after `credentials.reveal` only. `remote`: who else is admitted, over TLS.
+    Actors see the sockets after `credentials.publish_sockets`. `remote`: clients admitted over TLS.
     """
-    sockets = dict.fromkeys(unix_endpoint(unnamed(socket)) for socket in issued.sockets.values())
+    sockets = dict.fromkeys(unix_endpoint(hidden_path(socket)) for socket in issued.sockets.values())
     config = session_config("router")
     set_value(config, "listen/endpoints", [*sockets, *endpoints])
-    # Without this the router sleeps half a second when it is opened.
+    # Without this, opening the router takes half a second longer.
     set_value(config, "scouting/delay", 0)
-    # For links with a queue, which observers have; the actors' have none, and take everything or block.
-    wait_us = round(1e6 * SessionParameters.onlooker_s)
+    # For links with a queue, which only observers have; those of actors have none and block.
+    wait_us = round(1e6 * SessionParameters.observer_timeout_s)
     set_value(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", wait_us)
     set_value(config, "transport/auth/usrpwd", {"dictionary_file": str(issued.dictionary)})
     set_value(config, "access_control", access_rules(issued.robots, issued.others, remote))
     return config
 
 
-def client_config(credentials_file: Path, endpoint: str, *, onlooker: bool = False) -> zenoh.Config:
-    """Return the session of any other actor, which connects to `endpoint` only.
+def client_config(credentials_file: Path, endpoint: str, *, lossy: bool = False) -> zenoh.Config:
+    """Return the configuration of any other actor's session, which connects to `endpoint` only.
 
-    An `onlooker` may lose messages, and holds nobody up. Raises AcrcError where `credentials_file` cannot be
-    read or does not hold `user:password`.
+    A `lossy` client may lose messages and blocks no sender. Raises AcrcError if `credentials_file` is
+    unreadable or does not contain `user:password`.
     """
     user, password = credentials.read(credentials_file)
     config = connecting_config(endpoint, user, password)
-    if onlooker:  # then the router has a queue for it, and closes the link where that stays full
+    if lossy:  # gets a queue in the router, which closes the link if it stays full
         set_value(config, "transport/unicast/lowlatency", False)
     return config
 
@@ -156,7 +156,7 @@ def client_config(credentials_file: Path, endpoint: str, *, onlooker: bool = Fal
 def connecting_config(
     endpoint: str, user: str, password: str, lease_s: float = SessionParameters.lease_s
 ) -> zenoh.Config:
-    """Return a client that connects to `endpoint` and to nothing else."""
+    """Return the configuration of a client that connects to `endpoint` only."""
     config = session_config("client", lease_s)
     set_value(config, "connect/endpoints", [endpoint])
     set_value(config, "listen/endpoints", [])
@@ -165,16 +165,16 @@ def connecting_config(
 
 
 def access_rules(
-    robots: Sequence[str], others: Sequence[str], remote: Sequence[Admitted] = ()
+    robots: Sequence[str], others: Sequence[str], remote: Sequence[AdmittedClient] = ()
 ) -> dict[str, Any]:
-    """Return Zenoh's `access_control` section: nothing passes but what the actors' grants allow.
+    """Return Zenoh's `access_control` section: the actors' grants, everything else denied.
 
-    `robots` and `others` are known by their user names. With anybody `remote`, a password counts on this
-    machine's own sockets only. Raises AcrcError for an actor without a grant.
+    `robots` and `others` are identified by user name. With any `remote` client, passwords are valid on local
+    sockets only. Raises AcrcError for an actor without a grant.
     """
     grants = {robot: robots_grant(robot) for robot in robots} | {name: client_grant(name) for name in others}
     here = _LOCAL if remote else {}
-    local = [Admitted(name, {"usernames": [name], **here}, grant) for name, grant in grants.items()]
+    local = [AdmittedClient(name, {"usernames": [name], **here}, grant) for name, grant in grants.items()]
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     for subject, _, grant in (*local, *remote):

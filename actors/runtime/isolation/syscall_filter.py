@@ -1,7 +1,7 @@
 """System call filter of a sandboxed robot (seccomp(2), mode FILTER).
 
-It refuses the calls that namespaces do not confine: locks, leases and watches of files, key rings, the
-kernel's log, tracing, socket families without network namespaces (vsock), and new namespaces and mounts.
+It blocks calls that namespaces do not confine: file locks, leases and watches, key rings, the kernel log,
+tracing, socket families without network namespaces (vsock), and new namespaces and mounts.
 """
 
 import ctypes
@@ -44,7 +44,7 @@ _NUMBERS: Final = {
     "userfaultfd": (323, 282),
 }
 _MISSING: Final = ("clone3", "io_uring_setup")
-"""Calls whose arguments lie in memory, where a filter cannot look; callers fall back on older calls."""
+"""Calls with arguments in memory, which a filter cannot read; callers fall back to older calls."""
 _NEW_NAMESPACES: Final = (
     linux.CLONE_NEWNS
     | linux.CLONE_NEWCGROUP
@@ -58,11 +58,11 @@ _SOCKET_FAMILIES: Final = (1, 2, 10, 16)
 """AF_UNIX, AF_INET, AF_INET6, AF_NETLINK: confined by the network and mount namespaces."""
 _FCNTL_ALLOWED: Final = (0, 1, 2, 3, 4, 1030, 1032, 1033, 1034)
 """F_DUPFD, F_GETFD, F_SETFD, F_GETFL, F_SETFL, F_DUPFD_CLOEXEC, F_GETPIPE_SZ, F_ADD_SEALS, F_GET_SEALS
-(fcntl.h): they concern the own descriptor; locks, leases, owners and watches concern the file."""
+(fcntl.h): they affect only the descriptor; locks, leases, owners and watches affect the file."""
 _MACHINES: Final = {"x86_64": (0xC000_003E, 0), "aarch64": (0xC000_00B7, 1)}
 """AUDIT_ARCH_* (uapi audit.h) and the column of `_NUMBERS`."""
 _FIRST_UNKNOWN: Final = 463
-"""Calls from Linux 6.11 on, which nobody has reviewed, and those of x32."""
+"""First unreviewed call: those from Linux 6.11 on, and those of x32."""
 
 _LOAD, _IF_EQUAL, _IF_ANY_BIT, _IF_AT_LEAST, _RETURN = 0x20, 0x15, 0x45, 0x35, 0x06
 _NUMBER_AT, _MACHINE_AT, _ARGUMENTS_AT = 0, 4, 16
@@ -85,17 +85,17 @@ class _Program(ctypes.Structure):
 
 
 def supported() -> bool:
-    """Return whether the numbers of the system calls are known: on x86_64 and aarch64."""
+    """Return whether the system call numbers of this machine are known (x86_64, aarch64)."""
     return platform.machine() in _MACHINES
 
 
 def install() -> None:
-    """Put the filter over this process and all it starts; needs PR_SET_NO_NEW_PRIVS."""
+    """Filter this process and all its future children; requires PR_SET_NO_NEW_PRIVS."""
     load(program(platform.machine()))
 
 
 def load(instructions: Sequence[Instruction]) -> None:
-    """Add one filter to this process and all it starts."""
+    """Add a filter to this process and all its future children."""
     code = b"".join(
         i.code.to_bytes(2, "little") + bytes((i.if_true, i.if_false)) + i.value.to_bytes(4, "little")
         for i in instructions

@@ -1,6 +1,6 @@
-"""Mutual TLS between computers: a robot's router and the operator's laptop, the world's router and its hosts.
+"""Mutual TLS between computers: a robot's router and an operator station, the world's router and its hosts.
 
-Both ends show a certificate of one authority, and the rights follow the common name in it. Actors on the
+Both ends present certificates of one authority; the common name determines the permissions. Actors on the
 router's computer use Unix sockets and passwords.
 """
 
@@ -16,10 +16,10 @@ from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE, Credentials
 from actors.runtime.isolation.rules import (
     CERTIFIED,
     OVER_TLS,
-    Admitted,
+    AdmittedClient,
     Grant,
     SessionParameters,
-    certified,
+    certified_client,
     client_grant,
     connecting_config,
     robots_grant,
@@ -32,29 +32,29 @@ AUTHORITY_FILE: Final = "authority.pem"
 CERTIFICATE_FILE: Final = "certificate.pem"
 """The machine's own certificate."""
 OPERATOR: Final = "operator"
-"""Common name of the laptop that may watch, and stop the robots."""
+"""Common name of the operator station, which may observe and stop the robots."""
 
 
 @dataclass(frozen=True)
 class TlsLinkParameters:
-    """Links between two computers."""
+    """Parameters of links between computers."""
 
     patience_us: int = 20_000
-    """Longest wait of a robot's message for a laptop's link that takes nothing, µs; then the link is closed.
-    Own choice, the lateness that a robot's step may have."""
+    """Longest wait of a robot's message for a blocked operator link, µs; then the link is closed. Own choice:
+    the permitted lateness of a robot's step."""
     send_buffer: int = 4 << 20
-    """Socket buffer of a host's link, bytes, for a whole step; the system may give less. 60 robots are sent
-    84 KB in a step, and answer with less. Zenoh writes to TLS and does not flush (1.10.2, seen with 60 robots
-    on a host): what the socket does not take at once stays in TLS until the next write, which never comes
-    where all wait for one another."""
+    """Socket buffer of a host's link, bytes, for a whole step; the system may grant less. 60 robots receive
+    84 KB per step and send less. Zenoh writes to TLS without flushing (1.10.2, observed with 60 robots on a
+    host): data that the socket does not accept stays in TLS until the next write, which never happens if all
+    processes wait for each other."""
     push_s: float = 0.05
-    """Interval, s, at which the world writes some bytes all the same, which takes along what has stayed. A
-    host does not, for it would wake each of its robots up as often."""
+    """Interval at which the world writes a few bytes to push out data left in TLS, s. A host does not, since
+    that would wake each of its robots as often."""
 
 
 @dataclass(frozen=True)
 class Keys:
-    """The files with which one machine proves its identity."""
+    """Key files that prove the identity of one machine."""
 
     authority: Path
     certificate: Path
@@ -62,12 +62,12 @@ class Keys:
 
     @property
     def listening(self) -> dict[str, object]:
-        """Zenoh's section of the side that is connected to."""
+        """Zenoh's section for the listening side."""
         return self._section("listen")
 
     @property
     def connecting(self) -> dict[str, object]:
-        """Zenoh's section of the side that connects."""
+        """Zenoh's section for the connecting side."""
         return self._section("connect")
 
     def _section(self, role: str) -> dict[str, object]:
@@ -80,30 +80,30 @@ class Keys:
 
 
 def load_keys(folder: Path) -> Keys:
-    """Return the keys in the folder of one machine. Raises AcrcError where one of the files is missing."""
+    """Return the keys in one machine's folder. Raises AcrcError if a file is missing."""
     files = [folder / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE)]
     for file in files:
         try:
             file.open("rb").close()
         except OSError as error:
             raise AcrcError(
-                f"{file} cannot be read ({error.strerror}); `acrc fleet keys` makes the keys of "
-                "all machines, and this machine needs a copy of its own folder"
+                f"{file} cannot be read ({error.strerror}); create the keys of all machines with "
+                "`acrc fleet keys`, and copy this machine's folder to it"
             ) from None
     return Keys(*files)
 
 
 def listening_router_config(issued: Credentials, keys: Keys, endpoints: Sequence[str]) -> zenoh.Config:
-    """Return the session of a robot's router, which listens for a laptop at `endpoints`, `tls/HOST:PORT`.
+    """Return the configuration of a robot's router that listens for an operator at `tls/HOST:PORT`.
 
-    Every certificate of the authority is let in, and all but OPERATOR's allow nothing. Adds a line to
-    `issued.dictionary`, so call it once.
+    It admits every certificate of the authority, but only OPERATOR's has permissions. Appends a line to
+    `issued.dictionary`: call it once.
     """
     _admit_certified(issued)
-    config = router_config(issued, endpoints, [certified(OPERATOR, client_grant(OPERATOR))])
+    config = router_config(issued, endpoints, [certified_client(OPERATOR, client_grant(OPERATOR))])
     set_value(config, "transport/link/tls", keys.listening)
-    # Low latency means to write on the thread that publishes: a laptop that stops reading would stop the
-    # robot, without end. With a queue in between a full one holds it up for the patience, once.
+    # Low latency would write on the publishing thread: an operator station that stops reading would stop the
+    # robot forever. With a queue it delays the robot once, by `patience_us`.
     set_value(config, "transport/unicast/lowlatency", False)
     set_value(config, "transport/link/tx/lease", round(1000 * SessionParameters.lease_over_network_s))
     wait = "transport/link/tx/queue/congestion_control/block/wait_before_close"
@@ -117,14 +117,14 @@ def _admit_certified(issued: Credentials) -> None:
 
 
 def onboard_router_config(issued: Credentials, keys: Path, listen: str | None) -> zenoh.Config:
-    """Return the session of a robot's base; with `listen` for a laptop, too, with the keys in the folder."""
+    """Return the configuration of a base's router; with `listen`, for an operator, too, with these keys."""
     if listen is None:
         return router_config(issued)
     return listening_router_config(issued, load_keys(keys), [listen])
 
 
 def laptop_config(keys: Keys, endpoint: str) -> zenoh.Config:
-    """Return the session of a laptop, which connects to a robot's `endpoint`, `tls/HOST:PORT`, only.
+    """Return the configuration of an operator station, which connects only to a robot's `tls/HOST:PORT`.
 
     The robot's certificate must be valid for HOST.
     """
@@ -140,19 +140,19 @@ _WORLD: Final = Grant(
     receive=["swarm/up/**"],
     see_subscribers=["swarm/down/**"],
 )
-"""What a host's router grants the world's: all keys of its robots."""
+"""Permissions of the world's router at a host's router: all keys of its robots."""
 
 
 def world_config(issued: Credentials) -> zenoh.Config:
-    """Return the world's session, which lets hosts in if the run has any; call it once.
+    """Return the configuration of the world's session, which admits hosts if the run has any; call it once.
 
-    Raises AcrcError where a key is missing.
+    Raises AcrcError if a key is missing.
     """
     gate = issued.gate
     if gate is None:
         return router_config(issued)
     _admit_certified(issued)
-    hosts = [certified(name, robots_grant(*robots)) for name, robots in gate.robots.items()]
+    hosts = [certified_client(name, robots_grant(*robots)) for name, robots in gate.robots.items()]
     config = router_config(issued, [gate.endpoint], hosts)
     tls = load_keys(gate.keys).listening | {"so_sndbuf": TlsLinkParameters.send_buffer}
     set_value(config, "transport/link/tls", tls)
@@ -162,8 +162,8 @@ def world_config(issued: Credentials) -> zenoh.Config:
 
 
 def host_config(issued: Credentials, keys: Keys, endpoint: str) -> zenoh.Config:
-    """Return the session of a host: a router for its robots, connected to the world's `endpoint`."""
-    config = router_config(issued, remote=[Admitted("world", OVER_TLS, _WORLD)])
+    """Return the configuration of a host: a router for its robots, connected to the world's `endpoint`."""
+    config = router_config(issued, remote=[AdmittedClient("world", OVER_TLS, _WORLD)])
     set_value(config, "connect/endpoints", [endpoint])
     users = {"dictionary_file": str(issued.dictionary), "user": CERTIFIED, "password": CERTIFIED}
     set_value(config, "transport/auth/usrpwd", users)

@@ -1,6 +1,6 @@
 """Recordings: what one process received, sent and noted, in an append-only MCAP file with checksums."""
 
-from actors.runtime.recording.form import (
+from actors.runtime.recording.format import (
     LARGE,
     LARGEST_RECORD,
     Direction,
@@ -9,8 +9,8 @@ from actors.runtime.recording.form import (
     RecordingError,
     UnwritableError,
 )
-from actors.runtime.recording.reading import Reading, decoded, read_notes, read_recording
-from actors.runtime.recording.recorder import Journal, Recorder, Unrecorded
+from actors.runtime.recording.reader import RecordingReader, decode_note, read_notes, read_recording
+from actors.runtime.recording.recorder import Journal, NullJournal, Recorder
 
 __all__ = [
     "LARGE",
@@ -19,12 +19,12 @@ __all__ = [
     "Entry",
     "Journal",
     "Note",
-    "Reading",
+    "NullJournal",
     "Recorder",
     "RecordingError",
-    "Unrecorded",
+    "RecordingReader",
     "UnwritableError",
-    "decoded",
+    "decode_note",
     "read_notes",
     "read_recording",
 ]

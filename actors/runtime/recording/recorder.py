@@ -1,4 +1,4 @@
-"""Writes a recording."""
+"""Writer of recordings."""
 
 import functools
 import hashlib
@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from msgspec import inspect
 
 from actors.messages import TOPICS
-from actors.runtime.recording.form import (
+from actors.runtime.recording.format import (
     COMPUTED,
     DEFLATED,
     FIELDS,
@@ -27,24 +27,24 @@ from actors.runtime.recording.form import (
     LARGEST_RECORD,
     MESSAGE_HEAD,
     MESSAGES,
+    MIN_PACKED_SIZE,
     SCANNED,
     SEAL,
     SEALED,
     SEALS,
     UNSEALED,
-    WORTH,
     Direction,
-    Packer,
+    MessagePacker,
     RecordingError,
     UnwritableError,
 )
 from actors.topic import Message
 
 DESCRIPTION: Final = "acrc-fields"
-"""The encoding of such a schema: a JSON object with the fields of each type, in their order on the wire.
+"""Encoding of schemas: a JSON object with the fields of each type, in wire order.
 
-The first type is the message, behind a byte with the version; of a union each has its tag before its fields.
-Where messages are packed, `packing` says in words how.
+The first type is the message, after a version byte; each type of a union has its tag before its fields. For
+packed messages, `packing` describes the encoding.
 """
 _PACKING: Final = {
     MESSAGES: (),
@@ -66,17 +66,17 @@ _KINDS: Final = {topic.pattern.rpartition("/")[2]: topic.kind for topic in TOPIC
 
 
 _COMPACT: Final = frozenset(topic.pattern.rpartition("/")[2] for topic in TOPICS if not topic.is_packed)
-"""Last parts of the keys whose messages are recorded as they are."""
+"""Last parts of the keys whose messages are recorded without packing."""
 
 
-def kind_on(key: str) -> type[Message] | None:
-    """The type of what travels on a key; None for a key that is none of this project."""
+def message_type(key: str) -> type[Message] | None:
+    """Return the type of the messages on a key; None for an unknown key."""
     return _KINDS.get(key.rpartition("/")[2])
 
 
 @functools.cache
-def described(kind: type[Message], encoding: str = MESSAGES) -> bytes:
-    """The schema of a type of message, on a channel of that encoding."""
+def message_schema(kind: type[Message], encoding: str = MESSAGES) -> bytes:
+    """Return the schema of a message type on a channel with that encoding."""
     types = {one.cls.__name__: _fields(one) for one in _structs(inspect.type_info(kind))}
     packing = {"packing": _PACKING[encoding]} if _PACKING[encoding] else {}
     return msgspec.json.encode(types | packing)
@@ -88,7 +88,7 @@ def _fields(kind: inspect.StructType) -> list[str]:
 
 
 def _structs(kind: inspect.Type) -> Iterator[inspect.StructType]:
-    """The type itself, and those of its parts."""
+    """Yield the type and the types of its parts."""
     inner: tuple[inspect.Type, ...] = ()
     match kind:
         case inspect.StructType():
@@ -106,57 +106,57 @@ def _structs(kind: inspect.Type) -> Iterator[inspect.StructType]:
 
 _MESSAGE: Final = Opcode.MESSAGE.value
 _HASHED_SIZE: Final = 40
-"""Of a step and a sha256."""
+"""Bytes of a step and a SHA-256."""
 _SEAL_LENGTH: Final = FIELDS.size + SEAL.size
 _SEALED_SIZE: Final = HEAD.size + _SEAL_LENGTH
-_Noted = tuple[Direction, str, int, int, bytes, int, bytes | None, str | None]
-"""Direction, key, step, sequence, payload, its size, its sha256 if that is known; if the payload is packed
-already, how."""
+_PendingMessage = tuple[Direction, str, int, int, bytes, int, bytes | None, str | None]
+"""Direction, key, step, sequence, payload, its size, its SHA-256 if known; the encoding of a payload that is
+packed already."""
 
 
 class Journal(Protocol):
-    """Where a shell writes down what passes through it."""
+    """Destination of a shell's messages."""
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """A message came in."""
+        """Record a received message."""
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
-        """A message went out; `sha256`: of the payload, if it is known already."""
+        """Record a sent message; `sha256`: of the payload, if known."""
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """A message that is only recorded: keep it in full."""
+        """Record a recorded-only message completely."""
 
     def flush(self) -> None:
-        """Everything up to here must survive the death of this process."""
+        """Ensure that everything so far survives a crash of this process."""
 
 
 class Recorder:
-    """Writes one process's file, which must be new. RecordingError where that cannot be made."""
+    """Writes one process's recording, a new file. Raises RecordingError if it cannot be created."""
 
     def __init__(self, path: Path, step_us: int, descriptor: int | None = None) -> None:
-        """`descriptor`: the new file is open there already."""
+        """`descriptor`: of the new file, if it is already open."""
         self.path = path
-        file = _created(path) if descriptor is None else FileIO(descriptor, "wb")
-        self._stream = _Checked(file, path)
+        file = _create(path) if descriptor is None else FileIO(descriptor, "wb")
+        self._stream = _ChecksummedFile(file, path)
         self._writer = Writer(
             self._stream,  # type: ignore[arg-type]  # it needs `write`, `tell` and `flush`
-            compression=CompressionType.NONE,  # the others need what constraints.txt leaves out
+            compression=CompressionType.NONE,  # other types need packages that are not in constraints.txt
             index_types=IndexType.METADATA,
             use_chunking=False,
-            use_statistics=False,  # not all messages pass the library, so it could not count them
+            use_statistics=False,  # would be wrong: most messages bypass the library
         )
         self._writer.start(profile="acrc", library="acrc")
         self._seals = self._writer.register_channel("seal", SEALS, 0, {})
-        self._writer.flush()  # type: ignore[no-untyped-call]  # or the channel would follow its first message
+        self._writer.flush()  # type: ignore[no-untyped-call]  # the channel must precede its first message
         self._sealed = 0
         self._last = -1
         self._channels: dict[tuple[str, str, str], int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
-        self._packer = Packer()
-        self._noted: list[_Noted] = []
-        """What passed, and is still to be written: io.DEFAULT_BUFFER_SIZE bytes at most, and a message."""
+        self._packer = MessagePacker()
+        self._noted: list[_PendingMessage] = []
+        """Messages to be written: at most io.DEFAULT_BUFFER_SIZE bytes, and one message."""
         self._noted_size = 0
-        """Bytes of them."""
+        """Their size, bytes."""
         self._step_ns = step_us * 1000
 
     def __enter__(self) -> Self:
@@ -171,24 +171,23 @@ class Recorder:
         self._stream.close()
 
     def fileno(self) -> int:
-        """The file's descriptor, for a process that closes or hides all else."""
+        """Return the file's descriptor, for a process that closes or hides all others."""
         return self._stream.fileno()
 
     def note(self, name: str, content: msgspec.Struct) -> None:
-        """A metadata record with `content` as JSON; RecordingError if that is larger than one may be."""
+        """Write a metadata record with `content` as JSON. Raises RecordingError if it is too large."""
         self._write_noted()
         text = msgspec.json.encode(content)
         if len(text) > LARGEST_RECORD // 2:
             raise RecordingError(
-                f"{self.path}: the record {name!r} would have {len(text)} bytes; it may have at most "
-                f"{LARGEST_RECORD // 2}"
+                f"{self.path}: the record {name!r} has {len(text)} bytes; the limit is {LARGEST_RECORD // 2}"
             )
         self._writer.add_metadata(name, {"json": text.decode(), "crc32": f"{zlib.crc32(text):08x}"})
         self._seal()
         self._stream.hand_over()
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """A message came in."""
+        """Record a received message."""
         size = len(payload)
         self._noted += (("in", key, step, sequence, payload, size, None, None),)
         self._noted_size += size
@@ -196,7 +195,7 @@ class Recorder:
             self._write_noted()
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
-        """A message went out; `sha256`: of the payload, if it is known already."""
+        """Record a sent message; `sha256`: of the payload, if known."""
         size = len(payload)
         self._noted += (("out", key, step, sequence, payload, size, sha256, None),)
         self._noted_size += size
@@ -204,7 +203,7 @@ class Recorder:
             self._write_noted()
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """A message that is only recorded: it is kept in full."""
+        """Record a recorded-only message completely."""
         compact = key.rpartition("/")[2] in _COMPACT
         encoding, data = (MESSAGES, payload) if compact else self._packer.computed(payload)
         self._noted += (("out", key, step, sequence, data, len(payload), None, encoding),)
@@ -213,15 +212,15 @@ class Recorder:
             self._write_noted()
 
     def flush(self) -> None:
-        """Seal everything, and hand it to the operating system."""
+        """Seal all data, and write it to the file."""
         self._seal()
         self._stream.hand_over()
 
     def _write_noted(self) -> None:
-        """All of it at once: message records as the library writes them, without its five calls per field.
+        """Write all waiting messages at once, in the library's format but without its five calls per field.
 
-        This is where a step costs most. (MCAP specification, "Message (op=0x05)") Only at its end may the
-        disk take no more: then everything stays, and is offered again.
+        The most expensive part of a step. (MCAP specification, "Message (op=0x05)") A full disk can fail only
+        the last statement: then all data is kept and retried.
         """
         noted, self._noted, self._noted_size = self._noted, [], 0
         parts: list[bytes] = []
@@ -234,12 +233,12 @@ class Recorder:
                 if size > LARGE:
                     data = step.to_bytes(8, "little") + (sha256 or hashlib.sha256(payload).digest())
                     encoding, length, whole = HASHED, _HASHED_SIZE, _HASHED_SIZE
-            elif size >= WORTH:
+            elif size >= MIN_PACKED_SIZE:
                 encoding, data = self._packer.packed(payload)
                 length = len(data)
             place = direction, key, encoding
             if place not in self._channels:
-                self._stream.take(parts, written, counted)  # or the channel would precede what came before it
+                self._stream.take(parts, written, counted)  # earlier messages must precede the channel
                 parts, written, counted = [], 0, 0
                 self._channels[place] = self._channel(direction, key, encoding)
             instant = step * self._step_ns
@@ -256,25 +255,25 @@ class Recorder:
             self._stream.hand_over()
 
     def _channel(self, direction: Direction, key: str, encoding: str) -> int:
-        """The number of a new channel."""
+        """Register a channel; return its number."""
         schema = self._schema(key, encoding) if encoding != HASHED else 0
         number = self._writer.register_channel(key, encoding, schema, {"direction": direction})
-        self._writer.flush()  # type: ignore[no-untyped-call]  # or the channel would follow its first message
+        self._writer.flush()  # type: ignore[no-untyped-call]  # the channel must precede its first message
         return number
 
     def _schema(self, key: str, encoding: str) -> int:
-        """The number of the description of what travels on the key, so encoded; 0 if there is none."""
-        kind = kind_on(key)
+        """Return the number of the schema of a key and encoding; 0 if there is none."""
+        kind = message_type(key)
         if kind is None:
             return 0
         name = kind.__name__
         if (name, encoding) not in self._schemas:
-            number = self._writer.register_schema(name, DESCRIPTION, described(kind, encoding))
+            number = self._writer.register_schema(name, DESCRIPTION, message_schema(kind, encoding))
             self._schemas[name, encoding] = number
         return self._schemas[name, encoding]
 
     def _seal(self) -> None:
-        """Vouch for everything up to here."""
+        """Write a seal over all data so far."""
         if self._noted:
             self._write_noted()
         last = self._last
@@ -284,48 +283,48 @@ class Recorder:
         self._sealed += 1
 
 
-class _Checked:
-    """A file that knows the CRC-32 of what was written to it; UnwritableError where the disk takes no more.
+class _ChecksummedFile:
+    """A file with the CRC-32 of its content. Raises UnwritableError if the disk accepts no more data.
 
-    What the disk has not taken is kept, and offered again with what follows: nothing is cut in the middle.
-    A signal may end any call before any of its statements: what belongs together is one statement.
+    Rejected data is kept and retried with the next write, so no record is cut. A signal may interrupt any
+    call between statements: changes that belong together are one statement.
     """
 
     def __init__(self, file: FileIO, path: Path) -> None:
         self._file = file
         self._path = path
         self._parts: list[bytes] = []
-        """What was written and is not in the CRC yet."""
+        """Written data that is not in the CRC yet."""
         self.unsummed = 0
-        """Bytes of them; the recorder hands them over before they are many."""
+        """Their size, bytes; the recorder limits it."""
         self._waiting = b""
         self._handed = 0
-        """Bytes that the operating system has."""
+        """Bytes passed to the operating system."""
         self._size = 0
         self._crc32 = 0
         self.unsealed = 0
-        """Bytes since the last seal, those of packed messages as they come back."""
+        """Bytes since the last seal; packed messages count unpacked."""
         self.fileno = file.fileno
 
     def tell(self) -> int:
-        """Bytes so far."""
+        """Return the number of bytes so far."""
         return self._size
 
     def write(self, data: bytes) -> int:
-        """Append."""
+        """Append data."""
         size = len(data)
         self.take([data], size, size)
         return size
 
     def take(self, parts: list[bytes], written: int, counted: int) -> None:
-        """Append them, `written` bytes together; `counted` as unsealed."""
+        """Append `written` bytes in parts, which count as `counted` unsealed bytes."""
         self._parts += parts
         self._size += written
         self.unsummed += written
         self.unsealed += counted
 
     def seal(self, sealed: bytes, step: int) -> None:
-        """Append what vouches for all before it; `sealed`: its head, fields and step (`SEALED`)."""
+        """Append a seal over all data before it; `sealed`: its head, fields and step (`SEALED`)."""
         self._sum_up()
         checksum = zlib.crc32(sealed, self._crc32)
         seal = sealed[: MESSAGE_HEAD.size] + SEAL.pack(checksum, step)
@@ -334,16 +333,16 @@ class _Checked:
         self._size += _SEALED_SIZE
 
     def _sum_up(self) -> None:
-        """Take into the CRC what is not in it yet."""
+        """Add new data to the CRC."""
         data = b"".join(self._parts)
         crc32 = zlib.crc32(data, self._crc32)
         self._parts, self.unsummed, self._waiting, self._crc32 = [], 0, self._waiting + data, crc32
 
     def flush(self) -> None:
-        """Nothing: the library calls it between records that belong together; see `hand_over`."""
+        """Do nothing: the library flushes within groups of records; see `hand_over`."""
 
     def hand_over(self) -> None:
-        """Give everything to the operating system."""
+        """Write all data to the file."""
         if self._parts:
             self._sum_up()
         while self._waiting:
@@ -354,12 +353,12 @@ class _Checked:
             self._waiting, self._handed = self._waiting[written:], self._handed + written
 
     def recover(self) -> None:
-        """Before the last calls: a signal may have ended one that had handed something over already."""
+        """Adjust to a write that a signal interrupted; before the last calls."""
         taken = self._file.tell() - self._handed
         self._waiting, self._handed = self._waiting[taken:], self._handed + taken
 
     def close(self) -> None:
-        """The last call."""
+        """Write all data and close; the last call."""
         try:
             self.hand_over()
             self._file.close()
@@ -370,25 +369,25 @@ class _Checked:
         return UnwritableError(f"{self._path}: cannot be written: {(error.strerror or str(error)).lower()}")
 
 
-class Unrecorded:
-    """A journal that keeps nothing, for benchmarks and for replays."""
+class NullJournal:
+    """A journal that records nothing, for benchmarks and replays."""
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
     def flush(self) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
 
-def _created(path: Path) -> FileIO:
-    """A new file, never one that a link leads to."""
+def _create(path: Path) -> FileIO:
+    """Create a file, never through a link."""
     try:
         return FileIO(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644), "wb")
     except OSError as error:
-        raise RecordingError(f"{path}: the recording cannot be made: {error.strerror}") from None
+        raise RecordingError(f"{path}: the recording cannot be created: {error.strerror}") from None

@@ -1,9 +1,9 @@
-"""Kernels: the ranges of one sweep in a third of their bytes, and back, every bit the same.
+"""Lossless compression of scans to a third of their size (numba kernels).
 
-Each range is guessed from the two before it, on the line through them; where they lie far apart, at an edge,
-as the last one. What it is off by, folded to 0, −1, 1, −2, …, is written in Rice's code: so many ones as it
-has multiples of 2^k, a zero, and k bits; from eight ones on there follow its 16 bits. k comes from a running
-mean of what was off before, so that nothing but the bits has to be kept.
+Each range is predicted from the previous two by linear extrapolation; where they differ much, at an edge, the
+previous range is the prediction. The residual, folded to 0, −1, 1, −2, …, is Rice-coded: its multiples of 2^k
+in unary, a zero, and k bits; from eight ones on, the 16 bits follow uncoded. k follows a running mean of
+earlier residuals, so no parameters are stored.
 """
 
 from typing import Final
@@ -15,17 +15,17 @@ from actors.kernels import njit
 
 Octets = NDArray[np.uint8]
 LARGEST: Final = 0xFFFF
-"""Bytes of ranges, at most: as many as msgpack's `bin 16` has."""
+"""Most bytes of ranges: the limit of msgpack's `bin 16`."""
 _GENTLE: Final = 400
-"""mm between two ranges that may lie on one wall; own choice, the best on the chapter's floor."""
+"""Largest difference of ranges on one wall, mm; own choice, the best on the chapter's floor."""
 _ONES: Final = 8
-"""So many ones say that 16 bits follow as they are."""
+"""Number of ones that announces 16 uncoded bits."""
 _BEGIN: Final = 32
-"""Twice the mean that is expected at first."""
+"""Twice the mean expected at first."""
 
 
 class ScanBuffers:
-    """Room for one sweep on both sides of the kernels; not for two threads at a time."""
+    """Buffers for one scan; not thread-safe."""
 
     def __init__(self) -> None:
         plain, packed = bytearray(LARGEST + 1), bytearray(LARGEST + 1)
@@ -34,24 +34,24 @@ class ScanBuffers:
         self._packed_array = np.frombuffer(packed, np.uint8)
 
     def packed(self, ranges: bytes) -> bytes | None:
-        """An even number of bytes, at most LARGEST, in fewer; None where they do not become fewer."""
+        """Compress an even number of bytes, at most LARGEST; None if they do not become fewer."""
         size = len(ranges)
         self._plain[:size] = ranges
         packed = _pack(self._plain_array, size >> 1, self._packed_array)
         return bytes(self._packed[:packed]) if packed else None
 
     def unpacked(self, packed: bytes, count: int) -> bytes:
-        """So many ranges again. ValueError where the bytes do not hold just these."""
+        """Decompress `count` ranges. Raises ValueError if the bytes are not exactly these."""
         if not (len(packed) <= LARGEST and 0 <= 2 * count <= LARGEST):
-            raise ValueError(f"a scan of {count} ranges in {len(packed)} bytes, which is more than may be")
+            raise ValueError(f"a scan of {count} ranges in {len(packed)} bytes is too large")
         self._packed[: len(packed)] = packed
         if not _unpack(self._packed_array, len(packed), count, self._plain_array):
-            raise ValueError(f"{len(packed)} bytes are no packed scan of {count} ranges")
+            raise ValueError(f"{len(packed)} bytes are not a packed scan of {count} ranges")
         return bytes(self._plain[: 2 * count])
 
 
 def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs; also compiles them."""
+    """Return the kernels' results for fixed inputs; also compiles them."""
     ranges = np.arange(300) ** 2 % 2311
     ranges[100:120] = 0xFFFF
     buffers = ScanBuffers()
@@ -61,7 +61,7 @@ def fingerprint() -> bytes:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _width(mean: int) -> int:
-    """k for what comes next."""
+    """Return k for the next residual."""
     k = 0
     while 4 << k < mean:
         k += 1
@@ -76,7 +76,7 @@ def _guess(last: np.int64, before: np.int64) -> np.int64:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _pack(plain: Octets, count: int, packed: Octets) -> int:
-    """How many bytes `packed` now has; 0 where they would not be fewer."""
+    """Compress; return the number of bytes in `packed`, or 0 if they would not be fewer."""
     before = last = held = np.int64(0)
     at, bits, mean = 0, 0, _BEGIN
     for place in range(count):
@@ -108,7 +108,7 @@ def _pack(plain: Octets, count: int, packed: Octets) -> int:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _unpack(packed: Octets, size: int, count: int, plain: Octets) -> bool:
-    """False where the bytes are not what `_pack` makes of so many ranges."""
+    """Decompress; return False if the bytes are not the output of `_pack` for `count` ranges."""
     before = last = held = np.int64(0)
     at, bits, mean = 0, 0, _BEGIN
     for place in range(count):

@@ -138,5 +138,5 @@ def test_a_study_that_a_campaign_has_written_is_a_study(unpacked: Path, tmp_path
     assert study.scenario == str(unpacked / "inputs" / "scenarios" / "corridor.toml")
     assert study.settings == STUDY.settings
     (tmp_path / "study.json").write_text("{}")
-    with pytest.raises(AcrcError, match="no study of a campaign: scenario is missing, but must be there"):
+    with pytest.raises(AcrcError, match="invalid study of a campaign: scenario is missing"):
         load_study(tmp_path / "study.json")

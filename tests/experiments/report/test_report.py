@@ -328,5 +328,5 @@ def test_a_folder_that_holds_nothing_is_named(tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match="contains no campaign and no result of a run"):
         read([tmp_path])
     (tmp_path / "run.json").write_text('{"digest": 3}')
-    with pytest.raises(AcrcError, match=r"not a valid run result: digest is 3, but must be a text"):
+    with pytest.raises(AcrcError, match=r"run\.json: invalid result of a run: digest is 3, but must be"):
         read([tmp_path])

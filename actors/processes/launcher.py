@@ -1,4 +1,4 @@
-"""Starts actor processes through a server that forks or executes them, and sees them end."""
+"""Start of actor processes by a server that forks or executes them, and notification of their exits."""
 
 import os
 import select
@@ -17,7 +17,6 @@ from typing import Any, Final, Protocol, Self
 import msgspec
 
 from actors.installation.repository import REPOSITORY
-from actors.processes.confined import Part, ProcessStart
 from actors.processes.forkserver import (
     ChildStarted,
     ProcessExited,
@@ -29,15 +28,16 @@ from actors.processes.forkserver import (
     StartRefused,
     WithdrawRouter,
 )
+from actors.processes.sandboxed_process import EntryPoint, ProcessStart
 from actors.runtime import process_table, regular_file, typed_json
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, Names
+from actors.runtime.isolation.sandbox import MESSAGE_LIMIT, SandboxPaths
 from actors.runtime.process_setup import SETUP, ActorSetup
-from actors.runtime.process_table import ProcessGlance, passed_on, python
+from actors.runtime.process_table import ProcessState, child_environment, python_command
 from actors.runtime.recording import read_notes
 
 _ANSWER_S: Final = 300.0
-"""Until the server starts a process; it may have to compile the kernels first. Own choice."""
+"""Timeout for the start of a process; the server may have to compile the kernels first. Own choice."""
 
 
 class LaunchError(AcrcError):
@@ -46,53 +46,53 @@ class LaunchError(AcrcError):
 
 @dataclass(frozen=True)
 class Program:
-    """What one would type: `python -m MODULE ARGV…`, with the output going to a log."""
+    """Command to run: `python -m MODULE ARGV…`, with its output redirected to a log."""
 
     actor: str
     module: str
     argv: tuple[str, ...]
     log: Path
     record: Path | None
-    """The MCAP file that it writes; None for an observer, without which a run goes on."""
-    names: Names | None = None
-    """Of a robot that is shut off: what is called otherwise in `argv`; None: nothing is."""
+    """MCAP file that it writes; None for an observer, whose failure does not end the run."""
+    names: SandboxPaths | None = None
+    """Paths of a sandboxed robot in `argv` that differ outside; None: no sandbox."""
     setup: ActorSetup[Any, Any] | None = None
-    """What its process reads, beside its log; None: it reads none."""
+    """Set-up file for the process, beside its log; None: no set-up."""
 
-    def in_our_words(self, told: str) -> str:
-        """What the program has said, its paths as they are called outside of its sandbox."""
+    def outside_text(self, told: str) -> str:
+        """Return the program's output with sandbox paths replaced by the paths outside."""
         return told if self.names is None else self.names.outside_paths(told)
 
 
 @dataclass
-class Child:
+class ChildProcess:
     """A started process."""
 
     program: Program
     pid: int
     exit_code: int | None = None
-    """None while it runs; negative: the signal that ended it."""
-    strays: int = 0
-    """Processes that it had started, that ran on when it ended, and that have been ended since."""
+    """None while it runs; negative: the signal that killed it."""
+    orphans: int = 0
+    """Number of its child processes that survived it and were killed."""
     cpu_s: float = 0.0
-    """Once it has ended: CPU time that the system charged for it, and for those that it has waited for."""
+    """After its exit: CPU time of the process and its waited-for children, s."""
 
     def note(self, end: ProcessExited) -> None:
-        """Take in that it has ended."""
-        self.exit_code, self.strays, self.cpu_s = end.code, end.strays, end.cpu_s
+        """Store its exit."""
+        self.exit_code, self.orphans, self.cpu_s = end.code, end.orphans, end.cpu_s
 
     @property
     def host(self) -> str:
-        """Name of the host that it runs on; empty: this computer."""
+        """Name of its host; empty: this computer."""
         return ""
 
     def notes(self) -> Mapping[str, str]:
-        """What it has noted of itself by now, by name. Raises RecordingError."""
+        """Return the notes in its recording so far, by name. Raises RecordingError."""
         assert self.program.record is not None
         return read_notes(self.program.record)
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal; one that has ended already is left alone."""
+        """Send a signal, unless the process has exited."""
         if self.exit_code is None:
             try:
                 os.kill(self.pid, number)
@@ -101,115 +101,115 @@ class Child:
 
 
 class Server(Protocol):
-    """The process that starts a launcher's children, a child of this one."""
+    """The process that starts a launcher's children; a child of this process."""
 
     @property
     def pid(self) -> int:
         """Its process id."""
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill it."""
 
     def wait(self) -> int:
-        """Wait for its end; the exit code, or less than 0: the signal that ended it."""
+        """Wait for its exit; return the exit code, or the negative signal that killed it."""
 
 
 def write_setup(program: Program) -> None:
-    """Write what the program reads. Raises LaunchError."""
+    """Write the program's set-up file. Raises LaunchError."""
     assert program.setup is not None
     file = program.log.parent / SETUP
     try:
-        regular_file.write(file, typed_json.dump(program.setup))
+        regular_file.write_atomically(file, typed_json.dump(program.setup))
     except OSError as error:
-        raise LaunchError(f"{program.actor} is not started; {file}: {error.strerror}") from error
+        raise LaunchError(f"{program.actor} cannot be started: {file}: {error.strerror}") from error
 
 
 class Launcher:
-    """Starts programs; a context manager that leaves nothing of its own behind.
+    """Starts programs; a context manager that leaves no processes or files behind.
 
     They are children of a small server (`actors.processes.forkserver`), which reaps them.
     """
 
     arriving: Final = False
-    """No output of an ended program is still on its way: all is written on this computer."""
+    """False: all output of exited programs is on this computer already."""
 
     def __init__(self, how: str, *, reap: bool = True) -> None:
-        """`how`: fork or exec. `reap`: end what children leave running; not on board, where a process of the
-        base's may outlive it."""
+        """`how`: fork or exec. `reap`: kill processes that children leave running; not on a robot, where a
+        process of the base may outlive it."""
         self._reap = reap
-        self._command = [*python(), "-m", "actors.processes.forkserver"]
+        self._command = [*python_command(), "-m", "actors.processes.forkserver"]
         self._how = how
-        self._children: dict[int, Child] = {}
+        self._children: dict[int, ChildProcess] = {}
         self._ended: dict[int, ProcessExited] = {}
-        """Ends of children whose start has not been answered yet."""
+        """Exits of children whose start has not been acknowledged yet."""
         self._lost = False
         self.ready = False
-        """True once the server has imported and compiled everything, so that a start takes no time."""
+        """True once the server has imported and compiled everything, so that starts take no time."""
 
     def __enter__(self) -> Self:
-        """Begin the server; only the first start waits until it is ready."""
+        """Start the server; only the first program waits until it is ready."""
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             whose = "reap" if self._reap else "spare"
-            self._server = begin([*self._command, str(theirs.fileno()), self._how, whose], theirs)
+            self._server = start_server([*self._command, str(theirs.fileno()), self._how, whose], theirs)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not self.ready:  # it is importing and compiling, for a run that will not be
+        if not self.ready:  # still importing and compiling, for a cancelled run
             self._server.kill()
         self._channel.close()
         self._server.wait()
-        if self._lost and self._reap:  # it has reaped nobody
-            process_table.end_sessions(self._children)
+        if self._lost and self._reap:  # it has not reaped its children
+            process_table.kill_sessions(self._children)
 
     def fileno(self) -> int:
-        """For `select`: readable when a child may have ended."""
+        """Return a descriptor for `select`: readable when a child may have exited."""
         return self._channel.fileno()
 
     def fault(self) -> str | None:
-        """Return why the run cannot go on because of a host; there is none here."""
+        """Return the fault of a host that ends the run; None: local launchers have no hosts."""
         return None
 
-    def table(self) -> Mapping[int, ProcessGlance]:
+    def table(self) -> Mapping[int, ProcessState]:
         """Return all processes that children may have started."""
-        return process_table.table()
+        return process_table.processes()
 
     def queued_s(self, pid: int) -> float | None:
-        """Return a process's waiting time for a processor, s; None where that is unknown."""
+        """Return how long a process waited for a processor, s; None if unknown."""
         return process_table.queued_s(pid)
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
-        """Let programs that are started later find the result of `share(*words)` of the module, if it forks.
+        """Let programs started later share the result of the module's `share(*words)`, if the server forks.
 
-        Files among the words are named as they lie in `folder`.
+        `words` name files relative to `folder`.
         """
         self._ask_about(folder, ShareData(module, tuple(words)))
 
     def withdraw(self, router: Path) -> None:
-        """Remove what a router file names at the end, even if all others have been killed by then."""
+        """Remove everything a router file names at the end, even if all other processes were killed."""
         self._ask_about(router.parent, WithdrawRouter(router.name))
 
-    def start(self, program: Program) -> Child:
-        """Start one program; its set-up replaces an earlier start's file. Raises LaunchError."""
+    def start(self, program: Program) -> ChildProcess:
+        """Start a program; its set-up replaces the file of an earlier start. Raises LaunchError."""
         if program.setup is not None:
             write_setup(program)
         self._ask(StartChild(program.names is not None))
-        self._ask(ProcessStart(Part(program.module, program.argv), str(program.log), program.names))
+        self._ask(ProcessStart(EntryPoint(program.module, program.argv), str(program.log), program.names))
         while not isinstance(reply := self._hear(), ChildStarted | StartRefused):
             pass
         if isinstance(reply, StartRefused):
-            raise LaunchError(f"{program.actor} is not started; {reply.reason}")
-        child = self._children[reply.pid] = Child(program, reply.pid)
+            raise LaunchError(f"{program.actor} cannot be started: {reply.reason}")
+        child = self._children[reply.pid] = ChildProcess(program, reply.pid)
         if end := self._ended.pop(child.pid, None):
             child.note(end)
         return child
 
     def wait(self, timeout_s: float) -> None:
-        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known.
+        """Wait until a child may have exited, at most `timeout_s`; then all exit codes are known.
 
-        Raises LaunchError once if the server has ended; its children end with it.
+        Raises LaunchError once if the server has exited; its children exit with it.
         """
         if self._lost:
             time.sleep(timeout_s)
@@ -220,7 +220,7 @@ class Launcher:
             timeout_s = 0.0
 
     def _ask_about(self, folder: Path, request: ShareData | WithdrawRouter) -> None:
-        """Send a request with the descriptor of a folder, whose name the server must not know."""
+        """Send a request with the descriptor of a folder, whose name must stay unknown to the server."""
         place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             self._ask(request, place)
@@ -234,10 +234,10 @@ class Launcher:
             raise self._loss() from None
 
     def _hear(self) -> Reply:
-        """Return the server's next message; note it if it is the end of a child."""
+        """Return the server's next message; store it if it is a child's exit."""
         if not select.select([self._channel], [], [], _ANSWER_S)[0]:
             self._server.kill()
-            raise LaunchError(f"the forkserver has not answered within {_ANSWER_S:g} s and was ended")
+            raise LaunchError(f"the forkserver did not respond within {_ANSWER_S:g} s and was killed")
         try:
             text = self._channel.recv(MESSAGE_LIMIT)
         except ConnectionResetError:
@@ -256,20 +256,20 @@ class Launcher:
     def _loss(self) -> LaunchError:
         self._lost = True
         code = self._server.wait()
-        how = f"was ended by signal {signal.Signals(-code).name}" if code < 0 else f"has ended with {code}"
-        return LaunchError(f"the forkserver {how}, and every process of the run with it")
+        how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with code {code}"
+        return LaunchError(f"the forkserver {how}, which ended all processes of the run")
 
     def _look(self) -> None:
-        """Find out, without the server, which children are gone; their exit codes are lost."""
+        """Mark exited children without the server; their exit codes are lost."""
         for child in self._children.values():
             if child.exit_code is None:
-                there = process_table.glance(child.pid)
+                there = process_table.process_state(child.pid)
                 if there is None or there.state == "Z":
                     child.exit_code = -signal.SIGTERM
 
 
-def begin(command: Sequence[str], channel: socket.socket) -> Server:
-    """Start a server that has this end of the socket, in a session of its own."""
+def start_server(command: Sequence[str], channel: socket.socket) -> Server:
+    """Start a server with this end of the socket, in a new session."""
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -277,12 +277,12 @@ def begin(command: Sequence[str], channel: socket.socket) -> Server:
         pass_fds=(channel.fileno(),),
         start_new_session=True,
         cwd=REPOSITORY,
-        env=passed_on(os.environ),
+        env=child_environment(os.environ),
     )
 
 
-def launcher(spawn: str, *, reap: bool = True) -> Launcher:
-    """Return a launcher for an option's `forkserver` or `exec`; for `reap` see Launcher."""
+def create_launcher(spawn: str, *, reap: bool = True) -> Launcher:
+    """Return a launcher for the option value `forkserver` or `exec`; see Launcher for `reap`."""
     return Launcher("fork" if spawn == "forkserver" else "exec", reap=reap)
 
 
@@ -291,15 +291,14 @@ _PROBE_BYTES: Final = 65536
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Make a folder that is removed at the end; its path without links.
+    """Yield the path, without links, of a temporary folder that is removed at the end.
 
-    Raises AcrcError, with the folder's place, where what fails inside fails because nothing can be written
-    there any more.
+    Raises AcrcError with the folder's path if the body fails because the disk is full.
     """
     try:
         made = tempfile.TemporaryDirectory(prefix="acrc-")
     except OSError as error:
-        raise _full(os.environ.get("TMPDIR", "/tmp"), reason(error)) from error
+        raise _write_error(os.environ.get("TMPDIR", "/tmp"), reason(error)) from error
     with made as name:
         folder = Path(name).resolve()
         try:
@@ -308,13 +307,13 @@ def scratch_folder() -> Iterator[Path]:
             why = write_fault(folder)
             if why is None:
                 raise
-            fault = _full(folder.parent, why)
+            fault = _write_error(folder.parent, why)
             refused = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
             raise (fault if refused else AcrcError(f"{error}; {fault}")) from error
 
 
 def write_fault(folder: Path) -> str | None:
-    """Why nothing can be written there, found out by trying; None if something can, or there is no folder."""
+    """Return why nothing can be written to a folder, by trying; None: writable, or no such folder."""
     if not folder.is_dir():
         return None
     probe = folder / f".probe-{os.getpid()}"
@@ -330,11 +329,9 @@ def write_fault(folder: Path) -> str | None:
 
 
 def reason(error: OSError) -> str:
-    """What the system says, to go on after a colon."""
+    """Return the system's error message in lower case, to follow a colon."""
     return (error.strerror or str(error)).lower()
 
 
-def _full(where: object, why: str) -> AcrcError:
-    return AcrcError(
-        f"{where}: temporary files cannot be written: {why}; make room there, or set TMPDIR to another folder"
-    )
+def _write_error(where: object, why: str) -> AcrcError:
+    return AcrcError(f"{where}: temporary files cannot be written: {why}; free space there, or set TMPDIR")

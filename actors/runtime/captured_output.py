@@ -1,6 +1,6 @@
-"""Printed and logged output of the code in an actor: by line, with simulated time and step, bounded.
+"""Output printed or logged by an actor's code: captured by line, with simulated time and step, limited.
 
-It has no part in messages, recordings and digests. What is written past Python's own streams, as by
+It is not part of messages, recordings or digests. Output that bypasses Python's streams, as by
 `os.write(1, …)`, is not captured.
 """
 
@@ -13,38 +13,38 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, TextIO, TypeVar
 
-MOST: Final = 4 * 1024 * 1024
-"""Characters that one process may print; own choice."""
-LONGEST: Final = 4096
-"""Characters of a line; a longer one continues in the next."""
+MAX_CHARACTERS: Final = 4 * 1024 * 1024
+"""Most characters printed per process; own choice."""
+MAX_LINE: Final = 4096
+"""Most characters per line; longer lines are split."""
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 
-class Prints:
-    """The output of one process of a robot."""
+class CapturedOutput:
+    """Captured output of one robot's process."""
 
     def __init__(
         self, step_us: int, write: Callable[[str], object], flush: Callable[[], object] = lambda: None
     ) -> None:
-        """`write` is given the text piece by piece; `flush` follows a step that printed."""
+        """`write` gets the text in pieces; `flush` is called after each step with output."""
         self._step_us, self._write, self._flush = step_us, write, flush
         self._step = 0
         self._column = 0
-        """Characters of the line so far; 0: the next one begins a line."""
+        """Characters in the current line; 0: at the start of a line."""
         self._kept = self._lost = self._lost_lines = 0
         self._dirty = False
 
     def during(self, step: int) -> AbstractContextManager[None]:
-        """Return a context: what this process prints within it belongs to this step of this actor."""
+        """Return a context in which output of this process belongs to this step of this actor."""
         self._step = step
-        return taken_by(self)
+        return captured_by(self)
 
-    def of(self, step: int, work: Callable[[T], R], given: T) -> R:
-        """Return `work(given)`; what it prints belongs to this step of this actor.
+    def call(self, step: int, work: Callable[[T], R], given: T) -> R:
+        """Return `work(given)`, capturing its output as output of this step.
 
-        The same as within `during`, in fewer calls where `taken_by` has replaced the streams already.
+        Equivalent to `during`, with fewer calls if `captured_by` has replaced the streams already.
         """
         if sys.stdout is not _OUT or sys.stderr is not _ERR:
             with self.during(step):
@@ -58,60 +58,58 @@ class Prints:
                 self.flush()
 
     def take(self, text: str) -> None:
-        """Keep printed text: any part of a line, or several."""
+        """Capture printed text: a part of a line, or several lines."""
         *lines, rest = text.split("\n")
         for piece in [*(f"{line}\n" for line in lines), rest]:
-            for start in range(0, len(piece), LONGEST):
-                self._take(piece[start : start + LONGEST])
+            for start in range(0, len(piece), MAX_LINE):
+                self._take(piece[start : start + MAX_LINE])
 
     def flush(self) -> None:
-        """Flush what was printed since the last flush, if anything was."""
+        """Flush output since the last flush, if there was any."""
         if self._dirty:
             self._dirty = False
             self._flush()
 
     def close(self) -> None:
-        """Report how much was not kept, if anything was not; the last call."""
+        """Report discarded output, if there was any; the last call."""
         if self._lost:
-            self._write(
-                f"{self._lost_lines} more lines, {self._lost} characters, were printed and not kept\n"
-            )
+            self._write(f"{self._lost_lines} more lines with {self._lost} characters were discarded\n")
             self._flush()
 
     def _stamp(self) -> str:
         return f"{self._step * self._step_us / 1e6:10.3f} s  step {self._step}  "
 
     def _take(self, piece: str) -> None:
-        if self._kept >= MOST:
+        if self._kept >= MAX_CHARACTERS:
             self._lost += len(piece)
             self._lost_lines += piece.endswith("\n")
             return
         self._dirty = True
-        if self._column + len(piece) > LONGEST:
+        if self._column + len(piece) > MAX_LINE:
             self._write("\n")
             self._column = 0
         self._write(piece if self._column else self._stamp() + piece)
         self._column = 0 if piece.endswith("\n") else self._column + len(piece)
         self._kept += len(piece)
-        if self._kept >= MOST:
+        if self._kept >= MAX_CHARACTERS:
             end = "\n" if self._column else ""
-            self._write(f"{end}{self._stamp()}too much: nothing more is kept\n")
+            self._write(f"{end}{self._stamp()}output limit reached; further output is discarded\n")
             self._column = 0
 
 
-def in_file(path: Path, step_us: int) -> Prints:
-    """Return Prints in a new file, which is made at the first write."""
+def output_to_file(path: Path, step_us: int) -> CapturedOutput:
+    """Return CapturedOutput in a file that is created at the first write."""
 
     @cache
     def file() -> TextIO:
         number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644)
         return io.TextIOWrapper(os.fdopen(number, "wb"), encoding="utf-8", errors="backslashreplace")
 
-    return Prints(step_us, lambda text: file().write(text), lambda: file().flush())
+    return CapturedOutput(step_us, lambda text: file().write(text), lambda: file().flush())
 
 
-def on(stream: TextIO, step_us: int) -> Prints:
-    """Return Prints on an open stream; what a full disk does not take is lost."""
+def output_to_stream(stream: TextIO, step_us: int) -> CapturedOutput:
+    """Return CapturedOutput on an open stream; output is lost if the disk is full."""
 
     def write(text: str) -> None:
         with suppress(OSError):
@@ -121,19 +119,19 @@ def on(stream: TextIO, step_us: int) -> Prints:
         with suppress(OSError):
             stream.flush()
 
-    return Prints(step_us, write, flush)
+    return CapturedOutput(step_us, write, flush)
 
 
-def nowhere() -> Prints:
-    """Return Prints that discard everything."""
-    return Prints(1, lambda text: None)
+def discarded_output() -> CapturedOutput:
+    """Return CapturedOutput that discards all output."""
+    return CapturedOutput(1, lambda text: None)
 
 
 class _Replacement(io.TextIOBase):
-    """Replaces standard output or error; logging keeps hold of it, whichever actor then prints."""
+    """Replacement of standard output or error, shared by all actors: logging keeps a reference to it."""
 
     behind: Any = None
-    """The replaced stream. Bytes are written to it directly."""
+    """The replaced stream; receives bytes directly."""
 
     @property
     def buffer(self) -> Any:
@@ -154,14 +152,14 @@ class _Replacement(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream behind, unless an actor prints; when Python exits, both may be gone already."""
+        """Flush the replaced stream, unless an actor prints; at interpreter exit, both may be gone."""
         if _turn and _turn.prints is None and self.behind is not None and not self.behind.closed:
             self.behind.flush()
 
 
 class _Turn:
-    prints: Prints | None = None
-    """The actor that prints now; None: no actor, so text goes to the replaced streams."""
+    prints: CapturedOutput | None = None
+    """Output of the current actor; None: no actor, text goes to the replaced streams."""
 
 
 _turn: Final = _Turn()
@@ -169,8 +167,8 @@ _OUT, _ERR = _Replacement(), _Replacement()
 
 
 @contextmanager
-def taken_by(prints: Prints | None) -> Iterator[None]:
-    """Give what is printed within the context to `prints`; None: to the replaced streams."""
+def captured_by(prints: CapturedOutput | None) -> Iterator[None]:
+    """Capture output within the context in `prints`; None: pass it to the replaced streams."""
     before = sys.stdout, sys.stderr, _turn.prints
     for stands, replacement in ((sys.stdout, _OUT), (sys.stderr, _ERR)):
         if stands is not replacement:

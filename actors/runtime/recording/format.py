@@ -1,19 +1,18 @@
-"""The form of a recording, for those who write and those who read it.
+"""File format of recordings.
 
 Channel metadata `direction` is `in` or `out`; `sequence` counts the messages of one key and direction;
-a channel whose messages are there in full has a schema that names their fields (`description`);
-`log_time` is the instant of the message's step, ns. A channel with message encoding `sha256` holds the step
-as eight little-endian bytes and then the sha256 of the encoded message, which was too large to be kept twice
-and which its receiver recorded in full; there it is packed, which the encodings `acrc-msgpack-scan` and
-`acrc-msgpack-deflate` say (`packing`). Files from before that have none of these, and are read alike.
-Messages of topics that are only recorded (`Topic.is_recorded_only`) have nobody to receive them: their sender
-records them in full, packed as `acrc-msgpack-deflate-computed`.
-Metadata records: `run` first, then `final` or `failure` as the last one before the end of data; each has its
-text as `json` and the text's CRC-32 as `crc32`.
+`log_time` is the instant of the message's step, ns. A channel with complete messages has a schema that names
+their fields (`description`). A channel with message encoding `sha256` has, per message, the step as eight
+little-endian bytes and the SHA-256 of the encoded message: large messages are recorded completely by their
+receiver only, packed with encoding `acrc-msgpack-scan` or `acrc-msgpack-deflate` (`packing`). Older files
+without packing remain readable. Messages of recorded-only topics (`Topic.is_recorded_only`) have no receiver:
+their sender records them completely, packed as `acrc-msgpack-deflate-computed`. Metadata records: `run`
+first, and `final` or `failure` as the last one before the end of data, each with its text as `json` and the
+text's CRC-32 as `crc32`.
 
-The channel `seal` has the checksums: each of its messages holds the CRC-32 of the whole file before it and of
-its own head, and the step of the last message before it (-1: there is none). What no seal vouches for does
-not count.
+The channel `seal` has the checksums: each of its messages has the CRC-32 of the whole file before it and of
+its own head, and the step of the last message before it (-1: none). Data after the last valid seal is
+ignored.
 """
 
 import struct
@@ -28,31 +27,31 @@ if TYPE_CHECKING:
     from actors.runtime.recording.scans import ScanBuffers
 
 LARGE: Final = 256
-"""A sender keeps its messages up to so many bytes in full."""
+"""Largest message that its sender records completely, bytes."""
 LARGEST_RECORD: Final = 16 * 1024 * 1024
-"""Bytes; the world's last note on 1000 robots with 10 places each has less than 4 MB."""
+"""Most bytes of a record; the world's last note on 1000 robots with 10 places each has less than 4 MB."""
 UNSEALED: Final = 1024 * 1024
-"""After so many bytes there is a seal, also within a step."""
+"""Most bytes between seals, also within a step."""
 MOST_CHANNELS: Final = 20_000
-"""Three times what a world of 1000 robots has."""
+"""Three times the channels of a world with 1000 robots."""
 MOST_NOTES: Final = 100
 HEAD: Final = struct.Struct("<BQ")
-"""Of every record: opcode, and the length of what follows."""
+"""Head of every record: opcode, length of the rest."""
 FIELDS: Final = struct.Struct("<HIQQ")
-"""Of a message before its data: channel, sequence, log time, publish time."""
+"""Fields of a message before its data: channel, sequence, log time, publish time."""
 MESSAGE_HEAD: Final = struct.Struct(f"<{HEAD.format[1:]}{FIELDS.format[1:]}")
-"""Both together: all of a message record before its data."""
+"""Head and fields: a message record before its data."""
 SEAL: Final = struct.Struct("<Iq")
-"""CRC-32 of the file up to it and of the seal's own head, fields and step (SEALED); and that step."""
+"""CRC-32 of the file up to the seal, and of the seal's head, fields and step (SEALED); the step."""
 SEALED: Final = struct.Struct(f"{MESSAGE_HEAD.format}q")
-"""Of a seal, what its checksum covers: head and fields of its record, and the step."""
+"""Part of a seal that its checksum covers: head and fields of its record, and the step."""
 MESSAGES: Final = "acrc-msgpack"
 SCANNED: Final = "acrc-msgpack-scan"
-"""The same with its longest run of bytes, a scan, packed."""
+"""A message whose longest run of bytes, a scan, is packed."""
 DEFLATED: Final = "acrc-msgpack-deflate"
-"""The same as a part of the file's one stream of deflate."""
+"""A message as part of the file's deflate stream."""
 COMPUTED: Final = "acrc-msgpack-deflate-computed"
-"""The same as a part of a second stream of deflate: of the messages that are only recorded."""
+"""A message as part of a second deflate stream, for recorded-only messages."""
 HASHED: Final = "sha256"
 SEALS: Final = "acrc-seal"
 
@@ -64,11 +63,11 @@ class RecordingError(AcrcError):
 
 
 class UnwritableError(RecordingError):
-    """A recording of which the disk takes no more."""
+    """A recording on a disk that accepts no more data."""
 
 
 class Entry(NamedTuple):
-    """One recorded message; `payload` is None where only its hash was kept."""
+    """One recorded message; `payload` is None if only its hash was recorded."""
 
     direction: Direction
     key: str
@@ -85,35 +84,36 @@ class Note(NamedTuple):
     json: str
 
 
-WORTH: Final = 128
-"""A shorter message stays as it is, in bytes: a packed one costs some µs."""
+MIN_PACKED_SIZE: Final = 128
+"""Smallest message that is packed, bytes: packing takes some µs."""
 _SPEED: Final = 1
-"""The least that deflate may do: more takes twice the time, and saves a tenth."""
+"""Lowest deflate level: higher ones double the time and save a tenth."""
 _WINDOW: Final = 13
-"""Packets come again within some seconds: so many bits of a place in what was there before, 8 KiB, reach."""
+"""Window of 8 KiB, as a power of two: packets repeat within seconds."""
 _MEMORY: Final = 5
-"""Of 1 to 9. With zlib's own choices, 15 and 8, a message takes half as long again: caches are cold."""
+"""1 to 9. zlib's defaults for window and memory, 15 and 8, make a message take half as long again: cold
+caches."""
 _FLUSHED: Final = b"\x00\x00\xff\xff"
-"""What each part of a flushed stream ends with; it is left out."""
+"""End of each part of a flushed stream; omitted from the file."""
 _RUN: Final = 0xC5
-"""msgpack's `bin 16`: two bytes with the length follow, most significant first, and then so many bytes."""
+"""msgpack's `bin 16`: followed by the length in two bytes, big-endian, and the data."""
 _PLACE: Final = struct.Struct(">H")
 _FARTHEST: Final = 0xFFFF
 _HEAD: Final = struct.Struct(">BHH")
-"""Of a packed run: `bin 16`, how many bytes follow, and how many numbers it has."""
+"""Head of a packed run: `bin 16`, number of bytes that follow, number of ranges."""
 
 
 class _WithScans:
     @cached_property
     def _scans(self) -> "ScanBuffers":
-        # numba takes half a second to import, which who reads no scan need not wait for
+        # importing numba takes half a second: only for readers of scans
         from actors.runtime.recording.scans import ScanBuffers  # noqa: PLC0415
 
         return ScanBuffers()
 
 
-class Packer(_WithScans):
-    """Packs the messages of one file, in their order."""
+class MessagePacker(_WithScans):
+    """Packs the messages of one file, in order."""
 
     @cached_property
     def _received(self) -> "zlib._Compress":
@@ -124,9 +124,9 @@ class Packer(_WithScans):
         return zlib.compressobj(_SPEED, zlib.DEFLATED, -zlib.MAX_WBITS, _MEMORY)
 
     def packed(self, payload: bytes) -> tuple[str, bytes]:
-        """How the message stands in the file, and its bytes there."""
+        """Return encoding and bytes of a received message."""
         size = len(payload)
-        if not WORTH <= size <= LARGEST_RECORD:
+        if not MIN_PACKED_SIZE <= size <= LARGEST_RECORD:
             return MESSAGES, payload
         found = _run(payload, size)
         if found is not None and (data := self._with_scan(payload, *found)) is not None:
@@ -134,8 +134,8 @@ class Packer(_WithScans):
         return DEFLATED, _deflated(self._received, payload)
 
     def computed(self, payload: bytes) -> tuple[str, bytes]:
-        """The same for a message that is only recorded."""
-        if not WORTH <= len(payload) <= LARGEST_RECORD:
+        """Return encoding and bytes of a recorded-only message."""
+        if not MIN_PACKED_SIZE <= len(payload) <= LARGEST_RECORD:
             return MESSAGES, payload
         return COMPUTED, _deflated(self._computed, payload)
 
@@ -149,7 +149,7 @@ class Packer(_WithScans):
 
 
 class MessageUnpacker(_WithScans):
-    """Gives the messages of one file back, in their order. ValueError or zlib.error for what is none."""
+    """Unpacks the messages of one file, in order. Raises ValueError or zlib.error for invalid data."""
 
     def __init__(self) -> None:
         received, computed = (zlib.decompressobj(-zlib.MAX_WBITS) for _ in range(2))
@@ -161,10 +161,10 @@ class MessageUnpacker(_WithScans):
         }
 
     def unpacked(self, encoding: str, data: bytes) -> bytes:
-        """The message; never more than LARGEST_RECORD bytes, whatever `data` claims."""
+        """Return the message; at most LARGEST_RECORD bytes, whatever `data` claims."""
         way = self._ways.get(encoding)
         if way is None:
-            raise ValueError(f"a message is encoded as {encoding!r:.80}, which this version does not read")
+            raise ValueError(f"message encoding {encoding!r:.80} is not supported by this version")
         return way(data)
 
     def _without_scan(self, data: bytes) -> bytes:
@@ -173,7 +173,7 @@ class MessageUnpacker(_WithScans):
         kind, length, count = _HEAD.unpack_from(data, at)
         begin, end = at + _HEAD.size, at + 3 + length
         if kind != _RUN or not begin <= end <= len(data):
-            raise ValueError(f"a message says that its scan begins at byte {place}, where none does")
+            raise ValueError(f"a message has no packed scan at byte {place}")
         run = self._scans.unpacked(data[begin:end], count)
         return b"".join((data[_PLACE.size : at], b"\xc5", _PLACE.pack(2 * count), run, data[end:]))
 
@@ -185,14 +185,15 @@ def _deflated(stream: "zlib._Compress", payload: bytes) -> bytes:
 def _inflated(stream: "zlib._Decompress", data: bytes) -> bytes:
     payload = stream.decompress(data + _FLUSHED, LARGEST_RECORD)
     if stream.unconsumed_tail or stream.eof:
-        raise ValueError(f"a message deflated to {len(data)} bytes has no end where it should have one")
+        raise ValueError(f"a message deflated to {len(data)} bytes is incomplete")
     return payload
 
 
 def _run(payload: bytes, whole: int) -> tuple[int, int] | None:
-    """Where the run of bytes begins that is more than half of the message, and its length, if there is one.
+    """Return start and length of the run of bytes that makes up more than half of a message; None: no such
+    run.
 
-    Whatever only looks like one does no harm: it comes back as it was.
+    A false match is harmless: unpacking restores the same bytes.
     """
     at = payload.find(_RUN)
     while 0 <= at <= _FARTHEST and at + 3 <= whole:
