@@ -114,14 +114,14 @@ def classify(
     """Determine the cause of each step of each robot."""
     states = RobotStates(run, floor.stages(), parameters)
     own = _own(states, in_wall(run, floor.grid))
-    stuck = (states.waits | states.loops | states.planless) & (own == _NONE)
+    stuck = (states.waits | states.moves_to_and_fro | states.planless) & (own == _NONE)
     before = robot_states.ahead(states, stuck, floor.passages, parameters)
     barred = _barred(states, stuck, before, parameters)
     alone = stuck & states.waits & (before == NO_ROBOT) & (barred == _NONE)
     near = robot_states.beside(states, alone, floor.passages, parameters)
     before = np.where(alone, near, before)
     causes, found = _followed(states, own, before, barred, _doors(run, before, floor.passages, parameters))
-    stood = ((states.waits & (before != NO_ROBOT)) | states.long_waits) & ~states.paused
+    stood = ((states.waits & (before != NO_ROBOT)) | states.stands_long) & ~states.paused
     return CauseTable(causes, before, found.root, found.ring, stood, found.at_door)
 
 
@@ -131,7 +131,7 @@ def _own(states: RobotStates, walled: Flags) -> Causes:
     for cause, where in (
         (Cause.NO_PLAN, walled & states.wants),
         (Cause.ON_PURPOSE, states.paused),
-        (Cause.STRATEGY_IDLE, states.asleep),
+        (Cause.STRATEGY_IDLE, states.strategy_idle),
         (Cause.LOST, states.lost),
         (Cause.IDLE, states.done),
         (Cause.OFF, ~states.on),
@@ -209,12 +209,12 @@ def _followed(
     causes[rows, robots] = _BEHIND[at_root]
     gets_on = causes == CAUSES.index(Cause.OPEN_FLOOR)
     causes[gets_on & found.at_door] = CAUSES.index(Cause.DOOR)
-    causes[gets_on & states.loops] = CAUSES.index(Cause.LIVELOCK)
+    causes[gets_on & states.moves_to_and_fro] = CAUSES.index(Cause.LIVELOCK)
     waits = before != NO_ROBOT
     vague = waits & is_barred & np.isin(causes, [CAUSES.index(cause) for cause in _VAGUE])
     causes[vague] = barred[vague]
     in_ring = waits & (found.root == NO_ROBOT)
-    moving = waiting_for(found.ring & states.roams, np.where(in_ring, before, NO_ROBOT))
+    moving = waiting_for(found.ring & states.drives_to_and_fro, np.where(in_ring, before, NO_ROBOT))
     causes[in_ring] = CAUSES.index(Cause.DEADLOCK)
     causes[in_ring & moving] = CAUSES.index(Cause.LIVELOCK)
     return causes, found
@@ -242,8 +242,8 @@ _VAGUE: Final = (Cause.DOOR, Cause.OPEN_FLOOR, Cause.NO_PROGRESS, Cause.NO_PLAN,
 def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
     """Return the causes as if each robot were alone."""
     causes = np.full(own.shape, CAUSES.index(Cause.DRIVING), np.uint8)
-    causes[states.long_waits] = CAUSES.index(Cause.NO_PROGRESS)
-    causes[states.loops] = CAUSES.index(Cause.LIVELOCK)
+    causes[states.stands_long] = CAUSES.index(Cause.NO_PROGRESS)
+    causes[states.moves_to_and_fro] = CAUSES.index(Cause.LIVELOCK)
     causes[states.planless] = CAUSES.index(Cause.NO_PLAN)
     causes = np.where(barred != _NONE, barred, causes)
     return np.where(own != _NONE, own, causes)
@@ -252,7 +252,7 @@ def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
 def _stays(states: RobotStates, own: Causes) -> Flags:
     """Return where a robot will not move out of the way soon, (steps, robots)."""
     ended = np.isin(own, [CAUSES.index(cause) for cause in (Cause.OFF, Cause.FROZEN)])
-    stays: Flags = states.still | states.loops | ended
+    stays: Flags = states.still | states.moves_to_and_fro | ended
     return stays
 
 

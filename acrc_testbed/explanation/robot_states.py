@@ -52,9 +52,9 @@ class RobotStates:
         """It has a goal that is not reached, and places left."""
         self.waits = self.still & self.wants
         """It stands although it has a goal."""
-        self.long_waits = self._standing(self.wants, p.turn_s)
+        self.stands_long = self._standing(self.wants, p.turn_s)
         self.done = self.still & ~run.busy
-        self.asleep = _columns(
+        self.strategy_idle = _columns(
             _longer(self.still[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s))
             for index in range(len(self._reports))
         )
@@ -66,9 +66,9 @@ class RobotStates:
         self._turns = _turns(run)
         turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
         idle = [self._without_progress(index) for index in range(len(self._reports))]
-        self.roams = self._moving(idle, ~self.still)
+        self.drives_to_and_fro = self._moving(idle, ~self.still)
         """It drives to and fro without progress."""
-        self.loops = self.roams | self._moving(idle, ~self.still | turning)
+        self.moves_to_and_fro = self.drives_to_and_fro | self._moving(idle, ~self.still | turning)
         """It drives or turns to and fro without progress."""
 
     def goal_of(self, robot: int, number: int) -> tuple[float, float] | None:
@@ -284,7 +284,7 @@ def _first(
     there = states.run.true[rows, :, :2]
     gaps = np.hypot(*(there[:, :, None] - path).transpose(3, 0, 1, 2))
     along = gaps.argmin(axis=2)
-    limit = np.where(states.long_waits[rows, robot], p.seen, p.near)
+    limit = np.where(states.stands_long[rows, robot], p.seen, p.near)
     limit[states.planless[rows, robot]] = p.sensed
     aside = gaps.min(axis=2)
     inside = (aside < p.in_way) & (along * _APART >= np.maximum(aside, _APART))

@@ -89,10 +89,10 @@ def draw_run(axes: Axes, run: RunData, doing: Sequence[CauseInterval]) -> DrawnR
         kinds.add(_place(axes, place, run, few=few))
     labels += marks.draw(axes, put)
     kinds |= {one.object.kind for one in put}
-    for spell in doing:
-        if spell.cause in _STOPPED:
-            kinds.add(spell.cause.value)
-            _stopped(axes, spell, run)
+    for interval in doing:
+        if interval.cause in _STOPPED:
+            kinds.add(interval.cause.value)
+            _stopped(axes, interval, run)
     stood = blocked_positions(doing)
     labels += [_draw_blocked(axes, *one) for one in stood]
     kinds |= {"stood"} if stood else set()
@@ -125,10 +125,10 @@ def _name(run: RunData, index: int, robot: str, *, few: bool) -> PointLabel:
     return PointLabel(robot, x, y, style.colour(index), 5.0 if few else 2.5, 8.5 if few else 5.5, bold=True)
 
 
-def _stopped(axes: Axes, spell: CauseInterval, run: RunData) -> None:
+def _stopped(axes: Axes, interval: CauseInterval, run: RunData) -> None:
     """Mark the position of a robot that was off or frozen."""
-    colour = style.colour(run.robots.index(spell.robot))
-    marks.plot(axes, spell.cause.value, spell.x, spell.y, colour, size=9.0, zorder=7)
+    colour = style.colour(run.robots.index(interval.robot))
+    marks.plot(axes, interval.cause.value, interval.x, interval.y, colour, size=9.0, zorder=7)
 
 
 def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:

@@ -74,8 +74,8 @@ def _deeds(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:
             robot,
             *(f"{lasted[robot, kind]:.1f}" for kind in kinds),
             *(
-                str(sum(deed.robot == robot for deed in deeds))
-                for deeds in (run.reported, run.taken_over, run.given_up)
+                str(sum(event.robot == robot for event in events))
+                for events in (run.reported, run.taken_over, run.given_up)
             ),
         ]
         for robot in run.robots

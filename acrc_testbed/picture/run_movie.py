@@ -184,11 +184,11 @@ class _Scene:
         """Update the artists for a step; steps must not decrease."""
         run, now = self._run, float(self._run.seconds[step])
         while self._next < len(run.reported) and run.reported[self._next].second <= now:
-            deed = run.reported[self._next]
+            event = run.reported[self._next]
             self._next += 1
-            self._done.add(deed.place)
-            if deed.place in self._places and deed.robot in run.robots:
-                self._places[deed.place].set_markerfacecolor(style.colour(run.robots.index(deed.robot)))
+            self._done.add(event.place)
+            if event.place in self._places and event.robot in run.robots:
+                self._places[event.place].set_markerfacecolor(style.colour(run.robots.index(event.robot)))
         while self._lost < len(run.given_up) and run.given_up[self._lost].second <= now:
             place = self._places.get(run.given_up[self._lost].place)
             if place is not None:

@@ -19,7 +19,7 @@ from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.picture.floor_picture import DrawnRun
 from acrc_testbed.run_model.data import PlaceEvent, RunData, ordered_changes
 from actors.observer import glyphs
-from actors.observer.glyphs import MARKS, PUT, SEEN_STATES, WHITE, StateGlyph, contrast, hexadecimal
+from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, PUT, WHITE, StateGlyph, contrast, hexadecimal
 
 _HALF: Final = 0.38
 """Half the height of a lane; lanes are one unit apart."""
@@ -36,11 +36,11 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, lege
     rows = {robot: row for row, robot in enumerate(lane_order(run, doing))}
     for one in doing:
         extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
-        axes.broken_barh(*extent, **look_of(SEEN_STATES[one.cause.value]))
-    for deed in run.reported:
-        _mark(axes, run, deed, rows, "cleaned", 0.0, 9.0 if few else 3.0)
-    for deed in run.taken_over:
-        _mark(axes, run, deed, rows, "took over", -_HALF, 5.0 if few else 2.0)
+        axes.broken_barh(*extent, **look_of(CAUSE_GLYPHS[one.cause.value]))
+    for event in run.reported:
+        _mark(axes, run, event, rows, "cleaned", 0.0, 9.0 if few else 3.0)
+    for event in run.taken_over:
+        _mark(axes, run, event, rows, "took over", -_HALF, 5.0 if few else 2.0)
     for change in ordered_changes(run):
         axes.axvline(change.second, color=hexadecimal(PUT), ls="--", lw=0.8, zorder=3)
     axes.set_yticks(range(len(rows)), list(rows), fontsize=8.5 if few else 6.0)
@@ -69,14 +69,14 @@ def lane_order(run: RunData, doing: Sequence[CauseInterval]) -> list[str]:
 def lane_legend(runs: Sequence[RunData], doing: Sequence[CauseInterval]) -> list[Artist]:
     """Return legend entries for the colours and marks used."""
     seen = {one.cause.value for one in doing}
-    states = [(word, glyph) for word, glyph in SEEN_STATES.items() if word in seen]
+    states = [(word, glyph) for word, glyph in CAUSE_GLYPHS.items() if word in seen]
     kinds: list[Artist] = [Patch(label=word, **look_of(glyph)) for word, glyph in states]
     used = [
         name
-        for name, deeds in (
+        for name, events in (
             ("cleaned", [run.reported for run in runs]), ("took over", [run.taken_over for run in runs]),
         )
-        if any(deeds)
+        if any(events)
     ]  # fmt: skip
     kinds += [marks.sample(name) for name in used]
     if any(ordered_changes(run) for run in runs):
@@ -93,11 +93,11 @@ def look_of(glyph: StateGlyph) -> dict[str, Any]:
 
 
 def _mark(
-    axes: Axes, run: RunData, deed: PlaceEvent, rows: dict[str, int], name: str, shift: float, size: float
+    axes: Axes, run: RunData, event: PlaceEvent, rows: dict[str, int], name: str, shift: float, size: float
 ) -> None:
-    if deed.robot in rows:
-        owner = run.robots.index(deed.place.owner) if deed.place.owner in run.robots else 0
-        marks.plot(axes, name, deed.second, rows[deed.robot] + shift, style.colour(owner), size=size)
+    if event.robot in rows:
+        owner = run.robots.index(event.place.owner) if event.place.owner in run.robots else 0
+        marks.plot(axes, name, event.second, rows[event.robot] + shift, style.colour(owner), size=size)
         if MARKS[name].shape == "tick":  # the robot's colour may equal the lane's
             axes.lines[-1].set_path_effects(style.HALO)
 
@@ -139,9 +139,10 @@ def write(run: RunData, path: Path) -> None:
 
 def draw_progress(axes: Axes, run: RunData) -> None:
     """Draw places cleaned per robot; for many robots, their mean and percentiles."""
-    first = {deed.place: deed for deed in reversed(run.reported)}
+    first = {event.place: event for event in reversed(run.reported)}
     by_robot = {
-        robot: sorted(deed.second for deed in first.values() if deed.robot == robot) for robot in run.robots
+        robot: sorted(event.second for event in first.values() if event.robot == robot)
+        for robot in run.robots
     }
     if glyphs.has_few(run.robots):
         for index, (robot, done) in enumerate(by_robot.items()):

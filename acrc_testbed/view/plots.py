@@ -27,13 +27,13 @@ class RunEventTexts:
 
     def of(self, run: RunData) -> Iterator[DrawnEvent]:
         """Yield the events of a run, or of its next part."""
-        for deed in first_reports(run.reported, self._known):
-            own = "" if deed.place.owner == deed.robot else f", adopted from {deed.place.owner}"
-            yield DrawnEvent(deed.second, deed.robot, f"cleaned {name(deed.place)}{own}")
-        for deed in run.given_up:
-            yield DrawnEvent(deed.second, deed.robot, f"gives up {name(deed.place)}", "ERROR")
-        for deed in run.taken_over:
-            yield DrawnEvent(deed.second, deed.robot, f"adopts {name(deed.place)}", "WARN")
+        for event in first_reports(run.reported, self._known):
+            own = "" if event.place.owner == event.robot else f", adopted from {event.place.owner}"
+            yield DrawnEvent(event.second, event.robot, f"cleaned {name(event.place)}{own}")
+        for event in run.given_up:
+            yield DrawnEvent(event.second, event.robot, f"gives up {name(event.place)}", "ERROR")
+        for event in run.taken_over:
+            yield DrawnEvent(event.second, event.robot, f"adopts {name(event.place)}", "WARN")
         for robot, track in run.trajectories.items():
             for second, state in track.states:
                 if state or robot in self._begun:
@@ -79,18 +79,18 @@ class Plots:
         self._many = not canvas.has_few
         shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
         for name, colour in shown.items():
-            panels.introduce_line(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
+            panels.set_line_style(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
         for robot in canvas.robots:
             for name in ("speed", "error") if true else ("speed",):
-                panels.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
+                panels.set_line_style(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
 
     def extend(self, run: RunData) -> None:
         """Draw a run or its next part."""
-        first = sorted(first_reports(run.reported, self._known), key=lambda deed: deed.second)
-        ends = [run.since, *(deed.second for deed in first), max([run.end, *(d.second for d in first)])]
+        first = sorted(first_reports(run.reported, self._known), key=lambda event: event.second)
+        ends = [run.since, *(event.second for event in first), max([run.end, *(d.second for d in first)])]
         rows = [list(self._done.values())]
-        for deed in first:
-            self._done[deed.robot] += 1
+        for event in first:
+            self._done[event.robot] += 1
             rows.append(list(self._done.values()))
         counts = np.array([*rows, rows[-1]], np.float64)
         lines = _spread(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
@@ -133,7 +133,7 @@ class Plots:
             path = f"plots/rssi/{sender}_at_{receiver}"
             if pair not in self._pairs:
                 self._pairs.add(pair)
-                panels.introduce_line(
+                panels.set_line_style(
                     canvas, path, f"{sender} at {receiver}", canvas.colour(sender), dots=True
                 )
             panels.draw_line(canvas, path, mine[:, 0], mine[:, 3])
@@ -160,7 +160,7 @@ class Plots:
         path = f"plots/copies/{name.replace(' ', '_')}"
         if outcome not in self._counted:
             self._counted.add(outcome)
-            panels.introduce_line(self._canvas, path, name, OUTCOME_COLOURS[name])
+            panels.set_line_style(self._canvas, path, name, OUTCOME_COLOURS[name])
             earlier = [(bin_ + 0.5) * _BIN_S for bin_ in range(self._bins)]
             panels.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
         panels.draw_line(self._canvas, path, middles, counts)
@@ -201,33 +201,37 @@ class RobotLane:
         self._last: LaneActivity | None = None
         self._deadlocks: Sequence[tuple[float, float]] = ()
 
-    def deadlocks(self, spells: Sequence[tuple[float, float]]) -> None:
+    def set_deadlocks(self, intervals: Sequence[tuple[float, float]]) -> None:
         """Set the intervals of deadlocks, s."""
-        self._deadlocks = spells
+        self._deadlocks = intervals
 
     def end(self, second: float) -> None:
         """End the lane at an instant, s."""
         self._lane.end(second)
 
-    def act(self, acts: Sequence[tuple[float, str]]) -> None:
+    def draw_states(self, states: Sequence[tuple[float, str]]) -> None:
         """Draw changes of state: time, s, and "" (active), frozen or off."""
-        self._lane.draw([LaneActivity(second, state) for second, state in acts if state])
-        self._back += [second for second, state in acts if not state]
+        self._lane.draw([LaneActivity(second, state) for second, state in states if state])
+        self._back += [second for second, state in states if not state]
 
-    def do(self, spells: Sequence[LaneActivity], until: float) -> None:
+    def draw_activities(self, activities: Sequence[LaneActivity], until: float) -> None:
         """Draw the robot's own activities until an instant, s."""
-        known = [*([] if self._last is None else [self._last]), *spells]
+        known = [*([] if self._last is None else [self._last]), *activities]
         back = []
         for second in [one for one in self._back if one <= until]:
             self._back.remove(second)
-            before = [spell for spell in known if spell.second <= second]
+            before = [one for one in known if one.second <= second]
             back += [before[-1]._replace(second=second)] if before else []
         self._last = known[-1] if known else None
-        if spells or back:
-            self._lane.draw(panels.without_short(over(sorted((*spells, *back)), self._deadlocks)))
+        if activities or back:
+            self._lane.draw(
+                panels.without_short(with_deadlocks(sorted((*activities, *back)), self._deadlocks))
+            )
 
 
-def over(own: Sequence[LaneActivity], deadlocks: Sequence[tuple[float, float]]) -> list[LaneActivity]:
+def with_deadlocks(
+    own: Sequence[LaneActivity], deadlocks: Sequence[tuple[float, float]]
+) -> list[LaneActivity]:
     """Return the robot's activities in order, overridden by deadlocks."""
     for begin, end in deadlocks:
         before = [one for one in own if one.second <= begin]

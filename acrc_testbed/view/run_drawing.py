@@ -86,7 +86,7 @@ class ProcessDrawing:
         self._met: dict[str, tuple[float, float]] = {}
         """By peer: next time of the plot of its age, and last reception, s."""
         if is_detailed:
-            panels.introduce_inside(canvas, robot)
+            panels.set_perception_style(canvas, robot)
 
     def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[KnowledgeExchange]:
         """Draw the next part, and yield exchanges with others. `end`: end of the run, if nothing follows."""
@@ -96,8 +96,8 @@ class ProcessDrawing:
             _draw_perception(canvas, robot, inside)
             panels.draw_decisions(canvas, robot, [_causes(*one) for one in inside.decisions()])
             self._ages(inside, until)
-        doings = [LaneActivity(one.second, one.activity, one.destination) for one in inside.activities]
-        self._lane.do(doings, until)
+        activities = [LaneActivity(one.second, one.activity, one.destination) for one in inside.activities]
+        self._lane.draw_activities(activities, until)
         panels.draw_knowledge(canvas, robot, list(inside.knowledge))
         if self._has_goals:
             self._intents(inside.activities, inside.end)
@@ -121,7 +121,7 @@ class ProcessDrawing:
         if not len(seconds):
             return
         there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
-        floor_drawing.draw_intents(self._canvas, self._robot, seconds, self._path.at(seconds), there)
+        floor_drawing.draw_goals(self._canvas, self._robot, seconds, self._path.at(seconds), there)
 
     def _ages(self, inside: RobotInternals, until: float) -> None:
         """Draw the ages of replicas."""
@@ -132,7 +132,7 @@ class ProcessDrawing:
             heard = np.array([np.nan if one.heard is None else one.heard for one in mine], np.float64)
             path = f"plots/ages/{peer}_at_{robot}"
             if peer not in self._met:
-                panels.introduce_line(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
+                panels.set_line_style(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
                 self._met[peer] = float(begins[0]), np.nan
             due, last = self._met[peer]
             begins, heard = np.concatenate(([-np.inf], begins)), np.concatenate(([last], heard))
@@ -202,10 +202,10 @@ class RunDrawing:
         floor_drawing.draw_floor(canvas, run.grid, door_cells(run.grid, run.description.radius))
         floor_drawing.draw_marks(canvas)
         floor_drawing.draw_lines(canvas, "copies", OUTCOME_COLOURS)
-        robots.introduce_radio(canvas)
+        robots.set_radio_style(canvas)
         for robot in run.robots:
-            robots.introduce(canvas, robot)
-            floor_drawing.introduce_intent(canvas, robot)
+            robots.draw_body(canvas, robot)
+            floor_drawing.set_goal_style(canvas, robot)
 
     def recorded(self, run: RunData) -> None:
         """Draw robots, trails, places, links, plots and events."""
@@ -218,7 +218,7 @@ class RunDrawing:
             robots.draw_trail(canvas, robot, seconds, poses[:, :2], self._trails[robot])
             for second, state in track.states:
                 robots.draw_name(canvas, robot, second, state)
-            self._lanes[robot].act(track.states)
+            self._lanes[robot].draw_states(track.states)
         for second, put in run.floor:
             floor_drawing.draw_things(canvas, second, put)
         self._draw_places(run)
@@ -260,7 +260,7 @@ class RunDrawing:
         for robot, activity in self._outside.items():
             changes = [LaneActivity(*one) for one in activity.extend(run.trajectories[robot], run.routes)]
             if robot not in self._recorded:
-                self._lanes[robot].do(changes, run.end)
+                self._lanes[robot].draw_activities(changes, run.end)
         self._ensembles(begin)
         if last:
             for lane in self._lanes.values():
@@ -293,7 +293,7 @@ class RunDrawing:
             if one.cause is Cause.DEADLOCK:
                 found.setdefault(one.robot, []).append((one.begin, one.end))
         for robot, mine in found.items():
-            self._lanes[robot].deadlocks(mine)
+            self._lanes[robot].set_deadlocks(mine)
         told = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot, mine in found.items()
                 for begin, _ in mine]  # fmt: skip
         panels.draw_events(self._canvas, "truth", told)
@@ -330,12 +330,12 @@ class RunDrawing:
         return self._canvas.has_few or robot in self._chosen
 
     def _adoptions(self, run: RunData) -> None:
-        for deed in run.taken_over:
-            if self._in_full(deed.robot) and deed.place.place < len(run.places.get(deed.place.owner, ())):
-                point = run.places[deed.place.owner][deed.place.place]
-                x, y = self._paths[deed.robot].at(np.array([deed.second]))[0].tolist()
+        for event in run.taken_over:
+            if self._in_full(event.robot) and event.place.place < len(run.places.get(event.place.owner, ())):
+                point = run.places[event.place.owner][event.place.place]
+                x, y = self._paths[event.robot].at(np.array([event.second]))[0].tolist()
                 floor_drawing.draw_adoption(
-                    self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place)
+                    self._canvas, event.robot, event.second, (x, y), point, name(event.place)
                 )
 
 

@@ -62,7 +62,7 @@ def _marks(canvas: Canvas, owner: str, place: PlaceState) -> list[tuple[NDArray[
     return marks
 
 
-def introduce_intent(canvas: Canvas, robot: str) -> None:
+def set_goal_style(canvas: Canvas, robot: str) -> None:
     """Set the style of a robot's goal: a dot, and a faint line to it."""
     colour = canvas.colour(robot)
     line = rr.LineStrips3D.from_fields(colors=[faded(colour, 0.5)], radii=[-0.7])
@@ -70,7 +70,7 @@ def introduce_intent(canvas: Canvas, robot: str) -> None:
     canvas.still(f"world/heading/{robot}", rr.Points3D.from_fields(colors=[colour], radii=[0.07]))
 
 
-def draw_intents(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there: Floats) -> None:
+def draw_goals(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there: Floats) -> None:
     """Draw a robot's goals; `here` and `there`: (n, 2), m; NaN: no goal."""
     heads: NDArray[np.bool_] = np.isfinite(there[:, 0])
     lines = np.stack((lifted(here, INTENT), lifted(there, INTENT)), axis=1)

@@ -110,7 +110,7 @@ class Mark(NamedTuple):
     """Text of the legend."""
 
 
-SEEN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+CAUSE_GLYPHS: Final[Mapping[str, StateGlyph]] = MappingProxyType(
     {
         "driving": StateGlyph((54, 126, 93), ""),
         "waiting at a door": StateGlyph((246, 122, 85), ""),
@@ -132,9 +132,9 @@ SEEN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
     }
 )
 """Causes by ground truth, in the stacking order of reports."""
-OWN_STATES: Final[Mapping[str, StateGlyph]] = MappingProxyType(
+ACTIVITY_GLYPHS: Final[Mapping[str, StateGlyph]] = MappingProxyType(
     {
-        **{word: SEEN_STATES[word] for word in ("driving", "deadlock", "idle", "frozen", "off")},
+        **{word: CAUSE_GLYPHS[word] for word in ("driving", "deadlock", "idle", "frozen", "off")},
         "planning": StateGlyph((35, 59, 88), "//"),
         "no trajectory": StateGlyph((176, 112, 9), "\\\\"),
         "backing out": StateGlyph((105, 79, 8), "||"),

@@ -20,10 +20,10 @@ from actors.observer.canvas import (
     ring,
 )
 from actors.observer.glyphs import (
+    ACTIVITY_GLYPHS,
     ARC,
     COSTS_COLOUR,
     GREY,
-    OWN_STATES,
     PARTICLES,
     PLAN,
     RADIUS,
@@ -46,7 +46,7 @@ class LaneActivity(NamedTuple):
 
     second: float
     activity: str
-    """One of OWN_STATES."""
+    """One of ACTIVITY_GLYPHS."""
     destination: str = ""
     """Name of the goal such as "r1/3"."""
 
@@ -73,35 +73,39 @@ class Lane:
         self._canvas, self._path = canvas, lane_path(robot)
         self._kinds: dict[str, Colour] = {}
 
-    def draw(self, spells: Sequence[LaneActivity]) -> None:
+    def draw(self, activities: Sequence[LaneActivity]) -> None:
         """Draw activities, each of which lasts until the next one."""
         canvas, known = self._canvas, len(self._kinds)
-        self._kinds |= {_label(spell): OWN_STATES[spell.activity].colour for spell in spells}
+        self._kinds |= {
+            _label(activity): ACTIVITY_GLYPHS[activity.activity].colour for activity in activities
+        }
         if len(self._kinds) > known:
             values, colours = list(self._kinds), list(self._kinds.values())
             canvas.still(self._path, rr.StateConfiguration(values=values, labels=values, colors=colours))
-        states = [_label(spell) for spell in spells]
-        canvas.columns(self._path, [spell.second for spell in spells], rr.StateChange.columns(state=states))
+        states = [_label(activity) for activity in activities]
+        canvas.columns(
+            self._path, [activity.second for activity in activities], rr.StateChange.columns(state=states)
+        )
 
     def end(self, second: float) -> None:
         """End the lane at an instant, s."""
         self._canvas.columns(self._path, [second], rr.StateChange.columns(state=[""]))
 
 
-def without_short(spells: Sequence[LaneActivity]) -> list[LaneActivity]:
+def without_short(activities: Sequence[LaneActivity]) -> list[LaneActivity]:
     """Return activities without those that are too short, except for those in `_ALWAYS`."""
     kept: list[LaneActivity] = []
-    for spell, after in zip(spells, [*(one.second for one in spells[1:]), np.inf], strict=True):
-        short = after - spell.second < _SHORTEST and spell.activity not in _ALWAYS
-        if (kept and short) or (kept and kept[-1][1:] == spell[1:]):
+    for activity, after in zip(activities, [*(one.second for one in activities[1:]), np.inf], strict=True):
+        short = after - activity.second < _SHORTEST and activity.activity not in _ALWAYS
+        if (kept and short) or (kept and kept[-1][1:] == activity[1:]):
             continue
-        kept.append(spell)
+        kept.append(activity)
     return kept
 
 
-def _label(spell: LaneActivity) -> str:
-    phrase = _PHRASES.get(spell.activity)
-    return phrase.format(spell.destination) if phrase and spell.destination else spell.activity
+def _label(activity: LaneActivity) -> str:
+    phrase = _PHRASES.get(activity.activity)
+    return phrase.format(activity.destination) if phrase and activity.destination else activity.activity
 
 
 def draw_events(canvas: Canvas, source: str, events: Sequence[DrawnEvent]) -> None:
@@ -155,7 +159,7 @@ def _table(robot: str, rows: Sequence[tuple[str, str]]) -> str:
     return "\n".join((f"| {robot} | |", "|---|---|", *(f"| {name} | {value} |" for name, value in told)))
 
 
-def introduce_line(
+def set_line_style(
     canvas: Canvas, path: str, name: str, colour: Colour, *, steps: bool = False, dots: bool = False
 ) -> None:
     """Set the style of a plot's line; `steps`: as a step function, `dots`: as points."""
@@ -249,7 +253,7 @@ _HUES[1:, 3] = np.linspace(20, 110, 255).astype(np.uint8)
 _HUES[253:, 3] = 190
 
 
-def introduce_inside(canvas: Canvas, robot: str) -> None:
+def set_perception_style(canvas: Canvas, robot: str) -> None:
     """Set colours and sizes of a robot's own view."""
     own = f"inside/{robot}"
     canvas.still(f"{own}/scan", rr.Points3D.from_fields(colors=[SCAN], radii=[-1.4]))

@@ -24,7 +24,7 @@ _JUMP: Final = 1.0
 between two samples."""
 
 
-def introduce(canvas: Canvas, robot: str) -> None:
+def draw_body(canvas: Canvas, robot: str) -> None:
     """Draw the body of a robot; below /world/robots/ID only `turn` rotates."""
     colour, own = canvas.colour(robot), f"world/robots/{robot}"
     body = rr.Cylinders3D(
@@ -109,7 +109,7 @@ def period(canvas: Canvas) -> float:
     return 0.2 if canvas.has_few else 1.0
 
 
-def introduce_radio(canvas: Canvas) -> None:
+def set_radio_style(canvas: Canvas) -> None:
     """Set the line widths of links and losses."""
     canvas.still("world/radio/links", rr.LineStrips3D.from_fields(radii=[-1.0]))
     canvas.still("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))

@@ -20,7 +20,7 @@ from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import Answered, Control, FloorChanged, FloorThing, Jam, Progress, Truth
 from actors.observer import glyphs
-from actors.observer.glyphs import MARKS, OWN_STATES, Mark, contrast, hexadecimal
+from actors.observer.glyphs import ACTIVITY_GLYPHS, MARKS, Mark, contrast, hexadecimal
 from actors.orders import Freeze, Give, Kill, Move, Order, Restart, Speed, Thaw
 from actors.radio.radio_model import RadioSetup
 from actors.robot_model import load_model
@@ -35,7 +35,7 @@ LEGEND: Final[Mapping[str, Mark]] = {
     "done": MARKS["done"]._replace(shape="dim disc", says="place reported as done"),
     **{name: MARKS[name]._replace(says=says) for name, says in (
         ("given up", "place given up"), ("off", "robot off"), ("frozen", "robot frozen"))},
-    "blocked": Mark("blocked", OWN_STATES["blocked"].colour, "robot blocked: it stays, and by whom"),
+    "blocked": Mark("blocked", ACTIVITY_GLYPHS["blocked"].colour, "robot blocked: it stays, and by whom"),
     "destination": Mark("dashes", None, "the place that a robot says it visits next"),
     "trail": Mark("trail", None, "where a robot was in the last 20 s"),
     "link": Mark("link", None, "one robot heard the other in the last 3 s"),
@@ -53,7 +53,7 @@ PENDING: Final = 256
 
 def state_colours(state: str) -> tuple[str, str]:
     """Return the colour of a state, and white or black for letters on it, whichever has more contrast."""
-    ground = OWN_STATES[state].colour
+    ground = ACTIVITY_GLYPHS[state].colour
     ink = max(glyphs.WHITE, glyphs.BLACK, key=lambda colour: contrast(colour, ground))
     return hexadecimal(ground), hexadecimal(ink)
 

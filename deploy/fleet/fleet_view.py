@@ -79,7 +79,7 @@ class FleetView:
         self._missed = 0
         self._drawing = RunDrawing(self._canvas, self._model.observed(0.0), ())
         for robot in self.robots:
-            panels.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
+            panels.set_line_style(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
     def draw(self, heard: Sequence[ReceivedMessage], now: float, missed: int) -> None:
         """Draw messages up to `now`, s; `missed`: total of messages dropped by the view."""
@@ -127,7 +127,7 @@ class FleetView:
             if self._counts[name] and name not in self._drawn:
                 self._drawn.add(name)
                 colour = OUTCOME_COLOURS["heard"] if name == "copies_heard" else GREY
-                panels.introduce_line(self._canvas, path, name.replace("_", " "), colour)
+                panels.set_line_style(self._canvas, path, name.replace("_", " "), colour)
             if name in self._drawn:
                 rate = self._counts[name] / (now - self._counted)
                 panels.draw_line(self._canvas, path, [now], np.array([rate]))

@@ -24,7 +24,7 @@ from acrc_testbed.experiments.comparison import NAMES
 from acrc_testbed.experiments.study import load_study
 from acrc_testbed.explanation.time_spent import Cause
 from actors.installation.repository import REPOSITORY
-from actors.observer.glyphs import OWN_STATES, SEEN_STATES
+from actors.observer.glyphs import ACTIVITY_GLYPHS, CAUSE_GLYPHS
 from actors.robot.introspection import ACTIVITIES
 from deploy.scenario.scenario_file import parse
 from tests import warm
@@ -198,9 +198,9 @@ def defined(title: str) -> list[str]:
 
 def test_concepts_define_the_words_of_the_product_once() -> None:
     assert defined("Causes") == [cause.value for cause in Cause]
-    assert set(SEEN_STATES) == set(defined("Causes"))
+    assert set(CAUSE_GLYPHS) == set(defined("Causes"))
     assert sorted(defined("What a robot does")) == sorted(ACTIVITIES)
-    assert set(ACTIVITIES) < set(OWN_STATES)
+    assert set(ACTIVITIES) < set(ACTIVITY_GLYPHS)
     cells = re.findall(r"^\| (\*[^|]+)", PAGES["docs/concepts.md"].text, re.MULTILINE)
     counted = Counter(word for cell in cells for word in re.findall(r"\*([^*]+)\*", cell))
     assert len(counted) > 40 and max(counted.values()) == 1

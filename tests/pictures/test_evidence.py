@@ -34,7 +34,7 @@ from acrc_testbed.run_model.simulated_runs import RunReader, read_run
 from actors.installation.repository import REPOSITORY as ROOT
 from actors.messages import Truth
 from actors.observer import glyphs
-from actors.observer.glyphs import CLOSED, JAM, MARKS, OWN_STATES, PUT, SEEN_STATES, StateGlyph
+from actors.observer.glyphs import ACTIVITY_GLYPHS, CAUSE_GLYPHS, CLOSED, JAM, MARKS, PUT, StateGlyph
 from actors.orders import Obstacle, StartJam, Wall
 from actors.runtime.recording import RecordingError
 from actors.topic import Message
@@ -272,8 +272,8 @@ def glyph_sheet() -> Figure:
     """Draw all states and marks of the drawing language with their names."""
     figure = style.new_figure(9.5, 3.1)
     columns = figure.subplots(1, 4, width_ratios=[1.1, 0.8, 1.9, 0.5])
-    _column(columns[0], "by ground truth", _states(SEEN_STATES))
-    _column(columns[1], "reported by the robot", _states(OWN_STATES))
+    _column(columns[0], "by ground truth", _states(CAUSE_GLYPHS))
+    _column(columns[1], "reported by the robot", _states(ACTIVITY_GLYPHS))
     _column(columns[2], "on the floor and in lanes", [marks.sample(name) for name in MARKS])
     robots = [Patch(facecolor=colour, label=f"r{number}") for number, colour in enumerate(style.ROBOTS, 1)]
     _column(columns[3], "robots", robots)
@@ -302,7 +302,7 @@ def test_the_glyphs_in_the_documentation_are_current(tmp_path: Path) -> None:
         far = np.abs(np.asarray(drawn.convert("RGB")).astype(int) - np.asarray(kept.convert("RGB")))
     assert far.max() == 0, f"copy {tmp_path}/glyphs.png to docs/pictures"
     told = {text.get_text() for axes in figure.axes for text in legend_of(axes).get_texts()}
-    assert {*SEEN_STATES, *OWN_STATES, *(mark.says for mark in MARKS.values())} <= told
+    assert {*CAUSE_GLYPHS, *ACTIVITY_GLYPHS, *(mark.says for mark in MARKS.values())} <= told
 
 
 def test_invalid_orders_are_left_out(short_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.installation.usage import OptionError
 from actors.observer import glyphs
-from actors.observer.glyphs import MARKS, SEEN_STATES, contrast, hexadecimal
+from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, contrast, hexadecimal
 from actors.runtime.errors import AcrcError
 from deploy.run import start
 from tests.in_process import acrc
@@ -58,7 +58,7 @@ def page(evidence: RunData, tmp_path_factory: pytest.TempPathFactory) -> Page:
 
 def test_a_page_names_its_run_and_shows_floor_robots_and_causes(evidence: RunData, page: Page) -> None:
     seen = colours(io.BytesIO(page.png))
-    causes = [hexadecimal(glyph.colour) for glyph in SEEN_STATES.values()]
+    causes = [hexadecimal(glyph.colour) for glyph in CAUSE_GLYPHS.values()]
     wanted = [style.WALL, style.UNKNOWN, style.colour(0), style.colour(1), *causes]
     assert sum(rgb(colour) in seen for colour in wanted) >= 8
     assert page.figure.axes[0].get_title(loc="left") == (

@@ -222,7 +222,7 @@ def nearest(named: Mapping[str, Colour]) -> tuple[float, str]:
     return min(found)
 
 
-@pytest.mark.parametrize("states", [glyphs.SEEN_STATES, glyphs.OWN_STATES], ids=["seen", "own"])
+@pytest.mark.parametrize("states", [glyphs.CAUSE_GLYPHS, glyphs.ACTIVITY_GLYPHS], ids=["seen", "own"])
 def test_any_two_states_of_a_picture_differ_for_all_eyes(states: Mapping[str, glyphs.StateGlyph]) -> None:
     far, which = nearest({word: glyph.colour for word, glyph in states.items()})
     assert far >= LEAST, which
@@ -235,17 +235,17 @@ def test_robots_and_floor_objects_differ_for_all_eyes() -> None:
 
 
 def test_states_of_like_colour_differ_by_their_hatch_in_grey() -> None:
-    for states in (glyphs.SEEN_STATES, glyphs.OWN_STATES):
+    for states in (glyphs.CAUSE_GLYPHS, glyphs.ACTIVITY_GLYPHS):
         for one, other in combinations(states.values(), 2):
             grey = glyphs.contrast(one.colour, other.colour)
             assert grey >= 1.25 or one.hatch != other.hatch, (one, other)
 
 
 def test_each_word_has_one_glyph() -> None:
-    assert set(glyphs.SEEN_STATES) == {cause.value for cause in Cause}
-    assert {*ACTIVITIES, "driving", "standing", "frozen", "off", "not heard"} <= set(glyphs.OWN_STATES)
-    for word in set(glyphs.SEEN_STATES) & set(glyphs.OWN_STATES):
-        assert glyphs.SEEN_STATES[word] == glyphs.OWN_STATES[word]
+    assert set(glyphs.CAUSE_GLYPHS) == {cause.value for cause in Cause}
+    assert {*ACTIVITIES, "driving", "standing", "frozen", "off", "not heard"} <= set(glyphs.ACTIVITY_GLYPHS)
+    for word in set(glyphs.CAUSE_GLYPHS) & set(glyphs.ACTIVITY_GLYPHS):
+        assert glyphs.CAUSE_GLYPHS[word] == glyphs.ACTIVITY_GLYPHS[word]
 
 
 def test_floor_objects_are_visible_on_both_backgrounds() -> None:

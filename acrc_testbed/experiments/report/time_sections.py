@@ -11,9 +11,9 @@ from acrc_testbed.experiments.report.charts import Bar
 from acrc_testbed.experiments.report.runs import Cell, Group, ReportView, Row
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, DecisionEvent
 from acrc_testbed.picture.html_page import PageSection
-from actors.observer.glyphs import SEEN_STATES, hexadecimal
+from actors.observer.glyphs import CAUSE_GLYPHS, hexadecimal
 
-LOOKS: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in SEEN_STATES.items()}
+LOOKS: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in CAUSE_GLYPHS.items()}
 """Colour and hatch of each cause: driving first, then what keeps a robot from it."""
 _MOST_LISTED: Final = 500
 
