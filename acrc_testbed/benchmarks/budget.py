@@ -17,11 +17,11 @@ from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, Comm
 from acrc_testbed.benchmarks.swarm_runs import (
     SwarmTask,
     by_package,
-    counted_blocks,
+    count_allocations,
     entries,
     name_of,
-    planned,
-    profiled,
+    plan_run,
+    profile_run,
     recorded_bytes,
 )
 from actors.console import create_console
@@ -121,7 +121,7 @@ class MeshCounts:
 
 def count_steps(window: CountedSteps) -> StepCounts:
     """Count in memory, after a short run that imports modules and loads kernels."""
-    with planned(ROBOTS, replace(window.tasks[0], seconds=2.0), "memory") as plan:
+    with plan_run(ROBOTS, replace(window.tasks[0], seconds=2.0), "memory") as plan:
         swarm.run_in_memory(plan, lambda progress: None)
     short, long = map(_profiled, window.tasks)
     names = [field.name for field in fields(StepCounts)]
@@ -132,7 +132,7 @@ def count_blocks(window: CountedSteps) -> float:
     """Count memory blocks allocated per robot-step, including freed ones, in a warm process."""
     found = []
     for task in window.tasks:
-        with planned(ROBOTS, task, "memory") as plan, counted_blocks() as count:
+        with plan_run(ROBOTS, task, "memory") as plan, count_allocations() as count:
             swarm.run_in_memory(plan, lambda progress: None)
         found.append({"": float(count[0])})
     return window.per_step(*found)[""]
@@ -141,7 +141,7 @@ def count_blocks(window: CountedSteps) -> float:
 def _profiled(task: SwarmTask) -> StepCounts:
     """Count one complete run, from planning to the result."""
     bus = _CountingBus()
-    profile, recorded = profiled(ROBOTS, task, bus)
+    profile, recorded = profile_run(ROBOTS, task, bus)
     called = entries(profile)
     functions: defaultdict[str, float] = defaultdict(float)
     for function, (times, _) in called.items():

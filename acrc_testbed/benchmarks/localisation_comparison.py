@@ -31,7 +31,7 @@ from acrc_testbed.experiments.paired_tests import Interval
 _RESAMPLES: Final = 2000
 
 
-def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def bootstrap_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (_RESAMPLES,) bootstrap means of the values."""
     draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
     means: NDArray[np.float64] = values[draws].mean(axis=1)
@@ -44,7 +44,7 @@ def root_mean_square(runs: Sequence[FilterRun]) -> Interval:
     Percentile method: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
     """
     squares = np.array([run.mean_square for run in runs])
-    low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
+    low, high = np.percentile(np.sqrt(bootstrap_means(squares)), (2.5, 97.5)).tolist()
     return Interval(math.sqrt(squares.mean()), low, high)
 
 
@@ -150,7 +150,7 @@ _Runs = Mapping[str, Mapping[Preset, Sequence[FilterRun]]]
 """Our runs by log and preset."""
 
 
-def paired(ours: _Runs, others: Mapping[str, ReferenceRuns]) -> list[PairedRow]:
+def paired_rows(ours: _Runs, others: Mapping[str, ReferenceRuns]) -> list[PairedRow]:
     """Return a row per preset and log and, for several logs, one for all; odometry alone has no row."""
     found = []
     for preset in PRESETS:
@@ -172,7 +172,7 @@ def is_as_good(found: Sequence[PairedRow], ours: _Runs, others: Mapping[str, Ref
 
 def _row(log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[ReferenceRun]) -> PairedRow:
     ours, theirs = (np.array([run.rmse for run in side]) for side in (runs, others))
-    low, high = np.percentile(resampled(ours) / resampled(theirs), (2.5, 97.5)).tolist()
+    low, high = np.percentile(bootstrap_means(ours) / bootstrap_means(theirs), (2.5, 97.5)).tolist()
     nees = [
         [float(np.median(run.nees)) for run in runs],
         [run.nmed for run in others if run.nmed is not None],
@@ -194,7 +194,7 @@ def _together(
     preset: Preset, its: Sequence[PairedRow], ours: _Runs, others: Mapping[str, ReferenceRuns]
 ) -> PairedRow:
     logs = np.log([(row.ours, row.theirs, row.ratio) for row in its])
-    low, high = np.exp(np.percentile(resampled(logs[:, 2]), (2.5, 97.5))).tolist()
+    low, high = np.exp(np.percentile(bootstrap_means(logs[:, 2]), (2.5, 97.5))).tolist()
     own = [run for row in its for run in ours[row.log][preset]]
     their = [run for row in its for run in others[row.log].runs]
     mean, other, ratio = np.exp(logs.mean(axis=0)).tolist()
@@ -248,7 +248,7 @@ def check(source: Path, seeds: int = 1, other: Path | None = None) -> BenchmarkR
             for log, by_preset in runs.items()
         ]
         return BenchmarkResult(figures, [*tables, LEGEND])
-    rows = paired(runs, known)
+    rows = paired_rows(runs, known)
     table = table_of([_table_row(row) for row in rows], "compared with another localisation on the same logs")
     figures = {"logs": figures, "against": [asdict(row) for row in rows]}
     return BenchmarkResult(figures, [table], is_as_good(rows, runs, known))

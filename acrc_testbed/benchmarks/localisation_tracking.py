@@ -365,12 +365,12 @@ def errors_against_truth(seed: int, truth: Floats, odometry: Floats, track: Esti
         np.abs(off[:, 2]).astype(np.float32),
         nees(off, track.covariances).astype(np.float32),
         track.lost > ANNOUNCED,
-        track.costs[weighed(odometry, track.poses)].astype(np.float32),
+        track.costs[weighed_calls(odometry, track.poses)].astype(np.float32),
         track.outcome,
     )
 
 
-def weighed(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
+def weighed_calls(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
     """Return (n,): calls that changed the estimate beyond the odometry's motion; both arrays (n, 3)."""
     turn = poses[:, 2] - odometry[:, 2]
     c, s = np.cos(turn), np.sin(turn)

@@ -134,7 +134,7 @@ def compare(
 ) -> FigureComparison:
     """Compare one figure of both sides."""
     difference = own.value - reference.value
-    error, freedom = combined(reference, own)
+    error, freedom = combined_error(reference, own)
     t = _ratio(difference, error)
     latency = figure in LATENCIES
     return FigureComparison(
@@ -189,7 +189,7 @@ def agreement(family: str, number: int, found: Sequence[FigureComparison]) -> Ag
     )
 
 
-def combined(one: ReferenceEstimate, other: ReferenceEstimate) -> tuple[float, float]:
+def combined_error(one: ReferenceEstimate, other: ReferenceEstimate) -> tuple[float, float]:
     """Return the standard error of the difference of two means, and its degrees of freedom."""
     if not (math.isfinite(one.freedom) and math.isfinite(other.freedom)):
         return math.hypot(one.error, other.error), math.inf

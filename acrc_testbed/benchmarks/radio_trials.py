@@ -75,7 +75,7 @@ def share(hits: float, of: int) -> ReferenceEstimate:
     return ReferenceEstimate(p, math.sqrt(p * (1 - p) / of))
 
 
-def over_runs(values: Sequence[float]) -> ReferenceEstimate:
+def mean_estimate(values: Sequence[float]) -> ReferenceEstimate:
     """Return the mean of a figure over runs."""
     if len(values) < 2:
         return ReferenceEstimate(values[0], math.inf, 1)
@@ -122,7 +122,7 @@ def _contention(family: str, rows: Sequence[Mapping[str, str]]) -> list[Operatin
             dict(settings),
             len(runs),
             sum(int(run["generated"]) for run in runs),
-            {name: over_runs([float(run[name]) for run in runs]) for name in _FIGURES},
+            {name: mean_estimate([float(run[name]) for run in runs]) for name in _FIGURES},
         )
         for settings, runs in groups.items()
     ]
@@ -182,7 +182,7 @@ def measure(point: OperatingPoint, times: int) -> Mapping[str, ReferenceEstimate
         return _measured_capture(point.settings, times * point.frames)
     stage = scene(point.family, point.settings)
     runs = [contend(stage, seed) for seed in range(1, times * point.runs + 1)]
-    return {name: over_runs([run[name] for run in runs]) for name in runs[0]}
+    return {name: mean_estimate([run[name] for run in runs]) for name in runs[0]}
 
 
 def scene(family: str, settings: Mapping[str, str]) -> TrialScene:

@@ -123,7 +123,7 @@ class _Allocator(ctypes.Structure):
 
 
 @contextmanager
-def counted_blocks() -> Iterator[NDArray[np.int64]]:
+def count_allocations() -> Iterator[NDArray[np.int64]]:
     """Count blocks requested from Python's allocator in the only element of an array, including freed ones.
 
     Objects from CPython's free lists (small tuples, floats) are not counted.
@@ -197,7 +197,7 @@ class Range:
 
 
 @contextmanager
-def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
+def plan_run(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
     """Plan a run in a temporary folder, which is deleted afterwards."""
     overrides = Overrides(robots=count, duration=task.simulated_s(count), seed=task.seed)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
@@ -239,7 +239,7 @@ def in_memory(count: int, task: SwarmTask) -> MemoryFigures:
     """Measure the fastest of several runs and profile another one."""
     runs = [_timed(count, task) for _ in range(min(task.repeat, _MEMORY_REPEATS))]
     ms, result = min(runs, key=itemgetter(0))
-    packages = by_package(entries(profiled(count, task, MemoryBus())[0], "inlinetime"))
+    packages = by_package(entries(profile_run(count, task, MemoryBus())[0], "inlinetime"))
     total = sum(packages.values())
     return MemoryFigures(
         real_time_factor=result.real_time_factor,
@@ -265,14 +265,14 @@ def _timed(count: int, task: SwarmTask) -> tuple[float, RunResult]:
         run_shells(shells, hold)
         spent.append(time.thread_time_ns() - began)
 
-    with planned(count, task, "memory") as plan, patch.object(memory_swarm, "run_shells", timed):
+    with plan_run(count, task, "memory") as plan, patch.object(memory_swarm, "run_shells", timed):
         result = swarm.run_in_memory(plan, lambda progress: None)
     return spent[0] / count / result.simulated_s / 1e6, result
 
 
-def profiled(count: int, task: SwarmTask, bus: MemoryBus) -> tuple[cProfile.Profile, dict[str, float]]:
+def profile_run(count: int, task: SwarmTask, bus: MemoryBus) -> tuple[cProfile.Profile, dict[str, float]]:
     """Profile a run in memory; return the profile and the bytes recorded by kind of actor."""
-    with planned(count, task, "memory") as plan:
+    with plan_run(count, task, "memory") as plan:
         profile = cProfile.Profile()
         gc.collect()  # otherwise the profile contains garbage collection of earlier runs
         profile.runcall(swarm.run_in_memory, plan, lambda progress: None, bus)
@@ -364,7 +364,7 @@ def mesh_ms(count: int, task: SwarmTask) -> float:
 
 def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
     parent: list[float] = []
-    with planned(count, task, "zenoh") as plan:
+    with plan_run(count, task, "zenoh") as plan:
         result = swarm.run_processes(plan, "forkserver", lambda progress: parent.append(time.process_time()))
         finals = {
             path.stem: msgspec.json.decode(read_notes(path)["final"], type=FinalNote)
@@ -394,7 +394,7 @@ def _memory_of_run(count: int, task: SwarmTask) -> dict[str, Memory]:
         raise _MemoryRead
 
     endless = SwarmTask((count,), _ENDLESS_S, None, task.repeat, task.scenario, task.seed)
-    with planned(count, endless, "zenoh") as plan, contextlib.suppress(_MemoryRead):
+    with plan_run(count, endless, "zenoh") as plan, contextlib.suppress(_MemoryRead):
         swarm.run_processes(plan, "forkserver", read_memory)
     return memory
 

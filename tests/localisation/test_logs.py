@@ -21,7 +21,7 @@ from acrc_testbed.benchmarks import localisation_tracking as tracking
 from acrc_testbed.benchmarks.localisation_comparison import (
     ReferenceRun,
     ReferenceRuns,
-    resampled,
+    bootstrap_means,
     root_mean_square,
     table_row,
 )
@@ -32,7 +32,7 @@ from acrc_testbed.benchmarks.localisation_tracking import (
     FilterRun,
     errors_against_truth,
     nees,
-    weighed,
+    weighed_calls,
 )
 from actors.geometry import Pose
 from actors.installation.repository import REPOSITORY
@@ -213,7 +213,7 @@ def test_the_interval_of_a_ratio_is_that_of_its_runs() -> None:
     def row(ours: Sequence[float], theirs: Sequence[float]) -> comparison.PairedRow:
         other = ReferenceRuns("x", [ReferenceRun(rmse, lost=rmse > 1) for rmse in theirs])
         runs = [run_with([value] * 3) for value in ours]
-        one, _ = comparison.paired({"x": {"chapter": runs, "robust": runs}}, {"x": other})
+        one, _ = comparison.paired_rows({"x": {"chapter": runs, "robust": runs}}, {"x": other})
         return one
 
     clear = row([0.02, 0.021, 0.019, 0.02], [0.04, 0.041, 0.039, 0.04])
@@ -245,7 +245,7 @@ def test_errors_use_the_shorter_arc() -> None:
     assert run.announced.tolist() == [False, True] and run.figures()["lost"]
     drawn = np.cumsum(np.random.default_rng(1).normal(0, 0.1, (50, 3)), axis=0)
     corrected = drawn + np.repeat([[1.0, 2.0, 0.0], [1.1, 2.0, 0.0]], [20, 30], axis=0)
-    assert np.flatnonzero(weighed(drawn, corrected)).tolist() == [0, 20]
+    assert np.flatnonzero(weighed_calls(drawn, corrected)).tolist() == [0, 20]
 
 
 def test_lost_intervals_last_3_s_and_false_alarms_are_5_s_from_any_error() -> None:
@@ -265,6 +265,6 @@ def test_the_error_of_all_runs_has_a_confidence_interval() -> None:
     assert row["lost"] == f"1/3 [{wilson.low:.0%}, {wilson.high:.0%}]"
     assert (row["> 0.5 m"], row["max"], row["NEES"]) == ("33.3%", "1.10", "2.00")
     draws = np.random.default_rng(3)
-    means = [resampled(draws.uniform(0.5, 1.5, 30)) for _ in range(200)]
+    means = [bootstrap_means(draws.uniform(0.5, 1.5, 30)) for _ in range(200)]
     bounds = [np.percentile(one, (2.5, 97.5)).tolist() for one in means]
     assert 178 <= sum(low <= 1.0 <= high for low, high in bounds) <= 198

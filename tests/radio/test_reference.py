@@ -14,15 +14,21 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from acrc_testbed.benchmarks.radio_comparison import check, combined, compare, formula_kbps, normal_score
+from acrc_testbed.benchmarks.radio_comparison import (
+    check,
+    combined_error,
+    compare,
+    formula_kbps,
+    normal_score,
+)
 from acrc_testbed.benchmarks.radio_trials import (
     SECOND,
     LossTable,
     OperatingPoint,
     ReferenceEstimate,
     contend,
+    mean_estimate,
     measure,
-    over_runs,
     points,
     scene,
     share,
@@ -176,7 +182,7 @@ def folder(tmp_path: Path) -> Path:
 def test_runs_of_one_setting_are_one_point(folder: Path) -> None:
     (point,) = points(folder, "b_single_saturated")
     assert (point.settings, point.runs, point.frames) == ({"n": "1", "psdu": "127", "load": "sat"}, 2, 9465)
-    assert point.figures["chan_busy"] == over_runs([0.67131, 0.67145])
+    assert point.figures["chan_busy"] == mean_estimate([0.67131, 0.67145])
     assert points(folder, "c_contention") == []
 
 
@@ -198,10 +204,10 @@ def test_invalid_references_are_refused(folder: Path) -> None:
 
 
 def test_errors_of_both_sides_are_combined() -> None:
-    one, other = over_runs([1.0, 3.0]), over_runs([2.0, 2.0, 2.0, 2.0])
-    error, freedom = combined(one, other)
+    one, other = mean_estimate([1.0, 3.0]), mean_estimate([2.0, 2.0, 2.0, 2.0])
+    error, freedom = combined_error(one, other)
     assert freedom == 4 and error == pytest.approx(math.sqrt(2 / 4 * (1 / 2 + 1 / 4)))
-    error, freedom = combined(share(50, 100), share(500, 1000))
+    error, freedom = combined_error(share(50, 100), share(500, 1000))
     assert freedom == math.inf and error == pytest.approx(math.sqrt(0.25 / 100 + 0.25 / 1000))
 
 

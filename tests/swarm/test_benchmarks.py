@@ -25,7 +25,7 @@ from acrc_testbed.benchmarks.swarm_runs import (
     MeshFigures,
     Range,
     SwarmTask,
-    planned,
+    plan_run,
 )
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
@@ -92,7 +92,7 @@ def test_goals_apply_to_the_sizes_that_were_measured() -> None:
 
 
 def test_many_robots_start_closer_and_for_less_time() -> None:
-    with planned(150, SwarmTask(seconds=1.0), "zenoh") as plan:
+    with plan_run(150, SwarmTask(seconds=1.0), "zenoh") as plan:
         places = [robot.start[:2] for robot in plan.world.robots]
     assert [SwarmTask().simulated_s(robots) for robots in (1, 20, 50, 500)] == [60, 40, 16, 2]
     assert len(places) == 150
