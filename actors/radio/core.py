@@ -123,8 +123,9 @@ class RadioCore:
             outcomes = self._medium.take_outcomes()
             return [to(FRAME_OUTCOMES, FrameOutcomes(self._step, outcomes))] if outcomes else ()
         if truth.step != self._step:
-            wrong = f"sent Truth of step {truth.step}, expected step {self._step}"
-            raise AcrcError(f"Step {self._step}: the world {wrong}.")
+            raise AcrcError(
+                f"Step {self._step}: the world sent Truth of step {truth.step}, expected step {self._step}."
+            )
         given = self._delivered(truth, self._events(truth, inputs))
         outputs = [
             to(RECEIVED, Received(self._step + 1, tuple(some)), robot) for robot, some in given.items()

@@ -330,6 +330,4 @@ class WorldCore:
 
     def describe_wait(self, address: Address) -> str:
         """Describe a missing message and its sender."""
-        what = address.topic.kind.__name__
-        who = address.robot or "the radio"
-        return f"{self._when()}: no {what} from {who}"
+        return f"{self._when()}: no {address.topic.kind.__name__} from {address.robot or 'the radio'}"

@@ -351,8 +351,16 @@ def _receive(st: MediumState, sender: int, number: int) -> None:
     receiver = transceiver.receiver
     if transceiver.settings.watched:
         event = st.events[medium.events]
-        tag, asked = flight.tag, flight.asked_ns
-        record_event(st, EventKind.HEARD.value, number, sender, flight.octets, flight.frame, tag, asked)
+        record_event(
+            st,
+            EventKind.HEARD.value,
+            number,
+            sender,
+            flight.octets,
+            flight.frame,
+            flight.tag,
+            flight.asked_ns,
+        )
         event.power_mw = st.gains_mw[sender, number]
         event.sinr = receiver.worst_sinr
     dead = medium.dead_ns + medium.dead_octet_ns * min(flight.octets, medium.dead_octets)
