@@ -152,7 +152,7 @@ class OnboardSupervisor(Supervisor):
             record = child.program.record
             if record is None:
                 continue
-            said = map(child.program.in_our_words, last_lines(child.program.log))
+            said = map(child.program.outside_text, last_lines(child.program.log))
             told = next((line for line in said if line.startswith(f"{record}: ")), None)
             if told is not None and self._losses.get(record) != told:
                 self._losses[record] = told
