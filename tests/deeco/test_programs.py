@@ -38,7 +38,7 @@ def test_the_numbers_of_the_page_are_those_of_the_code() -> None:
     network, relay = NetworkParameters(), RelayParameters()
     for sentence in (
         f"Every {network.publish_every // 1000} ms, first at",
-        f"A replica not heard of for {network.forget_after // 1_000_000} s is dropped",
+        f"A replica older than {network.forget_after // 1_000_000} s is dropped",
         f"Beyond {network.max_replicas} the oldest is dropped",
         f"are followed for {CASCADE_LIMIT} rounds",
         f"at most {relay.hop_limit} hops far",
