@@ -38,7 +38,6 @@ class LogReport:
     """Messages and gaps of a log."""
 
     counts: Counter[str]
-    """Messages by topic."""
     notes: tuple[str, ...]
     """Missing or unknown data, a sentence each."""
 

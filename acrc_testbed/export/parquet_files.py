@@ -30,7 +30,6 @@ class ExportTable:
 
     name: str
     row: str
-    """Meaning of a row."""
     columns: tuple[Column, ...]
 
 

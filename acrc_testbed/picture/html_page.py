@@ -28,7 +28,6 @@ class PagePicture(NamedTuple):
 
     svg: bytes
     alt: str
-    """Alternative text."""
     caption: str
 
     @property

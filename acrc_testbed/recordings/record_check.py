@@ -163,12 +163,8 @@ def sentences(report: CheckReport) -> Iterator[str]:
     if report.unreceived:
         yield f"{report.unreceived} messages were not received: their receivers had exited"
     if not report.complete:
-        step = report.good_until
-        until = "no complete step" if step is None else f"complete up to step {step}"
-        yield (
-            "the run did not end as planned: the digest covers what was recorded until then; "
-            f"recordings: {until}"
-        )
+        until = "no step" if report.good_until is None else f"complete up to step {report.good_until}"
+        yield f"the run did not end as planned; the digest covers the recorded part; recordings: {until}"
 
 
 def check_recording(file: Path) -> tuple[dict[str, object], str]:

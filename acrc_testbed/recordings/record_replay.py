@@ -188,7 +188,6 @@ class RecheckReport:
 
     actors: int
     outputs: int
-    """Messages of all actors."""
 
 
 def recheck(out: Path, modules: Sequence[Path] = ()) -> RecheckReport:

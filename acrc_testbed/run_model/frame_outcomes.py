@@ -31,16 +31,12 @@ def listed_copies(frame: FrameOutcome, robots: int) -> NDArray[np.void]:
     parts = (frame.receivers, frame.outcomes, frame.strengths)
     count = len(frame.outcomes)
     if [len(part) for part in parts] != [2 * count, count, 2 * count] or not 0 <= frame.sender < robots:
-        raise FrameOutcomesError(
-            f"frame {frame.tag} of robot {frame.sender}: fields of its copies differ in length"
-        )
+        raise FrameOutcomesError(f"frame {frame.tag} of robot {frame.sender}: copies differ in length")
     listed = np.zeros(count, _LISTED)
     for name, part in zip(_LISTED.names or (), parts, strict=True):
         listed[name] = np.frombuffer(part, _LISTED[name])
     if (listed["receiver"] >= robots).any() or (listed["outcome"] > max(Outcome)).any():
-        raise FrameOutcomesError(
-            f"frame {frame.tag} of robot {frame.sender}: a copy has an unknown receiver or outcome"
-        )
+        raise FrameOutcomesError(f"frame {frame.tag} of robot {frame.sender}: unknown receiver or outcome")
     return listed
 
 
