@@ -93,12 +93,7 @@ class Introspector:
     the processor's caches.
     """
 
-    def __init__(
-        self,
-        robot: str,
-        localisation: Localisation,
-        navigation: Navigator,
-    ) -> None:
+    def __init__(self, robot: str, localisation: Localisation, navigation: Navigator) -> None:
         self._robot, self._localisation, self._navigation = robot, localisation, navigation
         planner = navigation.local_planner
         self._planner = planner if isinstance(planner, BaseLocalPlanner) else None

@@ -20,7 +20,7 @@ from actors.instant import seconds
 from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Control, Truth
 from actors.orders import Order, Pause, Resume, Speed, Step, Stop
 from actors.robot.behaviour import Setting, handover
-from actors.robot.behaviour.handover import Handover
+from actors.robot.behaviour.handover import BehaviourChange
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
 from actors.runtime.recording import Note, read_recording
@@ -165,7 +165,7 @@ def changed(scenario: Scenario, change: Change) -> Scenario:
     """The scenario beside the branch: with the other strategy, or other settings, from the instant on."""
     present = _present(scenario, change)
     settings = change.settings if change.strategy else {**present.settings, **change.settings}
-    return _from(scenario, Handover(change.at_s, change.strategy or present.name, settings))
+    return _from(scenario, BehaviourChange(change.at_s, change.strategy or present.name, settings))
 
 
 def control_of(scenario: Scenario, change: Change) -> Scenario | None:
@@ -173,16 +173,19 @@ def control_of(scenario: Scenario, change: Change) -> Scenario | None:
     present = _present(scenario, change)
     if change.strategy is not None and entry(change.strategy) != entry(present.name):
         return None
-    return _from(scenario, Handover(change.at_s, present.name, present.settings))
+    return _from(scenario, BehaviourChange(change.at_s, present.name, present.settings))
 
 
-def _present(scenario: Scenario, change: Change) -> Handover:
+def _present(scenario: Scenario, change: Change) -> BehaviourChange:
     """Return the active strategy where the branch leaves the run."""
     first, turns = handover.split(scenario.run.strategy)
-    return [Handover(0.0, first, scenario.strategy), *(one for one in turns if one.at_s < change.at_s)][-1]
+    return [
+        BehaviourChange(0.0, first, scenario.strategy),
+        *(one for one in turns if one.at_s < change.at_s),
+    ][-1]
 
 
-def _from(scenario: Scenario, turn: Handover) -> Scenario:
+def _from(scenario: Scenario, turn: BehaviourChange) -> Scenario:
     first, turns = handover.split(scenario.run.strategy)
     strategy = handover.join(first, [*(one for one in turns if one.at_s < turn.at_s), turn])
     return replace(scenario, run=replace(scenario.run, strategy=strategy))

@@ -10,7 +10,7 @@ from actors.installation.usage import OptionError
 from actors.messages import CONTROL, Control
 from actors.orders import Freeze, Kill, Pause, Resume, Thaw
 from actors.robot.behaviour import handover
-from actors.robot.behaviour.handover import Handover
+from actors.robot.behaviour.handover import BehaviourChange
 from actors.robot.behaviour.loading import BehaviourError
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
@@ -62,9 +62,9 @@ def test_a_branch_point_is_a_run_and_a_positive_instant(text: str) -> None:
 
 
 def test_settings_stand_behind_a_name_whatever_characters_are_in_them() -> None:
-    turn = Handover(60.0, "c:d", {"reach": 0.5, "names": ("a>b@3", "{"), "on": True})
-    text = handover.join("a:b", [turn, Handover(120.0, "e:f")])
-    assert handover.split(text) == ("a:b", (turn, Handover(120.0, "e:f")))
+    turn = BehaviourChange(60.0, "c:d", {"reach": 0.5, "names": ("a>b@3", "{"), "on": True})
+    text = handover.join("a:b", [turn, BehaviourChange(120.0, "e:f")])
+    assert handover.split(text) == ("a:b", (turn, BehaviourChange(120.0, "e:f")))
     assert handover.names(text) == ("a:b", "c:d", "e:f")
     assert entry("none>chapter@5") == (
         "cleaning.strategies.none:behaviour>cleaning.strategies.chapter:behaviour@5.0"

@@ -27,7 +27,7 @@ _SETTINGS: Final = msgspec.json.Decoder(dict[str, Setting])
 _NONE: Final[Mapping[str, Setting]] = MappingProxyType({})
 
 
-class Handover(NamedTuple):
+class BehaviourChange(NamedTuple):
     """Start of the next behaviour."""
 
     at_s: float
@@ -37,7 +37,7 @@ class Handover(NamedTuple):
     """Settings that differ from its defaults."""
 
 
-def split(text: str) -> tuple[str, tuple[Handover, ...]]:
+def split(text: str) -> tuple[str, tuple[BehaviourChange, ...]]:
     """Return the first name and the handovers that follow it. Raises BehaviourError."""
     first, *others = text.split(_THEN)
     handovers = tuple(_parse_handover(text, other) for other in others)
@@ -47,7 +47,7 @@ def split(text: str) -> tuple[str, tuple[Handover, ...]]:
     return first, handovers
 
 
-def join(first: str, handovers: Sequence[Handover]) -> str:
+def join(first: str, handovers: Sequence[BehaviourChange]) -> str:
     """Return the text that `split` parses into these."""
     others = (
         f"{_THEN}{handover.name}{_written(handover.settings)}{_AT}{handover.at_s!r}" for handover in handovers
@@ -78,7 +78,7 @@ def dry_run(text: str, start: Start) -> None:
 class _BehaviourSequence:
     """A sequence of behaviours."""
 
-    def __init__(self, start: Start, first: str, handovers: Sequence[Handover]) -> None:
+    def __init__(self, start: Start, first: str, handovers: Sequence[BehaviourChange]) -> None:
         for handover in handovers:
             entry_function(handover.name)  # report missing functions before the first step
         self._start = start
@@ -116,7 +116,7 @@ class _BehaviourSequence:
         outcome = getattr(self._present, "outcome", None)
         return {} if outcome is None else outcome()
 
-    def _switch(self, handover: Handover, view: View) -> None:
+    def _switch(self, handover: BehaviourChange, view: View) -> None:
         """Switch to the next behaviour; it resumes nothing if the robot has just started."""
         start = self._start
         if self._begun:
@@ -136,7 +136,7 @@ def instant_of(text: str) -> float | None:
     return value if math.isfinite(value) and value > 0 else None
 
 
-def _parse_handover(text: str, other: str) -> Handover:
+def _parse_handover(text: str, other: str) -> BehaviourChange:
     named, at, instant = other.rpartition(_AT)
     name, brace, rest = named.partition("{")
     at_s = instant_of(instant)
@@ -145,9 +145,9 @@ def _parse_handover(text: str, other: str) -> Handover:
             f"behaviour {text!r}: it should look like 'first{_THEN}second{_AT}120', the instant in s"
         )
     if not brace:
-        return Handover(at_s, name)
+        return BehaviourChange(at_s, name)
     try:
-        return Handover(at_s, name, MappingProxyType(dict(_SETTINGS.decode(brace + rest))))
+        return BehaviourChange(at_s, name, MappingProxyType(dict(_SETTINGS.decode(brace + rest))))
     except (ValueError, RecursionError):
         raise BehaviourError(
             f'behaviour {text!r}: the text after {name} should be settings in JSON, such as {{"reach": 0.5}}'

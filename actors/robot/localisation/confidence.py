@@ -155,11 +155,7 @@ class CovarianceModel:
 
 
 def updated_covariance(
-    field: LikelihoodField,
-    points: Floats,
-    pose: Pose,
-    prior: Covariance,
-    variance: float,
+    field: LikelihoodField, points: Floats, pose: Pose, prior: Covariance, variance: float
 ) -> Covariance:
     """Return the covariance updated by beams that end near a wall, each with `variance`, m².
 
@@ -173,13 +169,7 @@ def updated_covariance(
 
 @kernel
 def _updated_covariance(
-    grid: LevelGrid,
-    points: Floats,
-    x: float,
-    y: float,
-    heading: float,
-    prior: Floats,
-    variance: float,
+    grid: LevelGrid, points: Floats, x: float, y: float, heading: float, prior: Floats, variance: float
 ) -> Floats:
     levels, frame, step = grid
     after = prior.copy()

@@ -71,11 +71,7 @@ class LikelihoodField:
         corners = self.floor[generator.integers(len(self.floor), size=count)]
         side = self.frame[2]
         drawn: Floats = np.stack(
-            (
-                corners[:, 0] + side * draws[0],
-                corners[:, 1] + side * draws[1],
-                np.pi - 2 * np.pi * draws[2],
-            )
+            (corners[:, 0] + side * draws[0], corners[:, 1] + side * draws[1], np.pi - 2 * np.pi * draws[2])
         )
         return drawn
 

@@ -132,12 +132,7 @@ def _face(frame: Floats, cloud: ParticleSet) -> Floats:
 
 @kernel
 def _look_up(
-    levels: Octets,
-    cells: Floats,
-    directions: Floats,
-    forward: float,
-    left: float,
-    seen: Octets,
+    levels: Octets, cells: Floats, directions: Floats, forward: float, left: float, seen: Octets
 ) -> None:
     """Write the level of one beam's end for each particle into `seen`; lengths in cells."""
     last_row, last_column = levels.shape[0] - 1.0, levels.shape[1] - 1.0

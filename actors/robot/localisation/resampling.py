@@ -48,12 +48,7 @@ class Cluster(NamedTuple):
     """Sum of the particles' weights, 0 to 1."""
 
 
-def heaviest_cluster(
-    found: Histogram,
-    poses: Floats,
-    directions: Floats,
-    weights: Floats,
-) -> Cluster:
+def heaviest_cluster(found: Histogram, poses: Floats, directions: Floats, weights: Floats) -> Cluster:
     """Return the cluster with the highest weight; of equal ones, the one with the first particle.
 
     As pf_cluster_stats in pf.c. `directions`: (2, capacity), cosine and sine of the headings; `weights`:
@@ -136,12 +131,7 @@ def _connect(keys: Int64s, table: Int64s) -> Int64s:
 
 @kernel
 def _heaviest(
-    bin_of: Int64s,
-    keys: Int64s,
-    table: Int64s,
-    poses: Floats,
-    directions: Floats,
-    weights: Floats,
+    bin_of: Int64s, keys: Int64s, table: Int64s, poses: Floats, directions: Floats, weights: Floats
 ) -> tuple[float, float, float, float, float, float, float, float, float, float]:
     """Return mean x, y, heading; weight; xx, xy, xh, yy, yh, hh of the covariance."""
     cluster = _connect(keys, table)

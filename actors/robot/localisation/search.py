@@ -121,13 +121,7 @@ class PoseHypothesis:
 class PoseSearch:
     """A search for the pose of a lost robot."""
 
-    def __init__(
-        self,
-        plan: LikelihoodField,
-        mount: Floats,
-        generator: Generator,
-        poses: int,
-    ) -> None:
+    def __init__(self, plan: LikelihoodField, mount: Floats, generator: Generator, poses: int) -> None:
         """Create a search. `mount`: (2,), m, origin of beams, body's frame; `poses`: poses tried per scan."""
         self._plan = plan
         self._mount = mount

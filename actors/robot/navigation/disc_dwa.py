@@ -171,15 +171,7 @@ def _driven(
 
 @kernel
 def _score(
-    least: float,
-    x: float,
-    y: float,
-    c: float,
-    s: float,
-    waves: Waves,
-    table: Floats,
-    too_near: bool,
-    w: Any,
+    least: float, x: float, y: float, c: float, s: float, waves: Waves, table: Floats, too_near: bool, w: Any
 ) -> float:
     """Return the sum of the critics' scores of a trajectory and its end, or INVALID.
 

@@ -165,12 +165,7 @@ def stamp_free_cells(
 
 @kernel
 def stamp_new_marks(
-    arrivals: Int64s,
-    instant: int,
-    marks: Octets,
-    before: Octets,
-    stamps: Int64s,
-    oldest: int,
+    arrivals: Int64s, instant: int, marks: Octets, before: Octets, stamps: Int64s, oldest: int
 ) -> None:
     """Write `instant` into each cell that is marked, was not marked `before`, and has a stamp ≥ `oldest`.
 
@@ -324,12 +319,7 @@ def squared_within(marks: Octets, reach: int) -> Int16s:
 
 @kernel
 def half_gaps(
-    squared: Int16s,
-    arrivals: Int64s,
-    since: int,
-    body: Floats,
-    room: float,
-    farthest: float,
+    squared: Int16s, arrivals: Int64s, since: int, body: Floats, room: float, farthest: float
 ) -> Floats:
     """Return half of the gap to each moving mark, if below `farthest`, so that two robots stop in time.
 
