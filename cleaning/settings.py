@@ -49,5 +49,4 @@ def _refused(kind: type[P], settings: Mapping[str, Setting], refusal: Exception)
             decode(kind, least | {name: value}, _TABLE)
         except _REFUSALS as error:
             return f"{_TABLE}.{name} is {toml_text(value)}: {error}"
-    words = (f"{_TABLE}.{name} is {toml_text(value)}" for name, value in settings.items())
-    return f"{', '.join(words)}: {refusal}"
+    return f"{', '.join(f'{_TABLE}.{key} is {toml_text(one)}' for key, one in settings.items())}: {refusal}"
