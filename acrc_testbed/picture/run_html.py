@@ -99,8 +99,7 @@ def _put(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:
     told = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
     told += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
     rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(told)]
-    columns = ["time, s", "robot", "event"]
-    return _table("Events of the scenario, and orders.", columns, rows, -1, numbers=(0,))
+    return _table("Events and orders.", ["time, s", "robot", "event"], rows, -1, numbers=(0,))
 
 
 def _decided(run: RunData) -> PageTable:
