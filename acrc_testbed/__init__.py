@@ -1,36 +1,36 @@
-"""The testbed as a library: run scenarios, open runs, read their tables, draw them, compare campaigns.
+"""Library interface of the testbed: run scenarios, open runs, read tables, draw, compare campaigns.
 
-`import acrc_testbed as acrc` is all that a notebook needs; docs/library.md shows it. Whatever is wrong raises
-`AcrcError`, with one sentence.
+`import acrc_testbed as acrc` is the only import that a notebook needs; see docs/library.md. All errors are
+`AcrcError`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
-import actors  # noqa: F401  # before any other package: it orders sys.path
+import actors  # noqa: F401  # first import: sets the order of sys.path
 
 if TYPE_CHECKING:
     from acrc_testbed.campaigns import Campaign, campaign, open_campaign
     from acrc_testbed.checks import check_strategy, check_task
-    from acrc_testbed.runs import Run, beside, open_run, run
+    from acrc_testbed.runs import Run, open_run, run, side_by_side
     from actors.runtime.errors import AcrcError
 
 __all__ = [
     "AcrcError",
     "Campaign",
     "Run",
-    "beside",
     "campaign",
     "check_strategy",
     "check_task",
     "open_campaign",
     "open_run",
     "run",
+    "side_by_side",
 ]
 
 _MODULES: Final = {
     **dict.fromkeys(("Campaign", "campaign", "open_campaign"), "acrc_testbed.campaigns"),
-    **dict.fromkeys(("Run", "beside", "open_run", "run"), "acrc_testbed.runs"),
+    **dict.fromkeys(("Run", "side_by_side", "open_run", "run"), "acrc_testbed.runs"),
     **dict.fromkeys(("check_strategy", "check_task"), "acrc_testbed.checks"),
     "AcrcError": "actors.runtime.errors",
 }

@@ -1,4 +1,4 @@
-"""Campaigns: carried out, opened, and compared."""
+"""Run, open and compare campaigns."""
 
 import warnings
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acrc_testbed.errors import arguments_named
+from acrc_testbed.argument_names import arguments_named
 from acrc_testbed.shipped import file_of
 from actors.installation.usage import wrong_value
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign in its folder, finished or not."""
+    """A campaign's folder; the campaign may be incomplete."""
 
     folder: Path
 
     @arguments_named()
     def results(self) -> "pyarrow.Table":
-        """Return a row for each run that has ended: strategy, seed, variant, and every metric."""
+        """Return a row for each completed trial: strategy, seed, variant and every metric."""
         import pyarrow
 
         from acrc_testbed.experiments import campaign
@@ -36,30 +36,30 @@ class Campaign:
 
     @arguments_named()
     def compare(self, metric: str | None = None) -> "list[Comparison]":
-        """Estimate how much every pair of strategies differs, with intervals; the declared pairs first.
+        """Estimate the difference of each pair of strategies, with intervals; declared pairs come first.
 
-        `metric`: only this one. Warns where a repeated run had another digest.
+        `metric`: estimate this metric only. Warns if a repeated run has a different digest.
         """
         from acrc_testbed.experiments import comparison
-        from acrc_testbed.experiments.judgement import judge
+        from acrc_testbed.experiments.evaluation import evaluate
 
         if metric is not None and not comparison.is_metric(metric):
             raise wrong_value("metric", metric, comparison.CHOICE)
-        return list(judge(self._kept(), metric).estimates)
+        return list(evaluate(self._kept(), metric).estimates)
 
     @arguments_named()
     def sentences(self) -> list[str]:
-        """Say which runs failed, and what the declared comparisons come to: places decide, then time."""
-        from acrc_testbed.experiments.judgement import judge
+        """Return failures and results of the declared comparisons as sentences."""
+        from acrc_testbed.experiments.evaluation import evaluate
 
-        return judge(self._kept()).sentences()
+        return evaluate(self._kept()).sentences()
 
     def _kept(self) -> "Store":
         from acrc_testbed.experiments import store
-        from acrc_testbed.experiments.store import differing
+        from acrc_testbed.experiments.store import difference_sentences
 
         kept = store.load(self.folder)
-        for sentence in differing(kept):
+        for sentence in difference_sentences(kept):
             warnings.warn(sentence, stacklevel=3)
         return kept
 
@@ -76,27 +76,27 @@ def campaign(
     trust: bool = False,
     overwrite: bool = False,
 ) -> Campaign:
-    """Carry out a study, by its file or the name of a shipped one; a campaign that was begun goes on.
+    """Run a study, given as a file or the name of a shipped one; resume its campaign if it exists.
 
-    Arguments mean what the options of `acrc campaign` mean. `out`: its folder; None: one in campaigns/.
-    `overwrite`: the campaign in that folder does not go on but is removed, and begins again.
+    Arguments have the meaning of the options of `acrc campaign`. `out`: folder of the campaign; None:
+    campaigns/NAME. `overwrite`: delete an existing campaign instead of resuming it.
     """
     from acrc_testbed.experiments import campaign, store
     from acrc_testbed.experiments.campaign import CampaignOptions, carry_out
-    from acrc_testbed.experiments.draws import StudyOptions, check, study_of
+    from acrc_testbed.experiments.trial_settings import StudyOptions, check_study, make_study
     from acrc_testbed.results.seal import seal
     from actors.robot.behaviour.code_permit import permit_of
     from actors.runtime.isolation.sandbox import choose_isolation
     from deploy.run import out_folder
 
     file = file_of("studies", study)
-    asked = study_of(StudyOptions(file, seeds=seeds))
-    if asked.isolated:
-        choose_isolation(True)  # refused here, not run by run
-    _, folders = check(asked, permit_of([Path(one) for one in modules], trust=trust), file)
-    folder = Path(out or Path("campaigns", asked.name)).absolute()
+    prepared = make_study(StudyOptions(file, seeds=seeds))
+    if prepared.isolated:
+        choose_isolation(True)  # refuse before the first trial
+    _, folders = check_study(prepared, permit_of([Path(one) for one in modules], trust=trust), file)
+    folder = Path(out or Path("campaigns", prepared.name)).absolute()
     with out_folder.replacing(folder, "study.json") if overwrite else nullcontext():
-        kept = store.create(folder, asked)
+        kept = store.create(folder, prepared)
         try:
             carry_out(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
         finally:
@@ -107,7 +107,7 @@ def campaign(
 
 @arguments_named()
 def open_campaign(folder: str | PathLike[str]) -> Campaign:
-    """Open the campaign in a folder. Raises AcrcError if there is none, or if it is not as it was left."""
+    """Open the campaign in a folder. Raises AcrcError if there is none or its files were changed."""
     from acrc_testbed.experiments import store
 
     return Campaign(store.load(Path(folder)).folder.absolute())

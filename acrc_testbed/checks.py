@@ -1,4 +1,4 @@
-"""Checks of user code, in the manner of an API test: `check_strategy` and `check_task` return findings."""
+"""API tests of user code: `check_strategy` and `check_task` return findings."""
 
 import inspect
 import tempfile
@@ -33,7 +33,7 @@ _EVENTS: Final = (
     EventTable(at=4.0, restart="r2"),
     EventTable(at=5.0, lose="r1", of="r2"),
 )
-"""Disturbances that a strategy must handle: missing steps, a restart without memory, a lost frame."""
+"""Disturbances that a strategy must handle: missed steps, a restart with empty state, a lost frame."""
 _DROPPED: Final = ("frames_dropped", "frames_overflow")
 _STEPS: Final = 50
 
@@ -46,17 +46,17 @@ def check_strategy(
     settings: Mapping[str, object] | None = None,
     modules: Sequence[str | PathLike[str]] = (),
 ) -> list[str]:
-    """Check a strategy, named as for `acrc run --strategy`, and return findings as sentences; empty: none.
+    """Check a strategy, named as for `acrc run --strategy`, and return findings as sentences.
 
-    Checked in short runs in memory: its function and types, the sizes of its messages, purity (a second run
-    in the same process, and a replay with another hash seed, send the same messages), set-up that a process
-    can be given, frozen steps, a restart without memory, lost frames, lost places, and its own results.
+    Short in-memory runs check its function and types, message sizes, purity (a second run in the same
+    process and a replay with another hash seed send the same messages), picklable set-up, frozen steps, a
+    restart with empty state, lost frames, lost places, and its outcome.
 
-    `settings`: of the table [strategy]; `scenario`: with at least two robots, r1 and r2; `duration` in s, at
+    `settings`: values of the table [strategy]; `scenario`: must have the robots r1 and r2; `duration`: s, at
     least 10. Raises AcrcError for wrong arguments.
     """
     if duration < 10:
-        raise AcrcError(f"duration is {duration:g} s; the disturbances need at least 10 s")
+        raise AcrcError(f"duration: {duration:g} s is too short for the disturbances; use at least 10 s")
     overrides = Overrides(
         strategy=strategy,
         duration=duration,
@@ -74,7 +74,7 @@ def check_strategy(
 
 
 def _function_findings(strategy: str) -> Iterator[str]:
-    """Yield what is wrong with the function that makes the behaviour."""
+    """Yield faults of the function that creates the behaviour."""
     try:
         function = entry_function(entry(strategy))
     except AcrcError as error:
@@ -83,11 +83,11 @@ def _function_findings(strategy: str) -> Iterator[str]:
     try:
         inspect.signature(function).bind(None)
     except TypeError as error:
-        yield f"{strategy} cannot be called with a Start alone: {error}"
+        yield f"{strategy} cannot be called with a Start as its only argument: {error}"
 
 
 def _run_findings(prepared: PreparedRun, folder: Path) -> Iterator[str]:
-    """Run undisturbed twice, replay, run disturbed; yield what is wrong."""
+    """Run twice undisturbed, replay, run with disturbances; yield the faults found."""
     first = _run(prepared, folder / "first")
     if isinstance(first, str):
         yield first
@@ -95,13 +95,13 @@ def _run_findings(prepared: PreparedRun, folder: Path) -> Iterator[str]:
     yield from _result_findings(first)
     second = _run(prepared, folder / "second")
     if isinstance(second, str):
-        yield f"a second run in the same process fails: {second}"
+        yield f"a second run in the same process failed: {second}"
     elif second.digest != first.digest:
         step_us = int(milliseconds(prepared.scenario.run.step_ms))
         found = divergence(folder / "first", folder / "second", step_us, ("first run", "second run"))
         yield (
-            "a second run in the same process differs, so the strategy depends on a clock, its own random "
-            f"numbers, or state outside its knowledge{f': {found.words}' if found else ''}"
+            "a second run in the same process differs: the strategy depends on a clock, its own random "
+            f"numbers, or state outside its knowledge{f' ({found.words})' if found else ''}"
         )
     try:
         recheck(folder / "first", prepared.options.modules)
@@ -111,16 +111,16 @@ def _run_findings(prepared: PreparedRun, folder: Path) -> Iterator[str]:
     disturbed = prepared._replace(scenario=msgspec.structs.replace(prepared.scenario, event=events))
     third = _run(disturbed, folder / "disturbed")
     if isinstance(third, str):
-        yield f"with frozen, restarted robots and a lost frame: {third}"
+        yield f"run with frozen and restarted robots and a lost frame: {third}"
     elif third.places_lost:
         yield (
             f"after a restart {third.places_lost} places are in no robot's route; "
-            "a restarted robot should take its own places again"
+            "a restarted robot should plan to visit its own places again"
         )
 
 
 def _run(prepared: PreparedRun, out: Path) -> RunResult | str:
-    """Return the result of a run in memory, or the sentence with which it fails."""
+    """Return the result of an in-memory run, or its error message."""
     try:
         return start_run(prepared._replace(options=replace(prepared.options, out=out)), quiet=True)
     except AcrcError as error:
@@ -128,25 +128,24 @@ def _run(prepared: PreparedRun, out: Path) -> RunResult | str:
 
 
 def _result_findings(result: RunResult) -> Iterator[str]:
-    """Yield what a result shows of a strategy that ran undisturbed."""
+    """Yield faults visible in the result of an undisturbed run."""
     yield from result.refused_reports
     if result.places_lost:
-        yield f"{result.places_lost} places are in no robot's route, and were neither reported nor given up"
+        yield f"{result.places_lost} places are in no robot's route and were neither reported nor given up"
     for name in _DROPPED:
         if count := result.frames.get(name, 0):
-            yield f"{name} is {count}: it sends more frames than the radio takes; publish less, or less often"
+            yield f"{name} is {count}: more frames sent than the radio accepts; publish less or less often"
 
 
 def check_task(make: Callable[[], Task], robots: Sequence[str] = ("r1", "r2")) -> list[str]:
-    """Check a task, made anew by each call of `make`, and return findings as sentences; empty: none.
+    """Check a task and return findings as sentences; `make` must return a new task at each call.
 
-    Checked: its methods and their types, that two tasks given the same positions and reports give the same
-    progress and outcome, that the outcome can be written as JSON, and that wrong reports are refused by a
-    sentence instead of an exception.
+    Checked: its methods and their types; equal progress and outcome for equal inputs; an outcome that can be
+    written as JSON; wrong reports refused with a message instead of an exception.
     """
     try:
-        first, second = _followed(make(), robots), _followed(make(), robots)
-    except Exception as error:  # whatever the user's code raises is the finding
+        first, second = _exercise(make(), robots), _exercise(make(), robots)
+    except Exception as error:  # any exception of user code is a finding
         return [f"{type(error).__name__}: {error}"]
     findings = [*first.findings]
     if first.states != second.states:
@@ -156,20 +155,20 @@ def check_task(make: Callable[[], Task], robots: Sequence[str] = ("r1", "r2")) -
             if one != two
         )
         findings.append(
-            f"two tasks with equal inputs differ in step {step}: a task must follow its inputs only"
+            f"two tasks with equal inputs differ in step {step}: a task must depend on its inputs only"
         )
     return findings
 
 
-class _Followed(NamedTuple):
-    """What a task said over some steps."""
+class _TaskTrace(NamedTuple):
+    """States of a task over some steps, and faults of its answers."""
 
     states: list[str]
     findings: list[str]
 
 
-def _followed(task: Task, robots: Sequence[str]) -> _Followed:
-    """Show a task positions, reports, a restart and a new place; note what it says."""
+def _exercise(task: Task, robots: Sequence[str]) -> _TaskTrace:
+    """Feed positions, reports, a restart and a new place to a task; return its states."""
     generator = np.random.default_rng(1)
     states, findings = list[str](), set[str]()
     for step in range(_STEPS):
@@ -182,7 +181,7 @@ def _followed(task: Task, robots: Sequence[str]) -> _Followed:
                 task.take(robot, claim),
             ]
             findings.update(
-                f"take() gives {answer!r}; it should be None or a sentence"
+                f"take() returned {answer!r}; must be None or a sentence"
                 for answer in answers
                 if answer is not None and not isinstance(answer, str)
             )
@@ -190,10 +189,10 @@ def _followed(task: Task, robots: Sequence[str]) -> _Followed:
             task.restart(robots[0])
             task.give(instant, robots[0], [(1.0, 1.0)])
         if not isinstance(task.settled, bool):
-            findings.add(f"settled is {task.settled!r}; it should be True or False")
+            findings.add(f"settled is {task.settled!r}; must be True or False")
         states.append(repr((task.settled, task.progress(robots))))
     try:
         states.append(msgspec.json.encode(task.outcome(robots)).decode())
     except TypeError as error:
         findings.add(f"outcome() cannot be written as JSON: {error}")
-    return _Followed(states, sorted(findings))
+    return _TaskTrace(states, sorted(findings))

@@ -1,4 +1,4 @@
-"""Runs: made, opened, and looked at as tables and pictures."""
+"""Run scenarios, open runs, and read them as tables and pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
-from acrc_testbed.errors import arguments_named
+from acrc_testbed.argument_names import arguments_named
 from acrc_testbed.shipped import file_of
 from actors.installation.usage import output_file
 from actors.runtime.errors import AcrcError
@@ -21,46 +21,46 @@ if TYPE_CHECKING:
     from acrc_testbed.run_model.data import RunData
 
 _MARK: Final = "world/world.mcap"
-"""A file that every run writes."""
+"""A file of every run."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run in its folder: finished, cut off, or still going on."""
+    """A run's folder; the run may be completed, interrupted or in progress."""
 
     folder: Path
 
     @cached_property
-    def evidence(self) -> "RunData":
-        """What the recordings show, as numpy arrays by step and robot; read once, and kept."""
+    def data(self) -> "RunData":
+        """Data of the recordings as numpy arrays by step and robot, read on first use."""
         from acrc_testbed.run_model.simulated_runs import read_run
 
         return read_run(self.folder)
 
     @property
     def result(self) -> "RunResult | None":
-        """The content of run.json; None while the run goes on, or if it was cut off."""
-        return self.evidence.result
+        """Content of run.json; None if the run is in progress or was interrupted."""
+        return self.data.result
 
     def tables(self) -> "dict[str, pyarrow.Table]":
-        """Return the tables of `acrc export`, by name (docs/tables.md says what is in them)."""
+        """Return the tables of `acrc export` by name; see docs/tables.md."""
         from acrc_testbed.export import parquet_files, table_rows
 
         return parquet_files.arrow(table_rows.tables(self.folder))
 
     @arguments_named()
     def picture(self, file: str | PathLike[str] | None = None) -> "Figure":
-        """Draw the run on one page: floor, trails, who did what when, radio, progress.
+        """Draw the run on one page: floor, trails, activities, radio, progress.
 
-        `file`: write it there, too, as .png or .svg.
+        `file`: also write it to this .png or .svg file.
         """
         from acrc_testbed.picture import run_page
 
-        return _drawn(lambda: run_page.draw(self.evidence), file)
+        return _drawn(lambda: run_page.draw(self.data), file)
 
     @arguments_named()
     def time_spent(self) -> "TimeSpent":
-        """Return where the robots' time went, by cause, as `acrc causes` does."""
+        """Return the robots' time by cause, as `acrc causes` does."""
         from acrc_testbed.explanation.time_accounting import account_time
 
         return account_time(self.folder)
@@ -83,12 +83,12 @@ def run(
     trust: bool = False,
     overwrite: bool = False,
 ) -> Run:
-    """Run a scenario, by its file or the name of a shipped one, and return the run.
+    """Run a scenario, given as a file or the name of a shipped one.
 
-    Arguments mean what the options of `acrc run` mean; `settings` maps keys of the scenario, such as
-    "deeco.publish", to values. `out`: a new or empty folder; None: a new one in runs/. `overwrite`: a run
-    that has ended in `out` is removed, with all that is in its folder, once the new one has begun. A strategy
-    of your own is a module in the working directory or in a folder of `modules`.
+    Arguments have the meaning of the options of `acrc run`; `settings` maps keys of the scenario, such as
+    "deeco.publish", to values. `out`: a new or empty folder; None: a new one in runs/. `overwrite`: delete an
+    earlier run in `out` once the new one has started. Your own strategy is a module in the working directory
+    or in a folder of `modules`.
     """
     from acrc_testbed.recordings.topics import RunState, run_state
     from actors.robot.behaviour.code_permit import permit_of
@@ -110,7 +110,7 @@ def run(
         prepared = claimed(prepared)
     options = prepared.options
     if overwrite and (options.out / _MARK).is_file() and run_state(options.out) is RunState.GOING_ON:
-        raise AcrcError(f"--out: {options.out} is the folder of a run that is going on; must be another one")
+        raise AcrcError(f"--out: a run is in progress in {options.out}; choose another folder")
     start_run(prepared, replaces=_MARK if overwrite else "")
     return Run(options.out)
 
@@ -125,11 +125,11 @@ def open_run(folder: str | PathLike[str]) -> Run:
 
 
 @arguments_named()
-def beside(*runs: Run, file: str | PathLike[str] | None = None) -> "Figure":
-    """Draw several runs side by side, such as one without and one with adaptation; `file` as for a run."""
+def side_by_side(*runs: Run, file: str | PathLike[str] | None = None) -> "Figure":
+    """Draw runs side by side, such as one without and one with adaptation; `file`: as in `Run.picture`."""
     from acrc_testbed.picture import run_page
 
-    return _drawn(lambda: run_page.draw_several([one.evidence for one in runs]), file)
+    return _drawn(lambda: run_page.draw_several([one.data for one in runs]), file)
 
 
 def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "Figure":

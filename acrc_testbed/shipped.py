@@ -1,4 +1,4 @@
-"""Scenarios and studies by name: those that come with the testbed need no path."""
+"""Shipped scenarios and studies by name."""
 
 from os import PathLike
 from pathlib import Path
@@ -7,6 +7,6 @@ from actors.installation.repository import SHIPPED
 
 
 def file_of(kind: str, named: str | PathLike[str]) -> Path:
-    """The file of a shipped scenario or study, by its name; of whatever else the path. `kind`: its folder."""
+    """Return the file of a shipped scenario or study by its name; other values are paths."""
     shipped = SHIPPED / kind / f"{named}.toml"
     return shipped if str(named).isidentifier() and shipped.is_file() else Path(named)

@@ -11,7 +11,7 @@ from actors import portable
 from actors.instant import in_seconds
 from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, Drive, Outgoing, Transmit
 from actors.orders import Give, Obstacle, Order, Speed, StartJam, Step, Wall
-from actors.task.task import TaskLimits, words_fault
+from actors.task.task import TaskLimits, task_reports_fault
 from actors.wording import bounds_text, short_repr
 
 
@@ -100,7 +100,7 @@ def drive_fault(drive: Drive, step: int, begin: int, end: int) -> str | None:
     if drive.step != step:
         return f"sent a Drive of step {drive.step}, expected step {step}"
     if drive.reports or drive.given_up or drive.route is not None:
-        return words_fault(drive, begin, end, LIMITS)
+        return task_reports_fault(drive, begin, end, LIMITS)
     return None
 
 

@@ -25,7 +25,7 @@ from acrc_testbed.benchmarks.radio_trials import (
     measure,
     points,
 )
-from acrc_testbed.results.clock_alignment import quantile
+from acrc_testbed.results.clock_alignment import t_quantile
 from actors.console import create_console
 from actors.runtime.errors import AcrcError
 
@@ -145,7 +145,7 @@ def compare(
         error=error,
         z=math.copysign(normal_score(abs(t), freedom), t),
         welch_t=_ratio(difference, math.hypot(reference.error, own.error)),
-        inside=abs(t) <= (quantile(0.975, freedom) if freedom < _FREEDOM_ENOUGH else 1.96),
+        inside=abs(t) <= (t_quantile(0.975, freedom) if freedom < _FREEDOM_ENOUGH else 1.96),
         informative=latency or 0.02 < reference.value < 0.98,
         excess=-math.inf if latency else abs(difference) - 3 * error,
     )

@@ -15,27 +15,38 @@ from acrc_testbed.command_line.shared_options import answer
 from acrc_testbed.experiments import campaign as campaigns
 from acrc_testbed.experiments import comparison, frozen_plan, store, verdicts
 from acrc_testbed.experiments.campaign import CampaignOptions
-from acrc_testbed.experiments.comparison import Comparison, coincidence_sentences, coincidences, samples
-from acrc_testbed.experiments.draws import StudyOptions, check, path_of, study_of, understood
-from acrc_testbed.experiments.judgement import (
-    CampaignJudgement,
-    across_sentences,
-    failures,
-    judge,
-    summaries,
-    verdict,
+from acrc_testbed.experiments.comparison import (
+    Comparison,
+    identical_start_sentences,
+    identical_starts,
+    samples,
 )
-from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, Effect, Interval, pairs_needed
-from acrc_testbed.experiments.store import declared, differing, protection
+from acrc_testbed.experiments.evaluation import (
+    CampaignEvaluation,
+    evaluate,
+    failure_sentences,
+    overall_sentences,
+    summary_sentences,
+    verdict_sentence,
+)
+from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, AssumedEffect, Interval, pairs_needed
+from acrc_testbed.experiments.store import difference_sentences, isolation_sentences, plan_text
 from acrc_testbed.experiments.study import load_study
+from acrc_testbed.experiments.trial_settings import (
+    StudyOptions,
+    check_study,
+    make_study,
+    resolve_study,
+    study_path,
+)
 from acrc_testbed.experiments.verdicts import (
-    Promise,
-    ceilings,
-    foreseen,
-    primary,
-    promises,
-    step_names,
-    tests_of,
+    PowerEstimate,
+    ceiling_sentences,
+    family_size,
+    power_estimates,
+    power_warnings,
+    primary_samples,
+    step_metrics,
 )
 from acrc_testbed.results.seal import seal
 from actors.console import create_console
@@ -64,25 +75,25 @@ def campaign(
     """Run the study and print its state. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
         options = replace(options, on=plain(options.on))  # reports errors before anything is written
-    study_options, notes = understood(study_options)
-    study = study_of(study_options)
+    study_options, notes = resolve_study(study_options)
+    study = make_study(study_options)
     if study.isolated and options.on is None:
         choose_isolation(True)  # fails once here, not in each run
-    source = path_of(study_options)
-    hints, modules = check(study, permit, source)
-    plan_file = store.plan_of(plan, None if study.tuning else source)
+    source = study_path(study_options)
+    hints, modules = check_study(study, permit, source)
+    plan_file = store.find_plan(plan, None if study.tuning else source)
     options = replace(options, modules=modules)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
     kept = store.create(folder.absolute(), study)
-    watch = verdicts.Watch(kept) if until_decided else None
+    watch = verdicts.InterimAnalysis(kept) if until_decided else None
     if watch is not None:
         kept.declare_looks()
-    frozen = store.take_in(kept, plan_file, source, looks=until_decided)
+    frozen = store.adopt_plan(kept, plan_file, source, looks=until_decided)
     say = create_console(stderr=True)
     least = LEAST_PAIRS if watch is None else watch.rules.least
-    for line in [] if json_output else (*notes, *hints, *foreseen(study, least), *frozen):
+    for line in [] if json_output else (*notes, *hints, *power_warnings(study, least), *frozen):
         say.print(line)
-    enough = (lambda: False) if watch is None else watch.enough
+    enough = (lambda: False) if watch is None else watch.is_decided
     try:
         with progress_display(quiet=json_output) as follow:
             progress = campaigns.carry_out(kept, options, follow, enough)
@@ -92,14 +103,14 @@ def campaign(
     finally:
         campaigns.write(kept)
         seal(kept.folder)
-    different = differing(kept)
+    different = difference_sentences(kept)
     data = {
         "out": folder,
         **msgspec.to_builtins(progress),
-        "protection": protection(kept),
+        "protection": isolation_sentences(kept),
         "differing": different,
         "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
-        "coincide": coincidences(kept.records()),
+        "coincide": identical_starts(kept.records()),
     }
     answer(() if json_output else _lines(kept, folder, progress, watch), data, json=json_output)
     _warn(different)
@@ -108,20 +119,23 @@ def campaign(
 
 
 def _lines(
-    kept: store.Store, folder: Path, progress: campaigns.CampaignProgress, watch: verdicts.Watch | None
+    kept: store.Store,
+    folder: Path,
+    progress: campaigns.CampaignProgress,
+    watch: verdicts.InterimAnalysis | None,
 ) -> Iterator[str]:
     """Yield the final sentences."""
-    yield from protection(kept)
+    yield from isolation_sentences(kept)
     failed: dict[str, list[str]] = {}
     for record in kept.records():
         if record.failure is not None:
             failed.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
     for cause, runs in failed.items():
         yield f"failed: {cause} ({len(runs)} runs, first {runs[0]})"
-    yield from summaries(kept.records())
-    yield from coincidence_sentences(coincidences(kept.records()))
+    yield from summary_sentences(kept.records())
+    yield from identical_start_sentences(identical_starts(kept.records()))
     if watch is not None:
-        yield from verdicts.look_sentences(watch.looked_at(), watch.rules)
+        yield from verdicts.look_sentences(watch.verdicts(), watch.rules)
     yield (
         f"{progress.done} of {progress.total} runs done, {progress.failed} failed; {folder} contains tables "
         f"results.csv and results.parquet; to compare strategies: {command_line('compare', folder)}"
@@ -170,15 +184,15 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
     if target.exists():
         raise AcrcError(f"{target}: already exists; a frozen plan is not replaced: choose another file")
     study = load_study(study_file)
-    step_names(study)
-    looks = verdicts.rules_for(study).differ.looks if until_decided else ()
+    step_metrics(study)
+    looks = verdicts.stopping_rules(study).differ.looks if until_decided else ()
     content = frozen_plan.freeze(study, software_version(), looks)
     with out_folder.writing(target):
         regular_file.write_atomically(target, content)
-    plan = frozen_plan.read(target)
+    plan = frozen_plan.read_plan(target)
     answer(
         [
-            f"Frozen {declared(plan)}",
+            f"Frozen {plan_text(plan)}",
             f"written to {target}; publish the hash before the first run, since it does not prove a date",
         ],
         {"file": target, "commit": plan.commit, "sha256": plan.sha256},
@@ -188,7 +202,7 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
 
 def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
     """Write the report to `out`, by default in the first folder."""
-    from acrc_testbed.experiments.report import report as reports  # draws with matplotlib
+    from acrc_testbed.experiments.report import report_page as reports  # draws with matplotlib
 
     target = out or folders[0] / "report"
     with out_folder.writing(target):
@@ -202,7 +216,7 @@ def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool
 
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
     with out_folder.writing(target):
-        has_software = bundles.make(folder, target, authors)
+        has_software = bundles.make_bundle(folder, target, authors)
     lines = [f"written to {target}; unpack it and run ./reproduce.sh to repeat the runs"]
     if not has_software:
         lines.append("the software is not included: it has uncommitted changes, or its commit is missing")
@@ -219,8 +233,8 @@ def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
     if metric is not None and not comparison.is_metric(metric):
         raise wrong_value("--metric", metric, comparison.CHOICE)
     kept = store.load(folder)
-    found = judge(kept, metric)
-    different = differing(kept)
+    found = evaluate(kept, metric)
+    different = difference_sentences(kept)
     _warn(different)
     answer(_comparison(kept, found), _comparison_json(found), json=json_output)
     if not json_output:
@@ -235,7 +249,7 @@ def _warn(different: Sequence[str]) -> None:
         console.print(f"acrc: {line}", style="bold red")
 
 
-def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
+def _comparison_json(found: CampaignEvaluation) -> dict[str, object]:
     return {
         "failures": found.failures,
         "declared": found.declared,
@@ -244,7 +258,7 @@ def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
                 "one": one.sample.one,
                 "other": one.sample.other,
                 "variant": one.sample.variant,
-                "says": verdict(one),
+                "says": verdict_sentence(one),
                 "decided_by": one.deciding.metric if one.deciding is not None else None,
                 "steps": [
                     {
@@ -264,18 +278,18 @@ def _comparison_json(found: CampaignJudgement) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _comparison(kept: store.Store, found: CampaignJudgement) -> Iterator[str | Table]:
+def _comparison(kept: store.Store, found: CampaignEvaluation) -> Iterator[str | Table]:
     """Yield the results of the tests, tables of estimates, interim looks, coincidences and warnings."""
-    yield from (*found.failures, *protection(kept), *found.declared, *found.too_few, *found.family)
-    yield from map(verdict, found.verdicts)
+    yield from (*found.failures, *isolation_sentences(kept), *found.declared, *found.too_few, *found.family)
+    yield from map(verdict_sentence, found.verdicts)
     for across in found.across:
-        yield from across_sentences(across)
+        yield from overall_sentences(across)
     if found.estimates:
         yield "Estimates with 95 % confidence intervals (descriptive, not tests):"
     yield from _tables(found.estimates)
     if kept.looks is not None:
-        yield from verdicts.look_sentences(found.looks, verdicts.rules_for(kept.study))
-    yield from coincidence_sentences(coincidences(kept.records()))
+        yield from verdicts.look_sentences(found.looks, verdicts.stopping_rules(kept.study))
+    yield from identical_start_sentences(identical_starts(kept.records()))
     if kept.study.tuning:
         yield "These are tuning seeds: confirm settings chosen with them on other seeds."
 
@@ -306,7 +320,7 @@ def plan(a12: float, power: float, correlation: float, comparisons: int, *, json
     """Print the number of pairs that an effect requires; a comparison has two tests (places, times)."""
     tests = 2 * comparisons
     try:
-        pairs = pairs_needed(Effect(a12, correlation, power, tests))
+        pairs = pairs_needed(AssumedEffect(a12, correlation, power, tests))
     except ValueError as error:
         raise OptionError(f"--a12: {error}") from None
     answer(
@@ -328,17 +342,17 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
         raise wrong_value("--metric", metric, comparison.CHOICE)
     study = msgspec.structs.replace(kept.study, primary_metric=metric or kept.study.primary_metric)
     records = list(kept.records())
-    found = primary(samples(records, study), study)
+    found = primary_samples(samples(records, study), study)
     if not found or not all(sample.pairs for sample in found):
         raise AcrcError(f"{folder}: a declared comparison has no pair of runs; run at least one of each")
-    made = list(promises(found, study, power))
+    made = list(power_estimates(found, study, power))
     names = [sample.name for sample in found]
-    data = {"comparisons": names, "tests": tests_of(study), "power": power, "promises": made}
+    data = {"comparisons": names, "tests": family_size(study), "power": power, "promises": made}
     seeds = min(len(sample.pairs) for sample in found)
     shown = [
-        *failures(records, study),
-        *_promised(names, made, tests_of(study), power, seeds),
-        *ceilings(records),
+        *failure_sentences(records, study),
+        *_promised(names, made, family_size(study), power, seeds),
+        *ceiling_sentences(records),
     ]
     if not kept.study.tuning:
         shown.append(
@@ -348,7 +362,7 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
 
 
 def _promised(
-    names: Sequence[str], made: Sequence[Promise], tests: int, power: float, seeds: int
+    names: Sequence[str], made: Sequence[PowerEstimate], tests: int, power: float, seeds: int
 ) -> Iterator[str | Table]:
     title = f"Power: share of campaigns that detect the difference, by {tests} tests"
     table = Table("pairs", *names, title=title)

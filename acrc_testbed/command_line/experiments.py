@@ -84,7 +84,7 @@ def campaign(
     """
     from acrc_testbed.command_line import campaign_commands
     from acrc_testbed.experiments.campaign import CampaignOptions
-    from acrc_testbed.experiments.draws import StudyOptions
+    from acrc_testbed.experiments.trial_settings import StudyOptions
     from actors.robot.behaviour.code_permit import permit_of
 
     study_options = StudyOptions(

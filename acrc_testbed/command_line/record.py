@@ -116,11 +116,11 @@ def check(out: _Recorded, json: Json = False) -> None:
         answer([sentence], data, json=json)
         return
     if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:
-        answer([seal.sentence(out, sealed)], {"sealed": sealed._asdict()}, json=json)
+        answer([seal.seal_sentence(out, sealed)], {"sealed": sealed._asdict()}, json=json)
         return
     report = record_check.check(out)
     data = vars(report) | {"sealed": None if report.sealed is None else report.sealed._asdict()}
-    answer([*record_check.sentences(report), seal.sentence(out, report.sealed)], data, json=json)
+    answer([*record_check.sentences(report), seal.seal_sentence(out, report.sealed)], data, json=json)
 
 
 def _messages(

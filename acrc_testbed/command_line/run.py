@@ -203,7 +203,7 @@ def run(
         prepared = claimed(prepared)
     result = start_run(prepared, quiet=json, by=by)
     from acrc_testbed.results import summary
-    from acrc_testbed.results.result import demand_all
+    from acrc_testbed.results.result import require_delivery
 
     summary.print_result(result, json=json)
     if hardware:
@@ -214,7 +214,7 @@ def run(
         summary.print_next(options.out, [*_baseline_arguments(sys.argv[1:], out)] if adapted else ())
     if view:
         summary.print_view(options.out)
-    demand_all(result.undelivered, result.not_delivered)
+    require_delivery(result.undelivered, result.not_delivered)
     if check:
         _check_replay(options.out, options.modules)
 

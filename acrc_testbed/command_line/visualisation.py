@@ -214,10 +214,10 @@ def _draw_side_by_side(folders: Sequence[Path], pictures: Sequence[Path]) -> Seq
 
 def _warn_if_incomplete(out: Path, run: "RunData") -> None:
     """Warn if a run is too short for statistics, or some of its recordings are elsewhere."""
-    from acrc_testbed.results.seal import elsewhere, where
+    from acrc_testbed.results.seal import fetch_sentence, remote_recordings
 
-    if left := elsewhere(out):
-        sys.stderr.write(f"acrc: {where(out, left)}; until then only the ground truth is drawn\n")
+    if left := remote_recordings(out):
+        sys.stderr.write(f"acrc: {fetch_sentence(out, left)}; until then only the ground truth is drawn\n")
     if run.end < _JUDGED_S:
         short = f"the run lasts {run.end:g} s; statistics require at least {_JUDGED_S:g} s"
         sys.stderr.write(f"acrc: {out}: {short}\n")

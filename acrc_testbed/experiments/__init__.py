@@ -1,1 +1,1 @@
-"""Several strategies compared: studies, campaigns, statistics, reports, bundles."""
+"""Comparison of strategies: studies, campaigns, statistics, reports, bundles."""

@@ -14,41 +14,41 @@ from typing import Any, Final
 
 import msgspec
 
-from acrc_testbed.experiments.store import Pending, Store
+from acrc_testbed.experiments.store import PendingTrial, Store
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_pool import Pool, trial_pool
 from acrc_testbed.experiments.trial_record import (
     CheckRecord,
     TrialOutcome,
     TrialRecord,
-    compared,
-    keep,
-    keep_bytes,
-    order_of,
-    received,
+    compare_repetition,
+    make_order,
+    validated_record,
+    write_durably,
+    write_json,
 )
-from acrc_testbed.results.outcome import means
+from acrc_testbed.results.outcome import outcome_means
 from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
 from deploy.scenario.tables import inline
 
 
 class TimeToGo:
-    """Estimate of the remaining time, by strategy, variant and whether a trial is repeated."""
+    """Estimator of the remaining time, by strategy, variant and whether a trial is repeated."""
 
     def __init__(self) -> None:
         self._took: dict[str, list[float]] = {}
 
-    def learn(self, pending: Pending, took_s: float) -> None:
-        """Take in the duration of a trial."""
+    def learn(self, pending: PendingTrial, took_s: float) -> None:
+        """Add the duration of a trial."""
         self._took.setdefault(_kind(pending), []).append(took_s)
 
     def left_s(
-        self, waiting: Iterable[Pending], running: Sequence[tuple[Pending, float]], slots: int
+        self, waiting: Iterable[PendingTrial], running: Sequence[tuple[PendingTrial, float]], slots: int
     ) -> float | None:
-        """Return what is left with so many trials at once; None before any has ended.
+        """Return the remaining time with `slots` trials at once, s; None before any trial has ended.
 
-        `running`: what has begun, and how long ago. A kind of which none has ended takes the others' mean.
+        `running`: trials in progress and their age, s. Kinds without an ended trial take the others' mean.
         """
         if not self._took:
             return None
@@ -59,7 +59,7 @@ class TimeToGo:
         return max((sum(begun) + to_come) / max(slots, 1), max(begun, default=0.0))
 
 
-def _kind(pending: Pending) -> str:
+def _kind(pending: PendingTrial) -> str:
     return repr((pending.trial.strategy, pending.trial.variant, pending.check))
 
 
@@ -68,33 +68,32 @@ _LOOK_S: Final = 1.0
 
 @dataclass(frozen=True)
 class CampaignOptions:
-    """How a study is carried out; of no influence on what comes out."""
+    """Options of execution, without influence on results."""
 
     jobs: int = 0
     """Trials at once; 0: one per core."""
     patience_s: float = 3600.0
-    """A trial that takes longer has failed."""
+    """Timeout of a trial, s; on expiry the trial fails."""
     check_every: int = 0
-    """Of each strategy the first trial and every `check_every`-th from there on are repeated as processes
-    over Zenoh; 0: none."""
+    """Repeat the first and every `check_every`-th trial of each strategy as processes over Zenoh; 0: none."""
     on: str | None = None
-    """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
+    """Scheduler of a cluster for the trials, `tls://host:port`; None: this computer."""
     modules: tuple[Path, ...] = ()
     """Folders with the user's strategies, permitted by `actors.robot.behaviour.code_permit`."""
 
 
 @dataclass(frozen=True)
 class CampaignProgress:
-    """How far a campaign is."""
+    """Progress of a campaign."""
 
     done: int
-    """Trials that have ended, those of earlier calls included."""
+    """Ended trials, including those of earlier calls."""
     failed: int
     total: int
     left_s: float | None
-    """What the rest will take, from what the trials took so far; None before the first has ended."""
+    """Estimated remaining time, s; None before the first trial has ended."""
     enough: bool = False
-    """True if it has stopped because no more trials are needed."""
+    """True if it stopped early because all declared comparisons are decided."""
 
 
 OnProgress = Callable[[CampaignProgress], None]
@@ -106,11 +105,10 @@ def carry_out(
     follow: OnProgress = lambda progress: None,
     enough: Callable[[], bool] = lambda: False,
 ) -> CampaignProgress:
-    """Run every trial that has no record, and give how it stands then.
+    """Run every trial that has no record, and return the final progress.
 
-    Whatever ends it, from outside too, no record is lost, and the next call goes on. A trial whose process
-    dies, or takes too long, is kept as a failure. `enough`: asked at the beginning and after each trial; once
-    it says so no further trial begins.
+    Records survive any interruption; the next call resumes. A trial that crashes or times out is recorded as
+    a failure. `enough`: evaluated at the start and after each trial; once true, no further trial starts.
     """
     opened = trial_pool(options.jobs, options.patience_s, options.on, store.commit)
     with signals_as_interrupts(), opened as pool:
@@ -130,11 +128,11 @@ class _Campaign:
         self._every = 0 if store.study.isolated else options.check_every
         self._pool = pool
         self._modules = options.modules
-        self._running: dict[Future[TrialOutcome], tuple[Pending, float]] = {}
+        self._running: dict[Future[TrialOutcome], tuple[PendingTrial, float]] = {}
         self._follow = follow
         self._asked_enough = enough
         self._trials = deque(store.pending())
-        self._checks = deque[Pending]()
+        self._checks = deque[PendingTrial]()
         self._total = sum(1 for _ in store.study.trials())
         self._before = self._total - len(self._trials)
         self._failed = 0
@@ -144,7 +142,7 @@ class _Campaign:
         self._enough = False
 
     def _take_in_what_is_there(self) -> None:
-        """Count the failures of earlier calls, and learn from them how long a trial takes."""
+        """Add failures and durations of the trials of earlier calls."""
         for trial in self._store.study.trials():
             if not self._store.path(trial).exists():
                 continue
@@ -152,7 +150,7 @@ class _Campaign:
             if result is None:
                 self._failed += 1
             else:
-                self._time.learn(Pending(trial), result.startup_s + result.wall_s)
+                self._time.learn(PendingTrial(trial), result.startup_s + result.wall_s)
 
     def run(self) -> CampaignProgress:
         self._ask()
@@ -163,14 +161,14 @@ class _Campaign:
             self._work(self._checks)
         return self._progress()
 
-    def _work(self, waiting: deque[Pending]) -> None:
-        """Have all of them run to their ends."""
+    def _work(self, waiting: deque[PendingTrial]) -> None:
+        """Run all waiting trials to completion."""
         while waiting or self._running:
             while waiting and len(self._running) < self._pool.slots:
                 pending = waiting.popleft()
                 trial, check = pending
                 regular_file.write_atomically(self._store.log(trial, check=check), b"")
-                order = order_of(self._store.study, trial, self._modules, repeated=check)
+                order = make_order(self._store.study, trial, self._modules, repeated=check)
                 self._running[self._pool.submit(order)] = (pending, time.monotonic())
             ended, _ = wait(self._running, _LOOK_S, FIRST_COMPLETED)
             for future in ended:
@@ -186,18 +184,18 @@ class _Campaign:
             self._enough = True
             self._trials.clear()
 
-    def _note(self, pending: Pending, ended: TrialOutcome) -> None:
-        """Check the record that a process left, and keep it."""
+    def _note(self, pending: PendingTrial, ended: TrialOutcome) -> None:
+        """Validate and store the record of an ended trial."""
         trial, check = pending
         store = self._store
-        regular_file.write_atomically(store.log(trial, check=check), ended.said)
-        record = received(ended.record, trial, ended.cause)
+        regular_file.write_atomically(store.log(trial, check=check), ended.output)
+        record = validated_record(ended.record, trial, ended.cause)
         if check:
-            keep(store.check_path(trial), compared(store.record(trial), record))
+            write_json(store.check_path(trial), compare_repetition(store.record(trial), record))
             return
         self._ended += 1
         self._failed += record.failure is not None
-        keep(store.path(trial), record)
+        write_json(store.path(trial), record)
 
     def _progress(self) -> CampaignProgress:
         waiting = (*self._trials, *self._checks)
@@ -209,14 +207,14 @@ class _Campaign:
 
 Row = dict[str, bool | int | float | str | None]
 _NO_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
-"""Scalar fields of a result that have their own column, or do not describe the outcome."""
+"""Scalar fields of a result that have a column of their own or do not describe the outcome."""
 
 
 def write(store: Store) -> tuple[Path, Path]:
-    """Write `results.parquet` and `results.csv` into the campaign's folder, and give their paths.
+    """Write `results.parquet` and `results.csv` into the campaign's folder, and return their paths.
 
-    Both have a row for each trial that has ended, in the study's order, and the same columns; each file is
-    there whole or not at all. Raises AcrcError for a damaged record.
+    Both have the same columns and a row for each ended trial, in the study's order; each file is written
+    atomically. Raises AcrcError for a damaged record.
     """
     import pyarrow
     from pyarrow import parquet
@@ -230,18 +228,18 @@ def write(store: Store) -> tuple[Path, Path]:
     writer.writerows(zip(*table.values(), strict=True))
     paths = store.folder / "results.parquet", store.folder / "results.csv"
     for path, content in zip(paths, (binary.getvalue().to_pybytes(), text.getvalue().encode()), strict=True):
-        keep_bytes(path, content)
+        write_durably(path, content)
     return paths
 
 
 def columns(store: Store) -> dict[str, list[object]]:
-    """The same by column, each of one type. Raises AcrcError for a damaged record."""
+    """Return the results by column, each of one type. Raises AcrcError for a damaged record."""
     table = list(rows(store))
     return {name: _column(row.get(name) for row in table) for name in _names(table)}
 
 
 def rows(store: Store) -> Iterator[Row]:
-    """A row for each trial that has ended. Columns with a dot in their name are parts of something larger."""
+    """Yield a row for each ended trial; dotted column names are fields of nested structures."""
     checks = {_key(check): check for check in store.checks()}
     commit, scenario, tuning = store.commit, store.study.scenario, store.study.tuning
     for record in store.records():
@@ -262,13 +260,16 @@ def rows(store: Store) -> Iterator[Row]:
             "versions": _json(origin.versions) if origin is not None else None,
             "digest": result.digest if result is not None else None,
             **(_metrics(msgspec.to_builtins(result)) if result is not None else {}),
-            **{f"outcome.{name}": mean for name, mean in means(result.outcome if result else {}).items()},
+            **{
+                f"outcome.{name}": mean
+                for name, mean in outcome_means(result.outcome if result else {}).items()
+            },
         }
         yield row | _checked(checks.get(_key(record)))
 
 
 def command(study: Study, record: TrialRecord) -> str:
-    """What one types to repeat the run alone."""
+    """Return the command that repeats one trial as a run."""
     words = ["acrc", "run", study.scenario, "--seed", str(record.seed), "--strategy", record.strategy]
     for key, value in (*study.settings_of(tuple(record.variant.items())), *record.drawn.items()):
         words += ["--set", f"{key}={inline(value)}"]
@@ -276,7 +277,7 @@ def command(study: Study, record: TrialRecord) -> str:
 
 
 def _metrics(result: Mapping[str, Any], prefix: str = "") -> Row:
-    """All numbers of a result that are one of a run; its tables of such numbers by dotted names."""
+    """Return all scalars of a result; those of nested tables have dotted names."""
     found: Row = {}
     for name, value in result.items():
         if isinstance(value, Mapping) and name not in {"per_robot", "frames_by_robot", "origin", "processor"}:
@@ -297,12 +298,12 @@ def _checked(check: CheckRecord | None) -> Row:
 
 
 def _names(table: Iterable[Row]) -> list[str]:
-    """Every row's columns, in the order in which they first come up."""
+    """Return the columns of all rows, in order of first appearance."""
     return list(dict.fromkeys(name for row in table for name in row))
 
 
 def _column(values: Iterable[object]) -> list[object]:
-    """The values of one column, all of one type: numbers, or else texts."""
+    """Return the values of a column converted to one type: numbers, or else texts."""
     column = list(values)
     kinds = {type(value) for value in column if value is not None}
     if kinds == {int, float}:

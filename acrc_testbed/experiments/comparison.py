@@ -1,4 +1,4 @@
-"""Metrics, paired samples and estimates with intervals for each pair of strategies; coinciding runs."""
+"""Metrics, paired samples, estimates with intervals, and identical starts of runs."""
 
 import itertools
 import math
@@ -22,17 +22,17 @@ from acrc_testbed.experiments.paired_tests import (
     mean_interval,
 )
 from acrc_testbed.experiments.study import Study, Variant
-from acrc_testbed.experiments.trial_record import TrialRecord, coincide_s
-from acrc_testbed.results.outcome import means
+from acrc_testbed.experiments.trial_record import TrialRecord, identical_seconds
+from acrc_testbed.results.outcome import outcome_means
 from acrc_testbed.results.result import RunResult
 
 Run = RunResult | None
-"""Result of a run; None: it failed, so that it did no place and never settled."""
+"""Result of a run; None: failed, counted as no places done and never settled."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One number of a run; runs are summarised by their mean."""
+    """A number of a run, summarised by the mean over runs."""
 
     name: str
     says: str
@@ -44,14 +44,14 @@ class Metric:
 
 @dataclass(frozen=True)
 class TimeMetric:
-    """When something was the case, if it was by the run's end; the mean over runs is restricted to that."""
+    """Time of an event, if it happened in the run; summarised by the restricted mean over runs."""
 
     name: str
     says: str
     event: str
-    """What a run is once it is the case."""
+    """State of a run after the event."""
     at: Callable[[RunResult], float | None]
-    """s; None: not by the end."""
+    """s; None: not before the end."""
     unit: str = "s"
 
 
@@ -70,38 +70,38 @@ METRICS: Final = (
 )
 SETTLED: Final = TimeMetric("settled", "running time", "done or given up", lambda run: run.settled_s)
 TIMES: Final = (SETTLED, TimeMetric("completion", "time to complete", "done", lambda run: run.completion_s))
-"""`last_reached_s` is none of them: it rewards a run that gives up early."""
+"""Without `last_reached_s`, which rewards giving up early."""
 LEXICOGRAPHIC: Final = "lexicographic"
-"""The order of docs/model-problem.md: more places done, and of as many the shorter running time."""
+"""More places done is better; at equal places the shorter running time (docs/model-problem.md)."""
 NAMES: Final = (*(one.name for one in METRICS), *(one.name for one in TIMES), LEXICOGRAPHIC)
 ORDER: Final = (PLACES.name, *(one.name for one in TIMES), LEXICOGRAPHIC, *(one.name for one in METRICS[1:]))
-"""In which metrics are shown: the chapter's first, then what it costs."""
+"""Order of display: the chapter's metrics, then costs."""
 _BY_NAME: Final = {one.name: one for one in (*METRICS, *TIMES)}
 _OWN: Final = "outcome."
-"""Prefix of a result of the strategy's own."""
-CHOICE: Final = f"one of {', '.join(NAMES)} or {_OWN}NAME, of a strategy's own result"
+"""Prefix of values returned by a strategy's outcome()."""
+CHOICE: Final = f"one of {', '.join(NAMES)} or {_OWN}NAME, a value returned by outcome()"
 
 
 def is_metric(name: str) -> bool:
-    """Return whether runs can be compared by the metric of this name."""
+    """Return whether a metric of this name exists."""
     return name in NAMES or (name.startswith(_OWN) and name != _OWN)
 
 
 def named(name: str) -> Metric | TimeMetric:
-    """Return the metric of this name; of a strategy's own result, `outcome.NAME`, more counts as better."""
+    """Return the metric of this name; for `outcome.NAME`, more is better."""
     if name in _BY_NAME:
         return _BY_NAME[name]
     own = name.removeprefix(_OWN)
-    return Metric(name, name, "", lambda run: means(run.outcome).get(own), more_is_better=True)
+    return Metric(name, name, "", lambda run: outcome_means(run.outcome).get(own), more_is_better=True)
 
 
 def horizon(runs: Sequence[Run]) -> float:
-    """Until when these runs of one scenario were watched, s; a run ends sooner once nothing is left to do."""
+    """Return the observation time of runs of one scenario, s: the longest run."""
     return max((run.simulated_s for run in runs if run is not None), default=0.0)
 
 
 def values(metric: Metric | TimeMetric, runs: Sequence[Run], until: float) -> list[float]:
-    """A number for each run; of times the horizon `until` where it was not the case by then."""
+    """Return a value for each run; times are capped at the horizon `until`."""
     if isinstance(metric, Metric):
         failed = 0.0 if metric is PLACES else math.nan
         found = (None if run is None else metric.value(run) for run in runs)
@@ -114,7 +114,7 @@ def values(metric: Metric | TimeMetric, runs: Sequence[Run], until: float) -> li
 
 
 def ranks(runs: Sequence[Run]) -> list[float]:
-    """The place of each run in the lexicographic order, equal for equal ones; more is better."""
+    """Return the rank of each run in the lexicographic order, with ties; more is better."""
     keys = [
         (0, -math.inf, False)
         if run is None
@@ -132,74 +132,74 @@ _LEXICOGRAPHIC_SAYS = "places done, then running time"
 
 
 class PairedSample(NamedTuple):
-    """Two strategies in one variant, seed by seed, and of each seed cell by cell."""
+    """Paired runs of two strategies in one variant, by seed and cell."""
 
     one: str
     other: str
     variant: Variant
     pairs: tuple[tuple[Run, Run], ...]
     cells: int = 1
-    """In so many the study has drawn."""
+    """Number of random cells with runs of both."""
 
     @property
     def where(self) -> str:
-        """The variant in words; empty if there is but one."""
-        told = f" with {', '.join(f'{key} = {value}' for key, value in self.variant)}" if self.variant else ""
-        return f"{told} over {self.cells} cells" if self.cells > 1 else told
+        """Variant and cells as text; empty for a single variant."""
+        text = f" with {', '.join(f'{key} = {value}' for key, value in self.variant)}" if self.variant else ""
+        return f"{text} over {self.cells} cells" if self.cells > 1 else text
 
     @property
     def name(self) -> str:
-        """Both strategies, and the variant."""
+        """Names of both strategies, with the variant."""
         return f"{self.one} and {self.other}{self.where}"
 
 
 class Scores(NamedTuple):
-    """A metric of both runs of each pair in which it is known."""
+    """Values of a metric for the pairs in which it is known."""
 
     ones: Floats
     others: Floats
     sign: int
-    """1: more is better; -1: less is."""
+    """1: more is better; -1: less is better."""
     happened: bool = True
-    """False: a time at which nothing happened in any run."""
+    """False: a time of an event that happened in no run."""
 
     @property
     def gains(self) -> Floats:
-        """How much better the first run of each pair is."""
+        """Advantage of the first run of each pair."""
         return self.sign * (self.ones - self.others)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One metric of a paired sample: its estimates, and the decision of its test if it was declared."""
+    """Estimates of one metric of a paired sample, and the result of its test if declared."""
 
     sample: PairedSample
     metric: str
     scores: Scores
     margin: float | None = None
-    """Within which strategies are equivalent, in the metric's unit; None: none was declared."""
+    """Equivalence margin in the metric's unit; None: none declared."""
     test: PairedTest = NO_TEST
-    """Of how much better the first run of each pair is."""
+    """Test of the gains."""
     equivalence_p: float = 1.0
     tests: int = 1
-    """So many share the error."""
+    """Tests that share the error rate."""
     tested: bool = False
-    """False: too few pairs differ for any claim."""
+    """False: too few pairs differ for a test."""
     adjusted: float = 1.0
-    """The test's p-value after Holm; at an interim look as it is."""
+    """Holm-adjusted p-value; unadjusted at an interim look."""
     differs: bool = False
     equivalent: bool = False
     threshold: float | None = None
-    """What p must be at most at the interim look that was the last one; None: after all runs."""
+    """Threshold of p at the last interim look; None: no interim looks."""
 
     @property
     def one(self) -> str:
-        """The first strategy."""
+        """First strategy."""
         return self.sample.one
 
     @property
     def other(self) -> str:
-        """The second strategy."""
+        """Second strategy."""
         return self.sample.other
 
     @property
@@ -219,12 +219,12 @@ class Comparison:
 
     @property
     def happened(self) -> bool:
-        """Return whether the metric is known of some pair, and a time of some run."""
+        """True if the metric is known for a pair, and a timed event happened in a run."""
         return self.scores.happened and self.scores.ones.size > 0
 
     @property
     def is_estimated(self) -> bool:
-        """Return whether enough pairs have the metric for the estimates below."""
+        """True if the metric is known for enough pairs to estimate."""
         return self.pairs >= LEAST_PAIRS
 
     @property
@@ -244,17 +244,17 @@ class Comparison:
 
     @property
     def ones(self) -> float | None:
-        """Mean of `one`, of times restricted to the run's length; None for the lexicographic order."""
+        """Mean of `one` (restricted mean for times); None for the lexicographic order."""
         return None if self.metric == LEXICOGRAPHIC else float(self.scores.ones.mean())
 
     @property
     def others(self) -> float | None:
-        """The same of `other`."""
+        """Mean of `other`, likewise."""
         return None if self.metric == LEXICOGRAPHIC else float(self.scores.others.mean())
 
     @cached_property
     def difference(self) -> Interval | None:
-        """Mean over pairs of `one` less `other`, with its 95 % interval; None for the lexicographic order."""
+        """Mean of `one` minus `other` with its 95 % interval; None for the lexicographic order."""
         if self.metric == LEXICOGRAPHIC:
             return None
         return mean_interval(self.scores.ones - self.scores.others)
@@ -267,7 +267,7 @@ class Comparison:
 
     @property
     def fewest(self) -> int:
-        """Pairs that must differ before the test can show anything."""
+        """Number of differing pairs below which the test cannot be significant."""
         return fewest_differing(self.tests) if self.threshold is None else fewest_differing(1, self.threshold)
 
     def estimates(self) -> dict[str, Any]:
@@ -282,7 +282,7 @@ _ESTIMATES: Final = (
 
 
 def runs_by_variant(records: Iterable[TrialRecord], study: Study | None) -> dict[Variant, StrategyRuns]:
-    """The runs of each variant. One that failed has done nothing, or is left out, as the study declares."""
+    """Return the runs of each variant; failed runs are None or left out, as declared in the study."""
     counts = study is None or study.failed_runs == "worst"
     runs: dict[Variant, StrategyRuns] = {}
     for record in records:
@@ -294,10 +294,9 @@ def runs_by_variant(records: Iterable[TrialRecord], study: Study | None) -> dict
 
 
 def samples(records: Iterable[TrialRecord], study: Study | None = None) -> list[PairedSample]:
-    """Every pair of strategies in every variant, with the seeds that both have ended.
+    """Return every pair of strategies in every variant, with the seeds that both have.
 
-    The primary pairs of the study come first, in their own order and each the way round that it was declared.
-    Cells that the study has drawn are one variant together.
+    The study's primary pairs come first, as declared. Random cells are pooled into one variant.
     """
     primary: Sequence[tuple[str, str]] = () if study is None else study.primary_pairs
     runs: dict[Variant, list[StrategyRuns]] = {}
@@ -328,17 +327,17 @@ def _sample(one: str, other: str, variant: Variant, cells: Sequence[StrategyRuns
 
 
 def too_few_pairs(pairs: int, least: int = LEAST_PAIRS) -> str:
-    """Return why nothing is said of so few pairs."""
+    """Return a sentence that explains why so few pairs are not evaluated."""
     return (
-        f"{pairs} pairs of runs are too few: the exact test needs {least} to reach 5 %, whatever the runs "
-        "show. Nothing is tested or estimated."
+        f"{pairs} pairs of runs are too few: the exact test needs at least {least} to reach p < 5 %. "
+        "Nothing is tested or estimated."
     )
 
 
 def compare(
     found: Sequence[PairedSample], only: str | None = None, least: int = LEAST_PAIRS
 ) -> list[Comparison]:
-    """Estimate every metric, or `only` this one, of samples with at least so many pairs."""
+    """Estimate every metric, or `only` one, of samples with at least `least` pairs."""
     made = (
         comparison_of(sample, name)
         for sample in found
@@ -349,7 +348,7 @@ def compare(
 
 
 def comparison_of(sample: PairedSample, name: str) -> Comparison:
-    """Return one metric of a sample, without a test."""
+    """Return the estimates of one metric of a sample, without a test."""
     if name == LEXICOGRAPHIC:
         order = np.array(ranks([run for pair in sample.pairs for run in pair]))
         return Comparison(sample, name, Scores(order[::2], order[1::2], 1))
@@ -357,7 +356,7 @@ def comparison_of(sample: PairedSample, name: str) -> Comparison:
 
 
 def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[Run, Run]]) -> Scores:
-    """Return a metric of the pairs in which it is known of both runs."""
+    """Return a metric of the pairs in which it is known for both runs."""
     runs = [run for pair in pairs for run in pair]
     found = np.array(values(metric, runs, horizon(runs))).reshape(-1, 2)
     ones, others = found[~np.isnan(found).any(axis=1)].T
@@ -371,34 +370,34 @@ def _frozen(value: Any) -> Any:
 
 
 _FEW: Final = 4
-"""Combinations of which each is told by itself."""
+"""Variants up to which each has its own sentence."""
 
 
 @dataclass(frozen=True)
-class Coincidence:
-    """Two strategies in one variant, over the seeds that both have a run of."""
+class IdenticalStart:
+    """Identical starts of the runs of two strategies in one variant."""
 
     one: str
     other: str
     variant: tuple[tuple[str, Any], ...]
     seconds: tuple[int, ...]
-    """For each seed, for how many whole seconds from the start on all robots were in the same places."""
+    """Whole seconds from the start with identical positions of all robots, by seed."""
     whole: tuple[int, ...]
-    """Seeds whose two runs are the same from beginning to end."""
+    """Seeds whose two runs are identical throughout."""
 
     @property
     def half_s(self) -> int:
-        """So many seconds coincide in at least half of the pairs."""
+        """Seconds that are identical in at least half of the pairs."""
         return sorted(self.seconds, reverse=True)[(len(self.seconds) - 1) // 2]
 
     @property
     def sharing(self) -> int:
-        """How many pairs coincide for that long."""
+        """Number of pairs that are identical for `half_s`."""
         return sum(seconds >= self.half_s for seconds in self.seconds)
 
 
-def coincidences(records: Iterable[TrialRecord]) -> list[Coincidence]:
-    """Of every two strategies in every variant; failed runs have none."""
+def identical_starts(records: Iterable[TrialRecord]) -> list[IdenticalStart]:
+    """Compare every two strategies in every variant; failed runs are left out."""
     traces: dict[str, tuple[tuple[tuple[str, Any], ...], dict[str, dict[int, str]]]] = {}
     for record in records:
         if record.trace:
@@ -415,54 +414,54 @@ def coincidences(records: Iterable[TrialRecord]) -> list[Coincidence]:
 
 def _coincidence(
     one: str, other: str, variant: tuple[tuple[str, Any], ...], mine: dict[int, str], theirs: dict[int, str]
-) -> Coincidence:
+) -> IdenticalStart:
     seeds = [seed for seed in mine if seed in theirs]
-    return Coincidence(
+    return IdenticalStart(
         one,
         other,
         variant,
-        tuple(coincide_s(mine[seed], theirs[seed]) for seed in seeds),
+        tuple(identical_seconds(mine[seed], theirs[seed]) for seed in seeds),
         tuple(seed for seed in seeds if mine[seed] == theirs[seed]),
     )
 
 
-def coincidence_sentences(found: Sequence[Coincidence]) -> list[str]:
-    """A sentence for each, and one more where whole runs coincide; many combinations have one together."""
-    pairs: dict[tuple[str, str], list[Coincidence]] = {}
+def identical_start_sentences(found: Sequence[IdenticalStart]) -> list[str]:
+    """Return sentences on identical starts, summarised for pairs with many variants."""
+    pairs: dict[tuple[str, str], list[IdenticalStart]] = {}
     for one in found:
         pairs.setdefault((one.one, one.other), []).append(one)
     lines: list[str] = []
     for same in pairs.values():
-        lines += _together(same) if len(same) > _FEW else [line for one in same for line in _alone(one)]
+        lines += _summary(same) if len(same) > _FEW else [line for one in same for line in _alone(one)]
     return lines
 
 
-def _alone(one: Coincidence) -> Iterator[str]:
+def _alone(one: IdenticalStart) -> Iterator[str]:
     where = "".join(f", {key} = {value}" for key, value in one.variant)
     yield (
-        f"{one.one} and {one.other}{where}: the first {one.half_s} s of {one.sharing} of"
-        f" {len(one.seconds)} pairs coincide ({_range(one.seconds)})"
+        f"{one.one} and {one.other}{where}: {one.sharing} of {len(one.seconds)} pairs are identical for the "
+        f"first {one.half_s} s or longer ({_range(one.seconds)})"
     )
     if one.whole:
         seeds = ", ".join(map(str, one.whole[:10])) + (" …" if len(one.whole) > 10 else "")
-        yield f"    {len(one.whole)} from beginning to end, so they tell no difference: seeds {seeds}"
+        yield f"    {len(one.whole)} are identical throughout and show no difference: seeds {seeds}"
 
 
-def _together(same: Sequence[Coincidence]) -> Iterator[str]:
-    """All combinations of two strategies in one sentence."""
+def _summary(same: Sequence[IdenticalStart]) -> Iterator[str]:
+    """Summarise all variants of two strategies."""
     seconds = [second for one in same for second in one.seconds]
-    name = f"{same[0].one} and {same[0].other}, in {len(same)} combinations"
-    yield f"{name}: {len(seconds)} pairs coincide at first ({_range(seconds)})"
+    name = f"{same[0].one} and {same[0].other}, in {len(same)} variants"
+    yield f"{name}: identical start of {len(seconds)} pairs ({_range(seconds)})"
     whole = [one for one in same if one.whole]
     if whole:
         most = max(whole, key=lambda one: len(one.whole))
         where = ", ".join(f"{key} = {value}" for key, value in most.variant)
         count = sum(len(one.whole) for one in whole)
         yield (
-            f"    {count} from beginning to end, so they tell no difference, in {len(whole)} combinations;"
+            f"    {count} are identical throughout and show no difference, in {len(whole)} variants;"
             f" most ({len(most.whole)}) with {where}"
         )
 
 
 def _range(seconds: Sequence[int]) -> str:
-    return f"least {min(seconds)} s, median {median(seconds):g} s, most {max(seconds)} s"
+    return f"minimum {min(seconds)} s, median {median(seconds):g} s, maximum {max(seconds)} s"

@@ -1,4 +1,4 @@
-"""Inputs of a study, and plans that are frozen before its first run."""
+"""Input files of a study, and preregistered plans, frozen before the first run."""
 
 import hashlib
 import os
@@ -9,8 +9,8 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.experiments.draws import drawn
 from acrc_testbed.experiments.study import Study, Trial, differences
+from acrc_testbed.experiments.trial_settings import draw_settings
 from actors.floor import offices
 from actors.floor.map_file import load_map
 from actors.runtime import regular_file, typed_json
@@ -20,53 +20,51 @@ from deploy.scenario.scenario_file import Overrides, load_scenario, map_files, s
 from deploy.scenario.tables import Scenario
 
 
-class Inputs(NamedTuple):
-    """Files, and where they lie relative to one another."""
+class StudyInputs(NamedTuple):
+    """Input files of a study with their relative paths."""
 
     scenario: str
-    """The study's scenario, one of the files."""
+    """Relative path of the scenario, a key of `files`."""
     files: dict[str, Path]
-    """Every file by its path in a folder of their own."""
+    """Files by path relative to their common folder."""
 
 
-def inputs(study: Study) -> Inputs:
-    """Everything that the study's runs read, in folders that stand to one another as they did.
+def study_inputs(study: Study) -> StudyInputs:
+    """Return all files read by the study's runs, with their relative paths.
 
-    Raises AcrcError if something is missing, or named so that others could not find it.
+    Raises AcrcError for missing files and absolute paths.
     """
     scenario = Path(os.path.realpath(study.scenario))
     if not scenario.is_file():
-        raise AcrcError(f"{scenario}: is no file any more, but the campaign's runs have read it")
-    told = (
+        raise AcrcError(f"{scenario}: missing; the campaign's runs were made with it")
+    tables = (
         toml_tables(read_text(scenario, "scenario"), scenario),
         [study.settings_of(variant) for variant in study.variants()],
     )
-    for text in _texts(told):
+    for text in _texts(tables):
         if Path(text).is_absolute():
-            raise AcrcError(
-                f"{scenario}: names {text}; must be relative to the scenario, so that others find it, too"
-            )
+            raise AcrcError(f"{scenario}: {text} is an absolute path; make it relative to the scenario")
     named = list(dict.fromkeys([scenario, *_named(study)]))
     top = Path(os.path.commonpath([path.parent for path in named]))
     files = {path.relative_to(top).as_posix(): path for path in named}
-    return Inputs(scenario.relative_to(top).as_posix(), dict(sorted(files.items())))
+    return StudyInputs(scenario.relative_to(top).as_posix(), dict(sorted(files.items())))
 
 
-def _texts(told: Any) -> Iterator[str]:
-    """Every text in nested tables and lists."""
-    if isinstance(told, str):
-        yield told
-    elif isinstance(told, dict):
-        yield from _texts(list(told.values()))
-    elif isinstance(told, list | tuple):
-        for one in told:
+def _texts(value: Any) -> Iterator[str]:
+    """Yield every text in nested tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        yield from _texts(list(value.values()))
+    elif isinstance(value, list | tuple):
+        for one in value:
             yield from _texts(one)
 
 
 def _named(study: Study) -> Iterator[Path]:
     for variant in study.variants():
         for strategy in study.strategies:
-            draws = drawn(study, Trial(strategy, study.first_seed, variant))
+            draws = draw_settings(study, Trial(strategy, study.first_seed, variant))
             own = (*study.settings_of(variant), *draws.items())
             overrides = Overrides(strategy=strategy, settings=own)
             for path in _files(load_scenario(Path(study.scenario), overrides), strategy):
@@ -74,9 +72,9 @@ def _named(study: Study) -> Iterator[Path]:
 
 
 def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
-    """Of a map file also the image; of a strategy of one's own its module, or all of its package."""
+    """Yield the files of map (with image), robot models and a user strategy's module or package."""
     if offices.is_name(scenario.map):
-        load_map(scenario.map)  # a drawn floor is its name: what is none does not travel
+        load_map(scenario.map)  # a generated floor has no file; check its name
     else:
         yield from map_files(Path(scenario.map))
     for model in (scenario.robots.model, *(robot.model for robot in scenario.robot)):
@@ -88,94 +86,95 @@ def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
 
 SUFFIX: Final = ".frozen.json"
 _APART: Final = frozenset({"name", "scenario", "seeds", "primary"})
-"""Of a study: what may change, what its files say, and what is compared in words of its own."""
+"""Fields of a study that may change or are compared separately."""
 _LARGEST: Final = 1 << 20
 
 
 class FrozenPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What was declared before the first run."""
+    """Plan of a study, declared before the first run."""
 
     commit: str
-    """Of the software, without uncommitted changes."""
+    """Commit of the testbed, without uncommitted changes."""
     study: Study
-    """With all margins and declared comparisons; its scenario is named without folders."""
+    """Study with margins and declared comparisons; its scenario is a file name without folders."""
     files: tuple[tuple[str, str], ...]
-    """Name, without folders, and SHA-256 of the scenario and of every file that it names."""
+    """Name, without folders, and SHA-256 of the scenario and all files that it refers to."""
     looks: tuple[int, ...]
-    """Stop rule: numbers of pairs at which the comparisons are looked at; empty: all seeds are run."""
+    """Stopping rule: numbers of pairs at the interim looks; empty: all seeds are run."""
     study_sha256: str
-    """Of study and files: equal for equal studies at whatever commit."""
+    """SHA-256 of study and files; does not depend on the commit."""
     sha256: str
-    """Of all the above."""
+    """SHA-256 of all other fields."""
 
 
 def freeze(study: Study, commit: str, looks: Sequence[int]) -> bytes:
-    """Return the plan of a study as a file. Raises AcrcError for changed software and missing files."""
+    """Return the plan of a study as JSON. Raises AcrcError for uncommitted changes and missing files."""
     if commit.endswith("+"):
         raise AcrcError(
-            f"the software was changed since its commit {commit[:-1]}; must be committed before a plan is "
-            "frozen, so that others can get it"
+            f"the software has changes since commit {commit[:-1]}; commit them before freezing a plan"
         )
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "study": msgspec.to_builtins(msgspec.structs.replace(study, scenario=Path(study.scenario).name)),
         "files": _hashed(study),
     }
-    told["study_sha256"] = _sha256(told)
-    told |= {"commit": commit, "looks": list(looks)}
-    return msgspec.json.format(msgspec.json.encode({**told, "sha256": _sha256(told)}, order="sorted")) + b"\n"
+    content["study_sha256"] = _sha256(content)
+    content |= {"commit": commit, "looks": list(looks)}
+    return (
+        msgspec.json.format(msgspec.json.encode({**content, "sha256": _sha256(content)}, order="sorted"))
+        + b"\n"
+    )
 
 
-def read(path: Path) -> FrozenPlan:
-    """The plan in a file. Raises AcrcError for none, and for one whose content is not what was hashed."""
+def read_plan(path: Path) -> FrozenPlan:
+    """Read a frozen plan. Raises AcrcError if it is missing or its hashes do not match."""
     plan = typed_json.read(path, FrozenPlan, "frozen plan", _LARGEST)
-    told = msgspec.json.decode(regular_file.read_bytes(path, _LARGEST))
+    content = msgspec.json.decode(regular_file.read_bytes(path, _LARGEST))
     for name, over in (
-        ("sha256", {key: value for key, value in told.items() if key != "sha256"}),
-        ("study_sha256", {key: told[key] for key in ("study", "files")}),
+        ("sha256", {key: value for key, value in content.items() if key != "sha256"}),
+        ("study_sha256", {key: content[key] for key in ("study", "files")}),
     ):
-        if (found := _sha256(over)) != told[name]:
+        if (found := _sha256(over)) != content[name]:
             raise AcrcError(
-                f"{path}: no frozen plan: was changed after it was frozen, as its {name} is {told[name]}, "
-                f"but that of its content {found}"
+                f"{path}: changed after it was frozen: {name} is {content[name]}, that of the content {found}"
             )
     return plan
 
 
-def departures(plan: FrozenPlan, study: Study) -> Iterator[str]:
-    """A sentence for each thing that a study has otherwise than in the plan, but for the files."""
+def deviations(plan: FrozenPlan, study: Study) -> Iterator[str]:
+    """Yield a sentence for each field of a study that differs from the plan, except files."""
     then = plan.study
     if study.seeds != then.seeds:
-        yield f"seeds is {study.seeds}, frozen was {then.seeds}"
+        yield f"seeds is {study.seeds}, planned: {then.seeds}"
     for one, other in study.primary_pairs:
         if (one, other) not in then.primary_pairs:
-            yield f"the comparison of {one} with {other} was not declared beforehand"
+            yield f"the comparison of {one} with {other} was not planned"
     for one, other in then.primary_pairs:
         if (one, other) not in study.primary_pairs:
-            yield f"the comparison of {one} with {other} was declared beforehand, and is not any more"
+            yield f"the planned comparison of {one} with {other} is no longer declared"
     for field, (here, frozen) in differences(study, then).items():
         if field not in _APART:
-            yield f"{field} is {here}, frozen was {frozen}"
+            yield f"{field} is {here}, planned: {frozen}"
 
 
 def changed_files(plan: FrozenPlan, study: Study) -> Iterator[str]:
-    """A sentence for each file that a study reads otherwise than in the plan. Raises AcrcError."""
+    """Yield a sentence for each input file that differs from the plan. Raises AcrcError."""
     here, frozen = Counter(_hashed(study)), Counter(plan.files)
     names = dict.fromkeys(name for name, _ in (*(frozen - here), *(here - frozen)))
     for name in names:
         before, now = ({found for of, found in some if of == name} for some in (frozen, here))
         if not now:
-            yield f"{name} is not read any more"
+            yield f"{name} is no longer an input file"
         elif not before:
-            yield f"{name} was not read"
+            yield f"{name} is a new input file"
         else:
-            yield f"{name} has another content"
+            yield f"the content of {name} was changed"
 
 
 def _hashed(study: Study) -> list[tuple[str, str]]:
-    files = inputs(study).files.values()
+    files = study_inputs(study).files.values()
     return sorted((path.name, hashlib.sha256(regular_file.read_bytes(path)).hexdigest()) for path in files)
 
 
-def _sha256(told: Any) -> str:
-    """Of the JSON with sorted keys and without spaces, in UTF-8."""
-    return hashlib.sha256(msgspec.json.encode(told, order="sorted")).hexdigest()
+def _sha256(value: Any) -> str:
+    """Return the SHA-256 of the value as compact UTF-8 JSON with sorted keys."""
+    return hashlib.sha256(msgspec.json.encode(value, order="sorted")).hexdigest()

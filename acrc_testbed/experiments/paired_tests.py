@@ -1,4 +1,4 @@
-"""Exact tests of pairs, effect sizes with intervals, sample sizes, and tests with interim looks."""
+"""Exact paired tests, effect sizes with intervals, sample sizes, and group-sequential tests."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from scipy.stats import beta, norm, rankdata, sem, t
 Floats = NDArray[np.float64]
 CONFIDENCE: Final = 0.95
 _HALVINGS: Final = 40
-"""Of the range in which a bound of A12 lies: to 1e-12."""
+"""Bisections for a bound of A12: accurate to 1e-12."""
 
 
 class Interval(NamedTuple):
@@ -25,7 +25,7 @@ class Interval(NamedTuple):
 
 
 def mean_interval(values: ArrayLike) -> Interval:
-    """The mean of at least one value, with Student's t interval; of one value the bounds are NaN."""
+    """Return the mean with Student's t interval; for a single value the bounds are NaN."""
     known = np.asarray(values, np.float64)
     middle = float(known.mean())
     if known.size < 2:
@@ -35,11 +35,11 @@ def mean_interval(values: ArrayLike) -> Interval:
 
 
 def a12(one: ArrayLike, other: ArrayLike) -> Floats:
-    """The probability that a value of `one` is greater than one of `other`, ties counted half.
+    """Return the probability that a value of `one` exceeds one of `other`, ties counted half.
 
     Vargha and Delaney, "A critique and improvement of the CL common language effect size statistics of
-    McGraw and Wong", Journal of Educational and Behavioral Statistics 25(2), 2000. Samples are along the last
-    axis, (…, n) and (…, m) with n, m ≥ 1, and give (…).
+    McGraw and Wong", Journal of Educational and Behavioral Statistics 25(2), 2000. Samples (…, n) and (…, m)
+    with n, m ≥ 1 give (…).
     """
     first, second = np.asarray(one, np.float64), np.asarray(other, np.float64)
     n, m = first.shape[-1], second.shape[-1]
@@ -49,12 +49,11 @@ def a12(one: ArrayLike, other: ArrayLike) -> Floats:
 
 
 def a12_bounds(share: ArrayLike, n: int) -> tuple[Floats, Floats]:
-    """The 95 % interval of shares (…) that A12 came to in two samples of n each, also of 0 and 1.
+    """Return the 95 % interval of observed A12 (…) of two samples of n each, also for 0 and 1.
 
     Newcombe, "Confidence intervals for an effect size measure based on the Mann-Whitney statistic. Part 2:
-    asymptotic methods and evaluation", Statistics in Medicine 25, 2006, method 5: all values whose own
-    standard error, by Hanley and McNeil's formula, puts the share within its range. For independent samples;
-    of pairs that correlate it holds more than 95 %.
+    asymptotic methods and evaluation", Statistics in Medicine 25, 2006, method 5: score interval with Hanley
+    and McNeil's standard error. For independent samples; conservative for positively correlated pairs.
     """
     found = np.asarray(share, np.float64)
     z = float(norm.ppf((1 + CONFIDENCE) / 2))
@@ -72,14 +71,14 @@ def a12_bounds(share: ArrayLike, n: int) -> tuple[Floats, Floats]:
 
 
 def a12_interval(one: ArrayLike, other: ArrayLike) -> Interval:
-    """A12 of two samples (n,), with its interval."""
+    """Return A12 of two samples (n,) with its interval."""
     share = a12(one, other)
     low, high = a12_bounds(share, np.size(one))
     return Interval(float(share), float(low), float(high))
 
 
-def most(found: int, of: int) -> float:
-    """The upper 95 % bound of a share that was found so many times of at least one.
+def share_upper_bound(found: int, of: int) -> float:
+    """Return the upper 95 % bound of a share that was observed `found` times in `of` trials.
 
     Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
     Biometrika 26, 1934; one-sided.
@@ -90,16 +89,16 @@ def most(found: int, of: int) -> float:
 Integers = NDArray[np.int64]
 ALPHA: Final = 0.05
 _STEPS_A_PAIR: Final = 50
-"""A difference counts in whole steps: so many, on average over the pairs."""
+"""Resolution of differences: mean number of integer steps per pair."""
 
 
 class PairedTest(NamedTuple):
-    """What a test of pairs says: of differences, of which each sign would be as likely without an effect."""
+    """Result of a sign-flip test of paired differences."""
 
     differing: int
     """Pairs that differ."""
     direction: int
-    """1: the test's statistic speaks for positive differences; -1: for negative ones; 0: for neither."""
+    """Sign of the test statistic: 1, -1 or 0."""
     p: float
     """Two-sided."""
 
@@ -110,8 +109,8 @@ NO_TEST: Final = PairedTest(0, 0, 1.0)
 def signed_rank(differences: ArrayLike) -> PairedTest:
     """Wilcoxon's signed-rank test.
 
-    Pairs without difference keep their ranks and count for neither side (Pratt, "Remarks on zeros and ties
-    in the Wilcoxon signed rank procedures", JASA 54, 1959).
+    Zero differences are ranked, then dropped (Pratt, "Remarks on zeros and ties in the Wilcoxon signed rank
+    procedures", JASA 54, 1959).
     """
     found = np.asarray(differences, np.float64)
     return _two_sided(found, np.rint(2 * rankdata(np.abs(found))).astype(np.int64))
@@ -124,7 +123,7 @@ def mean_test(differences: ArrayLike) -> PairedTest:
 
 
 def equivalence_p(differences: ArrayLike, margin: float) -> float:
-    """The p-value for the mean difference being within ±margin: the greater of two one-sided tests of means.
+    """Return the p-value of equivalence within ±margin: the larger of two one-sided tests of the mean (TOST).
 
     Schuirmann, "A comparison of the two one-sided tests procedure and the power approach for assessing the
     equivalence of average bioavailability", Journal of Pharmacokinetics and Biopharmaceutics 15, 1987.
@@ -134,7 +133,7 @@ def equivalence_p(differences: ArrayLike, margin: float) -> float:
 
 
 def _whole_steps(differences: Floats) -> Integers:
-    """The sizes of the differences as whole numbers, none of which becomes 0 that is not."""
+    """Return absolute differences as integers; only zero differences become 0."""
     sizes = np.abs(differences)
     if not sizes.any():
         return np.zeros(sizes.shape, np.int64)
@@ -145,19 +144,19 @@ def _whole_steps(differences: Floats) -> Integers:
 def _two_sided(differences: Floats, scores: Integers) -> PairedTest:
     scores = np.where(differences == 0, 0, scores)
     statistic = int((np.sign(differences).astype(np.int64) * scores).sum())
-    p = min(1.0, 2 * tail(scores, abs(statistic)))
+    p = min(1.0, 2 * tail_probability(scores, abs(statistic)))
     return PairedTest(int(np.count_nonzero(scores)), int(np.sign(statistic)), p)
 
 
 def _one_sided(differences: Floats) -> float:
     scores = _whole_steps(differences)
-    return tail(scores, int((np.sign(differences).astype(np.int64) * scores).sum()))
+    return tail_probability(scores, int((np.sign(differences).astype(np.int64) * scores).sum()))
 
 
-def tail(scores: Integers, statistic: int) -> float:
-    """How likely the sum of scores (n,), with signs by fair coins, is at least the statistic, exactly."""
+def tail_probability(scores: Integers, statistic: int) -> float:
+    """Return the exact probability that scores (n,) with random signs sum to at least the statistic."""
     total = int(scores.sum())
-    chances = np.zeros(total + 1)  # of the sum of the positive scores
+    chances = np.zeros(total + 1)  # distribution of the sum of positive scores
     chances[0], reached = 1.0, 0
     for score in scores[scores > 0].tolist():
         chances[: reached + 1] *= 0.5
@@ -167,23 +166,23 @@ def tail(scores: Integers, statistic: int) -> float:
 
 
 def fewest_differing(tests: int, alpha: float = ALPHA) -> int:
-    """Pairs that must differ before one of so many tests can reach `alpha`, all others considered.
+    """Return the number of differing pairs at which one of several tests can reach `alpha` (Bonferroni).
 
-    With n differing pairs that all speak for one side, p is 2/2^n.
+    With n differing pairs, the least p is 2/2^n.
     """
     return math.ceil(math.log2(2 * tests / alpha))
 
 
 LEAST_PAIRS: Final = fewest_differing(1)
-"""With fewer pairs no exact two-sided test reaches ALPHA, whatever the runs show. Further tests of the family
-do not raise it: those whose pairs do not differ take no part (see `decidable`)."""
+"""With fewer pairs no exact two-sided test reaches ALPHA. Further tests do not raise the number, as tests
+without differing pairs are excluded (see `decidable`)."""
 
 
 def decidable(differing: Sequence[int], alpha: float = ALPHA) -> list[bool]:
-    """Which of several tests, by their numbers of differing pairs, could reach `alpha`; only these count.
+    """Return which tests could reach `alpha`, from their numbers of differing pairs; only these count.
 
-    Tarone, "A modified Bonferroni method for discrete data", Biometrics 46, 1990. How many pairs differ says
-    nothing of the side that they speak for, so leaving a test out for it costs no error.
+    Tarone, "A modified Bonferroni method for discrete data", Biometrics 46, 1990. The number of differing
+    pairs is independent of their signs, so the exclusion keeps the error rate.
     """
     able = [False] * len(differing)
     for tests in range(1, len(differing) + 1):
@@ -194,7 +193,7 @@ def decidable(differing: Sequence[int], alpha: float = ALPHA) -> list[bool]:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """The p-values, adjusted for all of them being looked at: each below α keeps the family's error below α.
+    """Return p-values adjusted for multiplicity by Holm's method.
 
     Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6,
     1979.
@@ -212,33 +211,31 @@ _MOST: Final = 1000
 
 
 @dataclass(frozen=True)
-class Effect:
-    """What is to be seen, in a model of two normal distributions of which one is shifted."""
+class AssumedEffect:
+    """Effect to detect, for two normal distributions with a shift."""
 
     a12: float = 0.71
     """Default: a large effect by Vargha and Delaney's thresholds, 2000."""
     correlation: float = 0.0
-    """Of the two runs of a pair, which have the seed in common."""
+    """Correlation of the two runs of a pair, which share the seed."""
     power: float = 0.9
-    """Probability that it is seen, if it is there."""
+    """Probability of detecting the effect."""
     tests: int = 1
-    """So many share the 5 % (Holm's first threshold)."""
+    """Tests that share the error rate of 5 % (Holm's first threshold)."""
 
     @property
     def shift(self) -> float:
-        """In standard deviations of one distribution: P(X > Y) = Φ(shift / √2)."""
+        """Shift in standard deviations: P(X > Y) = Φ(shift / √2)."""
         return math.sqrt(2.0) * float(norm.ppf(self.a12))
 
 
-def pairs_needed(effect: Effect, seed: int = 1, most: int = _MOST) -> int:
-    """The least number of pairs at which the signed-rank test has the power, by simulation.
+def pairs_needed(effect: AssumedEffect, seed: int = 1, most: int = _MOST) -> int:
+    """Return the least number of pairs at which the signed-rank test has the power, by simulation.
 
-    ValueError for an effect that is none, or that needs more than `most` pairs or so.
+    Raises ValueError for an invalid effect, or one that needs more than about `share_upper_bound` pairs.
     """
     if not 0.0 < effect.a12 < 1.0 or effect.a12 == 0.5 or not -1.0 < effect.correlation < 1.0:
-        raise ValueError(
-            f"{effect}: a12 should lie between 0 and 1 and not be 0.5, the correlation within ±1"
-        )
+        raise ValueError(f"{effect}: a12 must be between 0 and 1 and not 0.5, correlation between -1 and 1")
     low, high = 4, 8
     while power(effect, high, seed) < effect.power:
         low, high = high, 2 * high
@@ -250,8 +247,8 @@ def pairs_needed(effect: Effect, seed: int = 1, most: int = _MOST) -> int:
     return high
 
 
-def power(effect: Effect, pairs: int, seed: int = 1) -> float:
-    """How often the signed-rank test of so many pairs sees the effect, of 4000 drawn experiments."""
+def power(effect: AssumedEffect, pairs: int, seed: int = 1) -> float:
+    """Return the power of the signed-rank test, from 4000 simulated experiments."""
     critical = _critical(pairs, ALPHA / effect.tests)
     spread = math.sqrt(2.0 * (1.0 - effect.correlation))
     drawn = np.random.default_rng(seed).normal(abs(effect.shift), spread, (_DRAWS, pairs))
@@ -260,57 +257,59 @@ def power(effect: Effect, pairs: int, seed: int = 1) -> float:
 
 
 def _critical(pairs: int, alpha: float) -> float:
-    """The least signed sum of ranks without ties whose two-sided p-value is at most alpha."""
+    """Return the least signed rank sum, without ties, whose two-sided p-value is at most alpha."""
     ranks = np.arange(1, pairs + 1)
     total = int(ranks.sum())
-    low, high = 0, total // 2 + 1  # the statistic is the total less twice a whole number
+    low, high = 0, total // 2 + 1  # statistic = total - 2 * integer
     while low < high:
         middle = (low + high) // 2
-        low, high = (middle + 1, high) if 2 * tail(ranks, total - 2 * middle) <= alpha else (low, middle)
+        low, high = (
+            (middle + 1, high) if 2 * tail_probability(ranks, total - 2 * middle) <= alpha else (low, middle)
+        )
     return total - 2 * (low - 1) if low else math.inf
 
 
 _GRID: Final = np.linspace(-8.0, 8.0, 3201)
-"""Values of the Brownian motion that is watched, whose variance at the end is 1."""
+"""Values of the monitored Brownian motion, whose variance at the end is 1."""
 
 
 @dataclass(frozen=True)
 class SequentialPlan:
-    """When pairs are looked at, and what p-value is enough then; made by `plan`."""
+    """Interim looks and their p-value thresholds, from `sequential_plan`."""
 
     looks: tuple[int, ...]
-    """Numbers of pairs, ascending; the last is the cap."""
+    """Numbers of pairs at the looks, ascending; the last is the maximum."""
     thresholds: tuple[float, ...]
-    """The two-sided p-value that decides at each look."""
+    """Two-sided threshold of p at each look."""
 
 
-def plan(looks: Sequence[int], alpha: float = 0.05) -> SequentialPlan:
-    """A plan whose error over all looks together is `alpha`.
+def sequential_plan(looks: Sequence[int], alpha: float = 0.05) -> SequentialPlan:
+    """Return a group-sequential plan with total error rate `alpha`.
 
-    The error is spent as Lan and DeMets have it ("Discrete sequential boundaries for clinical trials",
-    Biometrika 70, 1983), by their function close to O'Brien and Fleming's bounds: hardly any early on. The
-    probabilities are those of a Brownian motion, by the recursion of Armitage, McPherson and Rowe ("Repeated
-    significance tests on accumulating data", JRSS A 132, 1969). ValueError for looks that do not grow.
+    Error spending of Lan and DeMets ("Discrete sequential boundaries for clinical trials", Biometrika 70,
+    1983), close to O'Brien and Fleming's bounds. Probabilities of a Brownian motion by the recursion of
+    Armitage, McPherson and Rowe ("Repeated significance tests on accumulating data", JRSS A 132, 1969).
+    Raises ValueError for looks that are not ascending.
     """
     if not looks or looks[0] < 1 or any(a >= b for a, b in pairwise(looks)):
-        raise ValueError(f"the looks {tuple(looks)} should be numbers of pairs that grow")
+        raise ValueError(f"looks {tuple(looks)} must be ascending numbers of pairs")
     thresholds, spent, before = [], 0.0, 0.0
     density: Floats | None = None
     step = float(_GRID[1] - _GRID[0])
     for look in looks:
         part = look / looks[-1]
-        due = 4.0 * float(norm.sf(norm.isf(alpha / 4.0) / math.sqrt(part)))  # on both sides together
+        due = 4.0 * float(norm.sf(norm.isf(alpha / 4.0) / math.sqrt(part)))  # both tails
         here = _after(density, part - before, step)
         bound = _bound(here, max(due - spent, 0.0), step)
         thresholds.append(2.0 * float(norm.sf(bound / math.sqrt(part))))
-        here[np.abs(_GRID) >= bound] = 0.0  # there the watching has ended
+        here[np.abs(_GRID) >= bound] = 0.0  # stopped at this look
         density = here
         spent, before = due, part
     return SequentialPlan(tuple(looks), tuple(thresholds))
 
 
 def _after(density: Floats | None, elapsed: float, step: float) -> Floats:
-    """The density after another stretch of time; None: that of a motion which begins at 0."""
+    """Return the density after a further time; `density` None: the motion starts at 0."""
     spread: Floats = norm.pdf(_GRID, scale=math.sqrt(elapsed))
     if density is None:
         return spread
@@ -319,10 +318,10 @@ def _after(density: Floats | None, elapsed: float, step: float) -> Floats:
 
 
 def _bound(density: Floats, probability: float, step: float) -> float:
-    """Beyond which, on both sides, the density has this probability."""
+    """Return the bound beyond which both tails of the density have this probability."""
     if probability <= 0.0:
         return float(_GRID[-1])
-    outside = 2.0 * np.cumsum(density[::-1])[: _GRID.size // 2] * step  # from the far end inwards, both tails
+    outside = 2.0 * np.cumsum(density[::-1])[: _GRID.size // 2] * step  # both tails, from the outside
     place = int(np.searchsorted(outside, probability))
     if place == 0:
         return float(_GRID[-1])

@@ -1,4 +1,4 @@
-"""Survival curves, and random effects of cells and seeds."""
+"""Survival analysis, and mixed models with random effects of cells and seeds."""
 
 import math
 import warnings
@@ -17,45 +17,44 @@ from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_int
 Floats = NDArray[np.float64]
 FEWEST_CELLS: Final = 3
 _FEWEST_SEEDS: Final = 3
-"""Below which nothing can be said of how seeds differ."""
+"""Fewest seeds for estimating the variance between seeds."""
 _LARGEST: Final = 1e3
-"""A standard deviation, in those of what is left."""
+"""Upper bound of a relative standard deviation (in residual standard deviations)."""
 _NONE: Final = 1e-3
-"""The same: as good as none."""
+"""Relative standard deviation that counts as 0."""
 
 
 @dataclass(frozen=True)
 class RandomEffectsFit:
-    """value = mean + cell + seed + rest, each normal. Standard deviations have the values' unit."""
+    """Fit of value = mean + cell + seed + residual, all normal; standard deviations in the values' unit."""
 
     mean: Interval
-    """Over all cells that there might be, with its 95 % interval."""
+    """Population mean with its 95 % interval."""
     new_cell: Interval
-    """The mean, and what a new cell with as many values would show, with 95 %: wider than where its true mean
-    lies, which the data often cannot tell from no difference between cells."""
+    """95 % prediction interval of the observed mean of a new cell with as many values."""
     between_cells: float
     between_seeds: float | None
-    """Of what runs with one seed have in common in all cells; None with fewer than three seeds."""
+    """Standard deviation between seeds; None with fewer than three seeds."""
     rest: float | None
-    """None where every cell has one value, so that nothing tells the rest from the cell."""
+    """Residual standard deviation; None if every cell has one value."""
     cells: int
     values: int
 
 
 def fit(values: ArrayLike, cells: ArrayLike, seeds: ArrayLike) -> RandomEffectsFit:
-    """Fit values (n,) by restricted maximum likelihood, each of a cell and a seed that it shares with others.
+    """Fit values (n,) with crossed random effects of cells and seeds by restricted maximum likelihood (REML).
 
-    Crossed random effects as in Bates et al., "Fitting linear mixed-effects models using lme4", Journal of
-    Statistical Software 67(1), 2015; by Woodbury's identity, so nothing is larger than cells plus seeds.
-    The mean's interval is Student's with one degree of freedom less than there are cells, or seeds, if these
-    are fewer and differ; the new cell's likewise, of the mean's variance and that of a cell's observed mean,
-    which is exact where all cells have as many values. Raises ValueError below FEWEST_CELLS.
+    As Bates et al., "Fitting linear mixed-effects models using lme4", Journal of Statistical Software 67(1),
+    2015; Woodbury's identity limits matrices to cells plus seeds. The mean's interval is Student's with
+    cells - 1 degrees of freedom, or seeds - 1 if these are fewer and differ. The prediction interval adds the
+    variance of a cell's observed mean; exact for equally many values per cell. Raises ValueError below
+    FEWEST_CELLS.
     """
     known = np.asarray(values, np.float64)
     names, of_cell = np.unique(cells, return_inverse=True)
     count = len(names)
     if count < FEWEST_CELLS:
-        raise ValueError(f"{count} cells, at least {FEWEST_CELLS}")
+        raise ValueError(f"{count} cells are too few; at least {FEWEST_CELLS} are needed")
     seed_names, of_seed = np.unique(seeds, return_inverse=True)
     spread = float(known.std(ddof=1))
     if len(known) == count or spread == 0.0:
@@ -82,11 +81,11 @@ def fit(values: ArrayLike, cells: ArrayLike, seeds: ArrayLike) -> RandomEffectsF
 
 
 class _Likelihood:
-    """Less is likelier; of the standard deviations of the groups, in those of the rest."""
+    """REML criterion (lower is better) of the groups' relative standard deviations."""
 
     def __init__(self, values: Floats, groups: Sequence[NDArray[np.intp]]) -> None:
         columns = [np.eye(int(group.max()) + 1)[group] for group in groups]
-        self._middle = float(values.mean())  # a mean far from 0 would cost digits
+        self._middle = float(values.mean())  # centred for numerical accuracy
         self._values = values - self._middle
         self._widths = [column.shape[1] for column in columns]
         design = np.concatenate(columns, axis=1)
@@ -100,7 +99,7 @@ class _Likelihood:
         return (len(self._values) - 1) * math.log(variance) + logarithm + math.log(weight)
 
     def at(self, sizes: Floats) -> tuple[float, float, float, float]:
-        """The mean, the rest's variance, the mean's weight in units of it, and log |I + Z D Z'|."""
+        """Return mean, residual variance, weight of the mean, and log |I + Z D Z'|."""
         scale = np.repeat(sizes, self._widths)
         inner = np.eye(len(scale)) + scale[:, None] * self._crossed * scale
         ones, sums = scale * self._ones, scale * self._sums
@@ -138,7 +137,7 @@ def _told(
 
 
 class Completion(NamedTuple):
-    """When a run was done, or until when it was watched without being done."""
+    """Completion time of a run, or its censoring time."""
 
     at: float
     done: bool
@@ -146,24 +145,24 @@ class Completion(NamedTuple):
 
 @dataclass(frozen=True)
 class SurvivalCurve:
-    """The share of runs that are not done yet, as a step function of time."""
+    """Share of runs not yet complete, as a step function of time."""
 
     times: Floats
-    """(n,): at which it falls, ascending."""
+    """(n,): times of the steps, ascending."""
     shares: Floats
-    """(n,): from that time on."""
+    """(n,): share from each time on."""
     low: Floats
     high: Floats
     """(n,): 95 % interval, by Greenwood's formula on the log-log scale."""
 
     def share_at(self, time: float) -> float:
-        """The share that is not done at a time."""
+        """Return the share not complete at a time."""
         place = int(np.searchsorted(self.times, time, side="right"))
         return 1.0 if place == 0 else float(self.shares[place - 1])
 
 
 def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
-    """The product-limit estimate of at least one run.
+    """Return the product-limit estimate of the survival curve; at least one run.
 
     Kaplan and Meier, "Nonparametric estimation from incomplete observations", JASA 53, 1958.
     """
@@ -171,7 +170,7 @@ def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
     if not any(run.done for run in runs):
         none = np.zeros(0)
         return SurvivalCurve(none, none, none, none)
-    with warnings.catch_warnings():  # at a share of 0 there is no such interval, and scipy says so
+    with warnings.catch_warnings():  # scipy warns at a share of 0, which has no interval
         warnings.simplefilter("ignore", RuntimeWarning)
         bounds = found.confidence_interval(method="log-log")
     falls = np.flatnonzero(np.diff(np.concatenate([[1.0], found.probabilities])) < 0)
@@ -182,7 +181,7 @@ def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
 
 
 def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
-    """The mean time until done, or the horizon, whichever comes first: the area under the curve.
+    """Return the restricted mean completion time: the area under the survival curve up to the horizon.
 
     Royston and Parmar, "Restricted mean survival time: an alternative to the hazard ratio for the design and
     analysis of randomized trials with a time-to-event outcome", BMC Medical Research Methodology 13, 2013.
@@ -200,7 +199,7 @@ def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
 
 
 def _area(at: Floats, done: NDArray[np.bool_], horizon: float) -> float:
-    """Return the area under the curve of Kaplan and Meier up to the horizon."""
+    """Return the area under the Kaplan-Meier curve up to the horizon."""
     times, which = np.unique(at, return_inverse=True)
     ended, left = np.bincount(which, done), np.bincount(which)
     shares = np.cumprod(1.0 - ended / left[::-1].cumsum()[::-1])

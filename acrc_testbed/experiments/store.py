@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 import msgspec
 
 from acrc_testbed.experiments import frozen_plan
-from acrc_testbed.experiments.frozen_plan import SUFFIX, FrozenPlan, inputs
+from acrc_testbed.experiments.frozen_plan import SUFFIX, FrozenPlan, study_inputs
 from acrc_testbed.experiments.study import Study, Trial, differences
-from acrc_testbed.experiments.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
+from acrc_testbed.experiments.trial_record import CheckRecord, TrialRecord, write_durably, write_json
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.results.seal import SUMS, check_seal
 from actors.installation.version import changed_since, software_version
@@ -19,66 +19,66 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 
 _STUDY: Final = "study.json"
-_ABOUT: Final = "campaign.json"
+_INFO: Final = "campaign.json"
 _TRIALS: Final = "trials"
 _CHECKS: Final = "checks"
 _LOGS: Final = "logs"
 _LOOKS: Final = "looks.json"
 _PLAN: Final = "plan.json"
-_OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
-"""What lies in a folder whose campaign was ended before it had begun."""
+_OWN: Final = frozenset({_INFO, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
+"""Entries of a folder whose campaign was interrupted while it was created."""
 
 
-class About(msgspec.Struct, frozen=True):
-    """What all trials of a campaign have in common beside the study."""
+class CampaignInfo(msgspec.Struct, frozen=True):
+    """Properties of a campaign besides its study."""
 
     commit: str
     plan_sha256: str | None = None
-    """Of the frozen plan that was there before the first run ended; None: there was none."""
+    """SHA-256 of the plan frozen before the first run; None: no plan."""
     departures: tuple[str, ...] = ()
-    """What its software and its files had otherwise than in the plan whenever it was begun or resumed."""
+    """Deviations of software and files from the plan, over all starts of the campaign."""
 
 
-class Looks(msgspec.Struct, frozen=True):
-    """That a campaign was looked at while it went on, which holds from the first time on."""
+class InterimLooks(msgspec.Struct, frozen=True):
+    """Declaration of interim looks; permanent once made."""
 
     cap: int
-    """Pairs at most."""
+    """Maximum number of pairs."""
     metric: str
 
 
-class Pending(NamedTuple):
-    """A trial that is to be run, or to be repeated over Zenoh."""
+class PendingTrial(NamedTuple):
+    """A trial to run, or to repeat over Zenoh."""
 
     trial: Trial
     check: bool = False
-    """True: to be repeated."""
+    """True: repeat."""
 
 
 class Store:
-    """A campaign's folder."""
+    """Storage of a campaign in its folder."""
 
     def __init__(self, folder: Path, study: Study) -> None:
         self.folder = folder
         self.study = study
         self.study_file = folder / _STUDY
-        self.about_file = folder / _ABOUT
+        self.info_file = folder / _INFO
 
-    def about(self) -> About:
-        """What all trials have in common beside the study. Raises AcrcError for a damaged file."""
-        return typed_json.read(self.about_file, About, "campaign")
+    def info(self) -> CampaignInfo:
+        """Read the properties besides the study. Raises AcrcError for a damaged file."""
+        return typed_json.read(self.info_file, CampaignInfo, "campaign")
 
-    def pending(self) -> list[Pending]:
-        """The trials that have no record yet, in the study's order."""
-        return [Pending(trial) for trial in self.study.trials() if not self.path(trial).exists()]
+    def pending(self) -> list[PendingTrial]:
+        """Return the trials without a record, in the study's order."""
+        return [PendingTrial(trial) for trial in self.study.trials() if not self.path(trial).exists()]
 
-    def unchecked(self, every: int) -> list[Pending]:
-        """Return the first trial of each strategy and every Nth from there on, if not repeated yet."""
+    def unchecked(self, every: int) -> list[PendingTrial]:
+        """Return the first and every Nth trial of each strategy, if not repeated yet."""
         own: dict[str, list[Trial]] = {}
         for trial in self.study.trials():
             own.setdefault(trial.strategy, []).append(trial)
         return [
-            Pending(trial, check=True)
+            PendingTrial(trial, check=True)
             for trials in own.values()
             for trial in trials[::every]
             if not self.check_path(trial).exists() and self._has_result(trial)
@@ -88,122 +88,121 @@ class Store:
         return self.path(trial).exists() and self.record(trial).result is not None
 
     def check_path(self, trial: Trial) -> Path:
-        """Where the record of a trial's repetition over Zenoh is, or will be."""
+        """Return the path of the record of a trial's repetition."""
         return self.folder / _CHECKS / f"{trial.name}.json"
 
     def checks(self) -> Iterator[CheckRecord]:
-        """Of all trials that were repeated, in the study's order. Raises AcrcError for a damaged one."""
+        """Yield the records of repeated trials, in the study's order. Raises AcrcError for a damaged one."""
         for trial in self.study.trials():
             if self.check_path(trial).exists():
                 yield self.check(trial)
 
     def check(self, trial: Trial) -> CheckRecord:
-        """Of a trial that was repeated. Raises AcrcError for a damaged one."""
+        """Read the record of a repeated trial. Raises AcrcError for a damaged one."""
         return typed_json.read(self.check_path(trial), CheckRecord, "record of a repeated trial")
 
     def declare_looks(self) -> None:
-        """Keep that this campaign stops early by its rule. Raises AcrcError if it began with another."""
-        here = Looks(self.study.seeds, self.study.primary_metric)
+        """Declare interim looks. Raises AcrcError if other looks were declared before."""
+        here = InterimLooks(self.study.seeds, self.study.primary_metric)
         before = self.looks
         if before is not None and before != here:
             raise AcrcError(
-                f"{self.folder}: was looked at on the way to {before.cap} pairs; with {here.cap} the error"
-                " rate would not hold, so it must stay as it is, or be another campaign"
+                f"{self.folder}: has had interim looks for {before.cap} pairs by {before.metric}; {here.cap} "
+                f"pairs by {here.metric} would change the error rate; keep the plan or use a new folder"
             )
-        keep(self.looks_file, here)
+        write_json(self.looks_file, here)
 
     @property
-    def looks(self) -> Looks | None:
-        """None if nobody looks before the end."""
+    def looks(self) -> InterimLooks | None:
+        """Declared interim looks; None: none."""
         path = self.looks_file
-        return typed_json.read(path, Looks, "looks at a campaign") if path.exists() else None
+        return typed_json.read(path, InterimLooks, "looks at a campaign") if path.exists() else None
 
     @property
     def looks_file(self) -> Path:
-        """Where it is kept that somebody looks before the end."""
+        """File that declares interim looks."""
         return self.folder / _LOOKS
 
     @property
     def commit(self) -> str:
-        """What all its trials were made with."""
-        return self.about().commit
+        """Commit of the testbed at the start of the campaign."""
+        return self.info().commit
 
     @property
     def plan_file(self) -> Path:
-        """Where the frozen plan is if there is one."""
+        """File of the frozen plan; may not exist."""
         return self.folder / _PLAN
 
     @property
     def plan(self) -> FrozenPlan | None:
-        """The plan from before the first run; None if there was none. Raises AcrcError for another one."""
-        known = self.about().plan_sha256
+        """Plan frozen before the first run; None: no plan. Raises AcrcError if it was replaced."""
+        known = self.info().plan_sha256
         if known is None:
             return None
-        plan = frozen_plan.read(self.plan_file)
+        plan = frozen_plan.read_plan(self.plan_file)
         if plan.sha256 != known:
             raise AcrcError(
-                f"{self.plan_file}: has SHA-256 {plan.sha256}, but the campaign was begun with {known}"
+                f"{self.plan_file}: SHA-256 is {plan.sha256}, but the campaign began with the plan {known}"
             )
         return plan
 
     def path(self, trial: Trial) -> Path:
-        """Where a trial's record is, or will be."""
+        """Return the path of a trial's record."""
         return self.folder / _TRIALS / f"{trial.name}.json"
 
     def log(self, trial: Trial, *, check: bool = False) -> Path:
-        """What its process says, or that of its repetition."""
+        """Return the path of the log of a trial's process, or of its repetition."""
         return self.folder / _LOGS / f"{trial.name}{'-check' if check else ''}.log"
 
     def records(self) -> Iterator[TrialRecord]:
-        """Of all trials that have ended, in the study's order. Raises AcrcError for a damaged one."""
+        """Yield the records of ended trials, in the study's order. Raises AcrcError for a damaged one."""
         for trial in self.study.trials():
             if self.path(trial).exists():
                 yield self.record(trial)
 
     def record(self, trial: Trial) -> TrialRecord:
-        """Of a trial that has ended. Raises AcrcError for a damaged one."""
+        """Read the record of an ended trial. Raises AcrcError for a damaged one."""
         return typed_json.read(self.path(trial), TrialRecord, "record of a trial")
 
 
 def create(folder: Path, study: Study) -> Store:
-    """The store in a new folder, or the one that this study, or the same with fewer seeds, has begun there.
+    """Create a campaign in a new folder, or reopen the one of this study, perhaps with fewer seeds.
 
-    Raises AcrcError if the folder holds something else, or what other software has begun, and SealError
-    if it is not as it was left.
+    Raises AcrcError if the folder has other content or another commit, SealError if its files were changed.
     """
-    store, about = Store(folder, study), About(software_version())
+    store, info = Store(folder, study), CampaignInfo(software_version())
     if store.study_file.exists():
         before = typed_json.read(store.study_file, Study, "study of a campaign")
         if study.seeds < before.seeds:
             raise AcrcError(
-                f"{folder}: has {before.seeds} seeds, more than {study.seeds}; must be as many, or more"
+                f"{folder}: the campaign has {before.seeds} seeds; {study.seeds} must not be fewer"
             )
         if others := differences(before, study).keys() - {"seeds"}:
             raise AcrcError(
-                f"{folder}: holds the campaign of another study ({min(others)} differs); "
-                "must be new, or that of this one"
+                f"{folder}: contains the campaign of another study ({min(others)} differs); "
+                "choose a new folder"
             )
         commit = store.commit
-        if commit != about.commit:
+        if commit != info.commit:
             raise AcrcError(
-                f"{folder}: was begun with {commit}, this is {about.commit}; their results do not compare"
+                f"{folder}: campaign of commit {commit}; results of {info.commit} are not comparable"
             )
         check_seal(folder)
-        (folder / SUMS).unlink(missing_ok=True)  # what it covers is about to change
+        (folder / SUMS).unlink(missing_ok=True)  # the sealed files are about to change
         _check_parts(folder)
-        keep(store.study_file, study)  # with more seeds it goes on
+        write_json(store.study_file, study)  # may have more seeds
         return store
     if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
-        raise AcrcError(f"{folder}: holds something that is no campaign; must be new or empty")
+        raise AcrcError(f"{folder}: contains files that are not a campaign; choose a new or empty folder")
     folder.mkdir(parents=True, exist_ok=True)
     _check_parts(folder)
-    keep(folder / _ABOUT, about)
-    keep(store.study_file, study)
+    write_json(folder / _INFO, info)
+    write_json(store.study_file, study)
     return store
 
 
 def _check_parts(folder: Path) -> None:
-    """Make what is missing. Raises AcrcError for a link in its place."""
+    """Create missing subfolders. Raises AcrcError for a link in their place."""
     for part in (_TRIALS, _CHECKS, _LOGS):
         try:
             regular_file.check_no_link(folder / part).mkdir(exist_ok=True)
@@ -211,62 +210,60 @@ def _check_parts(folder: Path) -> None:
             raise AcrcError(f"{folder / part}: {error.strerror}") from None
 
 
-def holds(folder: Path) -> bool:
-    """True if a campaign has been begun in the folder."""
+def is_campaign(folder: Path) -> bool:
+    """Return whether the folder contains a campaign."""
     return (folder / _STUDY).exists()
 
 
 def load(folder: Path) -> Store:
-    """The store in a folder. Raises AcrcError if there is none, SealError if it is not as it was left."""
-    if not holds(folder):
-        raise AcrcError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
+    """Open the campaign in a folder. Raises AcrcError if there is none, SealError for changed files."""
+    if not is_campaign(folder):
+        raise AcrcError(f"{folder}: not a campaign; give a folder written by acrc campaign")
     check_seal(folder)
     return Store(folder, typed_json.read(folder / _STUDY, Study, "study of a campaign"))
 
 
 IN_MEMORY: Final = (
-    "Made in memory: there a strategy can reach the world, the referee and its own result, so this is for "
-    "strategies that you trust; `acrc campaign --isolate` makes every run as isolated processes."
+    "Runs share one process with their strategies, which can access world, referee and result; use this only "
+    "for strategies that you trust. `acrc campaign --isolate` runs every robot in an isolated process."
 )
-ISOLATED: Final = (
-    "Every run was made as isolated processes: no strategy could reach the world, the referee or its result."
-)
+ISOLATED: Final = "Every run used isolated processes: no strategy had access to world, referee or result."
 _MOST_TOLD: Final = 3
 
 
-def protection(kept: Store) -> list[str]:
-    """What is protected in these runs and what is not, in sentences that come before all others."""
+def isolation_sentences(kept: Store) -> list[str]:
+    """Return sentences on the isolation of strategies, to be shown first."""
     results = [record.result for record in kept.records() if record.result is not None]
-    other = [f"{line}." for line in other_software(kept)]
+    other = [f"{line}." for line in commit_sentences(kept)]
     if kept.study.isolated:
         open_ = sum(result.isolation != "full" for result in results)
         isolated = (
-            f"{open_} of {len(results)} runs were NOT isolated, as the study wants." if open_ else ISOLATED
+            f"{open_} of {len(results)} runs were NOT isolated, as the study requires." if open_ else ISOLATED
         )
         return [isolated, *other]
     return [IN_MEMORY, *_repeated(kept, results), *other]
 
 
-def other_software(kept: Store) -> list[str]:
-    """Which runs were made with software that was changed or committed after the campaign had begun."""
+def commit_sentences(kept: Store) -> list[str]:
+    """Return a sentence on runs made with another commit than the first; empty if none."""
     made = [record.result.origin.commit for record in kept.records() if record.result is not None]
     others = [commit for commit in made if commit != kept.commit]
     if not others:
         return []
     return [
-        f"{len(others)} of {len(made)} runs were made with other software than {kept.commit}, with which the "
-        f"campaign began: {', '.join(dict.fromkeys(others))}"
+        f"the campaign began with commit {kept.commit}, but {len(others)} of {len(made)} runs were made with "
+        f"{', '.join(dict.fromkeys(others))}"
     ]
 
 
 def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
-    """Yield how many runs were repeated as processes, how many of them isolated, and both speeds."""
+    """Yield a sentence on runs repeated as processes, their isolation, and both speeds."""
     if not results:
         return
     checks = list(kept.checks())
     speed = f"{median(result.real_time_factor for result in results):.3g} x real time"
     if not checks:
-        yield f"None of {len(results)} runs was repeated as processes; in memory {speed} (median)."
+        yield f"None of {len(results)} runs was repeated as processes; speed in memory {speed} (median)."
         return
     isolated = sum(check.isolation == "full" for check in checks)
     speeds = [check.over_zenoh_speed for check in checks if check.over_zenoh_speed is not None]
@@ -274,135 +271,139 @@ def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
     same = sum(check.agrees for check in checks)
     yield (
         f"{len(checks)} of {len(results)} runs were repeated as processes ({isolated} isolated): "
-        f"{same} gave the same result; in memory {speed} (median){over}."
+        f"{same} with the same result; speed in memory {speed} (median){over}."
     )
 
 
-def differing(kept: Store) -> list[str]:
-    """Return a sentence for each run whose repetition had another result."""
+def difference_sentences(kept: Store) -> list[str]:
+    """Return a sentence for each run whose repetition has a different result."""
     return [_difference(check) for check in kept.checks() if not check.agrees]
 
 
 def _difference(check: CheckRecord) -> str:
     run = f"{check.strategy} with seed {check.seed}"
     if check.failure is not None:
-        return f"{run} came to its end in memory, but not over Zenoh: {check.failure}"
-    what = f"digest {check.in_memory} in memory, {check.over_zenoh} there"
+        return f"{run} succeeded in memory but failed over Zenoh: {check.failure}"
+    what = f"digest {check.in_memory} in memory, {check.over_zenoh} over Zenoh"
     if check.in_memory == check.over_zenoh:
         what = "; ".join(check.differs[:_MOST_TOLD])
         what += f"; and {len(check.differs) - _MOST_TOLD} more" if len(check.differs) > _MOST_TOLD else ""
     return (
-        f"{run} is another run over Zenoh than in memory: {what}; nothing that this campaign shows can be "
-        "trusted before it is known why"
+        f"{run} differs between Zenoh and memory: {what}; do not trust this campaign until the cause is known"
     )
 
 
 _MOST_NAMED: Final = 3
-NOTHING_FROZEN: Final = "Nothing was frozen before."
+NOTHING_FROZEN: Final = "No plan was frozen before the first run."
 _FROZEN: Final = "Frozen before the first run,"
-_ALL_ELSE: Final = "Whatever else is compared was not declared, and is exploration."
+_ALL_ELSE: Final = "All other comparisons are exploratory."
 
 
-def plan_of(given: Path | None, study_file: Path | None) -> Path | None:
-    """The file of the plan: what is given, or what lies beside the study's file; None if there is none.
+def find_plan(given: Path | None, study_file: Path | None) -> Path | None:
+    """Return the file of the plan: `given`, or the one beside the study's file; None: no plan.
 
-    Raises AcrcError for a plan that is not as it was frozen.
+    Raises AcrcError for a plan that was changed.
     """
     beside = study_file.with_suffix(SUFFIX) if study_file is not None else None
     path = given or (beside if beside is not None and beside.exists() else None)
     if path is not None:
-        frozen_plan.read(path)
+        frozen_plan.read_plan(path)
     return path
 
 
-def take_in(kept: Store, given: Path | None, study_file: Path | None, *, looks: bool) -> list[str]:
-    """Keep a plan in a campaign that has no run yet, and hold the campaign against the plan that it has.
+def adopt_plan(kept: Store, given: Path | None, study_file: Path | None, *, looks: bool) -> list[str]:
+    """Add a plan to a campaign without runs, and compare the campaign with its plan.
 
-    Gives what is to be said before its next run. Raises AcrcError for a plan that is not as it was frozen, or
-    that another campaign has.
+    Returns sentences to print before the next run. Raises AcrcError for a plan that was changed or differs
+    from the campaign's plan.
     """
     if given is not None:
-        plan, known = frozen_plan.read(given), kept.about().plan_sha256
+        plan, known = frozen_plan.read_plan(given), kept.info().plan_sha256
         if known is not None and known != plan.sha256:
             raise AcrcError(
-                f"{kept.folder}: was begun with the plan {known}, {given} is {plan.sha256}; "
-                "must be that one, or another campaign"
+                f"{kept.folder}: the campaign began with the plan {known}; {given} is {plan.sha256}; "
+                "use the same plan or a new folder"
             )
         if known is None:
             if any(kept.path(trial).exists() for trial in kept.study.trials()):
-                return [f"{given}: is not taken, as {kept.folder} had runs before it had a plan."]
-            keep_bytes(kept.plan_file, regular_file.read_bytes(given))
-            keep(kept.about_file, msgspec.structs.replace(kept.about(), plan_sha256=plan.sha256))
+                return [f"{given}: ignored, because {kept.folder} has runs made without a plan."]
+            write_durably(kept.plan_file, regular_file.read_bytes(given))
+            write_json(kept.info_file, msgspec.structs.replace(kept.info(), plan_sha256=plan.sha256))
     mine = kept.plan
     if mine is None:
         return []
-    about = kept.about()
-    found = dict.fromkeys((*about.departures, *_now(mine, kept, study_file)))
-    keep(kept.about_file, msgspec.structs.replace(about, departures=tuple(found)))
-    return [f"{_FROZEN} {declared(mine)}", *(_not(line) for line in departures(kept, mine, looks=looks))]
+    info = kept.info()
+    found = dict.fromkeys((*info.departures, *_current_deviations(mine, kept, study_file)))
+    write_json(kept.info_file, msgspec.structs.replace(info, departures=tuple(found)))
+    return [
+        f"{_FROZEN} {plan_text(mine)}",
+        *(_deviation_sentence(line) for line in deviations(kept, mine, looks=looks)),
+    ]
 
 
 def plan_sentences(kept: Store) -> list[str]:
-    """What was declared before the first run and what was not, a sentence each."""
+    """Return sentences on the frozen plan and deviations from it."""
     plan = kept.plan
     if plan is None:
         return [NOTHING_FROZEN]
-    found = list(departures(kept, plan, looks=kept.looks is not None))
+    found = list(deviations(kept, plan, looks=kept.looks is not None))
     left = len(kept.pending())
     if left and not plan.looks:
-        found.append(f"{left} of {sum(1 for _ in kept.study.trials())} runs are still to be made")
+        found.append(f"{left} of {sum(1 for _ in kept.study.trials())} runs are missing")
     return [
-        f"{_FROZEN} {declared(plan)}",
-        *(map(_not, found) if found else ["The campaign is as frozen."]),
+        f"{_FROZEN} {plan_text(plan)}",
+        *(map(_deviation_sentence, found) if found else ["The campaign follows the plan."]),
         _ALL_ELSE,
     ]
 
 
-def declared(plan: FrozenPlan) -> str:
-    """What a plan says, as it goes on after a word such as "Frozen"."""
+def plan_text(plan: FrozenPlan) -> str:
+    """Return the content of a plan as the continuation of a sentence, such as after "Frozen"."""
     study = plan.study
-    pairs = " and ".join(f"{one} against {other}" for one, other in study.primary_pairs) or "no comparison"
+    pairs = " and ".join(f"{one} versus {other}" for one, other in study.primary_pairs) or "no comparison"
     margins = f"of {study.margin_places:g} in places and {study.margin_s:g} s"
     return (
-        f"at commit {plan.commit}, SHA-256 {plan.sha256}: {pairs} by {study.primary_metric}, "
-        f"margins {margins}, {study.seeds} seeds, {_looks(plan) if plan.looks else 'no look on the way'}."
+        f"commit {plan.commit}, SHA-256 {plan.sha256}: {pairs} by {study.primary_metric}, "
+        f"margins {margins}, {study.seeds} seeds, {_looks_text(plan) if plan.looks else 'no interim looks'}."
     )
 
 
-def departures(kept: Store, plan: FrozenPlan, *, looks: bool) -> Iterator[str]:
-    """What a campaign has otherwise than its plan."""
-    yield from frozen_plan.departures(plan, kept.study)
+def deviations(kept: Store, plan: FrozenPlan, *, looks: bool) -> Iterator[str]:
+    """Yield deviations of a campaign from its plan."""
+    yield from frozen_plan.deviations(plan, kept.study)
     if looks and not plan.looks:
-        yield "it is looked at on the way, and no look was planned"
+        yield "interim looks were made, but none were planned"
     if plan.looks and not looks:
-        yield f"it is not looked at on the way, and {_looks(plan)} were planned"
-    yield from kept.about().departures
-    yield from other_software(kept)
+        yield f"no interim looks were made, but {_looks_text(plan)} were planned"
+    yield from kept.info().departures
+    yield from commit_sentences(kept)
 
 
-def _looks(plan: FrozenPlan) -> str:
-    return f"looks after {', '.join(map(str, plan.looks))} pairs"
+def _looks_text(plan: FrozenPlan) -> str:
+    return f"interim looks after {', '.join(map(str, plan.looks))} pairs"
 
 
-def _now(plan: FrozenPlan, kept: Store, study_file: Path | None) -> Iterator[str]:
-    """What files and software have otherwise at this moment."""
+def _current_deviations(plan: FrozenPlan, kept: Store, study_file: Path | None) -> Iterator[str]:
+    """Yield current deviations of files and software from the plan."""
     yield from frozen_plan.changed_files(plan, kept.study)
     here = software_version()
     if here == plan.commit:
         return
     changed = changed_since(plan.commit)
     if changed is None:
-        yield f"it was made with {here}, of which nothing shows that it descends from the frozen commit"
+        yield f"it was made with commit {here}, which cannot be shown to descend from the planned one"
         return
-    told = {realpath(path) for path in (*inputs(kept.study).files.values(), study_file) if path is not None}
-    others = [path for path in changed if realpath(path) not in told and not path.name.endswith(SUFFIX)]
+    own = {
+        realpath(path) for path in (*study_inputs(kept.study).files.values(), study_file) if path is not None
+    }
+    others = [path for path in changed if realpath(path) not in own and not path.name.endswith(SUFFIX)]
     if others:
         more = ", …" if others[_MOST_NAMED:] else ""
         yield (
-            f"it was made with {here}, which descends from the frozen commit, but {len(others)} files differ "
+            f"it was made with commit {here}, in which {len(others)} files differ from the planned one "
             f"({', '.join(path.name for path in others[:_MOST_NAMED])}{more})"
         )
 
 
-def _not(line: str) -> str:
-    return f"Not as frozen: {line}."
+def _deviation_sentence(line: str) -> str:
+    return f"Deviation from the plan: {line}."

@@ -1,4 +1,4 @@
-"""A study, its file and its trials: every strategy in every variant of a scenario, with the same seeds."""
+"""Study, its TOML file and its trials: all strategies in all variants of a scenario, with equal seeds."""
 
 import hashlib
 import itertools
@@ -23,31 +23,31 @@ from deploy.scenario.scenario_file import check_exists, is_scenario
 
 FIRST_SEED: Final = 1
 FIRST_TUNING_SEED: Final = 1_000_001
-"""Seeds below are for tests, from here on for tuning: nothing is judged by what it was tuned on."""
+"""Seeds from here on are for tuning and are never used by tests."""
 _NAME_BYTES: Final = 6
 Variant = tuple[tuple[str, Any], ...]
-"""Each factor's key, or name, and its value."""
+"""Key or name of each factor, and its value."""
 
 
 class Factor(msgspec.Struct, frozen=True):
-    """A key of the scenario and the values that it takes, or a name and its levels."""
+    """A key of the scenario and its values, or a name and its levels."""
 
     key: str
     values: tuple[Any, ...]
     levels: tuple[Variant, ...] = ()
-    """What each value sets, as keys of the scenario, where `key` is a name of the study's own."""
+    """Keys of the scenario set by each value, if `key` is a name defined by the study."""
 
     def settings(self, value: Any) -> Variant:
-        """The keys of the scenario that a value sets."""
+        """Return the keys of the scenario set by a value."""
         return self.levels[self.values.index(value)] if self.levels else ((self.key, value),)
 
 
 class Distribution(msgspec.Struct, frozen=True):
-    """An uncertainty that is drawn for each seed, the same for every strategy; see `study.draws`."""
+    """A random condition drawn for each seed, equal for all strategies; see `trial_settings`."""
 
     kind: str
     parameters: tuple[tuple[str, Any], ...]
-    """Each a number, or (from, to) between which it is drawn; for doors their points."""
+    """Each a number or a range (from, to); for doors their points."""
 
 
 class Trial(msgspec.Struct, frozen=True):
@@ -56,20 +56,20 @@ class Trial(msgspec.Struct, frozen=True):
     strategy: str
     seed: int
     variant: Variant = ()
-    """Here."""
+    """Values of the factors."""
 
     @property
     def name(self) -> str:
-        """Names the trial's file; tells it from all others of a study."""
-        told = msgspec.json.encode((self.strategy, self.seed, self.variant))
-        return f"{self.seed:06d}-{hashlib.blake2b(told, digest_size=_NAME_BYTES).hexdigest()}"
+        """Unique name of the trial in its study, used for files."""
+        key = msgspec.json.encode((self.strategy, self.seed, self.variant))
+        return f"{self.seed:06d}-{hashlib.blake2b(key, digest_size=_NAME_BYTES).hexdigest()}"
 
 
-class StudyTerms(Settings, frozen=True, kw_only=True):
-    """What a study's file and the study have in common."""
+class CommonStudyFields(Settings, frozen=True, kw_only=True):
+    """Fields common to a study's file and the study."""
 
     scenario: Annotated[Text, Meta(description="the path of a scenario, relative to the study's file")]
-    """Absolute in a study."""
+    """Absolute in `Study`."""
     strategies: Annotated[
         tuple[str, ...],
         Meta(min_length=1, description='a list of strategies, such as ["none", "chapter"]'),
@@ -78,83 +78,83 @@ class StudyTerms(Settings, frozen=True, kw_only=True):
         tuple[tuple[str, str], ...],
         Meta(description='a list of pairs of strategies, such as [["chapter", "none"]]'),
     ] = ()
-    """The comparisons that the study is for, declared before it is carried out."""
+    """Primary comparisons, declared before the first run."""
     primary_metric: Annotated[Text, Meta(description='a metric, such as "places"')] = "lexicographic"
-    """By which these are decided: one metric, or the chapter's order of places and time."""
+    """Metric of the primary comparisons; lexicographic: the chapter's order of places, then time."""
     margin_places: Annotated[float, Meta(gt=0, le=1_000_000)] = 1.0
-    """Strategies whose mean numbers of places differ by less are as good as each other."""
+    """Equivalence margin of the mean number of places."""
     margin_s: Annotated[float, Meta(gt=0, le=1_000_000)] = 10.0
-    """The same of times, s."""
+    """Equivalence margin of times, s."""
     failed_runs: Literal["worst", "left out"] = "worst"
-    """What a run that failed counts as: one that did nothing, or none."""
+    """Treatment of failed runs: count as no places done, or leave out."""
     isolated: bool = False
-    """Every run is made as isolated processes, for strategies of strangers."""
+    """Run robots as isolated processes, for untrusted strategies."""
 
 
-class Study(StudyTerms, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """What is run and why."""
+class Study(CommonStudyFields, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """Strategies, conditions and seeds to compare."""
 
     name: str
     seeds: int
     tuning: bool = False
-    """True: for choosing settings; no test will have its seeds."""
+    """True: for choosing settings, with seeds that no test uses."""
     settings: tuple[tuple[str, Any], ...] = ()
-    """Keys of the scenario that are other than in its file."""
+    """Overridden keys of the scenario."""
     factors: tuple[Factor, ...] = ()
     distributions: tuple[Distribution, ...] = ()
     conditions: Literal["drawn", "as written"] = "as written"
-    """Drawn: seeds draw whatever of `study.conditions` the study does not set."""
+    """Drawn: each seed draws the conditions that the study does not set."""
     random: tuple[Factor, ...] = ()
-    """Factors whose levels come together in `cells`; values are those that came up."""
+    """Random factors, with the levels drawn for `cells`."""
     cells: tuple[Variant, ...] = ()
-    """Levels of the random factors, drawn when the study was read. Each comparison is over all of them."""
+    """Drawn combinations of the random factors' levels. Each comparison covers all of them."""
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:
-        """The comparisons declared beforehand; of two strategies there is but one."""
+        """Declared comparisons; two strategies have one by default, second versus first."""
         if len(self.strategies) == 2 and not self.primary:
             return ((self.strategies[1], self.strategies[0]),)
         return self.primary
 
     @property
     def first_seed(self) -> int:
-        """The others follow it."""
+        """First of the consecutive seeds."""
         return FIRST_TUNING_SEED if self.tuning else FIRST_SEED
 
     def fixed_variants(self) -> list[Variant]:
-        """Every combination of the factors' values; one without any factor. Each is compared by itself."""
+        """Return every combination of the fixed factors' values. Each is compared separately."""
         choices = [[(factor.key, value) for value in factor.values] for factor in self.factors]
         return list(itertools.product(*choices))
 
     def variants(self) -> list[Variant]:
-        """Each of these in every cell."""
+        """Return every combination of fixed variant and random cell."""
         return [(*fixed, *cell) for fixed in self.fixed_variants() for cell in self.cells or ((),)]
 
     def fixed_part(self, variant: Variant) -> Variant:
-        """What of a variant is no cell's."""
+        """Return a variant without random factors."""
         drawn = {factor.key for factor in self.random}
         return tuple((key, value) for key, value in variant if key not in drawn)
 
     def settings_of(self, variant: Variant) -> Variant:
-        """All that the study sets in a variant, as keys of the scenario."""
+        """Return all keys of the scenario that the study sets in a variant."""
         known = {factor.key: factor for factor in (*self.factors, *self.random)}
         own = (known[key].settings(value) if key in known else ((key, value),) for key, value in variant)
         return (*self.settings, *itertools.chain.from_iterable(own))
 
     def trials(self) -> Iterator[Trial]:
-        """All of them, seed by seed, so that whatever is there at any moment can be compared."""
+        """Yield all trials seed by seed, so that an incomplete campaign can be compared."""
         for seed in range(self.first_seed, self.first_seed + self.seeds):
             yield from self.trials_of(seed)
 
     def trials_of(self, seed: int) -> Iterator[Trial]:
-        """Those with one seed: every strategy in every variant."""
+        """Yield the trials of one seed: every strategy in every variant."""
         for variant in self.variants():
             for strategy in self.strategies:
                 yield Trial(strategy, seed, variant)
 
 
 def differences(one: Study, other: Study) -> dict[str, tuple[str, str]]:
-    """The fields by which two studies differ, each with both values as JSON, where a tuple is a list."""
+    """Return the fields in which two studies differ, with both values as JSON."""
     found = {}
     for field in Study.__struct_fields__:
         mine, theirs = (
@@ -174,40 +174,39 @@ PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
     "closures": ("count", "at", "duration"),
     "tasks": ("count", "at"),
 }
-"""By kind: what the study says of it. Kills: `count` robots end, each at an instant of its own. Jams: jammers
-somewhere on the floor. Dropout: this share of all rays gives no echo. Odometry: its errors are so many times
-as large; exact odometry becomes that of a Kobuki. Doors: at `count` of the `points` something round stands
-from the beginning on. Closures: `count` doors of the map close, each at an instant, and open again after a
-while. Tasks: `count` places, drawn as places are, that a robot each is given at an instant."""
+"""Parameters of each kind of distribution. Kills: `count` robots end, at random instants. Jams: `count`
+jammers at random points. Dropout: share of scan rays without echo. Odometry: factor of its errors; exact
+odometry becomes a Kobuki's. Doors: round obstacles at `count` of the `points` from the start. Closures:
+`count` doors close at random instants and reopen. Tasks: `count` random places, each given to a robot."""
 MOST_SEEDS: Final = 100_000
 MOST_SAMPLES: Final = 1000
 _LARGEST: Final = 1 << 20
 _CANDIDATES: Final = 64
-"""Latin hypercubes of which the most even one is taken."""
+"""Latin hypercubes to draw; the one of least discrepancy is used."""
 _DIGITS: Final = 9
-"""Of a discrepancy: what differs less is equal, whatever the processor makes of the last bits."""
+"""Decimals to which discrepancies are compared, so that processors agree."""
 _SPAN_DIGITS: Final = 4
-"""Significant ones of a drawn number that is not whole."""
+"""Significant digits of a drawn non-integer level."""
 
 
 class RandomFactor(NamedTuple):
-    """A factor of which a study draws levels: from a list, or from all numbers between two."""
+    """A factor with random levels, from a list or a range."""
 
     key: str
     among: tuple[Any, ...] = ()
-    """Empty: between."""
+    """List of levels; empty: use `between`."""
     between: tuple[float, float] = (0.0, 0.0)
-    """Whole numbers, both included, if both are whole."""
+    """Range of levels; integers, both ends included, if both ends are integers."""
 
     @property
     def levels(self) -> float:
-        """How many there are; infinite of numbers that are not whole."""
+        """Number of levels; infinite for a range of floats."""
         if self.among:
             return len(self.among)
         return self.between[1] - self.between[0] + 1 if _whole(self.between) else math.inf
 
     def level(self, share: float) -> Any:
-        """The level at this share, from 0 to below 1, of all there are."""
+        """Return the level at this quantile, in [0, 1)."""
         low, high = self.between
         if self.among:
             return self.among[int(share * len(self.among))]
@@ -217,19 +216,19 @@ class RandomFactor(NamedTuple):
 
 
 def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tuple[Variant, ...]:
-    """So many different cells: a level of each factor. The same seed gives the same.
+    """Draw `samples` different cells, each with a level of every factor; deterministic for a seed.
 
-    A Latin hypercube (McKay, Beckman and Conover 1979): each factor's levels come up equally often, to one.
-    Of several, the one with most different cells, and of these with the lowest centred discrepancy.
-    AcrcError if the factors have fewer combinations, or no cube has enough different cells.
+    Latin hypercube (McKay, Beckman and Conover 1979): frequencies of a factor's levels differ by at most one.
+    Among several hypercubes, most different cells, then least centred discrepancy decide. Raises
+    AcrcError if the factors have fewer combinations, or no hypercube has enough different cells.
     """
     from scipy.stats import qmc
 
     combinations = math.prod(factor.levels for factor in factors)
     if samples > combinations:
         raise AcrcError(
-            f"samples is {samples}, but the random factors have {combinations:g} combinations; must be at "
-            "most that many, and with all of them values = [...] says the same"
+            f"samples: {samples} exceeds the {combinations:g} combinations of the random factors; use fewer, "
+            "or fixed factors (values = [...]) for all combinations"
         )
     sampler = qmc.LatinHypercube(len(factors), rng=generator(seed, "study", "cells"))
     best: tuple[int, float] | None = None
@@ -243,8 +242,8 @@ def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tupl
             best, cells = rank, found
     if len(cells) < samples:
         raise AcrcError(
-            f"samples is {samples}, but only {len(cells)} different cells come of random factors with "
-            f"{combinations:g} combinations; must be at most {len(cells)}, or the factors have more levels"
+            f"samples: only {len(cells)} of {samples} cells differ, as the random factors have "
+            f"{combinations:g} combinations; use at most {len(cells)} samples or more levels"
         )
     return cells
 
@@ -258,42 +257,42 @@ def _whole(between: tuple[float, float]) -> bool:
 
 
 _NOT_RANDOM: Final = "run.duration"
-"""Runs of one comparison are watched equally long."""
+"""All runs of a comparison must have equal duration."""
 
 
 _Amount = Annotated[float, Meta(ge=0, le=1_000_000)]
 _Range = Annotated[
     _Amount | tuple[_Amount, _Amount],
-    Meta(description="a number from 0 on, or a range [from, to] of them"),
+    Meta(description="a number of at least 0, or a range [from, to] of such numbers"),
 ]
 _Values = Annotated[tuple[Any, ...], Meta(min_length=1, description="a list of at least one value")]
 _Seeds = Annotated[int, Meta(ge=1, le=MOST_SEEDS)]
 
 
 class VaryTable(Settings, frozen=True):
-    """[[vary]]: a factor and its values one after the other or drawn, or what is drawn for each seed."""
+    """[[vary]]: a factor with its values or random levels, or a distribution drawn for each seed."""
 
     key: Annotated[Text, Meta(description='a key of the scenario, such as "robots.count"')] | None = None
     factor: Annotated[Text, Meta(description='a name of your own, such as "floor"')] | None = None
-    """In place of a key: each value is a table with a name and several keys of the scenario."""
+    """Instead of `key`: each value is a table with a name and several keys of the scenario."""
     values: _Values | None = None
-    """Each with each of the other factors."""
+    """Levels of a fixed factor, combined with all other factors."""
     among: _Values | None = None
-    """The factor is random: levels are drawn from these."""
+    """Levels from which those of a random factor are drawn."""
     between: Annotated[tuple[int | float, int | float], Meta(description="two numbers [from, to]")] | None = (
         None
     )
-    """The factor is random: levels are drawn between these, whole ones if both are."""
+    """Range of a random factor's levels; integers if both ends are integers."""
     distribution: Literal["kills", "jams", "dropout", "odometry", "doors", "closures", "tasks"] | None = None
-    """What is drawn; its parameters are those of `study.draws.PARAMETERS`."""
+    """Kind of distribution; for its parameters see `PARAMETERS`."""
     count: _Range | None = None
-    """How many."""
+    """Number of events."""
     at: _Range | None = None
-    """When, s."""
+    """Instant, s."""
     radius: _Range | None = None
-    """Of a jammer's reach, or of what stands in a door, m."""
+    """Radius of a jammer's reach, or of an obstacle in a door, m."""
     duration: _Range | None = None
-    """s."""
+    """Length, s."""
     share: _Range | None = None
     drift: _Range | None = None
     points: (
@@ -309,13 +308,13 @@ class VaryTable(Settings, frozen=True):
                 raise self.wrong(name)
         if self.distribution is None and given not in _FACTORS:
             raise RuleError(
-                "have a key and its values, or a distribution and its parameters; among = [...] or "
-                "between = [from, to] in place of values draws levels, and factor = NAME in place of key "
-                "has tables of several keys as values"
+                "have key and values, or a distribution and its parameters; use among = [...] or "
+                "between = [from, to] instead of values for random levels, and factor = NAME instead of key "
+                "for levels that set several keys"
             )
         if self.distribution and given != {"distribution", *PARAMETERS[self.distribution]}:
             needs = ", ".join(PARAMETERS[self.distribution])
-            raise RuleError(f"have {needs} beside the distribution {self.distribution}, and nothing else")
+            raise RuleError(f"have only {needs} besides distribution = {self.distribution!r}")
 
     @property
     def is_random(self) -> bool:
@@ -329,46 +328,45 @@ _FACTORS: Final = (
 )  # fmt: skip
 
 
-class _StudyFile(StudyTerms, frozen=True, kw_only=True):
-    """The file."""
+class _StudyFile(CommonStudyFields, frozen=True, kw_only=True):
+    """Content of a study file."""
 
     seeds: _Seeds = 10
-    """So many seeds, from 1 on, for each strategy and variant."""
+    """Seeds, from 1 on, for each strategy and variant."""
     tuning_seeds: _Seeds = 10
-    """So many for `--tuning`: other ones, which no test ever has."""
+    """Seeds for `--tuning`, which tests never use."""
     set: Annotated[dict[str, Any], Meta(description="a table of keys of the scenario")] = msgspec.field(
         default_factory=dict
     )
-    """Keys of the scenario that are other than in its file, such as "run.duration" = 300."""
+    """Overridden keys of the scenario, such as "run.duration" = 300."""
     conditions: Literal["drawn", "as written"] = "drawn"
-    """Whether seeds draw starts, places, odometry's errors and shadowing where nothing here sets them."""
+    """Drawn: each seed draws starts, places, odometry errors and shadowing unless set here."""
     vary: tuple[VaryTable, ...] = ()
     samples: Annotated[int, Meta(ge=1, le=MOST_SAMPLES)] | None = None
-    """So many cells are drawn from the random factors."""
+    """Number of cells drawn from the random factors."""
 
 
 def load_study(path: Path, *, tuning: bool = False) -> Study:
-    """The study in a file, also in one that a campaign has written (`study.json`). Raises AcrcError."""
+    """Load a study from TOML, or from the `study.json` of a campaign. Raises AcrcError."""
     if path.suffix == ".json":
-        return _written(path)
+        return _load_json(path)
     check_exists(path, SHIPPED / "studies")
     if is_scenario(path):
         compared = command_line("campaign", path)
-        raise AcrcError(f"{path}: is a scenario, must be a study; to compare strategies in it: {compared}")
+        raise AcrcError(f"{path}: is a scenario, not a study; to compare strategies in it: {compared}")
     table = settings.load(path, _StudyFile, "study", _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:
         for name in pair:
             if name not in strategies:
                 raise AcrcError(
-                    f"{path}: primary compares {name!r}, which is none of the study's strategies: "
-                    f"{', '.join(strategies)}"
+                    f"{path}: primary: {name!r} is not one of the study's strategies: {', '.join(strategies)}"
                 )
     try:
         made = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
     except AcrcError as error:
         raise AcrcError(f"{path}: {error}") from None
-    shared = {name: getattr(table, name) for name in StudyTerms.__struct_fields__} | {
+    shared = {name: getattr(table, name) for name in CommonStudyFields.__struct_fields__} | {
         "scenario": str((path.parent / table.scenario).resolve()),
         "strategies": strategies,
     }
@@ -386,14 +384,14 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
     )
 
 
-def _written(path: Path) -> Study:
-    """A path in it is relative to the file, as in any study's."""
+def _load_json(path: Path) -> Study:
+    """Load a study from JSON; the scenario's path is relative to the file."""
     study = typed_json.read(path, Study, "study of a campaign")
     return msgspec.structs.replace(study, scenario=str((path.parent / study.scenario).resolve()))
 
 
-class VariedParts(NamedTuple):
-    """What the tables of a study come to."""
+class StudyFactors(NamedTuple):
+    """Factors, cells and distributions of a study."""
 
     fixed: tuple[Factor, ...]
     random: tuple[Factor, ...]
@@ -401,8 +399,8 @@ class VariedParts(NamedTuple):
     distributions: tuple[Distribution, ...]
 
 
-def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> VariedParts:
-    """The factors of a study, and its cells drawn with this seed. AcrcError says what is wrong with them."""
+def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> StudyFactors:
+    """Return factors and distributions of a study; draw its cells. Raises AcrcError."""
     fixed: list[Factor] = []
     drawn: list[Factor] = []
     spans: list[RandomFactor] = []
@@ -413,23 +411,26 @@ def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> V
         made = _factor(table, f"vary[{place}]")
         keys = {made.key, *(key for level in made.levels for key, _ in level)}
         if keys & taken:
-            raise AcrcError(f"vary[{place}] sets {min(keys & taken)} once more; must leave it to one factor")
+            raise AcrcError(
+                f"vary[{place}]: {min(keys & taken)} is set by another factor, too; use one factor"
+            )
         taken |= keys
         if not table.is_random:
             fixed.append(made)
             continue
         if _NOT_RANDOM in keys:
-            raise AcrcError(f"vary[{place}] draws {_NOT_RANDOM}; must be fixed, so that runs compare")
+            raise AcrcError(f"vary[{place}]: {_NOT_RANDOM} cannot be random; use values = [...]")
         drawn.append(made)
         spans.append(RandomFactor(made.key, made.values, table.between or (0, 0)))
     if bool(spans) != (samples is not None):
-        has = (
-            f"samples is {samples}, but no factor has" if samples else "samples is missing, but a factor has"
-        )
-        raise AcrcError(f"{has} among or between; must have both or neither")
+        if samples:
+            raise AcrcError(f"samples is {samples}, but no factor is random (among or between)")
+        raise AcrcError("samples is missing; it is required for random factors (among or between)")
     cells = draw_cells(spans, samples, seed) if samples is not None else ()
     distributions = tuple(_distribution(table) for table in tables if table.distribution is not None)
-    return VariedParts(tuple(fixed), tuple(_seen(one, cells) for one in drawn), cells, distributions)
+    return StudyFactors(
+        tuple(fixed), tuple(_with_drawn_levels(one, cells) for one in drawn), cells, distributions
+    )
 
 
 def _factor(table: VaryTable, where: str) -> Factor:
@@ -441,17 +442,17 @@ def _factor(table: VaryTable, where: str) -> Factor:
         if not (isinstance(value, Mapping) and isinstance(value.get("name"), str) and len(value) > 1):
             raise AcrcError(
                 f"{where}.{'values' if table.values else 'among'}[{place}] is {value!r}; must be a table "
-                'with a name and keys of the scenario, such as {name = "maze", map = "../maps/maze.yaml"}'
+                'with name and keys of the scenario, such as {name = "maze", map = "../maps/maze.yaml"}'
             )
     names = tuple(value["name"] for value in values)
     if len(set(names)) < len(names):
-        raise AcrcError(f"{where} has two levels of one name ({', '.join(names)}); each must have its own")
+        raise AcrcError(f"{where}: names of levels must be unique: {', '.join(names)}")
     levels = tuple(tuple(_dotted(value, ("name",))) for value in values)
     return Factor(table.factor, names, levels)
 
 
 def _dotted(table: Mapping[str, Any], without: Sequence[str] = ()) -> Iterator[tuple[str, Any]]:
-    """Keys of the scenario, also where the file has tables in tables."""
+    """Yield dotted keys and values of nested tables."""
     for key, value in table.items():
         if key in without:
             continue
@@ -461,8 +462,8 @@ def _dotted(table: Mapping[str, Any], without: Sequence[str] = ()) -> Iterator[t
             yield key, value
 
 
-def _seen(factor: Factor, cells: Sequence[Variant]) -> Factor:
-    """A random factor with the levels that came up, in the order of the file or of size."""
+def _with_drawn_levels(factor: Factor, cells: Sequence[Variant]) -> Factor:
+    """Return a random factor with the drawn levels only, in the order of the file or ascending."""
     came = {repr(value): value for cell in cells for key, value in cell if key == factor.key}
     if not factor.values:
         return Factor(factor.key, tuple(sorted(came.values())))

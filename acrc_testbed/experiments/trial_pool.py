@@ -1,4 +1,4 @@
-"""Execution of trials, each in a process of its own: on this computer, or on a Dask cluster."""
+"""Execution of trials in separate processes, on this computer or a Dask cluster."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ import msgspec
 
 from acrc_testbed.experiments.trial_record import (
     MOST_BYTES,
-    MOST_SAID,
+    MOST_OUTPUT,
     ORDER,
     TRIAL,
     TrialOrder,
@@ -37,62 +37,60 @@ _MOST_WORDS: Final = 500
 
 
 class TrialLauncher:
-    """Starts the processes of trials; several threads may use it at once."""
+    """Launcher of trial processes; thread-safe."""
 
     def __init__(self, launched: Launcher) -> None:
         self._launched = launched
         self._lock = threading.Lock()
-        self.ending = threading.Event()
-        """Once set, nobody waits for trials any more; their processes end with the launcher."""
+        self.closing = threading.Event()
+        """Once set, waiting for trials stops; their processes exit with the launcher."""
 
     def run(self, folder: Path, patience_s: float) -> str:
-        """Run the trial whose order lies in the folder; return why there may be no record of it."""
+        """Run the trial of the order in the folder; return the reason if there is no record."""
         log = folder / "trial.log"
         with self._lock:
             child = self._launched.start(Program("trial", TRIAL, (str(folder),), log, None))
         end = time.monotonic() + patience_s
-        while child.exit_code is None and not self.ending.wait(_POLL_S):
+        while child.exit_code is None and not self.closing.wait(_POLL_S):
             if time.monotonic() > end:
                 child.send(signal.SIGKILL)
-                return f"took longer than {patience_s:g} s"
+                return f"timeout after {patience_s:g} s"
             with self._lock:
                 self._launched.wait(0.0)
         last = last_line(log)
-        return f"its process ended with exit code {child.exit_code} without a result" + (
-            f"; the last that it said: {last}" if last else ""
+        return f"its process exited with code {child.exit_code} without a result" + (
+            f"; last output: {last}" if last else ""
         )
 
 
 def run_trial(order: TrialOrder, patience_s: float, launched: TrialLauncher) -> TrialOutcome:
-    """Run a trial in a process of its own, in a folder that shows nothing of the campaign."""
+    """Run a trial in a separate process and a scratch folder without data of the campaign."""
     with scratch_folder() as folder:
         (folder / ORDER).write_bytes(msgspec.json.encode(order))
         return outcome_in(folder, launched.run(folder, patience_s))
 
 
 class WorkerTask(NamedTuple):
-    """Input of a worker of a cluster."""
+    """Task for a worker of a cluster."""
 
     order: bytes
-    """JSON of the trial's order."""
+    """Trial's order as JSON."""
     commit: str
     repository: str
-    """The submitter's clone: the worker maps paths in it to paths in its own clone."""
+    """Path of the submitter's clone; the worker maps it to its own clone."""
     patience_s: float
 
 
 def run_on_worker(task: WorkerTask) -> TrialOutcome:
-    """Run a trial on a worker, or refuse because of other software or a missing sandbox."""
+    """Run a trial on a worker; refuse with other software or without a sandbox."""
     here = software_version()
     if here != task.commit:
-        return _refused(f"a worker has {here}, this is {task.commit}; their results do not compare")
-    order = _moved(task)
+        return _refused(f"a worker has commit {here}, the campaign {task.commit}; results are not comparable")
+    order = _with_local_paths(task)
     reason = sandbox.isolation_fault() if order.isolate else None
     if reason is not None:
-        return _refused(f"a worker cannot isolate robots, as the study wants: {reason}")
-    with create_launcher(
-        "forkserver"
-    ) as launched:  # one for each trial: a worker's files may change between two
+        return _refused(f"a worker cannot isolate robots, as the study requires: {reason}")
+    with create_launcher("forkserver") as launched:  # one per trial: the worker's files may change
         return run_trial(order, task.patience_s, TrialLauncher(launched))
 
 
@@ -100,35 +98,37 @@ def _refused(why: str) -> TrialOutcome:
     return TrialOutcome(None, "", b"", why)
 
 
-def _moved(task: WorkerTask) -> TrialOrder:
-    """Return the order with the paths of the submitter's clone in this clone."""
+def _with_local_paths(task: WorkerTask) -> TrialOrder:
+    """Return the order with paths mapped to this clone."""
     order = msgspec.json.decode(task.order, type=TrialOrder)
-    scenario, *modules = (_here(path, task.repository) for path in (order.study.scenario, *order.modules))
+    scenario, *modules = (
+        _local_path(path, task.repository) for path in (order.study.scenario, *order.modules)
+    )
     study = msgspec.structs.replace(order.study, scenario=scenario)
     return msgspec.structs.replace(order, study=study, modules=tuple(modules))
 
 
-def _here(path: str, repository: str) -> str:
+def _local_path(path: str, repository: str) -> str:
     if path and Path(path).is_relative_to(repository):
         return str(REPOSITORY / Path(path).relative_to(repository))
     return path
 
 
-def checked(answer: object) -> TrialOutcome:
-    """Return a worker's answer, bounded; its record is checked where it is read."""
+def validated_answer(answer: object) -> TrialOutcome:
+    """Return a worker's answer with limited sizes; its record is validated later."""
     kinds = (bytes | None, str, bytes, str)
     if not isinstance(answer, TrialOutcome) or not all(map(isinstance, answer, kinds)):
-        return TrialOutcome(None, "a worker has answered something else", b"")
-    record, cause, said, refusal = answer
+        return TrialOutcome(None, "invalid answer of a worker", b"")
+    record, cause, output, refusal = answer
     if record is not None and len(record) > MOST_BYTES:
-        return TrialOutcome(None, f"a worker has answered more than {MOST_BYTES} octets", b"")
+        return TrialOutcome(None, f"answer of a worker exceeds {MOST_BYTES} octets", b"")
     return TrialOutcome(
-        record, printable(cause[:_MOST_WORDS]), said[-MOST_SAID:], printable(refusal[:_MOST_WORDS])
+        record, printable(cause[:_MOST_WORDS]), output[-MOST_OUTPUT:], printable(refusal[:_MOST_WORDS])
     )
 
 
 class LocalPool:
-    """Trials in forked processes of this computer."""
+    """Pool of forked trial processes on this computer."""
 
     def __init__(self, executor: Executor, jobs: int, patience_s: float, launched: TrialLauncher) -> None:
         self._executor = executor
@@ -141,12 +141,12 @@ class LocalPool:
         return self._executor.submit(run_trial, order, self._patience_s, self._launched)
 
     def outcome(self, future: "Future[TrialOutcome]") -> TrialOutcome:
-        """Return the outcome of a trial that has ended."""
+        """Return the outcome of an ended trial."""
         return future.result()
 
 
 class DaskPool:
-    """Trials on the threads of a cluster's workers."""
+    """Pool of the worker threads of a cluster."""
 
     def __init__(self, client: "Client", address: str, jobs: int, commit: str, patience_s: float) -> None:
         self._client = client
@@ -158,10 +158,10 @@ class DaskPool:
 
     @property
     def slots(self) -> int:
-        """Number of trials at once; changes as workers come and go. Raises ClusterError."""
+        """Number of concurrent trials; follows the number of workers. Raises ClusterError."""
         try:
             threads = sum(self._client.nthreads().values())
-        except Exception as error:  # any error of a lost connection
+        except Exception as error:  # a lost connection may raise anything
             raise self._lost(error) from None
         return self._jobs or max(threads, 1)
 
@@ -171,32 +171,32 @@ class DaskPool:
         return self._executor.submit(run_on_worker, task)
 
     def outcome(self, future: "Future[TrialOutcome]") -> TrialOutcome:
-        """Return the outcome of a trial that has ended. Raises ClusterError for a lost or unfit cluster."""
+        """Return the outcome of an ended trial. Raises ClusterError for a lost or unsuitable cluster."""
         from distributed import KilledWorker
 
         from deploy.hosts.connection import ClusterError
 
         try:
-            answer = checked(future.result())
+            answer = validated_answer(future.result())
         except KilledWorker:
-            return TrialOutcome(None, "every worker that ran it died", b"")
-        except (Exception, CancelledError) as error:  # any error of a lost connection
+            return TrialOutcome(None, "every worker that ran it crashed", b"")
+        except (Exception, CancelledError) as error:  # a lost connection may raise anything
             raise self._lost(error) from None
         if answer.refusal:
             raise ClusterError(f"--on {self._address}: {answer.refusal}")
         return answer
 
     def close(self) -> None:
-        """Cancel the trials that have not ended."""
+        """Cancel unfinished trials."""
         self._executor.shutdown(wait=False)
 
     def _lost(self, error: BaseException) -> Exception:
         from deploy.hosts.connection import ClusterError
 
-        told = str(error).splitlines()
+        lines = str(error).splitlines()
         return ClusterError(
-            f"--on {self._address}: the cluster does not answer any more ({told[0] if told else error!r});"
-            " the same command goes on from what is there"
+            f"--on {self._address}: lost connection to the cluster ({lines[0] if lines else error!r});"
+            " repeat the command to resume"
         )
 
 
@@ -205,10 +205,10 @@ Pool = LocalPool | DaskPool
 
 @contextmanager
 def trial_pool(jobs: int, patience_s: float, on: str | None, commit: str) -> Iterator[Pool]:
-    """Open a pool of so many trials at once; 0: one per core. Whatever still runs at the end is cancelled.
+    """Open a pool of `jobs` concurrent trials (0: one per core); cancel unfinished trials at exit.
 
-    `patience_s`: the longest that a trial may take. `on`: address of a cluster's scheduler, tls://HOST:PORT,
-    or tcp:// of one on this computer; None: this computer. Raises ClusterError.
+    `patience_s`: timeout of a trial. `on`: address of a cluster's scheduler, tls://HOST:PORT, or tcp:// on
+    this computer; None: no cluster. Raises ClusterError.
     """
     if on is not None:
         from deploy.hosts.connection import PATIENCE_S, connect
@@ -229,5 +229,5 @@ def trial_pool(jobs: int, patience_s: float, on: str | None, commit: str) -> Ite
         try:
             yield LocalPool(executor, slots, patience_s, shared)
         finally:
-            shared.ending.set()
+            shared.closing.set()
             executor.shutdown(cancel_futures=True)

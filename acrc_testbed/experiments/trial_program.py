@@ -1,13 +1,12 @@
-"""One trial in a process of its own: `python -m … FOLDER`, with its order in the folder.
+"""Process of one trial: `python -m … FOLDER`; the folder contains the trial's order.
 
-It is told this trial and nothing of the study around it: not its number, not the campaign's folder, not the
-other strategies, and not whether it is a repetition. The record is written at the end and at once; a process
-that dies leaves none.
+The order has no information on the study: no number, campaign folder or other strategies, nor whether the
+trial is a repetition. The record is written atomically at the end; a crashed process leaves none.
 """
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a run has its own idea of processes
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: runs are parallel themselves
 
 import sys
 import traceback
@@ -17,8 +16,15 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from acrc_testbed.experiments.draws import drawn
-from acrc_testbed.experiments.trial_record import ORDER, RECORD, TrialOrder, TrialRecord, keep, trace
+from acrc_testbed.experiments.trial_record import (
+    ORDER,
+    RECORD,
+    TrialOrder,
+    TrialRecord,
+    pose_trace,
+    write_json,
+)
+from acrc_testbed.experiments.trial_settings import draw_settings
 from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.results.result import RunResult
@@ -34,22 +40,22 @@ T = TypeVar("T")
 
 
 def main(argv: Sequence[str]) -> int:
-    """Run the trial, and write down what came of it; the exit code."""
+    """Run the trial and write its record; return the exit code."""
     die_with_parent(os.getppid())
     (name,) = argv
     folder = Path(name)
     order = msgspec.json.decode((folder / ORDER).read_bytes(), type=TrialOrder)
-    keep(folder / RECORD, record(order, folder / "run"))
+    write_json(folder / RECORD, run_trial_order(order, folder / "run"))
     return 0
 
 
-def record(order: TrialOrder, out: Path) -> TrialRecord:
-    """The trial, run here into the folder `out`; whatever goes wrong in it is what the record says."""
-    settings, fault = attempted(lambda: drawn(order.study, order.trial))
+def run_trial_order(order: TrialOrder, out: Path) -> TrialRecord:
+    """Run the trial in this process into the folder `out`; the record contains any failure."""
+    settings, fault = attempt(lambda: draw_settings(order.study, order.trial))
     done: tuple[RunResult, TimeSpent, str] | None = None
     if settings is not None:
         of_all = settings
-        done, fault = attempted(lambda: _run(order, of_all, out))
+        done, fault = attempt(lambda: _run(order, of_all, out))
     result, time, seconds = done or (None, None, "")
     trial = order.trial
     return TrialRecord(
@@ -64,15 +70,15 @@ def record(order: TrialOrder, out: Path) -> TrialRecord:
     )
 
 
-def attempted(work: Callable[[], T]) -> tuple[T | None, str | None]:
-    """What `work` gives, or else why it came to no end, in a sentence."""
+def attempt(work: Callable[[], T]) -> tuple[T | None, str | None]:
+    """Return the result of `work`, or None and a sentence on its failure."""
     try:
         return work(), None
     except (Interrupted, KeyboardInterrupt):
         raise
     except AcrcError as error:
         return None, printable(str(error))
-    except BaseException as error:  # a strategy's own error, which in memory is raised here
+    except BaseException as error:  # in memory, errors of strategies are raised here
         traceback.print_exc()
         notes = "; ".join(getattr(error, "__notes__", ()))
         return None, printable(f"{type(error).__name__}: {error}" + (f" ({notes})" if notes else ""))
@@ -90,7 +96,7 @@ def _run(order: TrialOrder, settings: dict[str, Any], out: Path) -> tuple[RunRes
         log=(ALL_ROBOTS,), modules=tuple(map(Path, order.modules)), record="lean",
     )  # fmt: skip
     result = start_run(PreparedRun(load_scenario(path, overrides), options), quiet=True)
-    return msgspec.structs.replace(result, out=""), account_time(out), trace(out)
+    return msgspec.structs.replace(result, out=""), account_time(out), pose_trace(out)
 
 
 if __name__ == "__main__":

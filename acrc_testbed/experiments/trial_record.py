@@ -1,4 +1,4 @@
-"""Trials of a campaign: the order to a process, the record of its result, and the trace of true poses."""
+"""Orders and records of trials, and traces of true poses."""
 
 import hashlib
 import os
@@ -21,13 +21,13 @@ from actors.runtime.recording.reader import open_recording
 from deploy.run.options import Bus
 
 DIGITS: Final = 8
-"""Hexadecimal digits of each second: two states look alike once in 4 000 million."""
+"""Hexadecimal digits per second; collision probability 2^-32."""
 
 
-def trace(out: Path) -> str:
-    """DIGITS for each whole simulated second of the run in the folder `out`, from 0 on.
+def pose_trace(out: Path) -> str:
+    """Return a hash of DIGITS digits of all true poses for each whole simulated second of a run, from 0 on.
 
-    Raises RecordingError for a damaged one.
+    Raises RecordingError for a damaged recording.
     """
     seconds: list[str] = []
     for _, truth in messages_on(recordings(out)["radio"], TRUTH):
@@ -39,8 +39,8 @@ def trace(out: Path) -> str:
     return "".join(seconds)
 
 
-def coincide_s(one: str, other: str) -> int:
-    """How many whole seconds two traces have in common from the beginning on."""
+def identical_seconds(one: str, other: str) -> int:
+    """Return the number of whole seconds in which two traces are identical from the start."""
     pairs = zip(_by_second(one), _by_second(other), strict=False)
     for number, (mine, theirs) in enumerate(pairs):
         if mine != theirs:
@@ -56,25 +56,24 @@ _MOST_TOLD: Final = 60
 
 
 class TrialRecord(msgspec.Struct, frozen=True):
-    """One trial: its result, or the cause for which there is none."""
+    """Result of a trial, or the cause of its failure."""
 
     strategy: str
     seed: int
     variant: dict[str, Any]
     result: RunResult | None = None
     failure: str | None = None
-    """One sentence."""
+    """Cause of failure; None: succeeded."""
     time: TimeSpent | None = None
-    """Where the time went; None of a trial that failed."""
+    """Time by cause; None for a failed trial."""
     drawn: dict[str, Any] = {}
-    """What the study's distributions came to for this seed and variant: keys of the scenario, as for
-    `acrc run --set KEY=VALUE`."""
+    """Values drawn from the study's distributions, as keys of the scenario for `acrc run --set KEY=VALUE`."""
     trace: str = ""
-    """Eight hexadecimal digits for each whole simulated second, from 0 on: where all robots truly were."""
+    """Hash of all true poses, eight hexadecimal digits per whole simulated second, from 0 on."""
 
 
 class CheckRecord(msgspec.Struct, frozen=True):
-    """One trial repeated as real processes over Zenoh."""
+    """Comparison of a trial in memory with its repetition as processes over Zenoh."""
 
     strategy: str
     seed: int
@@ -82,36 +81,36 @@ class CheckRecord(msgspec.Struct, frozen=True):
     in_memory: str
     """Digest."""
     in_memory_speed: float
-    """Simulated seconds per second, beside what else the machine did."""
+    """Simulated seconds per second, under the machine's load."""
     over_zenoh: str = ""
     """Digest; empty if the repetition failed."""
     over_zenoh_speed: float | None = None
     failure: str | None = None
-    """Why the repetition came to no end, one sentence."""
+    """Cause of the repetition's failure; None: succeeded."""
     differs: tuple[str, ...] = ()
-    """What else of the record is not the same, such as "places_done 40 in memory, 12 there"."""
+    """Other differences, such as "places_done 40 in memory, 12 over Zenoh"."""
     isolation: str = ""
-    """How robots were shut off in the repetition, as in its result."""
+    """Isolation of robots in the repetition, as in its result."""
 
     @property
     def agrees(self) -> bool:
-        """True if the repetition gave the same digest, and the same of all that the record says."""
+        """True if digest and all other results are equal."""
         return self.in_memory == self.over_zenoh and not self.differs
 
 
-_HOW: Final = frozenset(
+_NOT_COMPARED: Final = frozenset(
     {
         "digest", "wall_s", "startup_s", "cpu_s", "real_time_factor", "isolation", "bus", "out", "processor",
     }
 )  # fmt: skip
-"""Of a result: what says how it was made, not what came of it; and the digest, which is compared alone."""
+"""Fields of a result that are not compared: execution details, and the digest, compared separately."""
 
 
-def compared(before: TrialRecord, again: TrialRecord) -> CheckRecord:
-    """A trial in memory, which has a result, beside its repetition as processes.
+def compare_repetition(before: TrialRecord, again: TrialRecord) -> CheckRecord:
+    """Compare a successful trial in memory with its repetition as processes.
 
-    Everything that came of the two is compared: a digest is of messages, and a strategy that changes the
-    referee's mind sends none.
+    Compares all results, not only digests: a strategy that manipulates the referee in memory changes no
+    message.
     """
     first, second = before.result, again.result
     assert first is not None
@@ -122,8 +121,8 @@ def compared(before: TrialRecord, again: TrialRecord) -> CheckRecord:
     if second is None:
         return here
     differs = [
-        f"{name} {_brief(mine)} in memory, {_brief(theirs)} there"
-        for one, other, without in ((first, second, _HOW), (before, again, {"result", "failure"}))
+        f"{name} {_brief(mine)} in memory, {_brief(theirs)} over Zenoh"
+        for one, other, without in ((first, second, _NOT_COMPARED), (before, again, {"result", "failure"}))
         for name in one.__struct_fields__
         if name not in without and (mine := getattr(one, name)) != (theirs := getattr(other, name))
     ]
@@ -137,19 +136,19 @@ def compared(before: TrialRecord, again: TrialRecord) -> CheckRecord:
 
 
 def _brief(value: object) -> str:
-    """As far as a line can take it."""
+    """Return a value as JSON, abbreviated to a line."""
     text = msgspec.json.encode(value).decode()
     return text if len(text) <= _MOST_TOLD else f"{text[:_MOST_TOLD]}…"
 
 
-def keep(path: Path, told: msgspec.Struct) -> None:
-    """Write it as JSON into its file, which is there whole or not at all, also if the power fails."""
-    keep_bytes(path, msgspec.json.encode(told))
+def write_json(path: Path, content: msgspec.Struct) -> None:
+    """Write a struct as JSON, atomically and durably."""
+    write_durably(path, msgspec.json.encode(content))
 
 
-def keep_bytes(path: Path, content: bytes) -> None:
-    """The same of what is encoded already."""
-    new = path.with_suffix(".new")  # one process writes it, and a later one removes what that has left
+def write_durably(path: Path, content: bytes) -> None:
+    """Write a file atomically and durably."""
+    new = path.with_suffix(".new")  # there is a single writer; this may be left from a crash
     new.unlink(missing_ok=True)
     with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666), "wb") as file:
         file.write(content)
@@ -161,42 +160,42 @@ def keep_bytes(path: Path, content: bytes) -> None:
 ORDER: Final = "order.json"
 RECORD: Final = "record.json"
 MOST_BYTES: Final = 64 << 20
-"""Of a record; one of 600 s and eight robots has some 100 KB."""
-MOST_SAID: Final = 1 << 20
-"""Octets that are kept of what a trial's process has said: the last ones."""
+"""Upper limit of a record, octets; 600 s with eight robots take about 100 KB."""
+MOST_OUTPUT: Final = 1 << 20
+"""Octets kept of a trial's output, from its end."""
 
 
 TRIAL: Final = "acrc_testbed.experiments.trial_program"
 
 
 class TrialOutcome(NamedTuple):
-    """Files that a trial's process left; not checked yet."""
+    """Files left by a trial's process, not yet validated."""
 
     record: bytes | None
-    """JSON of the trial's record; None: there is none."""
+    """Trial's record as JSON; None: no record."""
     cause: str
-    """Why there may be no record."""
-    said: bytes
+    """Reason if there is no record."""
+    output: bytes
     """End of the process's output."""
     refusal: str = ""
-    """Why this computer runs no trial of the campaign; empty if it does."""
+    """Reason why this computer cannot run trials of the campaign; empty: it can."""
 
 
 class TrialOrder(msgspec.Struct, frozen=True):
-    """One trial by itself, with nothing in it that tells where it stands in its study."""
+    """Order for one trial, without information on its study."""
 
     study: Study
-    """Scenario, settings, distributions and conditions; without name, seeds and other strategies."""
+    """Scenario, settings, distributions and conditions; no name, seeds or other strategies."""
     trial: Trial
     bus: Bus = "memory"
     isolate: bool | None = None
     """As in `RunOptions`."""
     modules: tuple[str, ...] = ()
-    """Folders in which strategies of one's own are looked for."""
+    """Folders of user strategies."""
 
 
-def order_of(study: Study, trial: Trial, modules: Sequence[Path], *, repeated: bool) -> TrialOrder:
-    """What a trial's process is told. `repeated`: once more, as processes."""
+def make_order(study: Study, trial: Trial, modules: Sequence[Path], *, repeated: bool) -> TrialOrder:
+    """Return the order for a trial. `repeated`: repeat it as processes."""
     alone = Study(
         name="",
         scenario=study.scenario,
@@ -216,30 +215,30 @@ def order_of(study: Study, trial: Trial, modules: Sequence[Path], *, repeated: b
     )
 
 
-def received(content: bytes | None, trial: Trial, cause: str) -> TrialRecord:
-    """The trial's record from what its process has left, which a strategy may have written.
+def validated_record(content: bytes | None, trial: Trial, cause: str) -> TrialRecord:
+    """Return the validated record of a trial; its content is untrusted, as a strategy may have written it.
 
-    What is no such record, or of another trial, is a failure, and so is none; then `cause` says why.
+    An invalid record or one of another trial is a failure; without a record, `cause` is the failure.
     """
     if content is None:
         return _failed(trial, cause)
     try:
-        told = typed_json.decode(content, TrialRecord)
+        record = typed_json.decode(content, TrialRecord)
     except ValueError as error:
-        return _failed(trial, f"its process wrote no valid record of a trial: {str(error)[:200]}")
-    if len(content) > MOST_BYTES or (told.result is not None and told.result.seed != trial.seed):
-        return _failed(trial, "its process has left the record of another trial")
-    if (told.result is None) == (told.failure is None):
-        return _failed(trial, "its process has left a record with neither result nor failure, or with both")
+        return _failed(trial, f"its process left an invalid record: {str(error)[:200]}")
+    if len(content) > MOST_BYTES or (record.result is not None and record.result.seed != trial.seed):
+        return _failed(trial, "its process left the record of another trial")
+    if (record.result is None) == (record.failure is None):
+        return _failed(trial, "its process left an invalid record: must have either result or failure")
     return msgspec.structs.replace(
-        told, strategy=trial.strategy, seed=trial.seed, variant=dict(trial.variant)
+        record, strategy=trial.strategy, seed=trial.seed, variant=dict(trial.variant)
     )
 
 
-def left(file: Path, most: int, *, end: bool = False) -> bytes | None:
-    """What lies in a file of a trial's process: so many octets at most, or with `end` the last ones.
+def read_output(file: Path, most: int, *, end: bool = False) -> bytes | None:
+    """Read a file of a trial's process, at most `most` octets; with `end` the last ones.
 
-    None for what is no file, or larger. Nothing is waited for, and no link is followed.
+    None for a missing, irregular or larger file. Does not block or follow links.
     """
     try:
         with open_recording(file) as stream:
@@ -253,9 +252,9 @@ def left(file: Path, most: int, *, end: bool = False) -> bytes | None:
 
 
 def outcome_in(folder: Path, cause: str) -> TrialOutcome:
-    """Return what a trial's process left in its folder."""
-    said = left(folder / "trial.log", MOST_SAID, end=True)
-    return TrialOutcome(left(folder / RECORD, MOST_BYTES), cause, said or b"")
+    """Return the files left by a trial's process in its folder."""
+    output = read_output(folder / "trial.log", MOST_OUTPUT, end=True)
+    return TrialOutcome(read_output(folder / RECORD, MOST_BYTES), cause, output or b"")
 
 
 def _failed(trial: Trial, cause: str) -> TrialRecord:

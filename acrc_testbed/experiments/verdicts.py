@@ -1,4 +1,4 @@
-"""Tests of the declared comparisons: multiplicity control, interim looks, and power from a pilot."""
+"""Tests of the declared comparisons: multiplicity, interim looks, and power from a pilot."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ from acrc_testbed.experiments.paired_tests import (
     fewest_differing,
     holm,
     mean_test,
-    plan,
+    sequential_plan,
     signed_rank,
 )
 from acrc_testbed.experiments.store import Store
@@ -41,68 +41,68 @@ from actors.runtime.errors import AcrcError
 
 @dataclass(frozen=True)
 class PairVerdict:
-    """Result of a primary comparison in one variant."""
+    """Verdict on a primary comparison in one variant."""
 
     sample: PairedSample
     steps: tuple[Comparison, ...]
-    """The metrics in the order in which they decide; empty before the first interim look."""
+    """Comparisons by each metric, in the order of decision; empty before the first interim look."""
     looks: tuple[Comparison, ...] = ()
-    """At each interim look the step that was asked."""
+    """Step evaluated at each interim look."""
     at_cap: bool = False
-    """True if it was looked at, and no more pairs will come."""
+    """True at the last interim look, with the maximum number of pairs."""
 
     @property
     def deciding(self) -> Comparison | None:
-        """The first step by which the strategies differ, if they are equivalent by all before it."""
+        """First step with a significant difference, if all earlier steps show equivalence."""
         step = next((one for one in self.steps if one.differs or not one.equivalent), None)
         return step if step is not None and step.differs else None
 
     @property
     def equivalent(self) -> bool:
-        """True if the strategies are as good as each other by every step."""
+        """True if every step shows equivalence."""
         return bool(self.steps) and all(step.equivalent and not step.differs for step in self.steps)
 
     @property
-    def settled(self) -> bool:
-        """True if more pairs have nothing left to decide."""
+    def is_decided(self) -> bool:
+        """True if decided, so that no more pairs are needed."""
         return self.deciding is not None or self.equivalent
 
     @property
-    def word(self) -> str:
-        """The first strategy beside the second one: "better", "worse", "as good" or "not told apart"."""
+    def label(self) -> str:
+        """Result for the first strategy: "better", "worse", "equivalent" or "undecided"."""
         if self.deciding is not None:
             return "better" if self.deciding.test.direction > 0 else "worse"
-        return "as good" if self.equivalent else "not told apart"
+        return "equivalent" if self.equivalent else "undecided"
 
 
-def step_names(study: Study) -> tuple[str, ...]:
-    """The metrics by which primary comparisons are decided, in order. AcrcError for one that there is not."""
+def step_metrics(study: Study) -> tuple[str, ...]:
+    """Return the metrics of primary comparisons, in order. Raises AcrcError for an unknown metric."""
     name = study.primary_metric
     if not comparison.is_metric(name):
         raise AcrcError(f"primary_metric is {name!r}; must be {comparison.CHOICE}")
     return (comparison.PLACES.name, SETTLED.name) if name == comparison.LEXICOGRAPHIC else (name,)
 
 
-def tests_of(study: Study) -> int:
-    """How many tests share the error: one for each step of each primary pair in each fixed variant."""
-    return len(study.primary_pairs) * len(study.fixed_variants()) * len(step_names(study))
+def family_size(study: Study) -> int:
+    """Return the size of the family: one test per step, primary pair and fixed variant."""
+    return len(study.primary_pairs) * len(study.fixed_variants()) * len(step_metrics(study))
 
 
-def pairs_of(study: Study) -> int:
-    """How many pairs each test is of, once all runs have ended."""
+def planned_pairs(study: Study) -> int:
+    """Return the number of pairs in each test of a complete campaign."""
     return study.seeds * max(len(study.cells), 1)
 
 
-def primary(found: Sequence[PairedSample], study: Study) -> list[PairedSample]:
-    """Those of the samples that the study declared."""
+def primary_samples(found: Sequence[PairedSample], study: Study) -> list[PairedSample]:
+    """Return the samples of declared comparisons."""
     declared = set(study.primary_pairs)
     return [sample for sample in found if (sample.one, sample.other) in declared]
 
 
 def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
-    """Judge the primary comparisons among the samples after all runs, by Holm's method over their tests."""
-    names = step_names(study)
-    raw = [step(sample, name, study) for sample in primary(found, study) for name in names]
+    """Return verdicts on the primary comparisons after all runs, adjusted by Holm's method."""
+    names = step_metrics(study)
+    raw = [metric_test(sample, name, study) for sample in primary_samples(found, study) for name in names]
     able = decidable([one.test.differing for one in raw])
     adjusted = iter(holm([one.test.p for one, is_able in zip(raw, able, strict=True) if is_able]))
     steps = []
@@ -125,84 +125,82 @@ def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
     ]
 
 
-def step(sample: PairedSample, name: str, study: Study) -> Comparison:
-    """Test one metric of a sample, without any decision."""
+def metric_test(sample: PairedSample, name: str, study: Study) -> Comparison:
+    """Compute the tests of one metric of a sample, without a decision."""
     if name == comparison.LEXICOGRAPHIC:
-        raise ValueError("the order is asked step by step")
+        raise ValueError("the lexicographic order has two steps; test each")
     is_time = isinstance(comparison.named(name), TimeMetric)
     margin = study.margin_s if is_time else study.margin_places if name == comparison.PLACES.name else None
     found = replace(comparison_of(sample, name), margin=margin)
     if not found.happened:
         return found
-    gains = np.round(found.scores.gains, 9)  # equal decimals are equal, whatever floats make of them
+    gains = np.round(found.scores.gains, 9)  # remove rounding errors, so that equal values are tied
     test = mean_test(gains) if is_time else signed_rank(gains)
     if margin is None or gains.size < LEAST_PAIRS:
         return replace(found, test=test)
     return replace(found, test=test, equivalence_p=equivalence_p(gains, margin))
 
 
-def foreseen(study: Study, least: int = LEAST_PAIRS) -> list[str]:
-    """Return what is known before a study's first run: that its comparisons can never show anything.
+def power_warnings(study: Study, least: int = LEAST_PAIRS) -> list[str]:
+    """Return warnings if a study's comparisons cannot become significant; empty otherwise.
 
-    `least`: pairs that a verdict needs.
+    `least`: pairs needed for a verdict.
     """
     if len(study.strategies) < 2:
         return []
     if not study.primary_pairs:
         return [
-            "The study declares no comparison, so acrc compare will estimate and test nothing; "
+            "The study declares no comparison, so acrc compare will only estimate and not test; "
             "to test, declare primary = [[ONE, OTHER]]"
         ]
-    pairs = pairs_of(study)
+    pairs = planned_pairs(study)
     return (
-        []
-        if pairs >= least
-        else [f"acrc compare will say nothing of strategies: {too_few_pairs(pairs, least)}"]
+        [] if pairs >= least else [f"acrc compare will have too little data: {too_few_pairs(pairs, least)}"]
     )
 
 
 _FIRST_LOOK: Final = 10
-"""Pairs; fewer could hardly decide."""
+"""Pairs at the first look; fewer rarely decide."""
 _MOST_LOOKS: Final = 10
 
 
 @dataclass(frozen=True)
-class LookRules:
-    """What p-values are enough at each look."""
+class StoppingRules:
+    """Thresholds of p at the interim looks."""
 
     differ: SequentialPlan
-    """For a difference, two-sided; each test of the family has its part of the 5 %."""
+    """Difference, two-sided; the family's tests share 5 % equally."""
     equivalent: SequentialPlan
-    """For equivalence, one-sided."""
+    """Equivalence, one-sided."""
 
     @property
     def least(self) -> int:
-        """Pairs that a verdict needs at the last look."""
+        """Pairs needed for a verdict at the last look."""
         return fewest_differing(1, self.differ.thresholds[-1])
 
 
-def rules_for(study: Study) -> LookRules:
-    """Looks after every tenth pair, or ten of them, up to the cap. AcrcError if nothing is declared."""
+def stopping_rules(study: Study) -> StoppingRules:
+    """Return rules with a look every 10 pairs, or ten looks. Raises AcrcError without primary comparisons."""
     if not study.primary_pairs:
-        raise AcrcError(
-            "--until-decided: the study declares no comparison; must have primary = [[ONE, OTHER]]"
-        )
-    cap = pairs_of(study)
+        raise AcrcError("--until-decided: the study declares no comparison; add primary = [[ONE, OTHER]]")
+    cap = planned_pairs(study)
     between = max(_FIRST_LOOK, -(-cap // _MOST_LOOKS))
     looks = [*range(between, cap, between), cap]
-    one_sided = plan(looks, 2 * ALPHA)
+    one_sided = sequential_plan(looks, 2 * ALPHA)
     halved = replace(one_sided, thresholds=tuple(one / 2 for one in one_sided.thresholds))
-    return LookRules(plan(looks, ALPHA / tests_of(study)), halved)
+    return StoppingRules(sequential_plan(looks, ALPHA / family_size(study)), halved)
 
 
-def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = False) -> PairVerdict:
-    """Look at the first pairs of a sample, until a look settles the comparison or pairs are missing.
+def interim_verdict(
+    sample: PairedSample, study: Study, rules: StoppingRules, *, ended: bool = False
+) -> PairVerdict:
+    """Evaluate the interim looks due for a sample, until one decides the comparison.
 
-    What a look has shown stays. `ended`: no pair will come any more, so the last look takes what there are;
-    fewer than planned, where failed runs are left out.
+    Decisions are final. `ended`: no more pairs will follow, so the last look uses all pairs, even if fewer
+    than planned because failed runs are left out.
     """
     shown: dict[str, Comparison] = {}
-    asked: tuple[Comparison, ...] = ()
+    evaluated: tuple[Comparison, ...] = ()
     verdict = PairVerdict(sample, (), at_cap=ended)
     due = [pairs for pairs in rules.differ.looks if pairs <= len(sample.pairs)]
     if ended and len(due) < len(rules.differ.looks) and sample.pairs:
@@ -210,21 +208,23 @@ def look(sample: PairedSample, study: Study, rules: LookRules, *, ended: bool = 
     for number, pairs in enumerate(due):
         place = -1 if ended and pairs == len(sample.pairs) else number
         first = sample._replace(pairs=sample.pairs[:pairs])
-        steps = [shown.get(name) or _at_look(first, name, study, rules, place) for name in step_names(study)]
+        steps = [
+            shown.get(name) or _at_look(first, name, study, rules, place) for name in step_metrics(study)
+        ]
         shown |= {one.metric: one for one in steps if one.differs or one.equivalent}
-        asked += (next((one for one in steps if not one.equivalent or one.differs), steps[-1]),)
-        verdict = PairVerdict(first, tuple(steps), asked, ended)
-        if verdict.settled:
+        evaluated += (next((one for one in steps if not one.equivalent or one.differs), steps[-1]),)
+        verdict = PairVerdict(first, tuple(steps), evaluated, ended)
+        if verdict.is_decided:
             break
     return verdict
 
 
-def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, place: int) -> Comparison:
-    raw = step(sample, name, study)
+def _at_look(sample: PairedSample, name: str, study: Study, rules: StoppingRules, place: int) -> Comparison:
+    raw = metric_test(sample, name, study)
     threshold = rules.differ.thresholds[place]
     return replace(
         raw,
-        tests=tests_of(study),
+        tests=family_size(study),
         tested=2.0 ** (1 - raw.test.differing) <= threshold,
         adjusted=raw.test.p,
         differs=raw.test.p <= threshold,
@@ -233,60 +233,60 @@ def _at_look(sample: PairedSample, name: str, study: Study, rules: LookRules, pl
     )
 
 
-class Watch:
-    """The primary comparisons of a campaign that is going on."""
+class InterimAnalysis:
+    """Interim analysis of the primary comparisons of a running campaign."""
 
     def __init__(self, store: Store) -> None:
-        """Raises AcrcError for a study without one primary comparison at least."""
+        """Raise AcrcError for a study without primary comparisons."""
         self._store = store
-        self.rules = rules_for(store.study)
-        step_names(store.study)
+        self.rules = stopping_rules(store.study)
+        step_metrics(store.study)
         self._records: dict[str, TrialRecord] = {}
         self._looked = 0
 
-    def enough(self) -> bool:
-        """True once every primary comparison is decided, or has had its last look."""
+    def is_decided(self) -> bool:
+        """Return whether every primary comparison is decided or has had its last look."""
         ended = len(self._seeds()) * max(len(self._store.study.cells), 1)
         if not any(self._looked < due <= ended for due in self.rules.differ.looks):
             return False
         self._looked = ended
-        return all(one.at_cap or one.settled for one in self.looked_at())
+        return all(one.at_cap or one.is_decided for one in self.verdicts())
 
-    def looked_at(self) -> list[PairVerdict]:
-        """How every primary comparison stands, after the last look that was due."""
+    def verdicts(self) -> list[PairVerdict]:
+        """Return verdicts on all primary comparisons at the last look due."""
         study = self._store.study
         seeds = self._seeds()
         records = [self._record(trial) for seed in seeds for trial in study.trials_of(seed)]
         ended = len(seeds) >= study.seeds
-        found = primary(samples(records, study), study)
-        return [look(sample, study, self.rules, ended=ended) for sample in found]
+        found = primary_samples(samples(records, study), study)
+        return [interim_verdict(sample, study, self.rules, ended=ended) for sample in found]
 
     def _record(self, trial: Trial) -> TrialRecord:
-        """Read once: nothing changes a record."""
+        """Read a record; cached, as records never change."""
         if trial.name not in self._records:
             self._records[trial.name] = self._store.record(trial)
         return self._records[trial.name]
 
     def _seeds(self) -> list[int]:
-        """Return those, from the first on, that have ended for every strategy and variant."""
+        """Return the leading seeds that have ended for every strategy and variant."""
         study, path = self._store.study, self._store.path
         seeds = range(study.first_seed, study.first_seed + study.seeds)
         return list(takewhile(lambda seed: all(path(one).exists() for one in study.trials_of(seed)), seeds))
 
 
-def look_sentences(found: Sequence[PairVerdict], rules: LookRules) -> list[str]:
-    """Interim looks at a campaign, and their results."""
+def look_sentences(found: Sequence[PairVerdict], rules: StoppingRules) -> list[str]:
+    """Return sentences on interim looks and their results."""
     rule = rules.differ
     lines = [
-        f"looks after {', '.join(map(str, rule.looks))} pairs, at most {rule.looks[-1]};"
-        f" for a difference p must be at most {_listed(rule.thresholds)},"
+        f"interim looks after {', '.join(map(str, rule.looks))} pairs;"
+        f" thresholds of p for a difference {_listed(rule.thresholds)},"
         f" for equivalence {_listed(rules.equivalent.thresholds)}"
     ]
     for one in found:
-        told = f"{len(one.sample.pairs)} pairs, none of the looks has come"
+        text = f"{len(one.sample.pairs)} pairs, no look reached yet"
         if one.looks:
-            told = f"{_outcome(one)}; {'; '.join(map(_at, one.looks))}"
-        lines.append(f"{one.sample.name}: {told}")
+            text = f"{_outcome(one)}; {'; '.join(map(_at, one.looks))}"
+        lines.append(f"{one.sample.name}: {text}")
     return lines
 
 
@@ -296,15 +296,15 @@ def _outcome(one: PairVerdict) -> str:
         return f"decided {after}"
     if one.equivalent:
         return f"equivalent {after}"
-    return f"not decided {'by the cap' if one.at_cap else 'yet'}, {after}"
+    return f"not decided {'at the last look' if one.at_cap else 'yet'}, {after}"
 
 
-def _at(asked: Comparison) -> str:
-    ahead = {1: f"{asked.sample.one} ahead", -1: f"{asked.sample.other} ahead", 0: "level"}
-    sign = "≤" if asked.differs else ">"
+def _at(step: Comparison) -> str:
+    ahead = {1: f"{step.sample.one} ahead", -1: f"{step.sample.other} ahead", 0: "tied"}
+    sign = "≤" if step.differs else ">"
     return (
-        f"at {len(asked.sample.pairs)} {ahead[asked.test.direction]} by {asked.metric},"
-        f" p = {asked.test.p:.2g} {sign} {asked.threshold:.2g}"
+        f"at {len(step.sample.pairs)} {ahead[step.test.direction]} by {step.metric},"
+        f" p = {step.test.p:.2g} {sign} {step.threshold:.2g}"
     )
 
 
@@ -313,44 +313,44 @@ def _listed(thresholds: Sequence[float]) -> str:
 
 
 _CAMPAIGNS: Final = 200
-"""Drawn for each size."""
+"""Simulated campaigns for each size."""
 _SIZES: Final = (LEAST_PAIRS, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
 """Sample sizes, in pairs, for which power is computed."""
 _HARDER_ROBOTS: Final = 8
 _HARDER_S: Final = (300.0, 400.0)
-"""Within which a shorter run still lets the robots do most of their places."""
+"""Range of suggested durations, in which most places can be done."""
 
 
 @dataclass(frozen=True)
-class Promise:
-    """How often campaigns of one size tell the declared comparisons apart."""
+class PowerEstimate:
+    """Estimated power of the declared comparisons at one campaign size."""
 
     pairs: int
     shares: tuple[float, ...]
-    """For each comparison in each variant, if all seeds are as those of the pilot."""
+    """Power for each comparison and variant, with seeds resampled from the pilot."""
     cautious: tuple[float, ...]
-    """The same if the pilot's seeds are themselves drawn."""
+    """The same with the pilot itself resampled, which adds its uncertainty."""
 
 
-def promises(found: Sequence[PairedSample], study: Study, power: float) -> Iterator[Promise]:
-    """Larger and larger campaigns, until each declared comparison is told apart with the power.
+def power_estimates(found: Sequence[PairedSample], study: Study, power: float) -> Iterator[PowerEstimate]:
+    """Yield estimates for increasing sizes, until each declared comparison has the power or at 200 pairs.
 
-    Seeds are drawn from the pilot's, each with all its runs, and judged as `acrc compare` judges. The same
-    pilot gives the same. Ends at 200 pairs. A pilot must have a pair of each comparison.
+    Bootstraps the pilot's seeds, each with all its runs, and tests as `acrc compare`. Deterministic. The
+    pilot must have a pair of each comparison.
     """
-    declared = primary(found, study)
+    declared = primary_samples(found, study)
     for pairs in _SIZES:
-        made = Promise(
+        made = PowerEstimate(
             pairs,
-            told_apart(declared, study, pairs, np.random.default_rng(1), cautious=False),
-            told_apart(declared, study, pairs, np.random.default_rng(1), cautious=True),
+            decided_shares(declared, study, pairs, np.random.default_rng(1), cautious=False),
+            decided_shares(declared, study, pairs, np.random.default_rng(1), cautious=True),
         )
         yield made
         if min(made.shares) >= power:
             return
 
 
-def told_apart(
+def decided_shares(
     declared: Sequence[PairedSample],
     study: Study,
     pairs: int,
@@ -359,27 +359,27 @@ def told_apart(
     *,
     cautious: bool = False,
 ) -> tuple[float, ...]:
-    """The share of drawn campaigns of so many pairs that tell each of these declared samples apart.
+    """Return the share of simulated campaigns of `pairs` pairs that decide each declared comparison.
 
-    `cautious`: each is drawn from a pilot that is itself drawn from this one.
+    `cautious`: resample the pilot for each campaign, too.
     """
     known = min(len(sample.pairs) for sample in declared)
     counts = np.zeros(len(declared))
     for _ in range(campaigns):
         seeds = rng.integers(known, size=known) if cautious else np.arange(known)
-        drawn = redrawn(declared, seeds[rng.integers(known, size=pairs)])
+        drawn = resampled(declared, seeds[rng.integers(known, size=pairs)])
         counts += [one.deciding is not None for one in verdicts(drawn, study)]
     return tuple((counts / campaigns).tolist())
 
 
-def redrawn(samples: Sequence[PairedSample], places: NDArray[np.int64]) -> list[PairedSample]:
-    """The samples with the pairs at these places, the same in each of them."""
+def resampled(samples: Sequence[PairedSample], places: NDArray[np.int64]) -> list[PairedSample]:
+    """Return the samples restricted to the pairs at these indices."""
     chosen = places.tolist()
     return [one._replace(pairs=tuple(one.pairs[place] for place in chosen)) for one in samples]
 
 
-def ceilings(records: Iterable[TrialRecord]) -> Iterator[str]:
-    """A sentence for each variant in which half of the runs or more did all there was to do."""
+def ceiling_sentences(records: Iterable[TrialRecord]) -> Iterator[str]:
+    """Yield a sentence for each variant in which at least half of the runs are complete."""
     runs: dict[str, tuple[dict[str, Any], list[RunResult]]] = {}
     for record in records:
         if record.result is not None:
@@ -389,17 +389,17 @@ def ceilings(records: Iterable[TrialRecord]) -> Iterator[str]:
         if 2 * len(done) >= len(results):
             where = "".join(f" with {key} = {value}" for key, value in variant.items())
             yield (
-                f"{len(done)} of {len(results)} runs{where} have all places: they are at their ceiling there."
-                f" A harder condition tells more: {_harder(results, done)}."
+                f"{len(done)} of {len(results)} runs{where} completed all places (ceiling effect)."
+                f" Use a harder condition, such as {_harder(results, done)}."
             )
 
 
 def _harder(results: list[RunResult], done: list[float]) -> str:
-    """More robots, or less time than three quarters of the runs that were done took."""
+    """Return a suggestion: more robots, or a duration below the first quartile of completion times."""
     least, most = _HARDER_S
     quarter = quantiles(done, n=4)[0] if len(done) > 1 else done[0]
     seconds = min(max(round(quarter, -1), least), most)
-    ways = [f"--robots {_HARDER_ROBOTS}"] if results[0].robots < _HARDER_ROBOTS else []
+    changes = [f"--robots {_HARDER_ROBOTS}"] if results[0].robots < _HARDER_ROBOTS else []
     if seconds < max(result.simulated_s for result in results):
-        ways.append(f"--duration {seconds:g}")
-    return " and ".join(ways) or "more robots, or places that lie farther apart"
+        changes.append(f"--duration {seconds:g}")
+    return " and ".join(changes) or "more robots or places farther apart"

@@ -21,7 +21,7 @@ from actors.floor.doors import Doorways, Regions
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, hexadecimal
-from actors.task.referee import PlaceOutcome, Verdict
+from actors.task.referee import PlaceOutcome, PlaceVerdict
 
 DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"
@@ -136,7 +136,7 @@ def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
     robots = run.robots
     owner = style.colour(robots.index(place.owner)) if place.owner in robots else style.INK
     size = 4.6 if few else 2.6
-    if place.verdict in (Verdict.GIVEN_UP, Verdict.MISTAKEN):
+    if place.verdict in (PlaceVerdict.GIVEN_UP, PlaceVerdict.MISTAKEN):
         marks.plot(axes, "given up", place.x, place.y, owner, size=size + 1, zorder=5)
         return "given up"
     by = place.reported_by

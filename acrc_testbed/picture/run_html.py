@@ -60,7 +60,7 @@ def _words(run: RunData) -> Iterator[str]:
         how = "is still running" if is_running(run.out) else "was cut off"
         yield f"The run {how}; this page shows its first {run.end:g} simulated s."
     else:
-        yield from summary.sentences(run.result)
+        yield from summary.result_sentences(run.result)
 
 
 def _deeds(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:

@@ -10,7 +10,7 @@ from typing import Final
 import msgspec
 
 from acrc_testbed.recordings.run_recordings import all_recordings
-from acrc_testbed.results.seal import Sealed, check_seal
+from acrc_testbed.results.seal import SealReport, check_seal
 from actors.messages import ROSTER
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
@@ -152,7 +152,7 @@ class CheckReport:
     """Last step that is complete in all recordings; None: none."""
     unreceived: int
     """Messages that were not received, as their receiver had exited."""
-    sealed: Sealed | None
+    sealed: SealReport | None
     """The verified seal; None: there is none."""
 
 

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
-from acrc_testbed.results.seal import elsewhere, where
+from acrc_testbed.results.seal import fetch_sentence, remote_recordings
 from actors.orders import Order
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
@@ -44,8 +44,8 @@ def recordings(out: Path) -> dict[str, Path]:
 
 def all_recordings(out: Path) -> dict[str, Path]:
     """Return all recordings of a run. Raises RecordingError also if some are still on other hosts."""
-    if left := elsewhere(out):
-        raise RecordingError(where(out, left))
+    if left := remote_recordings(out):
+        raise RecordingError(fetch_sentence(out, left))
     return recordings(out)
 
 

@@ -1,1 +1,1 @@
-"""What a run comes to: its result, gathered from the last records of its processes."""
+"""Results of runs, computed from the final records of their processes."""

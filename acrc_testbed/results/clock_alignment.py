@@ -1,14 +1,14 @@
-"""Alignment of the clocks of several robots by radio frames that more than one of them has stamped.
+"""Clock synchronisation of several robots from radio frames timestamped by more than one of them.
 
-Model: what clock i shows at a stamp is the instant by the reference clock, plus the clock's offset and drift,
-plus a lag of that kind of stamp (equal for all robots), plus noise. Offsets, drifts and lags are estimated
-together over all clocks and frames by Huber's M-estimator (P. J. Huber, Robust Statistics, 1981, ch. 7), with
-priors for drifts and lags. Errors come from the residuals by the sandwich estimator (6.3), frames of one
-second as one cluster, and hold for all clocks at once.
+Model: timestamp by clock i = reference time + offset and drift of the clock + latency of that kind of stamp
+(equal for all robots) + noise. Offsets, drifts and latencies are estimated together over all clocks and
+frames by Huber's M-estimator (P. J. Huber, Robust Statistics, 1981, ch. 7), with priors for drifts and
+latencies. Errors are simultaneous for all clocks and follow from the residuals by the sandwich estimator
+(6.3), with the frames of one second as a cluster.
 
-A robot whose stamps are all late by the same amount looks like one whose clock is ahead. So the parameters
-state how unequal robots are; only causality (no frame is heard before it was handed over) bounds that; see
-Fit.surely_within.
+A constant latency of all stamps of one robot cannot be distinguished from a clock offset. Its spread between
+robots is therefore a parameter; only causality (a frame is received after it was handed over) bounds it; see
+Fit.causal_bound.
 """
 
 import math
@@ -22,17 +22,17 @@ from numpy.typing import NDArray
 
 
 class StampKind(IntEnum):
-    """What a stamp says of its frame."""
+    """Event of a frame that a stamp dates."""
 
     HEARD = 0
     SENT = 1
-    """Confirmed by the sender's transceiver."""
+    """Transmission confirmed by the sender's transceiver."""
     HANDED = 2
-    """Given to the sender's transceiver, before it has left."""
+    """Handed to the sender's transceiver, before transmission."""
 
 
 class Stamp(NamedTuple):
-    """One clock's word on one frame."""
+    """Timestamp of a frame by one clock."""
 
     clock: int
     instant: int
@@ -41,25 +41,25 @@ class Stamp(NamedTuple):
 
 
 class StampedFrame(NamedTuple):
-    """One frame and its stamps, by at least two clocks."""
+    """A frame and its stamps by at least two clocks."""
 
     stamps: tuple[Stamp, ...]
     handed: Stamp | None
-    """When it was handed over, whether or not that is among the stamps."""
+    """Hand-over to the transceiver, even if not among the stamps; None: unknown."""
 
 
-class Pairs(NamedTuple):
-    """Two stamps of one frame each, as arrays."""
+class StampPairs(NamedTuple):
+    """Pairs of stamps of one frame, as arrays."""
 
     first: NDArray[np.int64]
-    """(n, 4): clock, instant, kind, number of the frame."""
+    """(n, 4): clock, instant in µs, kind, frame number."""
     second: NDArray[np.int64]
     weight: NDArray[np.float64]
-    """2 / number of the frame's stamps: all pairs of n stamps know as much as n - 1 of them."""
+    """2 / number of the frame's stamps: n stamps have n - 1 independent pairs."""
 
 
-def pairs_of(frames: Sequence[StampedFrame], most: int) -> Pairs:
-    """All pairs of stamps of each frame; if there are more than `most`, those of every n-th frame only."""
+def stamp_pairs(frames: Sequence[StampedFrame], most: int) -> StampPairs:
+    """Return all pairs of stamps of each frame; above `most` pairs, only those of every n-th frame."""
     sizes = [len(frame.stamps) * (len(frame.stamps) - 1) // 2 for frame in frames]
     stride = -(-sum(sizes) // most) or 1
     first, second, weight = [], [], []
@@ -71,44 +71,44 @@ def pairs_of(frames: Sequence[StampedFrame], most: int) -> Pairs:
                 first.append((*one, number))
                 second.append((*other, number))
                 weight.append(2 / len(frame.stamps))
-    return Pairs(
+    return StampPairs(
         np.array(first, dtype=np.int64).reshape(-1, 4),
         np.array(second, dtype=np.int64).reshape(-1, 4),
         np.array(weight, dtype=np.float64),
     )
 
 
-def quantile(probability: float, freedom: float) -> float:
-    """Return the quantile of Student's t distribution; of the normal one for infinite `freedom`."""
-    from scipy.special import ndtri, stdtrit  # an extra that only alignment needs
+def t_quantile(probability: float, freedom: float) -> float:
+    """Return a quantile of Student's t distribution; of the normal one for infinite `freedom`."""
+    from scipy.special import ndtri, stdtrit  # optional dependency
 
     return float(ndtri(probability) if math.isinf(freedom) else stdtrit(freedom, probability))
 
 
-class Tree(NamedTuple):
-    """One clock's place among those that frames connect."""
+class ClockNode(NamedTuple):
+    """Node of a clock in the spanning tree of clocks with common frames."""
 
     root: int
-    """The first clock of its group, against which the others are measured."""
+    """First clock of the group, the reference of the others."""
     parent: int | None
-    """The clock by which it is connected; None for a root."""
+    """Neighbour in the direction of the root; None for the root."""
     ahead: int
-    """What it shows more than the root, about, µs: the sum of medians along the way."""
+    """Approximate offset against the root, µs: sum of medians along the path."""
 
 
-def spanning_trees(clocks: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> tuple[Tree, ...]:
-    """Connect all clocks that share frames, over the pairs of clocks that share most (Prim).
+def spanning_trees(clocks: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> tuple[ClockNode, ...]:
+    """Connect all clocks that share frames by a maximum spanning tree (Prim's algorithm).
 
     `first` and `second`: (n, 2), clock and instant in µs, of the same n frames.
     """
     pairs = np.concatenate((np.hstack((first, second)), np.hstack((second, first))))
     counts = np.zeros((clocks, clocks), dtype=np.int64)
     np.add.at(counts, (pairs[:, 0], pairs[:, 2]), 1)
-    trees: dict[int, Tree] = {}
+    trees: dict[int, ClockNode] = {}
     for root in range(clocks):
         if root in trees:
             continue
-        trees[root] = Tree(root, None, 0)
+        trees[root] = ClockNode(root, None, 0)
         group, left = [root], [clock for clock in range(clocks) if clock not in trees]
         while left:
             edges = counts[np.ix_(group, left)]
@@ -118,61 +118,60 @@ def spanning_trees(clocks: int, first: NDArray[np.int64], second: NDArray[np.int
             parent, clock = group[int(row)], left.pop(int(column))
             both = pairs[(pairs[:, 0] == clock) & (pairs[:, 2] == parent)]
             more = np.sort(both[:, 1] - both[:, 3])
-            trees[clock] = Tree(root, parent, trees[parent].ahead + int(more[more.size // 2]))
+            trees[clock] = ClockNode(root, parent, trees[parent].ahead + int(more[more.size // 2]))
             group.append(clock)
     return tuple(trees[clock] for clock in range(clocks))
 
 
 Floats = NDArray[np.float64]
 _HUBER = 1.345
-"""A residual of more standard deviations counts less; 95 % efficient with normal noise (Huber 1981)."""
+"""Standard deviations above which a residual has less weight; 95 % efficient (Huber 1981)."""
 _MAD = 1.4826
-"""From the median absolute deviation to the standard deviation of normal noise."""
+"""Ratio of standard deviation to median absolute deviation, for normal noise."""
 
 
 @dataclass(frozen=True)
 class AlignmentParameters:
-    """What is taken for granted about clocks and stamps, and how sure the errors are to be."""
+    """Assumptions about clocks and stamps, and the confidence level."""
 
     drift_ppm: float = 100.0
-    """Standard deviation of the difference of two clocks' rates. Quartz oscillators of computers keep within
-    100 ppm; more is believed if frames over a longer time say so."""
+    """Prior standard deviation of the difference of two clock rates; quartz keeps within 100 ppm."""
     lag_us: tuple[float, float] = (0.0, -8000.0)
-    """How much later than heard a frame is stamped as sent and as handed over, before there is data: a frame
-    of 100 octets is 3.4 ms on the air, after about as much of CSMA/CA (IEEE 802.15.4-2006, 250 kbit/s)."""
+    """Prior latency of the stamps SENT and HANDED relative to HEARD: a frame of 100 octets takes 3.4 ms on
+    the air, after about as much of CSMA/CA (IEEE 802.15.4-2006, 250 kbit/s)."""
     lag_spread_us: float = 10_000.0
-    """Standard deviation of these: about the latency timer of a USB serial port, 16 ms (FTDI AN232B-04)."""
-    unlike_us: float = 700.0
-    """Standard deviation of how much later one robot's stamps are than another's, which frames do not tell:
-    between three robots on one machine with emulated boards 0.4 to 0.9 ms were measured."""
+    """Standard deviation of `lag_us`; a USB serial port's latency timer is 16 ms (FTDI AN232B-04)."""
+    latency_spread_us: float = 700.0
+    """Standard deviation of the latency difference between robots, which frames cannot show; measured: 0.4 to
+    0.9 ms between three robots on one machine with emulated boards."""
     noise_us: float = 5_000.0
-    """Of a stamp where nothing is known yet; n frames reduce it to a n-th."""
+    """Prior noise of a stamp; n frames reduce it to 1/n."""
     resolution_us: float = 16.0
-    """No noise is taken to be less: a symbol of IEEE 802.15.4."""
+    """Lower limit of the noise: one symbol of IEEE 802.15.4."""
     block_us: int = 1_000_000
-    """Frames within this time may have errors in common."""
+    """Duration of a cluster of frames with common errors."""
     confidence: float = 0.95
-    """That no clock's error is above what is stated."""
+    """Probability that no clock exceeds its error bound."""
     most_pairs: int = 100_000
-    """Pairs of stamps; of more frames than give so many, some are left out evenly."""
+    """Upper limit of stamp pairs; above it, frames are skipped evenly."""
 
 
 class Solution(NamedTuple):
-    """The unknowns: for each clock offset at its origin (µs) and drift (µs/s), then the two lags (µs)."""
+    """Estimated offset at the origin (µs) and drift (µs/s) of each clock, then the two latencies (µs)."""
 
     estimate: Floats
     variance: Floats
-    """Covariance of the estimate: the larger one of what noise and what the residuals themselves say."""
+    """Covariance of the estimate: the larger of the noise-based and the sandwich estimate."""
     noise: float
     """Standard deviation of the residuals."""
     blocks: NDArray[np.int64]
-    """Block of each pair, in which errors may be common."""
+    """Cluster of each pair."""
 
 
 def solve(
-    pairs: Pairs, trees: Sequence[Tree], origins: NDArray[np.int64], p: AlignmentParameters
+    pairs: StampPairs, trees: Sequence[ClockNode], origins: NDArray[np.int64], p: AlignmentParameters
 ) -> Solution:
-    """Estimate all unknowns together; stops when nothing moves by 1 ns."""
+    """Estimate all unknowns together; stops when no estimate changes by 1 ns."""
     clocks, count = len(trees), len(pairs.weight)
     ahead = np.array([tree.ahead for tree in trees], dtype=np.int64)
     rows, whole, shown = np.arange(count), np.zeros((count, 2 * clocks + 2)), []
@@ -180,8 +179,8 @@ def solve(
         clock, instant, kind = side[:, 0], side[:, 1], side[:, 2]
         whole[rows, 2 * clock] += sign
         whole[rows, 2 * clock + 1] += sign * (instant - origins[clock]) / 1e6
-        told = kind > 0
-        whole[rows[told], 2 * clocks + kind[told] - 1] += sign
+        lagging = kind > 0
+        whole[rows[lagging], 2 * clocks + kind[lagging] - 1] += sign
         shown.append(instant - ahead[clock])
     target: Floats = (shown[0] - shown[1]).astype(np.float64)
     blocks: NDArray[np.int64] = shown[1] // p.block_us
@@ -233,77 +232,77 @@ def _huber(residual: Floats, noise: float) -> Floats:
 
 
 def _larger(one: Floats, other: Floats) -> Floats:
-    """A covariance that is less than either in no direction: `other` and what `one` has more."""
+    """Return a covariance that is at least `one` and `other` in every direction."""
     values, vectors = np.linalg.eigh(one - other)
     larger: Floats = other + (vectors * np.maximum(values, 0.0)) @ vectors.T
     return larger
 
 
-class Fit(NamedTuple):
-    """One clock against the reference of its group; instants in µs."""
+class ClockFit(NamedTuple):
+    """Offset and drift of one clock against the reference of its group; instants in µs."""
 
     group: int
-    """Clocks of one group are connected by frames; the number of its reference clock."""
+    """Reference clock of the group; common frames connect the clocks of a group."""
     origin: int
-    """By this clock; in the middle of its stamps."""
+    """Middle of its stamps, by this clock."""
     ahead: int
-    """What the clock shows more than the reference at `origin`, whole µs."""
+    """Coarse offset against the reference at `origin`, whole µs."""
     offset: float
-    """What remains of it, µs."""
+    """Remainder of the offset, µs."""
     drift_ppm: float
     frames: int
-    """Frames that this clock and another one have stamped."""
+    """Frames stamped by this clock and another one."""
     variance: tuple[float, float, float]
-    """Of offset, of both, of drift; µs² and powers of µs/s."""
+    """Variance of the offset, covariance, variance of the drift; in µs and µs/s."""
     factor: float
-    """Standard deviations to the stated error."""
+    """Quantile of Student's t distribution for the error bound."""
     limit: float
-    """How far the clock could be moved at most before some frame is heard before it was handed over, µs; inf:
-    no frames say so. Takes for granted that nothing is stamped before it happens."""
+    """Largest shift at which every frame is still received after it was handed over, µs; inf: no frames limit
+    it. Assumes that no event is stamped before it happens."""
     normal_factor: float
-    """As `factor`, for what is normally distributed."""
-    unlike: float
-    """Standard deviation of how much later one robot's stamps are than another's, µs."""
+    """Quantile of the normal distribution, as `factor`."""
+    latency_spread: float
+    """Standard deviation of the latency difference between robots, µs."""
 
     def reference(self, instant: int) -> int:
-        """What the reference shows when this clock shows `instant`."""
+        """Convert an instant of this clock to the reference clock."""
         moved = self.offset + self.drift_ppm * (instant - self.origin) / 1e6
         return instant - self.ahead - round(moved)
 
     def error(self, instant: int) -> float:
-        """Bound of the error of `reference`, µs, with the confidence of the parameters for all clocks."""
-        likely = math.hypot(self.scatter(instant), self.normal_factor * self.unlike)
-        return min(likely, self.surely_within(instant))
+        """Return the error bound of `reference`, µs, at the confidence level for all clocks together."""
+        likely = math.hypot(self.scatter(instant), self.normal_factor * self.latency_spread)
+        return min(likely, self.causal_bound(instant))
 
     def scatter(self, instant: int) -> float:
-        """The share of it that the residuals tell: all, if the stamps of all robots lag alike; µs."""
+        """Return the part of the error bound that follows from the residuals, µs."""
         since = (instant - self.origin) / 1e6
         offset, both, drift = self.variance
         return self.factor * math.sqrt(max(0.0, offset + 2 * since * both + since**2 * drift))
 
-    def surely_within(self, instant: int) -> float:
-        """What cause and effect say, whatever the lags, µs; inf = nothing."""
+    def causal_bound(self, instant: int) -> float:
+        """Return the error bound by causality, valid for any latencies, µs; inf: none."""
         since = abs(instant - self.origin) / 1e6
         return self.limit + self.normal_factor * since * math.sqrt(self.variance[2])
 
 
 class Alignment(NamedTuple):
-    """All clocks, and how well they fit."""
+    """Fits of all clocks, and the residual noise."""
 
-    fits: tuple[Fit, ...]
+    fits: tuple[ClockFit, ...]
     noise_us: float
-    """Standard deviation of the difference of two stamps of a frame from what the fit says."""
+    """Standard deviation of the residuals of stamp pairs, µs."""
 
 
 def align(frames: Sequence[StampedFrame], clocks: int, parameters: AlignmentParameters) -> Alignment:
-    """Fit `clocks` clocks to the stamps. A clock without a frame in common is a group of its own."""
-    pairs = pairs_of(frames, parameters.most_pairs)
+    """Fit `clocks` clocks to the stamps. A clock without common frames forms its own group."""
+    pairs = stamp_pairs(frames, parameters.most_pairs)
     trees = spanning_trees(clocks, pairs.first[:, :2], pairs.second[:, :2])
     origins = _origins(clocks, pairs)
     estimate, variance, noise, parts = solve(pairs, trees, origins, parameters)
     limits = _limits(frames, trees, origins, estimate)
     free = sum(tree.parent is not None for tree in trees)
-    tail = (1 - parameters.confidence) / (4 * max(free, 1))  # two sides, two ends of each clock's time
+    tail = (1 - parameters.confidence) / (4 * max(free, 1))  # two-sided, at both ends of each clock's time
     fits = []
     for clock, tree in enumerate(trees):
         touched = (pairs.first[:, 0] == clock) | (pairs.second[:, 0] == clock)
@@ -311,7 +310,7 @@ def align(frames: Sequence[StampedFrame], clocks: int, parameters: AlignmentPara
         at = slice(2 * clock, 2 * clock + 2)
         part = variance[at, at]
         fits.append(
-            Fit(
+            ClockFit(
                 group=tree.root,
                 origin=int(origins[clock]),
                 ahead=tree.ahead,
@@ -319,17 +318,17 @@ def align(frames: Sequence[StampedFrame], clocks: int, parameters: AlignmentPara
                 drift_ppm=float(estimate[2 * clock + 1]),
                 frames=len(np.unique(pairs.first[touched, 3])),
                 variance=(float(part[0, 0]), float(part[0, 1]), float(part[1, 1])),
-                factor=quantile(1 - tail, max(1, blocks - 2)),
+                factor=t_quantile(1 - tail, max(1, blocks - 2)),
                 limit=limits[clock],
-                normal_factor=quantile(1 - tail, math.inf),
-                unlike=parameters.unlike_us,
+                normal_factor=t_quantile(1 - tail, math.inf),
+                latency_spread=parameters.latency_spread_us,
             )
         )
     return Alignment(tuple(fits), noise)
 
 
-def _origins(clocks: int, pairs: Pairs) -> NDArray[np.int64]:
-    """The middle of each clock's stamps, by the clock."""
+def _origins(clocks: int, pairs: StampPairs) -> NDArray[np.int64]:
+    """Return the middle of each clock's stamps, by that clock."""
     both = np.concatenate((pairs.first, pairs.second))
     origins = np.zeros(clocks, dtype=np.int64)
     for clock in range(clocks):
@@ -340,9 +339,9 @@ def _origins(clocks: int, pairs: Pairs) -> NDArray[np.int64]:
 
 
 def _limits(
-    frames: Sequence[StampedFrame], trees: Sequence[Tree], origins: NDArray[np.int64], estimate: Floats
+    frames: Sequence[StampedFrame], trees: Sequence[ClockNode], origins: NDArray[np.int64], estimate: Floats
 ) -> list[float]:
-    """How far each clock could be moved, µs: shortest paths over the shortest ways from hand to ear."""
+    """Return the causal limit of each clock's shift, µs: shortest paths over the least frame delays."""
     clocks = len(trees)
     slack = np.full((clocks, clocks), math.inf)
     np.fill_diagonal(slack, 0.0)
@@ -358,8 +357,8 @@ def _limits(
         begun = reference(frame.handed)
         for stamp in frame.stamps:
             if stamp.kind is StampKind.HEARD:
-                way = frame.handed.clock, stamp.clock
-                slack[way] = min(slack[way], reference(stamp) - begun)
+                link = frame.handed.clock, stamp.clock
+                slack[link] = min(slack[link], reference(stamp) - begun)
     for middle in range(clocks):
         slack = np.minimum(slack, slack[:, middle, None] + slack[None, middle, :])
     return [float(max(slack[tree.root, clock], slack[clock, tree.root])) for clock, tree in enumerate(trees)]

@@ -1,8 +1,9 @@
-"""The clocks of the robots of a field trial turned into one time, with what is known of the error.
+"""Common time base of a field trial's robots, with error bounds.
 
 A base stamps its steps on a grid of its own clock. Where clock and step count diverge, the base was
-restarted, perhaps with another time: each such segment is a clock of its own. The bridge stamps radio events
-by a clock of the same machine, which differs only if its time was set between the starts of both processes.
+restarted, perhaps with another time: each such segment is treated as a separate clock. The bridge stamps
+radio events by the clock of the same machine; it differs only if the time was set between the starts of both
+processes.
 """
 
 import math
@@ -12,7 +13,7 @@ from typing import Final, NamedTuple
 
 from acrc_testbed.results.clock_alignment import (
     AlignmentParameters,
-    Fit,
+    ClockFit,
     Stamp,
     StampedFrame,
     StampKind,
@@ -23,39 +24,39 @@ from acrc_testbed.results.result import ClockReport
 from actors.messages import Heard, Received
 
 _STEADY_US: Final = 50_000
-"""A clock that jumps by more against the count of steps is another one."""
+"""A larger jump against the step count begins a new clock segment."""
 _SLOPE: Final = 1e-3
-"""And so much of the time between: twice what an NTP daemon slews at most, 500 ppm (RFC 5905)."""
+"""Tolerated drift: twice the largest slew of an NTP daemon, 500 ppm (RFC 5905)."""
 _AHEAD_US: Final = 1_000_000
-"""An event so much ahead of the step that brings it was stamped by a clock that was set."""
+"""An event so much later than the step that delivers it was stamped by a clock that was set."""
 _BEHIND_US: Final = 10_000_000
-"""As was one so much behind it."""
+"""The same for an event so much earlier."""
 
 
 _MOST_NOISE_US: Final = 1_000_000
-"""Clocks that agree no better have not stamped the same frames."""
+"""With larger residual noise the frames are not the same."""
 
 
 @dataclass
 class ClockSegment:
-    """One clock of a robot, until it is set; instants in µs by itself."""
+    """Interval of a robot's clock in which it was not set; instants in µs of that clock."""
 
     robot: str
     first: int
     """Its first step."""
     last: int
-    doubt: int = 0
-    """By how much events may be off against steps."""
-    fit: Fit = field(init=False)
-    """Its own, or else that of the robot's nearest segment that frames connect with the reference."""
-    known: bool = False
-    """True if it is its own."""
+    event_error: int = 0
+    """Possible error of events relative to steps, µs."""
+    fit: ClockFit = field(init=False)
+    """Its own, or that of the robot's nearest segment that frames connect with the reference."""
+    is_aligned: bool = False
+    """True if `fit` is its own."""
     frames: int = 0
     """Frames in common with other clocks."""
 
 
 class _StepClock(NamedTuple):
-    """The clock of a step, and what is to be added to the instants of the events that it brings."""
+    """Clock segment of a step, and the correction of its events' instants, µs."""
 
     clock: int
     shift: int
@@ -65,11 +66,11 @@ class AlignedClocks:
     """Conversion of the instants of all robots to the time of one of them, the reference."""
 
     def __init__(self, trial: FieldTrial) -> None:
-        """Raises FieldTrialError if the recordings contradict one another."""
+        """Align all clocks. Raises FieldTrialError if the recordings contradict each other."""
         self._segments: list[ClockSegment] = []
         self._steps: dict[int, list[_StepClock]] = {}
         self.notes: list[str] = []
-        """Corrections, and what could not be aligned, a sentence each."""
+        """Corrections and clocks that could not be aligned, a sentence each."""
         for logs in trial.logs.values():
             before: Tick | None = None
             for log in logs:
@@ -77,67 +78,67 @@ class AlignedClocks:
                 before = log.ticks[-1] if log.ticks else before
         if not self._segments:
             raise FieldTrialError(
-                f"{', '.join(str(log.path) for log in trial.all_logs())}: no robot has taken a step in there"
+                f"{', '.join(str(log.path) for log in trial.all_logs())}: no robot took a step"
             )
         frames = shared_frames(trial, self._stamp)
         alignment = align(frames, len(self._segments), AlignmentParameters())
         if alignment.noise_us > _MOST_NOISE_US:
             raise FieldTrialError(
-                f"{', '.join(trial.logs)}: their clocks disagree by {alignment.noise_us / 1e6:.0f} s from "
-                "one common frame to the next; the recordings should be of one field trial"
+                f"{', '.join(trial.logs)}: clock offsets between common frames vary by "
+                f"{alignment.noise_us / 1e6:.0f} s; the recordings must be of one field trial"
             )
         self._main = self._choose(alignment.fits)
         self.reference = self._main.robot
-        """The robot whose time it is."""
+        """Robot whose clock is the time base."""
         self.begin = min(one.fit.reference(one.first) for one in self._segments)
-        """When the first robot took its first step, µs by the reference."""
+        """First step of all robots, µs by the reference."""
         self.span = max(one.fit.reference(one.last) for one in self._segments) - self.begin
-        """From there to the last step of all, µs."""
+        """Time from `begin` to the last step of all robots, µs."""
         for robot in dict.fromkeys(one.robot for one in self._segments):
             self._note_unaligned(robot)
 
     def instant(self, log: RobotLog, moment: Moment) -> int:
-        """Return what the reference showed when the base's clock showed `moment`, µs."""
+        """Convert an instant of a base's clock to the reference clock, µs."""
         return self._segments[self._steps[id(log)][moment.tick].clock].fit.reference(moment.instant)
 
     def reports(self, robot: str) -> tuple[ClockReport, ...]:
-        """Return every segment of the robot's clock."""
+        """Return reports of all segments of a robot's clock."""
         return tuple(map(self._report, self._of(robot)))
 
     def _of(self, robot: str) -> list[ClockSegment]:
         return [one for one in self._segments if one.robot == robot]
 
     def _lay_out(self, log: RobotLog, before: Tick | None) -> None:
-        """Append the segments of one recording, which follows the step `before`."""
+        """Append the segments of one recording; `before`: the robot's previous step."""
         shifts = _shifts(log)
         steps = self._steps[id(log)] = []
         for number, tick in enumerate(log.ticks):
-            if before is None or not _runs_on(before, tick, log.identity.step_us):
+            if before is None or not _is_continuous(before, tick, log.identity.step_us):
                 self._segments.append(ClockSegment(log.identity.id, tick.instant, tick.instant))
             self._segments[-1].last = tick.instant
             steps.append(_StepClock(len(self._segments) - 1, shifts.get(number, 0)))
             before = tick
         for number in shifts:
-            self._segments[steps[number].clock].doubt = log.identity.step_us
+            self._segments[steps[number].clock].event_error = log.identity.step_us
         if shifts:
             self.notes.append(
-                f"{log.path}: the clock that stamps the frames was set while the one that stamps the steps "
-                "ran on; put right to within a step"
+                f"{log.path}: the clock for frames was set while the clock for steps ran on; "
+                "corrected to within a step"
             )
 
     def _stamp(self, log: RobotLog, moment: Moment, kind: StampKind) -> Stamp:
-        """Return the robot's record of a frame as a stamp of the clock of its steps."""
+        """Return a robot's record of a frame as a stamp of its step clock."""
         clock, shift = self._steps[id(log)][moment.tick]
         return Stamp(clock, moment.instant + (0 if kind is StampKind.HANDED else shift), kind)
 
-    def _choose(self, fits: Sequence[Fit]) -> ClockSegment:
-        """Give each segment its fit; return the reference of the group with most robots."""
+    def _choose(self, fits: Sequence[ClockFit]) -> ClockSegment:
+        """Assign a fit to each segment; return the reference of the group with most robots."""
         robots: dict[int, set[str]] = {}
         for segment, fit in zip(self._segments, fits, strict=True):
             robots.setdefault(fit.group, set()).add(segment.robot)
         main = max(sorted(robots), key=lambda group: len(robots[group]))
         for number, (segment, fit) in enumerate(zip(self._segments, fits, strict=True)):
-            segment.frames, segment.known = fit.frames, fit.group == main
+            segment.frames, segment.is_aligned = fit.frames, fit.group == main
             kin = [
                 place
                 for place, other in enumerate(fits)
@@ -149,37 +150,37 @@ class AlignedClocks:
         return self._segments[main]
 
     def _note_unaligned(self, robot: str) -> None:
-        """Note a robot that frames do not connect; it should at least have been out at the same time."""
+        """Add a note if frames do not connect a robot. Raises FieldTrialError for disjoint times."""
         segments = self._of(robot)
-        known = [one.known for one in segments]
+        known = [one.is_aligned for one in segments]
         if not any(known):
             main = self._of(self.reference)
             first, last = min(one.first for one in segments), max(one.last for one in segments)
             apart = max(first - max(one.last for one in main), min(one.first for one in main) - last) / 1e6
             if apart > 0:
                 raise FieldTrialError(
-                    f"{self.reference} and {robot}: no frame connects their recordings, and {apart:.0f} s "
-                    "lie between them by their own clocks; the recordings should be of one field trial"
+                    f"{self.reference} and {robot}: their recordings share no frame and are {apart:.0f} s "
+                    "apart by their own clocks; the recordings must be of one field trial"
                 )
             self.notes.append(
-                f"{robot}: no frame connects its clock with that of {self.reference}, so its instants are "
-                "left as its own clock gave them, with an error that is unknown"
+                f"{robot}: no common frame with {self.reference}, so its instants are those of its own "
+                "clock, with an unknown error"
             )
         elif not all(known):
             self.notes.append(
-                f"{robot}: its clock was started again, and then no frame connects it with that of "
-                f"{self.reference}; it is taken to have run on, with an error that is unknown"
+                f"{robot}: its clock was restarted and then has no common frame with {self.reference}; "
+                "assumed to have run on, with an unknown error"
             )
 
     def _report(self, clock: ClockSegment) -> ClockReport:
-        fit, known = clock.fit, clock.known
+        fit, known = clock.fit, clock.is_aligned
         first, last = fit.reference(clock.first), fit.reference(clock.last)
         error = scatter = surely = 0.0
         if clock is not self._main:
             ends = (clock.first, clock.last)
-            error = max(fit.error(end) for end in ends) + clock.doubt
+            error = max(fit.error(end) for end in ends) + clock.event_error
             scatter = max(fit.scatter(end) for end in ends)
-            surely = max(fit.surely_within(end) for end in ends) + clock.doubt
+            surely = max(fit.causal_bound(end) for end in ends) + clock.event_error
         return ClockReport(
             from_s=(first - self.begin) / 1e6,
             to_s=(last - self.begin) / 1e6,
@@ -192,16 +193,16 @@ class AlignedClocks:
         )
 
 
-def _runs_on(before: Tick, tick: Tick, step_us: int) -> bool:
-    """True if a clock has gone as far as the count of steps."""
+def _is_continuous(before: Tick, tick: Tick, step_us: int) -> bool:
+    """Return whether a clock advanced as much as the step count."""
     due = (tick.step - before.step) * step_us
     return abs(tick.instant - before.instant - due) <= _STEADY_US + _SLOPE * abs(due)
 
 
 def _shifts(log: RobotLog) -> dict[int, int]:
-    """By tick, what to add to the instants of its events where another clock has stamped them.
+    """Return the corrections of event instants by tick, where another clock has stamped the events.
 
-    The newest event of a message is not later than the step that brings it, and hardly earlier.
+    The newest event of a message is shortly before the step that delivers it.
     """
     lags = {
         tick: log.ticks[tick].instant - max(event.instant for event in received.events)
@@ -223,14 +224,14 @@ def _is_plausible(lag: int) -> bool:
     return -_AHEAD_US <= lag <= _BEHIND_US
 
 
-Stamping = Callable[[RobotLog, Moment, StampKind], Stamp]
+StampFunction = Callable[[RobotLog, Moment, StampKind], Stamp]
 
 
-def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[StampedFrame]:
+def shared_frames(trial: FieldTrial, stamp: StampFunction) -> list[StampedFrame]:
     """Return the frames with stamps of at least two robots, in a fixed order.
 
-    Frames of one sender with the same bytes are left out if they could be confused: one robot has sent or
-    heard two of them. `stamp` makes a robot's record of a frame a stamp.
+    Frames of one sender with equal bytes are skipped if a robot has sent or heard more than one of them.
+    `stamp`: converts a robot's record of a frame.
     """
     found: dict[tuple[int, bytes], list[tuple[str, Stamp]]] = {}
     for log in trial.all_logs():
@@ -249,15 +250,12 @@ def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[StampedFrame]:
 
 
 def _frame(seen: Sequence[tuple[str, Stamp]]) -> StampedFrame | None:
-    """Return the sender's best stamp and all others; None if there are not two, or they are ambiguous."""
+    """Return the sender's best stamp and all receivers'; None for fewer than two or ambiguous stamps."""
     sent, handed = (
         [one for _, one in seen if one.kind is kind] for kind in (StampKind.SENT, StampKind.HANDED)
     )
     heard = {robot: one for robot, one in seen if one.kind is StampKind.HEARD}
-    stamps = (
-        *(sent or handed),
-        *heard.values(),
-    )  # one that was never confirmed has left all the same if heard
+    stamps = (*(sent or handed), *heard.values())  # an unconfirmed frame was sent if a robot heard it
     if len(handed) > 1 or len(stamps) < 2 or len(seen) != len(sent) + len(handed) + len(heard):
         return None
     return StampedFrame(stamps, handed[0] if handed else None)

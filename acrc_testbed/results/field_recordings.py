@@ -1,4 +1,4 @@
-"""The recordings of a field trial: which files there are, whose they are, and what they tell."""
+"""Recordings of a field trial: files, robots and messages."""
 
 import hashlib
 import os
@@ -54,15 +54,15 @@ FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
     Unconfirmed: "frames_unconfirmed",
     Heard: "copies_heard",
 }
-"""By kind of event, the name under which it is counted; as the radio of a simulated run calls it, too."""
+"""Counter of each kind of event, named as in simulated runs."""
 
 
 _LATEST_US: Final = 1 << 60
-"""36 000 years: beyond what any clock shows, and well within 64 bits."""
+"""Upper limit of plausible instants, µs: 36 000 years, well within 64 bits."""
 
 
 class RobotIdentity(msgspec.Struct, frozen=True):
-    """The part of a robot's set-up that is needed here, from its first record."""
+    """Part of a robot's set-up, from the first record of its recording."""
 
     id: str
     epoch: int
@@ -72,14 +72,14 @@ class RobotIdentity(msgspec.Struct, frozen=True):
 
 
 class Tick(NamedTuple):
-    """Begin of a step by the robot's clock, µs."""
+    """A step and its beginning by the robot's clock, µs."""
 
     step: int
     instant: int
 
 
 class Moment(NamedTuple):
-    """An instant by the robot's clock, and the number of the tick at which the robot reported it."""
+    """An instant by the robot's clock, and the index of the tick in which it was reported."""
 
     tick: int
     instant: int
@@ -87,16 +87,16 @@ class Moment(NamedTuple):
 
 @dataclass
 class SentFrame:
-    """A frame that the robot handed to its transceiver."""
+    """A frame handed to the robot's transceiver."""
 
     handed: Moment
     data: bytes
     sent: Moment | None = None
-    """When the transceiver confirmed it."""
+    """Confirmation of the transmission; None: not confirmed."""
 
 
 class RecordedMessage(NamedTuple):
-    """A message of a robot, and the number of the tick that it answers or follows."""
+    """A message of a robot, and the index of the tick that it answers or follows."""
 
     tick: int
     key: str
@@ -108,26 +108,26 @@ M = TypeVar("M", bound=Message)
 
 @dataclass
 class RobotLog:
-    """Messages of one recording, as far as it can be read."""
+    """Messages of one recording, up to its end or first damage."""
 
     path: Path
     identity: RobotIdentity
     ticks: list[Tick] = field(default_factory=list)
     messages: list[RecordedMessage] = field(default_factory=list)
-    """Answers, frames handed over and radio events."""
+    """Answers, transmitted frames and radio events."""
     hashed: Counter[type[Message]] = field(default_factory=Counter)
-    """Messages of which only the hash is known."""
+    """Counts of messages recorded as a hash only."""
     final: FinalNote | None = None
     failure: FailureNote | None = None
     damage: str | None = None
-    """Why the rest of the file could not be read."""
+    """Reason why the rest of the file cannot be read; None: complete."""
 
     def of(self, kind: type[M]) -> Iterator[tuple[int, M]]:
-        """Yield the messages of a type, each with its tick."""
+        """Yield the messages of a type with their ticks."""
         return ((one.tick, one.message) for one in self.messages if isinstance(one.message, kind))
 
     def sent_frames(self) -> list[SentFrame]:
-        """Match the frames handed over with their confirmations."""
+        """Return all frames handed to the transceiver with their confirmations."""
         frames: list[SentFrame] = []
         pending: dict[int, SentFrame] = {}
         for tick, _, message in self.messages:
@@ -149,7 +149,7 @@ _TOPICS: Final = (SENSES, RECEIVED, DRIVE, TRANSMIT)
 def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -> RobotLog:
     """Read a robot's recording up to its end or the first damage.
 
-    `full`: messages that other processes have recorded in full, by their sha256.
+    `full`: messages that other processes recorded in full, by SHA-256.
     """
     log = RobotLog(path, identity)
     topics = {topic.key(identity.id): topic for topic in _TOPICS}
@@ -160,7 +160,7 @@ def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -
             elif item.key in topics:
                 _take_message(log, item, topics[item.key], full)
             else:
-                topic_of(item.key)  # refuses keys of no topic
+                topic_of(item.key)  # raises for keys of no topic
     except RecordingError as error:
         log.damage = str(error)
     except (AcrcError, ValueError) as error:
@@ -183,13 +183,13 @@ def _take_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[
     message = decode(topic, entry.key, payload)
     for instant in _instants(message):
         if abs(instant) > _LATEST_US:
-            raise RecordingError(f"{log.path}: damaged: an instant is {instant} µs, as no clock shows")
+            raise RecordingError(f"{log.path}: damaged: implausible instant {instant} µs")
     if isinstance(message, Senses):
         log.ticks.append(Tick(message.step, message.instant))
     elif log.ticks:
         log.messages.append(RecordedMessage(len(log.ticks) - 1, entry.key, message))
     else:
-        raise RecordingError(f"{log.path}: a message on {entry.key} before the robot's first step")
+        raise RecordingError(f"{log.path}: message on {entry.key} before the robot's first step")
 
 
 def _instants(message: Message) -> Iterator[int]:
@@ -203,9 +203,9 @@ def _instants(message: Message) -> Iterator[int]:
 
 
 def large_messages(path: Path, least: int) -> dict[bytes, bytes]:
-    """The messages of robots above `least` bytes that `path`'s process has received, by their sha256.
+    """Return the robots' messages above `least` bytes that the recording's process received, by SHA-256.
 
-    Read as far as the file makes sense.
+    Stops at damage.
     """
     found: dict[bytes, bytes] = {}
     prefix = DRIVE.pattern.partition("{id}")[0]
@@ -216,44 +216,44 @@ def large_messages(path: Path, least: int) -> dict[bytes, bytes]:
             if item.payload is not None and len(item.payload) > least:
                 found[hashlib.sha256(item.payload).digest()] = item.payload
     except AcrcError:
-        return found  # what it did not say, nobody misses unless a robot's own file has the hash alone
+        return found  # missing messages matter, and are noted, only if a robot recorded their hash alone
     return found
 
 
 class FieldTrialError(AcrcError):
-    """Folders whose recordings do not make up one field trial."""
+    """Error: the recordings are not those of one field trial."""
 
 
-class _Base(msgspec.Struct, frozen=True):
-    """What the first record of a robot's base says of it."""
+class _BaseSetup(msgspec.Struct, frozen=True):
+    """Part of the set-up in the recording of a robot's base."""
 
     id: str
 
 
 @dataclass
 class FieldTrial:
-    """Everything that was read."""
+    """Recordings of a field trial."""
 
     logs: dict[str, list[RobotLog]]
-    """By robot, r2 before r10; each robot's by epoch."""
+    """By robot in natural order (r2 before r10), then by epoch."""
     lateness_ms: dict[str, Counter[int]]
-    """By robot: what its base has counted, over all starts of the base."""
+    """Histogram of lateness by robot, over all starts of its base."""
     overruns: Counter[str]
-    """By robot: steps that were left out."""
+    """Skipped steps by robot."""
     notes: list[str] = field(default_factory=list)
-    """What is wrong with the files, a sentence each."""
+    """Faults of the files, a sentence each."""
 
     def all_logs(self) -> Iterator[RobotLog]:
-        """Every recording of a robot."""
+        """Yield all recordings of robots."""
         for logs in self.logs.values():
             yield from logs
 
 
 def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
-    """Read every recording in the folders. Raises FieldTrialError if no robot's is among them.
+    """Read all recordings in the folders. Raises FieldTrialError if none is a robot's.
 
-    A folder is a robot's own, or holds such; with `r2` those of its base and bridge are read, which lie
-    beside it as `r2.base` and `r2.radio`.
+    A folder is a robot's or contains robots' folders; with `r2`, its siblings `r2.base` and `r2.radio` are
+    read, too.
     """
     trial = FieldTrial({}, {}, Counter())
     own: list[tuple[Path, RobotIdentity]] = []
@@ -270,41 +270,41 @@ def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
     if not own:
         damaged = f"; {trial.notes[0]}" if trial.notes else ""
         raise FieldTrialError(
-            f"{', '.join(map(str, folders))}: no robot's recording in there, such as r2.mcap{damaged}"
+            f"{', '.join(map(str, folders))}: no recording of a robot, such as r2.mcap{damaged}"
         )
     _check_twice(own)
     kept: dict[bytes, bytes] = {}
     for path, run in others:
         kept |= large_messages(path, LARGE)
         _take_base(path, run, trial)
-    for path, identity in sorted(own, key=lambda one: (natural(one[1].id), one[1].epoch)):
+    for path, identity in sorted(own, key=lambda one: (natural_key(one[1].id), one[1].epoch)):
         log = read_log(path, identity, kept)
         trial.logs.setdefault(identity.id, []).append(log)
-        trial.notes += _said_of(log)
-    trial.notes += _strangers(trial)
+        trial.notes += _gaps(log)
+    trial.notes += _unknown_senders(trial)
     return trial
 
 
-def natural(robot: str) -> tuple[tuple[int, int, str], ...]:
-    """A key to sort ids by: numbers in them by their value."""
+def natural_key(robot: str) -> tuple[tuple[int, int, str], ...]:
+    """Return a sort key of robot ids that orders numbers by value."""
     parts = re.findall(r"\d+|\D+", robot)
     return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts)
 
 
 def _recordings(folders: Iterable[Path]) -> list[Path]:
-    """Every recording once, in a fixed order."""
+    """Return every recording once, in a fixed order."""
     found: dict[Path, Path] = {}
     for folder in folders:
         if not folder.is_dir():
             raise FieldTrialError(
-                f"{folder}: no such folder; it should be a robot's, or one that holds robots'"
+                f"{folder}: no such folder; give a robot's folder or one that contains robots' folders"
             )
         own = sorted(folder.glob("*.mcap"))
         place = folder.absolute()
         beside = sorted(place.parent.glob(f"{_literal(place.name)}.*/*.mcap")) if own else []
         inside = sorted(folder.glob("*/*.mcap"))
         if not own and not inside:
-            raise FieldTrialError(f"{folder}: no recording in it; there should be *.mcap or */*.mcap")
+            raise FieldTrialError(f"{folder}: no recordings (*.mcap or */*.mcap)")
         for path in (*own, *inside, *beside):
             found.setdefault(Path(os.path.realpath(path)), path)
     return list(found.values())
@@ -315,24 +315,24 @@ def _literal(name: str) -> str:
 
 
 def _first_record(path: Path, notes: list[str]) -> RunNote | None:
-    """What a recording begins with; None, and a sentence in `notes`, if that is nothing of ours."""
+    """Return the run note of a recording; None, with a sentence in `notes`, if there is none."""
     try:
         first = next(read_recording(path), None)
     except RecordingError as error:
         notes.append(str(error))
         return None
     if not isinstance(first, Note) or first.name != "run":
-        notes.append(f"{path}: ends before its first record, or is no actor's recording; left out")
+        notes.append(f"{path}: empty or not an actor's recording; skipped")
         return None
     try:
         return decode_note(path, "run", first.json, RunNote)
     except RecordingError as error:
-        notes.append(f"{error}; left out")
+        notes.append(f"{error}; skipped")
         return None
 
 
 def _identity(run: RunNote) -> RobotIdentity | None:
-    """Whose recording it is; None if it is no robot's."""
+    """Return the robot of a recording; None if it is another actor's."""
     try:
         return msgspec.json.decode(run.setup, type=RobotIdentity)
     except (ValueError, RecursionError):
@@ -345,31 +345,31 @@ def _check_twice(own: Sequence[tuple[Path, RobotIdentity]]) -> None:
         known = seen.setdefault((identity.id, identity.epoch), path)
         if known != path:
             raise FieldTrialError(
-                f"{known} and {path}: both are recordings of {identity.id} in epoch {identity.epoch}; "
-                "there should be one of each epoch, from one field trial"
+                f"{known} and {path}: two recordings of {identity.id} in epoch {identity.epoch}; "
+                "give one of each epoch, from one field trial"
             )
 
 
 def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
-    """Add what a robot's base has counted, if it is a base's recording with a last record."""
+    """Add the counters of a robot's base, if this is a base's recording with a final record."""
     if run.actor != "base":
         return
     try:
-        robot = typed_json.decode(run.setup, _Base).id
+        robot = typed_json.decode(run.setup, _BaseSetup).id
         final = read_notes(path).get("final")
         if final is None:
-            trial.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")
+            trial.notes.append(f"{path}: no final record, so lateness is unknown")
             return
         report = typed_json.decode(final, FinalNote).report(BaseReport)
     except (AcrcError, ValueError) as error:
-        trial.notes.append(f"{path}: its first or last record is not that of a base: {error}")
+        trial.notes.append(f"{path}: first or final record is not that of a base: {error}")
         return
     trial.lateness_ms.setdefault(robot, Counter()).update(report.lateness_ms)
     trial.overruns[robot] += report.overruns
 
 
-def _strangers(trial: FieldTrial) -> Iterator[str]:
-    """Whose recordings are missing."""
+def _unknown_senders(trial: FieldTrial) -> Iterator[str]:
+    """Yield a sentence for each sender without a recording."""
     known = {log.identity.address for log in trial.all_logs()}
     heard = Counter(
         event.sender
@@ -380,27 +380,27 @@ def _strangers(trial: FieldTrial) -> Iterator[str]:
     )
     for sender in sorted(heard.keys() - known):
         yield (
-            f"{heard[sender]} frames were heard of address {sender}, which is no robot's here: what it did "
-            "and where it still meant to go is not known"
+            f"{heard[sender]} frames were received from address {sender}, of which there is no recording; "
+            "its reports and route are unknown"
         )
 
 
-def _said_of(log: RobotLog) -> Iterator[str]:
-    """What is missing in a robot's recording."""
+def _gaps(log: RobotLog) -> Iterator[str]:
+    """Yield a sentence for each gap in a robot's recording."""
     if log.damage is not None:
-        yield f"{log.damage}; what comes before is taken"
+        yield f"{log.damage}; used up to there"
     elif log.failure is not None:
         yield f"{log.path}: {log.identity.id} failed in step {log.failure.step}: {log.failure.cause}"
     elif log.final is None:
         until = f"at step {log.ticks[-1].step}" if log.ticks else "before its first step"
-        yield f"{log.path}: cut short {until}, without a last record, as by switching off"
+        yield f"{log.path}: truncated {until}: no final record, as after a power-off"
     if log.hashed[Drive]:
         yield (
-            f"{log.path}: {log.hashed[Drive]} answers are known by their hash only, and so what they say of "
-            "places is not; the recording of the base or the world would hold them"
+            f"{log.path}: {log.hashed[Drive]} answers are recorded as hashes only, so their reports are "
+            "unknown; add the recording of the base or the world"
         )
     if log.hashed[Transmit]:
         yield (
-            f"{log.path}: the frames of {log.hashed[Transmit]} messages are known by their hash only; the "
-            "recording of the bridge or the radio would hold them"
+            f"{log.path}: the frames of {log.hashed[Transmit]} messages are recorded as hashes only; add the "
+            "recording of the bridge or the radio"
         )

@@ -1,4 +1,4 @@
-"""What robots report in their last records: own outcomes, counters of deeco nodes, navigation."""
+"""Robots' final reports: strategy outcomes, counters of deeco nodes, navigation, places."""
 
 import csv
 import math
@@ -16,60 +16,60 @@ from actors.robot.navigation.navigation_counts import NavigationReport
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.typed_json import Name
-from actors.task.referee import PlaceOutcome, Verdict
+from actors.task.referee import PlaceOutcome, PlaceVerdict
 
 T = TypeVar("T")
 Outcomes = dict[str, dict[str, bool | int | float | str]]
-"""Values that behaviours' `outcome()` returned, by name and robot."""
+"""Values returned by behaviours' `outcome()`, by name and robot."""
 
 _RESERVED: Final = frozenset({"adaptation", "deeco", "localisation", "navigation"})
-"""Subjects of the robot and of the component model."""
+"""Subjects reserved for the robot program and the component model."""
 _MOST_OWN, _LONGEST_NAME = 20, 100
-"""Values in a behaviour's outcome, and characters of their names."""
+"""Limits of a behaviour's outcome: values, and characters of a name."""
 _Own = bool | Annotated[int, msgspec.Meta(ge=-(1 << 53), le=1 << 53)] | float | Name | list[Any] | None
 _OwnSubject = _Own | dict[str, _Own]
 
 
 class OutcomeError(AcrcError):
-    """A subject that does not hold what it should."""
+    """Error: a malformed subject of an outcome."""
 
 
-def told(
+def decode_subject(
     record: Path, outcome: Mapping[str, msgspec.Raw], subject: str, kind: type[T], whose: str
 ) -> T | None:
-    """What the last record of the file `record` says on a subject; None if nothing. Raises OutcomeError.
+    """Decode a subject of the final record of the file `record`; None if absent. Raises OutcomeError.
 
-    `whose`: what it should be the outcome of, for the sentence.
+    `whose`: expected origin of the outcome, for the error message.
     """
     if subject not in outcome:
         return None
     try:
         return typed_json.decode(outcome[subject], kind)
     except ValueError as error:
-        raise OutcomeError(f"{record}: the outcome {subject!r} is not that of {whose}: {error}") from None
+        raise OutcomeError(f"{record}: outcome {subject!r} is not that of {whose}: {error}") from None
 
 
 def own_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> dict[str, bool | int | float | str]:
-    """Return the numbers, texts and booleans that a behaviour's `outcome()` returned, by name.
+    """Return numbers, texts and booleans of a behaviour's `outcome()`, by name.
 
-    A name within a dict follows that dict's name after a dot. Lists and null (also NaN, which JSON lacks)
-    stay in the recording. Raises OutcomeError for what exceeds the bounds.
+    Names in nested dicts are joined by a dot. Lists and null (also NaN, which JSON lacks) are left out.
+    Raises OutcomeError above the limits.
     """
     found: dict[str, Any] = {}
     for subject in sorted(outcome.keys() - _RESERVED):
-        value: Any = told(record, outcome, subject, _OwnSubject, "a behaviour")  # type: ignore[arg-type]
+        value: Any = decode_subject(record, outcome, subject, _OwnSubject, "a behaviour")  # type: ignore[arg-type]
         parts = {f".{name}": part for name, part in value.items()} if isinstance(value, dict) else {"": value}
         found |= {subject + name: part for name, part in parts.items() if not isinstance(part, list | None)}
     if len(found) > _MOST_OWN or max(map(len, found), default=0) > _LONGEST_NAME:
         raise OutcomeError(
-            f"an outcome has {len(found)} values; must have at most {_MOST_OWN}, "
+            f"outcome has {len(found)} values; must have at most {_MOST_OWN}, "
             f"with names of at most {_LONGEST_NAME} characters"
         )
     return found
 
 
-def means(outcomes: Outcomes) -> dict[str, float]:
-    """Return the mean of each name over the robots that gave a number for it; true counts as 1."""
+def outcome_means(outcomes: Outcomes) -> dict[str, float]:
+    """Return the mean of each numeric value over the robots that have it; true counts as 1."""
     numbers = {
         name: [one for one in of.values() if not isinstance(one, str)] for name, of in outcomes.items()
     }
@@ -77,27 +77,26 @@ def means(outcomes: Outcomes) -> dict[str, float]:
 
 
 _BIN_MS: Final = 50
-"""Width of the bins in which `deeco.statistics` counts the ages of replicas."""
+"""Width of the histogram bins of replica ages in `deeco.statistics`."""
 
 
 class DeecoResult(msgspec.Struct, frozen=True):
-    """What all nodes counted, over all processes that a robot had; all empty where no robot has a node."""
+    """Counters of all nodes, over all processes of each robot; empty if no robot has a node."""
 
     counters: dict[str, int]
-    """What the nodes did, dropped or refused, by name."""
+    """Actions, drops and refusals of the nodes, by name."""
     exchanges: dict[str, int]
-    """How often an exchange of knowledge changed the knowledge of the robot that made it, by ensemble: any
-    change, also one by which a robot leaves a place to another one."""
+    """Exchanges that changed the knowledge of the robot that made them, by ensemble."""
     replica_age_mean_s: float | None
-    """Mean time since a replica had been heard, over every replica at each publication of its holder; each
-    sample stands in the middle of its bin, 50 ms wide. None without samples."""
+    """Mean age of replicas, sampled for each replica at each publication of its holder; samples count as the
+    middle of their 50 ms bin. None without samples."""
     replica_age_p95_s: float | None
-    """What 95 % of these samples do not exceed: the upper bound of the bin of the nearest rank, that is of
-    sample number ceil(0.95 n) in order of age. None without samples."""
+    """95th percentile of these samples by nearest rank: upper bound of the bin of sample ceil(0.95 n) in
+    order of age. None without samples."""
 
 
 def deeco_result(nodes: Iterable[NodeReport]) -> DeecoResult:
-    """What the nodes did together."""
+    """Add up the reports of all nodes."""
     counters: Counter[str] = Counter()
     exchanges: Counter[str] = Counter()
     ages: Counter[int] = Counter()
@@ -123,7 +122,7 @@ def _mean_s(ages: Counter[int]) -> float | None:
 
 
 def nearest_rank(counts: Counter[int], percent: int) -> int | None:
-    """What `percent` of the counted values do not exceed: sample number ceil(percent n / 100) in order."""
+    """Return a percentile by nearest rank: sample ceil(percent n / 100) in order; None without samples."""
     rank = math.ceil(counts.total() * percent / 100)
     for value in sorted(counts):
         rank -= counts[value]
@@ -133,28 +132,28 @@ def nearest_rank(counts: Counter[int], percent: int) -> int | None:
 
 
 class NavigationResult(msgspec.Struct, frozen=True):
-    """What the navigation of all robots did, over all processes that a robot had."""
+    """Counters of the navigation of all robots, over all processes of each robot."""
 
     goals: int
-    """Points that behaviours asked for, the same one again included."""
+    """Goals requested by behaviours, repeated requests included."""
     succeeded: int
     """Goals reached."""
     aborted: dict[str, int]
-    """Goals that navigation gave up, by reason: "no plan", "blocked" (no valid trajectory for too long) or
-    "no progress". The others were replaced or taken back, or open at the end."""
+    """Aborted goals by reason: "no plan", "blocked" (no valid trajectory for too long) or "no progress".
+    Other goals were replaced, cancelled, or open at the end."""
     recoveries: int
-    """How often marks farther away were forgotten to try once more."""
+    """Recoveries: costmap cleared away from the robot, then another attempt."""
     retreats: int
-    """How often a robot backed away from what its bumper had touched."""
+    """Retreats after a bumper contact."""
     no_valid_trajectory: dict[str, int]
     """Intervals in which the local planner found no valid trajectory, by how they ended: by "itself", with an
     "abort", with another "order", with the "run", or "unlisted" where there were too many to list."""
     no_valid_trajectory_s: float
-    """How long those listed lasted together, s."""
+    """Total length of the listed intervals, s."""
 
 
 def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
-    """What the navigation of all robots did together."""
+    """Add up the reports of all robots' navigation."""
     counts: Counter[str] = Counter()
     aborted: Counter[str] = Counter()
     intervals: Counter[str] = Counter()
@@ -186,35 +185,38 @@ COLUMNS: Final = (
 _OF_ROBOTS: Final = ("places_total", "places_done", "places_claimed", "places_given_up", "completion_s")
 
 
-def counted(places: Sequence[PlaceOutcome], *, watched: bool = True) -> dict[str, Any]:
-    """Count places by their final state, by field of `RunResult`; instants in simulated s.
+def place_counts(places: Sequence[PlaceOutcome], *, watched: bool = True) -> dict[str, Any]:
+    """Count places by their final state, keyed by field of `RunResult`; instants in simulated s.
 
-    `watched`: ground truth says which reports are true.
+    `watched`: ground truth is available.
     """
     verdicts = Counter(place.verdict for place in places)
     reported = [place.reported_at for place in places if place.reported_at is not None]
     settled = [place.settled_at for place in places if place.settled_at is not None]
-    done, last = verdicts[Verdict.DONE] if watched else len(reported), in_seconds(max(reported, default=0))
+    done, last = (
+        verdicts[PlaceVerdict.DONE] if watched else len(reported),
+        in_seconds(max(reported, default=0)),
+    )
     return {
         "places_total": len(places),
         "places_done": done if watched else None,
         "places_claimed": len(reported),
-        "places_given_up": verdicts[Verdict.GIVEN_UP],
-        "places_lost": verdicts[Verdict.LOST],
+        "places_given_up": verdicts[PlaceVerdict.GIVEN_UP],
+        "places_lost": verdicts[PlaceVerdict.LOST],
         "completion_s": last if done == len(places) else None,
         "settled_s": in_seconds(max(settled, default=0)) if len(settled) == len(places) else None,
         "last_reached_s": last if reported else None,
     }
 
 
-def robot_places(places: Iterable[PlaceOutcome], robot: str, *, watched: bool = True) -> dict[str, Any]:
-    """Count the places of one robot, by field of `RobotResult`."""
-    found = counted([place for place in places if place.owner == robot], watched=watched)
+def robot_place_counts(places: Iterable[PlaceOutcome], robot: str, *, watched: bool = True) -> dict[str, Any]:
+    """Count the places of one robot, keyed by field of `RobotResult`."""
+    found = place_counts([place for place in places if place.owner == robot], watched=watched)
     return {name: found[name] for name in _OF_ROBOTS}
 
 
-def write_table(places: Iterable[PlaceOutcome], path: Path) -> None:
-    """Write all places as CSV: COLUMNS first, instants in simulated s, an empty field where there is none."""
+def write_places(places: Iterable[PlaceOutcome], path: Path) -> None:
+    """Write all places as CSV with header COLUMNS; instants in simulated s, empty fields for None."""
     with regular_file.atomic_replacement(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

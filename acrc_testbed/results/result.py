@@ -1,4 +1,4 @@
-"""The result of a run, gathered from the last records of its processes; its origin and frame counts."""
+"""Result of a run, gathered from the final records of its processes."""
 
 import platform
 from collections import Counter, defaultdict
@@ -15,12 +15,12 @@ from acrc_testbed.results.outcome import (
     NavigationResult,
     OutcomeError,
     Outcomes,
-    counted,
+    decode_subject,
     deeco_result,
     navigation_result,
     own_outcome,
-    robot_places,
-    told,
+    place_counts,
+    robot_place_counts,
 )
 from actors.instant import in_seconds
 from actors.messages import ROSTER
@@ -42,14 +42,14 @@ PARENT = "its parent"
 
 
 class UndeliveredError(AcrcError):
-    """Messages that were lost on the way."""
+    """Error: messages were lost between processes."""
 
 
-def undelivered(finals: Sequence[tuple[str, FinalNote]], rosters: int) -> tuple[int, tuple[str, ...]]:
-    """Return how many messages were sent and did not arrive, or the other way round; a sentence for each key.
+def count_undelivered(finals: Sequence[tuple[str, FinalNote]], rosters: int) -> tuple[int, tuple[str, ...]]:
+    """Return the number of undelivered or surplus messages, and a sentence for each key concerned.
 
-    `finals`: each process's actor, and its last note. `rosters`: how many of the world's orders to start
-    robots their parent has received.
+    `finals`: actor and final note of each process. `rosters`: number of start orders from the world that the
+    parent process received.
     """
     sent, arrived = Counter[str](), Counter({ROSTER.pattern: rosters})
     senders, receivers = defaultdict[str, dict[str, None]](dict), defaultdict[str, dict[str, None]](dict)
@@ -61,75 +61,73 @@ def undelivered(finals: Sequence[tuple[str, FinalNote]], rosters: int) -> tuple[
             for key in keys:
                 actors[key][actor] = None
     wrong = [key for key in sorted(sent.keys() | arrived.keys()) if sent[key] != arrived[key]]
-    words = (
-        f"{key}: {' and '.join(senders[key]) or 'nobody'} counted {sent[key]} sent, and "
-        f"{' and '.join(receivers[key]) or 'nobody'} {arrived[key]} that arrived"
+    sentences = (
+        f"{key}: {sent[key]} sent by {' and '.join(senders[key]) or 'no process'}, "
+        f"{arrived[key]} received by {' and '.join(receivers[key]) or 'no process'}"
         for key in wrong
     )
-    return sum(abs(sent[key] - arrived[key]) for key in wrong), tuple(words)
+    return sum(abs(sent[key] - arrived[key]) for key in wrong), tuple(sentences)
 
 
-def demand_all(missing: int, sentences: Sequence[str]) -> None:
-    """UndeliveredError if there are messages that were not delivered."""
+def require_delivery(missing: int, sentences: Sequence[str]) -> None:
+    """Raise UndeliveredError if messages were not delivered."""
     if missing:
         raise UndeliveredError(f"{missing} messages were not delivered: {'; '.join(sentences)}")
 
 
 _PACKAGES: Final = ("eclipse-zenoh", "llvmlite", "msgspec", "numba", "numpy", "pymunk")
-"""Those that a run's result, or its speed, could depend on."""
+"""Packages on which a run's result or speed may depend."""
 
 
 class BranchOrigin(msgspec.Struct, frozen=True):
-    """The run that another one is a branch of."""
+    """The run from which a branch was made."""
 
     run: str
     """Its folder."""
     digest: str
     at_s: float
-    """Where the branch leaves it, simulated s."""
+    """Instant of the change, simulated s."""
     changes: tuple[str, ...] = ()
-    """What was changed, as it was typed."""
+    """Changes as given on the command line."""
     difference: str = ""
-    """The first message that came out otherwise: step, key, field, both values; empty if none did."""
+    """First message that differs: step, key, field, both values; empty if none."""
     control: str = ""
-    """Digest of the control, for a branch with other settings: its strategy made anew with its own values."""
+    """Digest of the control, for a branch with changed settings: the strategy restarted with its old ones."""
     control_difference: str = ""
-    """The first message that came out otherwise than in the control; empty if none did, or without one."""
+    """First message that differs from the control; empty if none, or without a control."""
 
 
 class Origin(msgspec.Struct, frozen=True):
-    """Scenario, strategy and software of a run; scenario, seed, key and commit together determine its
-    digest.
-    """
+    """Scenario, strategy and software of a run; scenario, seed, key and commit determine its digest."""
 
     scenario: str = ""
-    """Name of the scenario's file; its content, with everything drawn, lies beside the result."""
+    """Name of the scenario file; its content, with all drawn values, is stored in the run's folder."""
     strategy: str = ""
-    """As the scenario or `--strategy` says."""
+    """Name in the scenario or `--strategy`."""
     behaviour: str = ""
-    """The function that this name stands for, `module:function`."""
+    """Function of the strategy, `module:function`."""
     settings: dict[str, Any] = {}
-    """Of the strategy, as the scenario says; what is absent is as the strategy has it."""
+    """Settings of the strategy in the scenario; absent ones have the strategy's defaults."""
     commit: str = ""
-    """Of this software, with a plus sign where files were changed since; its version outside a clone."""
+    """Commit of the testbed, with a plus sign for uncommitted changes; its version outside a clone."""
     versions: dict[str, str] = {}
-    """Of Python and of the packages that matter."""
+    """Versions of Python and of `_PACKAGES`."""
     key: str = ""
-    """What all that is random follows from beside the seed; empty: there is none."""
+    """Secret part of the seed; empty: none."""
     navigation: str = ""
-    """Preset of navigation, as the scenario or `--navigation` says; empty in results that do not say it."""
+    """Preset of navigation; empty in results without it."""
     localisation: str = ""
-    """Preset of localisation; the same."""
+    """Preset of localisation; likewise."""
     branch: BranchOrigin | None = None
-    """Of a branch: where it comes from; its scenario, seed and commit do not determine its digest alone."""
+    """Origin of a branch, whose digest also depends on the change; None: not a branch."""
 
 
-UNKNOWN: Final = Origin()
-"""Of what is no whole run."""
+UNKNOWN_ORIGIN: Final = Origin()
+"""Origin of a result that is not from a complete run."""
 
 
-def versions() -> dict[str, str]:
-    """Of Python, and of each package that is installed."""
+def package_versions() -> dict[str, str]:
+    """Return the versions of Python and of each installed package."""
     found = {"python": platform.python_version()}
     for package in _PACKAGES:
         try:
@@ -139,18 +137,18 @@ def versions() -> dict[str, str]:
     return found
 
 
-OWN_WORD: Final = ("deeco", "navigation", "outcome", "unread")
-"""Keys of a result that robots' processes report about themselves."""
+REPORTED_BY_ROBOTS: Final = ("deeco", "navigation", "outcome", "unread")
+"""Keys of a result that are reports of the robots' own processes."""
 _LONGEST: Final = 300
-"""Characters of a reason."""
+"""Maximum length of a reason, characters."""
 
 
 class ResultError(AcrcError):
-    """A run whose files do not add up to a result."""
+    """Error: a run's files do not yield a result."""
 
 
 _ABSENT: Any = msgspec.UNSET
-"""Default of a field that a field trial, or else a simulated run, does not have: JSON lacks it."""
+"""Default of fields that only simulated runs, or only field trials, have; absent in JSON."""
 
 
 class ClockReport(msgspec.Struct, frozen=True):
@@ -165,13 +163,13 @@ class ClockReport(msgspec.Struct, frozen=True):
     drift_ppm: float
     """Rate relative to the reference."""
     error_s: float | None
-    """Bound of the error of aligned instants, 95 % for all robots together; None: unknown, because no frame
-    connects the clock with the reference."""
+    """Error bound of aligned instants, 95 % for all robots together; None: unknown, no common frame with the
+    reference."""
     scatter_s: float | None
-    """Part of it that the frames themselves show; the rest is unequal latency of hosts and radio boards
-    (AlignmentParameters.unlike_us)."""
+    """Part of it that follows from the frames; the rest is unequal latency of hosts and radio boards
+    (AlignmentParameters.latency_spread_us)."""
     surely_within_s: float | None
-    """Bound of the error whatever these latencies; None: unknown."""
+    """Error bound for any latencies; None: unknown."""
     frames: int
     """Frames in common with other clocks."""
 
@@ -187,41 +185,41 @@ class RecordingReport(msgspec.Struct, frozen=True):
 
 
 class RobotResult(msgspec.Struct, frozen=True):
-    """One robot's part."""
+    """Result of one robot."""
 
     places_total: int
-    """Places that it was given; what follows is about these, whichever robot did or said it."""
+    """Places given to it; the next fields count these, whichever robot visited or reported them."""
     places_done: int | None
-    """Reported, and ground truth says that some robot had been within reach by then; None without truth."""
+    """Reported after a robot had been within reach; None without ground truth."""
     places_claimed: int
-    """Reported, whether true or not."""
+    """Reported, true or not."""
     places_given_up: int
-    """Given up, and not reported."""
+    """Given up and not reported."""
     completion_s: float | None
-    """When the last of its places was reported, simulated s; None if not all are done; 0 if it has none."""
+    """Report of the last of its places, simulated s; None if not all are done; 0 without places."""
     pose_error: PoseError = _ABSENT
     """Error of its position estimates; not in field trials."""
     driven_m: float | None = None
-    """Distance that it truly covered, or was pushed, m; not in field trials."""
+    """True distance driven or pushed, m; not in field trials."""
     reports: int = _ABSENT
-    """This and the next: in field trials only. Places, of any robot, that it reported as visited."""
+    """From here on in field trials only. Places of any robot that it reported as visited."""
     gave_up: int = _ABSENT
     """Places, of any robot, that it gave up."""
     frames: dict[str, int] = _ABSENT
-    """What became of its frames, and how many of others it has heard."""
+    """Its frames by outcome, and the number of frames received."""
     lateness_p50_ms: int | None = _ABSENT
-    """From a step's instant to the robot's answer, whole ms; None without a record of its base."""
+    """Latency from a step to the robot's answer, whole ms; None without a recording of its base."""
     lateness_p99_ms: int | None = _ABSENT
     overruns: int | None = _ABSENT
-    """Steps that its base left out because it had not answered."""
+    """Steps that its base skipped because the robot had not answered."""
     clock: tuple[ClockReport, ...] = _ABSENT
     recordings: tuple[RecordingReport, ...] = _ABSENT
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of a run, simulated or on hardware, as `run.json` and `--json` give it.
+    """Result of a run, simulated or on hardware: content of `run.json` and of `--json`.
 
-    Fields with the default `_ABSENT` are not set (msgspec.UNSET) in one of both kinds; see `is_simulated`.
+    Fields with the default `_ABSENT` are unset (msgspec.UNSET) in one of the two kinds; see `is_simulated`.
     """
 
     digest: str = _ABSENT
@@ -229,102 +227,99 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = _ABSENT
     simulated_s: float = _ABSENT
     duration_s: float = _ABSENT
-    """Of a field trial, in place of `simulated_s`: from the first step of all robots to the last one."""
+    """First step of all robots to the last one; field trials only, in place of `simulated_s`."""
     wall_s: float = _ABSENT
-    """From the first step to the last, s."""
+    """Wall time from the first step to the last, s."""
     startup_s: float = _ABSENT
-    """From the start of the command to the first step, s."""
+    """Wall time from the start of the command to the first step, s."""
     cpu_s: float = _ABSENT
-    """Of all processes, from their start to their end, s; what the system charged for them."""
+    """CPU time of all processes, s."""
     real_time_factor: float = _ABSENT
     places_total: int
     places_done: int | None
-    """Reported, and ground truth says that some robot had been within reach by then: the chapter's "number of
-    cleaning tasks that were completed" (7.2.2). None without ground truth."""
+    """Reported after a robot had been within reach: the chapter's "number of cleaning tasks that were
+    completed" (7.2.2). None without ground truth."""
     places_claimed: int
-    """Reported, whether true or not: what the system itself takes for cleaned."""
+    """Reported, true or not."""
     places_given_up: int
-    """Given up by some robot, and reported by none, neither before nor after."""
+    """Given up by a robot and never reported."""
     places_lost: int
-    """Neither reported nor given up, and at the end in the route of no robot that still has a process: nobody
-    knows of them any more."""
+    """Neither reported nor given up, and at the end in no route of a robot with a process."""
     completion_s: float | None
-    """When the last place was reported, simulated s: the chapter's "time to complete all the tasks" (7.2.2).
-    None unless all are done; without ground truth, unless all are reported."""
+    """Report of the last place, simulated s: the chapter's "time to complete all the tasks" (7.2.2). None
+    unless all are done (without ground truth: reported)."""
     settled_s: float | None
-    """When the last place was reported or given up, whichever came first for it, simulated s: the chapter's
-    "total running time till system completes or gives up" (7.2.2). None if the run ended before that."""
+    """Instant at which every place had been reported or given up, simulated s: the chapter's "total running
+    time till system completes or gives up" (7.2.2). None if the run ended before."""
     last_reached_s: float | None
-    """When the last of the places that were reported was, simulated s: what the original testbed computes
-    under that name (results/process.py), which knows of no giving up. None if nothing was reported."""
+    """Last report of a place, simulated s, as the original testbed computes it (results/process.py). None if
+    nothing was reported."""
     per_robot: dict[str, RobotResult]
     undelivered: int = _ABSENT
-    """Messages that were sent and did not arrive, or the other way round, over all keys."""
+    """Messages sent and not received, or received and not sent, over all keys."""
     unread: int = _ABSENT
-    """Messages received that their actor never took."""
+    """Messages received and never read by their actor."""
     contacts: int | None
-    """Contacts that began, between robots or of a robot with something that does not move; None without
-    ground truth."""
+    """Contacts between robots, or of robots with walls and obstacles; None without ground truth."""
     refused_orders: tuple[str, ...] = _ABSENT
-    """Orders from outside that made no sense, a sentence each."""
+    """Invalid orders from outside, a sentence each."""
     frames: dict[str, int]
-    """What became of the radio frames, by cause, and the octets of those that were sent."""
+    """Radio frames by outcome, and octets sent."""
     radio_bytes_per_robot_s: float
-    """Octets on the air per robot and simulated s: whole frames with their MAC header and FCS."""
+    """Octets on the air per robot and simulated s: whole frames with MAC header and FCS."""
     deeco: DeecoResult
-    """What the robots' nodes of the component model did."""
+    """Counters of the component model's nodes."""
     navigation: NavigationResult = _ABSENT
-    """What became of the goals that behaviours gave to navigation."""
+    """Outcomes of navigation goals."""
     isolation: str = _ABSENT
     bus: str = _ABSENT
     out: str | None
     direct_reach: float | None = None
-    """Share of the pairs of robots, seen once a second, whose link lets half of the longest frames through;
-    None if there never were two robots with power."""
+    """Share of robot pairs, sampled once a second, whose link delivers half of the longest frames; None if
+    there were never two powered robots."""
     not_delivered: tuple[str, ...] = ()
-    """The keys that `undelivered` is about, with who counted what, a sentence each."""
-    origin: Origin = UNKNOWN
+    """Keys counted in `undelivered`, a sentence each."""
+    origin: Origin = UNKNOWN_ORIGIN
     """Scenario, strategy, commit and versions."""
     processor: Processor = Processor("")
-    """What the run was made on; of no influence on the digest."""
+    """Processor of the run; does not influence the digest."""
     frames_by_robot: dict[str, dict[str, int]] = {}
-    """`frames` for each robot: what became of its own, and of the copies of others' frames. With all robots
-    on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
+    """`frames` by robot: outcomes of its own frames, and of the copies of others' frames at it."""
     driven_m: float | None = None
-    """How far all robots truly came, m; None in results from before this was measured."""
+    """True distance driven by all robots, m; None in older results."""
     reported_by_robots: tuple[str, ...] = ()
-    """The keys of this result that are what the robots' processes say of themselves: a strategy may have
-    written it there. World, radio and parent count all else. Empty in results from before this was said."""
+    """Keys of this result that robots' processes report, so a strategy may forge them; world, radio and
+    parent count the others. Empty in older results."""
     refused_reports: tuple[str, ...] = ()
-    """A sentence for each malformed report of a robot, which is not counted."""
+    """Malformed reports of robots, which are not counted, a sentence each."""
     outcome: Outcomes = {}
-    """Values that behaviours' `outcome()` returned, by name and robot; after a restart the last ones."""
+    """Values returned by behaviours' `outcome()`, by name and robot; after a restart the last ones."""
     warnings: tuple[str, ...] = ()
-    """Failures that were expected before the run, a sentence each."""
+    """Problems predicted before the run, a sentence each."""
     held_up: dict[str, StepDelays] = {}
-    """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
+    """Delays of steps by actor, without those of the machine; do not influence the digest."""
     reference: str = _ABSENT
-    """This and the next: in field trials only. The robot whose clock gives the time."""
+    """From here on in field trials only. Robot whose clock is the time base."""
     notes: tuple[str, ...] = _ABSENT
-    """What is missing or not known, a sentence each."""
+    """Missing or unknown data, a sentence each."""
 
     @property
     def is_simulated(self) -> bool:
-        """False for a field trial, also one with emulated devices."""
+        """False for a field trial, also with emulated devices."""
         return self.reference is _ABSENT
 
     @property
     def length_s(self) -> float:
-        """From the first step to the last, s by the run's own clock."""
+        """Time from the first step to the last, s of the run's clock."""
         return self.simulated_s if self.is_simulated else self.duration_s
 
 
-def without_unknown(kind: type[S], **known: Any) -> S:
-    """Return a result of a field trial: what only a simulation knows is left out of its JSON."""
+def field_trial_struct(kind: type[S], **known: Any) -> S:
+    """Return a result of a field trial; all fields not given are absent in JSON."""
     return kind(**dict.fromkeys(kind.__struct_fields__, _ABSENT) | known)
 
 
-def gather(
+def gather_result(
     programs: Sequence[Program],
     notes: Mapping[Path, Mapping[str, str]],
     *,
@@ -333,11 +328,10 @@ def gather(
     rosters: int,
     **known: Any,
 ) -> tuple[RunResult, tuple[PlaceOutcome, ...]]:
-    """Return the result of a run whose processes have all ended as planned, and its places.
+    """Return the result of a run whose processes all exited as planned, and its places.
 
-    `notes`: of recordings that are not here, or have been read already. `began_s`: wall clock when the
-    command began, s since the epoch. `rosters`: see `undelivered`. `known`: fields of the result that the
-    parent of the processes knows.
+    `notes`: notes of recordings that are on other hosts or already read. `began_s`: start of the command, s
+    since the epoch. `rosters`: see `count_undelivered`. `known`: fields of the result known to the parent.
     """
     finals = [(program, _final(program.record, notes)) for program in programs if program.record is not None]
     world = next(final for program, final in finals if program.actor == "world")
@@ -346,9 +340,9 @@ def gather(
     places = msgspec.json.decode(world.outcome["places"], type=tuple[PlaceOutcome, ...])
     simulated, robots = in_seconds(truth.steps * step_us), list(truth.pose_errors)
     wall = max(world.ended_s - world.started_s, 1e-9)
-    missing, sentences = undelivered([(program.actor, final) for program, final in finals], rosters)
+    missing, sentences = count_undelivered([(program.actor, final) for program, final in finals], rosters)
     pairs = {name: air.frames.pop(name) for name in ("pairs", "pairs_in_reach")}
-    said = robot_reports(
+    reports = robot_reports(
         (program.actor, program.record, final)
         for program, final in finals
         if program.record is not None and program.actor not in ("world", "radio")
@@ -360,10 +354,10 @@ def gather(
         wall_s=round(wall, 3),
         startup_s=round(world.started_s - began_s, 3),
         real_time_factor=round(simulated / wall, 2),
-        **counted(places),
+        **place_counts(places),
         per_robot={
             robot: RobotResult(
-                **robot_places(places, robot),
+                **robot_place_counts(places, robot),
                 pose_error=truth.pose_errors[robot],
                 driven_m=truth.driven[robot],
             )
@@ -371,38 +365,38 @@ def gather(
         },
         undelivered=missing,
         not_delivered=sentences,
-        unread=world.unread + radio.unread + said.unread,
+        unread=world.unread + radio.unread + reports.unread,
         contacts=truth.contacts,
         refused_orders=truth.refused_orders,
         frames=air.frames,
         radio_bytes_per_robot_s=rate(air.frames["bytes_sent"], len(robots) * simulated),
         direct_reach=share(pairs),
         frames_by_robot=air.frames_by_robot,
-        deeco=said.deeco,
-        navigation=said.navigation,
-        reported_by_robots=OWN_WORD,
-        refused_reports=said.refused,
+        deeco=reports.deeco,
+        navigation=reports.navigation,
+        reported_by_robots=REPORTED_BY_ROBOTS,
+        refused_reports=reports.refused,
         processor=processor(),
         driven_m=round(sum(truth.driven.values()), 3),
-        outcome=said.outcomes,
+        outcome=reports.outcomes,
         **known,
     )
     return result, places
 
 
 class RobotReports(NamedTuple):
-    """Final notes of all robots together."""
+    """Combined final notes of all robots."""
 
     deeco: DeecoResult
     navigation: NavigationResult
     outcomes: Outcomes
     unread: int
     refused: tuple[str, ...]
-    """A sentence for each malformed report."""
+    """Malformed reports, a sentence each."""
 
 
 def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports:
-    """Gather the last records of robots' processes, each with its robot and its file."""
+    """Combine the final notes of robots' processes; each with its robot and file."""
     refused: list[str] = []
     nodes: list[NodeReport] = []
     navigations: list[NavigationReport] = []
@@ -411,9 +405,11 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports
     for robot, record, final in finals:
         unread += final.unread
         with _refusing(refused, robot, "node"):
-            nodes += filter(None, (told(record, final.outcome, "deeco", NodeReport, "a node"),))
+            nodes += filter(None, (decode_subject(record, final.outcome, "deeco", NodeReport, "a node"),))
         with _refusing(refused, robot, "navigation"):
-            report = told(record, final.outcome, "navigation", NavigationReport, "a robot's navigation")
+            report = decode_subject(
+                record, final.outcome, "navigation", NavigationReport, "a robot's navigation"
+            )
             navigations += filter(None, (report,))
         with _refusing(refused, robot, "outcome"):
             for name, value in own_outcome(record, final.outcome).items():
@@ -429,21 +425,21 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports
 
 @contextmanager
 def _refusing(refused: list[str], robot: str, subject: str) -> Iterator[None]:
-    """Turn an OutcomeError into a sentence."""
+    """Append a raised OutcomeError to `refused` as a sentence."""
     try:
         yield
     except OutcomeError as error:
         why = printable(str(error)[:_LONGEST]).replace("\n", " ")
-        refused.append(f"{robot}: its report of its {subject} is malformed and is not counted: {why}")
+        refused.append(f"{robot}: malformed {subject} report, not counted: {why}")
 
 
 def rate(count: int, robot_seconds: float) -> float:
-    """Octets per robot and second; 0 if there was no time."""
+    """Return octets per robot and second; 0 for no time."""
     return round(count / robot_seconds, 3) if robot_seconds else 0.0
 
 
 def _final(record: Path, notes: Mapping[Path, Mapping[str, str]]) -> FinalNote:
     text = (notes[record] if record in notes else read_notes(record)).get("final")
     if text is None:
-        raise ResultError(f"{record}: there is no final record in it, although its process ended as planned")
+        raise ResultError(f"{record}: no final record, although the process exited as planned")
     return decode_note(record, "final", text, FinalNote)

@@ -1,4 +1,4 @@
-"""A run's result for people, or as JSON for programs."""
+"""Printed summary of a run's result."""
 
 import math
 import sys
@@ -17,18 +17,18 @@ from actors.runtime.errors import printable
 
 _ORIGINAL: Final = "; this preset is the original navigation, in which robots get stuck at corners and doors"
 
-_GONE_OUT: Final = ("sent", "handed")
-"""Ends of counters of frames that are no losses before the air."""
+_NOT_LOST: Final = ("sent", "handed")
+"""Counters of frames that were not lost before transmission."""
 
 
 def print_result(result: RunResult, *, json: bool) -> None:
-    """Print the result on standard output; as JSON, it is the only thing there."""
+    """Print the result on standard output, as tables and sentences or as JSON."""
     if json:
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
         return
     console = create_console()
     print_table(console, _table(result))
-    for sentence in sentences(result):
+    for sentence in result_sentences(result):
         console.print(sentence)
     if not result.is_simulated:
         for note in result.notes:
@@ -37,7 +37,7 @@ def print_result(result: RunResult, *, json: bool) -> None:
             console.print(f"result: {result.out}")
         return
     for sentence in result.refused_orders:
-        console.print(f"order refused {printable(sentence)}", style="bold red")
+        console.print(f"order refused: {printable(sentence)}", style="bold red")
     for sentence in result.refused_reports:
         console.print(printable(sentence), style="bold red")
     if result.unread:
@@ -45,28 +45,28 @@ def print_result(result: RunResult, *, json: bool) -> None:
     console.print(f"digest {result.digest}\nrecordings: {result.out}")
 
 
-def sentences(result: RunResult) -> Iterator[str]:
-    """The result in words, the most important first."""
+def result_sentences(result: RunResult) -> Iterator[str]:
+    """Yield the result as sentences, the most important first."""
     if not result.is_simulated:
         yield f"Duration: {result.duration_s:.1f} s, from the first step of any robot to the last."
-        yield from _sentences(result)
+        yield from _place_sentences(result)
         if result.places_done is not None:
             done = f"{result.places_done} of {result.places_total} places cleaned"
             yield f"Ground truth: {done}, {result.contacts} contacts."
         yield from _radio(result)
         return
     yield from _places_done(result)
-    yield from _sentences(result)
-    yield from _effort(result)
+    yield from _place_sentences(result)
+    yield from _wall_time(result)
     yield from monitor.delay_sentences(result.held_up)
     yield from _radio(result)
     yield from _driving(result)
 
 
 def print_next(out: Path, baseline: Sequence[str] = ()) -> None:
-    """Print commands that show the run, and one that runs the same without adaptation.
+    """Print commands that show the run, and one that repeats it without adaptation.
 
-    `baseline`: words of the last command; empty: none.
+    `baseline`: arguments of the last command; empty: none.
     """
     console = create_console()
     console.print(f"Draw the run: {command_line('view', out, '--png')}")
@@ -75,17 +75,17 @@ def print_next(out: Path, baseline: Sequence[str] = ()) -> None:
         console.print(f"Repeat it without adaptation: {command_line(*baseline)}")
 
 
-LIVE_VIEW: Final = "To see the run while it goes on"
-"""Beginning of the sentence that has no meaning once the run has ended."""
+LIVE_VIEW: Final = "To watch the run live"
+"""Beginning of the sentence that is omitted once the run has ended."""
 
 
 def print_viewer(out: Path) -> None:
-    """Say on standard error, while the run goes on, where its observer shows it."""
+    """Print the address of the live view on standard error."""
     _print_lines(_view_log(out))
 
 
 def print_view(out: Path) -> None:
-    """Say on standard error what the observer had to say at its end."""
+    """Print the observer's final messages on standard error."""
     _print_lines([line for line in _view_log(out) if not line.startswith(LIVE_VIEW)])
 
 
@@ -100,7 +100,7 @@ def _print_lines(lines: Sequence[str]) -> None:
 
 
 def _table(result: RunResult) -> Table:
-    """Return a row per robot and one for all; columns without any value are left out."""
+    """Return a row per robot and one for all; columns without values are left out."""
     cells: dict[str, Callable[[RobotResult | RunResult], str]] = {}
     if result.is_simulated:
         cells["places cleaned"] = lambda of: f"{of.places_done} of {of.places_total}"
@@ -134,7 +134,7 @@ def _lateness(of: RobotResult | RunResult) -> str:
 
 
 def _clock(of: RobotResult | RunResult) -> str:
-    """A line for each interval of the clock."""
+    """Return a line for each interval of the clock."""
     if isinstance(of, RunResult):
         return ""
     return "\n".join(
@@ -143,13 +143,13 @@ def _clock(of: RobotResult | RunResult) -> str:
     )
 
 
-def _sentences(result: RunResult) -> Iterator[str]:
-    """What else there is to say about the places."""
+def _place_sentences(result: RunResult) -> Iterator[str]:
+    """Yield sentences on settled, falsely reported and lost places."""
     if result.completion_s is None and result.settled_s is not None:
         yield f"Every place was reported or given up by {_s(result.settled_s)} s."
     if result.places_done is not None and result.places_claimed > result.places_done:
         untrue = result.places_claimed - result.places_done
-        yield f"{_places(untrue)} reported although no robot had been there."
+        yield f"{_places(untrue)} reported although no robot had visited {'it' if untrue == 1 else 'them'}."
         if result.settled_s is not None:
             yield "False reports ended the run."
     if result.places_lost:
@@ -157,9 +157,9 @@ def _sentences(result: RunResult) -> Iterator[str]:
 
 
 def _places_done(result: RunResult) -> Iterator[str]:
-    """The chapter's first two metrics, and whose doing they are."""
+    """Yield a sentence on places cleaned and time, the chapter's first two metrics."""
     if not result.places_total:
-        yield "There was no place to clean."
+        yield "There were no places to clean."
         return
     robots = "1 robot" if result.robots == 1 else f"{result.robots} robots"
     by = f" with strategy {printable(result.origin.strategy)}" if result.origin.strategy else ""
@@ -176,8 +176,8 @@ def _places_done(result: RunResult) -> Iterator[str]:
     )
 
 
-def _effort(result: RunResult) -> Iterator[str]:
-    """What it took here."""
+def _wall_time(result: RunResult) -> Iterator[str]:
+    """Yield a sentence on wall time."""
     yield (
         f"Wall time: {result.wall_s:.1f} s ({result.real_time_factor:.3g} times faster than real time), "
         f"after {result.startup_s:.1f} s of start-up."
@@ -185,27 +185,27 @@ def _effort(result: RunResult) -> Iterator[str]:
 
 
 def _radio(result: RunResult) -> Iterator[str]:
-    """What became of frames, as far as robots know: heard, or lost and why."""
+    """Yield sentences on the outcomes of frames."""
     counts = result.frames
     sent = counts.get("frames_sent", 0)
     if not sent:
         yield "Radio: no frames sent."
     else:
-        lost = _worded(counts, "copies_lost_")
-        known = f", {sum(lost.values())} lost{_because(lost)}" if lost or result.is_simulated else ""
+        lost = _named_counts(counts, "copies_lost_")
+        known = f", {sum(lost.values())} lost{_causes(lost)}" if lost or result.is_simulated else ""
         heard = counts.get("copies_heard", 0)
         yield f"Radio: {_frames(sent)} sent; copies at other robots: {heard} received{known}."
-    never = {name: count for name, count in _worded(counts, "frames_").items() if name not in _GONE_OUT}
+    never = {name: count for name, count in _named_counts(counts, "frames_").items() if name not in _NOT_LOST}
     if never:
-        yield f"Radio: {_frames(sum(never.values()))} not sent{_because(never)}."
-    if missed := _worded(counts, "events_"):
-        yield f"Radio: events missed by robots: {sum(missed.values())}{_because(missed)}."
+        yield f"Radio: {_frames(sum(never.values()))} not sent{_causes(never)}."
+    if missed := _named_counts(counts, "events_"):
+        yield f"Radio: events missed by robots: {sum(missed.values())}{_causes(missed)}."
     if result.is_simulated and result.direct_reach is not None:
         yield f"Pairs of robots in direct radio range: {result.direct_reach:.0%} of the time."
 
 
 def _driving(result: RunResult) -> Iterator[str]:
-    """Contacts, how well robots knew where they were, and what became of their goals."""
+    """Yield sentences on contacts, localisation errors and navigation goals."""
     touched = result.contacts or 0
     yield f"Contacts: {touched or 'none'}."
     errors = [part.pose_error for part in result.per_robot.values() if part.pose_error.samples]
@@ -223,13 +223,13 @@ def _driving(result: RunResult) -> Iterator[str]:
         why = {name: count for name, count in goals.aborted.items() if count}
         yield (
             f"Navigation{_in_brackets(result.origin.navigation)}: {goals.goals} "
-            f"{'goal' if goals.goals == 1 else 'goals'}, {sum(why.values()) or 'none'} aborted{_because(why)}"
+            f"{'goal' if goals.goals == 1 else 'goals'}, {sum(why.values()) or 'none'} aborted{_causes(why)}"
             f"{_ORIGINAL if result.origin.navigation == 'chapter' else ''}."
         )
 
 
-def _worded(counts: Mapping[str, int], prefix: str) -> dict[str, int]:
-    """What is not nought of the counters that begin so, in words."""
+def _named_counts(counts: Mapping[str, int], prefix: str) -> dict[str, int]:
+    """Return the non-zero counters with this prefix, named in words."""
     return {
         name.removeprefix(prefix).replace("_", " "): count
         for name, count in counts.items()
@@ -238,12 +238,12 @@ def _worded(counts: Mapping[str, int], prefix: str) -> dict[str, int]:
 
 
 def _in_brackets(preset: str) -> str:
-    """Return a preset's name in brackets; nothing for results that do not name it."""
+    """Return a preset's name in brackets; empty for results without it."""
     return f" ({printable(preset)})" if preset else ""
 
 
-def _because(counts: Mapping[str, int]) -> str:
-    """Causes, the most frequent first, behind a colon; empty if there are none."""
+def _causes(counts: Mapping[str, int]) -> str:
+    """Return causes in brackets, the most frequent first; empty if there are none."""
     ordered = sorted(counts.items(), key=lambda one: -one[1])
     return f" ({', '.join(f'{count} {name}' for name, count in ordered)})" if ordered else ""
 
@@ -253,12 +253,12 @@ def _frames(count: int) -> str:
 
 
 def _s(seconds: float) -> str:
-    """Seconds to the tenth."""
+    """Return seconds to the tenth."""
     return f"{seconds:.1f}".removesuffix(".0")
 
 
 def _times(count: int) -> str:
-    return "never" if count == 0 else "once" if count == 1 else f"{count} times"
+    return "once" if count == 1 else f"{count} times"
 
 
 def _places(count: int) -> str:

@@ -13,7 +13,7 @@ from acrc_testbed.recordings.run_recordings import read_run_note, recordings
 from acrc_testbed.recordings.topics import recorded_span
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
-from acrc_testbed.results.trial_result import reported_places
+from acrc_testbed.results.field_trial_result import reported_places
 from acrc_testbed.run_model.data import RunData, RunDescription
 from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.model import RunModel, with_instants

@@ -7,7 +7,7 @@ from typing import Final, TypeVar, cast
 import msgspec
 
 from acrc_testbed.recordings.run_recordings import read_setup, recordings
-from acrc_testbed.results.outcome import told
+from acrc_testbed.results.outcome import decode_subject
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from actors.messages import FRAME_OUTCOMES, FrameOutcomes
@@ -66,7 +66,7 @@ def final_outcomes(path: Path) -> Mapping[str, msgspec.Raw]:
 
 def final_outcome(path: Path, subject: str, kind: type[T], whose: str) -> T | None:
     """Return one subject of the final record, or None. Raises RecordingError or OutcomeError."""
-    return told(path, final_outcomes(path), subject, kind, whose)
+    return decode_subject(path, final_outcomes(path), subject, kind, whose)
 
 
 def robot_report(records: Iterable[Path]) -> RobotReport:
@@ -82,12 +82,12 @@ def robot_report(records: Iterable[Path]) -> RobotReport:
     unlisted = 0
     for record in records:
         outcome = final_outcomes(record)
-        navigation = told(record, outcome, "navigation", NavigationReport, "a robot's navigation")
+        navigation = decode_subject(record, outcome, "navigation", NavigationReport, "a robot's navigation")
         if navigation is not None:
             goals = [*(goals or ()), *navigation.given]
             planless += navigation.without_plan
             paused += navigation.paused
-        adaptation = told(record, outcome, "adaptation", AdaptationReport, "a robot's adaptation")
+        adaptation = decode_subject(record, outcome, "adaptation", AdaptationReport, "a robot's adaptation")
         if adaptation is not None:
             decisions += adaptation.decisions
             unlisted += adaptation.decisions_unlisted

@@ -11,7 +11,7 @@ from typing import Final
 
 from acrc_testbed.recordings.run_recordings import recordings
 from acrc_testbed.recordings.topics import RunState, partial_run_notice, run_state
-from acrc_testbed.results.seal import elsewhere, where
+from acrc_testbed.results.seal import fetch_sentence, remote_recordings
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.hardware_runs import whole_run
 from acrc_testbed.run_model.simulated_runs import RunReader
@@ -137,13 +137,13 @@ def draw(
     say(f"view without the data listed above {lasted}" if faults else f"complete view {lasted}")
     if lost:
         say(f"the viewer was closed early; the complete view is in {path}")
-    return not faults or any(elsewhere(run.out) for run in runs)
+    return not faults or any(remote_recordings(run.out) for run in runs)
 
 
 def _missing(run: RunData) -> list[str]:
     """Return a sentence about recordings that are still on other hosts, if any."""
-    left = elsewhere(run.out)
-    return [where(run.out, left)] if left else []
+    left = remote_recordings(run.out)
+    return [fetch_sentence(run.out, left)] if left else []
 
 
 def follow(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer | None, say: Say) -> None:

@@ -1,4 +1,4 @@
-"""Judges, from ground truth, which places were really visited, and keeps who claimed what and when."""
+"""Referee: compares robots' reports of visited places with ground truth."""
 
 from collections.abc import Collection, Mapping, Sequence
 from enum import Enum
@@ -9,63 +9,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskWords
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskReports
 from actors.task.visits import visitors
 from actors.wording import short_repr
 
 
-class Verdict(Enum):
-    """What has become of a place, in one word; a report counts more than giving up, whichever came first."""
+class PlaceVerdict(Enum):
+    """Final state of a place; a report overrides giving up, whichever came first."""
 
     DONE = "done"
-    """Reported, and true: some robot had been there by then."""
+    """Reported after a robot had been within reach."""
     CLAIMED = "claimed"
-    """Reported, where nobody watched whether it is true: not in simulation."""
+    """Reported, without ground truth; not in simulation."""
     MISTAKEN = "mistaken"
-    """Reported, but nobody had been there by then."""
+    """Reported before any robot had been within reach."""
     GIVEN_UP = "given up"
-    """Given up, and never reported."""
+    """Given up and never reported."""
     LOST = "lost"
-    """Neither, and no robot that takes part at the end means to visit it."""
+    """Neither, and at the end in no route of a robot with a process."""
     OPEN = "open"
-    """Neither, and in the route of a robot that takes part at the end."""
+    """Neither, and at the end in the route of a robot with a process."""
 
 
 class PlaceOutcome(msgspec.Struct, frozen=True):
-    """What became of one place; instants in µs, None = never."""
+    """Final state of one place; instants in µs, None = never."""
 
     owner: str
     place: int
     x: float
     y: float
     reached_at: int | None
-    """When ground truth first came within reach."""
+    """First true visit."""
     reached_by: str | None
     reported_at: int | None
-    """When a robot first reported it."""
+    """First report of a visit."""
     reported_by: str | None
     given_up_at: int | None
-    """When a robot first gave it up; some robot may have reported it all the same, before or after."""
+    """First time it was given up; it may have been reported before or after."""
     given_up_by: str | None
     reason: str | None
-    """Why it was given up, in the words of `given_up_by`."""
+    """Reason given by `given_up_by`."""
     in_route_of: tuple[str, ...]
-    """The robots with a process whose route holds it at the end, in the order of the scenario."""
+    """Robots with a process and with this place in their route at the end, in scenario order."""
     given_at: int = 0
-    """When it was given to its owner: 0 at the start, else while the run went on."""
+    """When it was given to its owner; 0: at the start."""
 
     @property
-    def verdict(self) -> Verdict:
-        """What has become of it, in one word."""
+    def verdict(self) -> PlaceVerdict:
+        """Final state of the place."""
         if self.reported_at is not None:
-            return Verdict.DONE if self.done else Verdict.MISTAKEN
+            return PlaceVerdict.DONE if self.done else PlaceVerdict.MISTAKEN
         if self.given_up_at is not None:
-            return Verdict.GIVEN_UP
-        return Verdict.OPEN if self.in_route_of else Verdict.LOST
+            return PlaceVerdict.GIVEN_UP
+        return PlaceVerdict.OPEN if self.in_route_of else PlaceVerdict.LOST
 
     @property
     def done(self) -> bool:
-        """Reported, and true: some robot had been there by then."""
+        """True if reported after a robot had been within reach."""
         return (
             self.reported_at is not None
             and self.reached_at is not None
@@ -74,27 +74,27 @@ class PlaceOutcome(msgspec.Struct, frozen=True):
 
     @property
     def settled_at(self) -> int | None:
-        """When it was first reported or given up, whichever came first."""
+        """First report or giving up, µs; None: neither."""
         instants = [instant for instant in (self.reported_at, self.given_up_at) if instant is not None]
         return min(instants, default=None)
 
 
-class Owner(Protocol):
-    """A robot, as far as its places go."""
+class PlaceOwner(Protocol):
+    """A robot with places to visit."""
 
     @property
     def id(self) -> str:
-        """Its name."""
+        """Name of the robot."""
 
     @property
     def places(self) -> tuple[tuple[float, float], ...]:
-        """The places that it was given, m, map frame."""
+        """Places given to the robot, m, map frame."""
 
 
 class Referee:
-    """The task of visiting places: watches true positions, and every word on what has come of a place."""
+    """The task of visiting places, evaluated from true positions and robots' reports."""
 
-    def __init__(self, robots: Sequence[Owner], reach: float) -> None:
+    def __init__(self, robots: Sequence[PlaceOwner], reach: float) -> None:
         self._ids = tuple(robot.id for robot in robots)
         self._keys = [PlaceKey(robot.id, index) for robot in robots for index in range(len(robot.places))]
         self._numbers = {(key.owner, key.place): number for number, key in enumerate(self._keys)}
@@ -115,15 +115,15 @@ class Referee:
 
     @property
     def settled(self) -> bool:
-        """True once every place has been reported or given up; never if there is none."""
+        """True once every place was reported or given up; False without places."""
         return bool(self._keys) and not self._unsettled
 
-    def knows(self, place: PlaceKey | PlaceReport | PlaceGivenUp) -> bool:
-        """True if there is such a place."""
+    def has_place(self, place: PlaceKey | PlaceReport | PlaceGivenUp) -> bool:
+        """Return whether the place exists."""
         return (place.owner, place.place) in self._numbers
 
     def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
-        """Take in the robots' true positions, (n, 2) m, in the order of the set-up."""
+        """Process the robots' true positions, (n, 2) m, in the order of the set-up."""
         if not self._open.size:
             return
         found = visitors(self._places, self._open, positions, self._reach)
@@ -133,40 +133,40 @@ class Referee:
             self._open = np.setdiff1d(self._open, found[:, 0], assume_unique=True)
 
     def report(self, robot: str, report: PlaceReport) -> None:
-        """Take in a robot's report of a place that there is; the first of a place counts."""
+        """Record a robot's report of an existing place; the first report counts."""
         number = self._numbers[report.owner, report.place]
         self._reported.setdefault(number, (report.instant, robot))
         self._unsettled.discard(number)
 
     def give_up(self, robot: str, given_up: PlaceGivenUp) -> None:
-        """Take in that a robot gives up a place that there is; the first word on a place counts."""
+        """Record that a robot gives up an existing place; the first time counts."""
         number = self._numbers[given_up.owner, given_up.place]
         self._given_up.setdefault(number, (given_up.instant, robot, given_up.reason))
         self._unsettled.discard(number)
 
-    def take(self, robot: str, words: TaskWords) -> str | None:
-        """Take in what a robot says in a step; what it says of a place that there is not, in words."""
-        for report in words.reports:
-            if not self.knows(report):
+    def take(self, robot: str, answer: TaskReports) -> str | None:
+        """Process a robot's reports of a step; return an error for an unknown place, else None."""
+        for report in answer.reports:
+            if not self.has_place(report):
                 return _unknown("reports", report)
             self.report(robot, report)
-        for given_up in words.given_up:
-            if not self.knows(given_up):
+        for given_up in answer.given_up:
+            if not self.has_place(given_up):
                 return _unknown("gives up", given_up)
             self.give_up(robot, given_up)
-        if words.route is not None:
-            for place in words.route:
-                if not self.knows(place):
+        if answer.route is not None:
+            for place in answer.route:
+                if not self.has_place(place):
                     return _unknown("has in its route", place)
-            self._routes[robot] = words.route
+            self._routes[robot] = answer.route
         return None
 
     def restart(self, robot: str) -> None:
-        """A robot's process has begun anew: it means to visit the places that it was given."""
+        """Reset the route of a restarted robot to the places that it was given."""
         self._routes[robot] = self._given[robot]
 
     def give(self, instant: Instant, robot: str, places: Sequence[tuple[float, float]]) -> None:
-        """A robot is given further places; they count from now on, and it is taken to mean to visit them."""
+        """Give further places to a robot and append them to its route."""
         first, own = len(self._keys), len(self._given[robot])
         keys = tuple(PlaceKey(robot, own + number) for number in range(len(places)))
         self._keys += keys
@@ -180,23 +180,23 @@ class Referee:
         self._routes[robot] = (*self._routes[robot], *keys)
 
     def progress(self, present: Collection[str]) -> TaskProgress:
-        """Places in the routes of those who take part, and places that have been reported."""
+        """Count places in routes of the robots in `present`, and reported places."""
         routes = (self._routes[robot] for robot in present)
         left = {(place.owner, place.place) for route in routes for place in route}
         return TaskProgress(len(left), len(self._reported))
 
     def outcome(self, present: Collection[str]) -> Mapping[str, object]:
-        """`places`: what has become of every place."""
+        """Return the state of all places under the key `places`."""
         return {"places": self.places(present)}
 
     def places(self, present: Collection[str]) -> tuple[PlaceOutcome, ...]:
-        """What has become of every place so far, in the order of the robots and of their lists."""
+        """Return the current state of every place, in the order of the robots and their lists."""
         return self.outcomes({robot: self._routes[robot] for robot in self._given if robot in present})
 
     def outcomes(self, routes: Mapping[str, Sequence[PlaceKey]]) -> tuple[PlaceOutcome, ...]:
-        """What became of every place, in the order of the robots and of their lists.
+        """Return the final state of every place, in the order of the robots and their lists.
 
-        `routes`: where each robot that takes part still means to go, by its id.
+        `routes`: places that each running robot still plans to visit, by its id.
         """
         holders: dict[tuple[str, int], list[str]] = {}
         for robot, route in routes.items():
@@ -231,4 +231,4 @@ class Referee:
 
 
 def _unknown(verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> str:
-    return f"{verb} place {place.place} of {short_repr(place.owner)}, which nobody was given"
+    return f"{verb} place {place.place} of {short_repr(place.owner)}, which does not exist"

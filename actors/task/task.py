@@ -1,4 +1,4 @@
-"""The seam between a world and what its robots are to do: another model problem brings another of these."""
+"""Interface between the world and the robots' task; implement `Task` for another model problem."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ from actors.topic import MessagePart
 from actors.wording import short_repr
 
 REASON_LIMIT: Final = 100
-"""Characters of the reason for which a place is given up."""
+"""Maximum length of the reason for giving up a place, characters."""
 
 
 class PlaceKey(MessagePart, frozen=True):
-    """Names a place to be cleaned."""
+    """Identifier of a place to visit."""
 
     owner: str
-    """The robot that the place was given to."""
+    """Robot to which the place was given."""
     place: int
-    """Its index in the owner's list, which grows where places come while the run goes on."""
+    """Index in the owner's list; places given during the run are appended."""
 
 
 class PlaceReport(MessagePart, frozen=True):
-    """The robot holds that it has visited a place to be cleaned."""
+    """A robot's report that it visited a place."""
 
     owner: str
     place: int
@@ -34,18 +34,18 @@ class PlaceReport(MessagePart, frozen=True):
 
 
 class PlaceGivenUp(MessagePart, frozen=True):
-    """The robot holds that nobody should try for a place any more."""
+    """A robot's report that a place should not be tried again."""
 
     owner: str
     place: int
     """As in PlaceKey."""
     instant: int
     reason: str
-    """For people; at most REASON_LIMIT characters."""
+    """Text for readers, at most REASON_LIMIT characters."""
 
 
-class TaskWords(Protocol):
-    """What a robot says of its task in one step: part of a Drive, and of the decision that it comes from."""
+class TaskReports(Protocol):
+    """A robot's task reports of one step; part of `Decision` and `Drive`."""
 
     @property
     def reports(self) -> tuple[PlaceReport, ...]:
@@ -57,79 +57,78 @@ class TaskWords(Protocol):
 
     @property
     def route(self) -> tuple[PlaceKey, ...] | None:
-        """Where it still means to go; None: as it last said."""
+        """Places that it still plans to visit; None: unchanged."""
 
 
 class TaskProgress(NamedTuple):
-    """How far a task is, for people who watch the run."""
+    """Progress of a task, for display."""
 
     left: int
-    """What robots that take part still mean to do."""
+    """Items that running robots still plan to do."""
     done: int
-    """What robots have said to have done."""
+    """Items reported as done."""
 
 
 class Task(Protocol):
-    """What the robots of a run are to do, followed and judged from ground truth and from their own words.
+    """Task of a run's robots, evaluated from ground truth and the robots' reports.
 
-    The world shows it every step's true positions and every word, in one order for all processors; it must be
-    a function of these: no clock, no randomness. What it raises ends the run.
+    The world passes it the true positions and reports of every step, in a fixed order. It must be a function
+    of these: no clock, no randomness. An exception ends the run.
     """
 
     @property
     def settled(self) -> bool:
-        """True once nothing is left to be done, which ends the run; never where nothing was asked."""
+        """True once the task is finished, which ends the run; False for an empty task."""
 
     def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
-        """Take in the robots' true positions, (n, 2) m, in the order of the set-up."""
+        """Process the robots' true positions, (n, 2) m, in the order of the set-up."""
 
-    def take(self, robot: str, words: TaskWords) -> str | None:
-        """Take in what a robot says in a step, whose form has been checked (`word_limits`).
+    def take(self, robot: str, answer: TaskReports) -> str | None:
+        """Process a robot's reports of a step, whose form has been checked (`task_reports_fault`).
 
-        What cannot be true, such as a place that there is not, is told in words that follow the robot's name;
-        None if nothing is.
+        Return an error that continues the robot's name, such as for an unknown place; None if valid.
         """
 
     def restart(self, robot: str) -> None:
-        """Take in that a robot's process has begun anew, and knows of nothing but what it was given."""
+        """Process the restart of a robot, which loses its state except the places given to it."""
 
     def give(self, instant: Instant, robot: str, places: Sequence[tuple[float, float]]) -> None:
-        """Take in that a robot is given further places, m, while the run goes on."""
+        """Give further places, m, to a robot during the run."""
 
     def progress(self, present: Collection[str]) -> TaskProgress:
-        """How far it is; `present`: the robots that take part."""
+        """Return the progress; `present`: robots with a process."""
 
     def outcome(self, present: Collection[str]) -> Mapping[str, object]:
-        """What it comes to, by subject, for the last record; `present`: the robots that take part."""
+        """Return the results by subject, for the final record; `present`: robots with a process."""
 
 
 @dataclass(frozen=True)
 class TaskLimits:
-    """How much a robot may say of places in one step; own choices, far above what a strategy needs."""
+    """Limits of a robot's task reports in one step; own choices, far above what a strategy needs."""
 
     reports: int = 1000
     """Places reported as visited."""
     given_up: int = 1000
-    """Places given up; no robot is given more places (as a scenario file allows)."""
+    """Places given up; the scenario file's limit of places per robot."""
     route: int = 10_000
-    """Places that a robot still means to visit: its own, and those that it takes over from others."""
+    """Places in a route: its own and adopted ones."""
 
 
-def words_fault(words: TaskWords, begin: int, end: int, limits: TaskLimits) -> str | None:
-    """What is wrong with what is said about places in the step from `begin` to `end`, µs."""
-    if words.reports and (wrong := _reports_fault(words.reports, begin, end, limits)):
+def task_reports_fault(answer: TaskReports, begin: int, end: int, limits: TaskLimits) -> str | None:
+    """Return the first fault of the task reports of the step from `begin` to `end`, µs; None if valid."""
+    if answer.reports and (wrong := _reports_fault(answer.reports, begin, end, limits)):
         return wrong
-    if words.given_up and (wrong := _given_up_fault(words.given_up, begin, end, limits)):
+    if answer.given_up and (wrong := _given_up_fault(answer.given_up, begin, end, limits)):
         return wrong
-    return None if words.route is None else _route_fault(words.route, limits)
+    return None if answer.route is None else _route_fault(answer.route, limits)
 
 
 def _reports_fault(reports: Sequence[object], begin: int, end: int, limits: TaskLimits) -> str | None:
     if len(reports) > limits.reports:
-        return f"reports {len(reports)} places in one step; at most {limits.reports} may be"
+        return f"reports {len(reports)} places in one step; the limit is {limits.reports}"
     for report in reports:
         if not isinstance(report, PlaceReport):
-            return f"gives {short_repr(report)} for a report; it should be a PlaceReport"
+            return f"reports {short_repr(report)}; must be a PlaceReport"
         if wrong := _instant_fault("reports a place", report.instant, begin, end):
             return wrong
     return None
@@ -137,38 +136,38 @@ def _reports_fault(reports: Sequence[object], begin: int, end: int, limits: Task
 
 def _given_up_fault(given_up: Sequence[object], begin: int, end: int, limits: TaskLimits) -> str | None:
     if len(given_up) > limits.given_up:
-        return f"gives {len(given_up)} places up in one step; at most {limits.given_up} may be"
+        return f"gives up {len(given_up)} places in one step; the limit is {limits.given_up}"
     for place in given_up:
         if not isinstance(place, PlaceGivenUp) or not isinstance(place.reason, str):
-            return f"gives {short_repr(place)} up; it should be a PlaceGivenUp with a reason in words"
+            return f"gives up {short_repr(place)}; must be a PlaceGivenUp with a text as reason"
         if not 0 < len(place.reason) <= REASON_LIMIT:
             return (
-                f"gives a place up for a reason of {len(place.reason)} characters; "
-                f"it should have 1 to {REASON_LIMIT}"
+                f"gives up a place for a reason of {len(place.reason)} characters; "
+                f"must have 1 to {REASON_LIMIT}"
             )
-        if wrong := _instant_fault("gives a place up", place.instant, begin, end):
+        if wrong := _instant_fault("gives up a place", place.instant, begin, end):
             return wrong
     return None
 
 
 def _instant_fault(what: str, instant: object, begin: int, end: int) -> str | None:
     if type(instant) is not int:
-        return f"{what} at {short_repr(instant)} µs; it should be a whole number"
+        return f"{what} at {short_repr(instant)} µs; must be a whole number"
     if not begin <= instant < end:
-        return f"{what} at {instant} µs; it should be from {begin} to {end - 1} µs"
+        return f"{what} at {instant} µs; must be from {begin} to {end - 1} µs"
     return None
 
 
 def _route_fault(route: object, limits: TaskLimits) -> str | None:
     if not isinstance(route, tuple):
-        return f"gives {short_repr(route)} for a route; it should be a tuple of PlaceKey, or None"
+        return f"has the route {short_repr(route)}; must be a tuple of PlaceKey, or None"
     if len(route) > limits.route:
-        return f"has a route of {len(route)} places; at most {limits.route} may be"
+        return f"has a route of {len(route)} places; the limit is {limits.route}"
     seen: set[tuple[str, int]] = set()
     for place in route:
         if not isinstance(place, PlaceKey):
-            return f"has {short_repr(place)} in its route; it should be a PlaceKey"
+            return f"has {short_repr(place)} in its route; must be a PlaceKey"
         if (place.owner, place.place) in seen:
-            return f"has place {place.place} of {short_repr(place.owner)} twice in its route"
+            return f"has place {place.place} of {short_repr(place.owner)} twice in its route; must be unique"
         seen.add((place.owner, place.place))
     return None

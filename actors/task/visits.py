@@ -1,4 +1,4 @@
-"""Kernel: which places are within reach of which robot."""
+"""Kernel that finds the places within reach of robots."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,9 @@ from actors.kernels import njit
 
 
 def fingerprint() -> bytes:
-    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    """Return the kernel's output for fixed inputs, which reveals differences of processors and compilers."""
     places = np.array([[0.0, 0.0], [1.0, 0.5], [5.0, 5.0]])
-    # a view, as the world's: so the very variant that it calls is compiled
+    # a view, as in the world, so that the same variant is compiled
     positions = np.array([[1.1, 0.3, 0.0], [0.1, 0.2, 0.0], [1.0, 0.4, 0.0]])[:, :2]
     found: bytes = visitors(places, np.arange(3), positions, 0.5).tobytes()
     return found
@@ -19,9 +19,9 @@ def fingerprint() -> bytes:
 def visitors(
     places: NDArray[np.float64], watched: NDArray[np.int64], positions: NDArray[np.float64], reach: float
 ) -> NDArray[np.int64]:
-    """(k, 2): number of a place and index of the first robot less than `reach` away, for all that have one.
+    """Return (k, 2): indices of each visited place and of the first robot less than `reach` away from it.
 
-    places (m, 2) and positions (n, 2), m; watched (w,): the numbers of the places to look at, in order.
+    places (m, 2) and positions (n, 2), m; watched (w,): indices of the places to check, in order.
     """
     found = np.empty((watched.size, 2), np.int64)
     count = 0

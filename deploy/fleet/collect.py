@@ -5,15 +5,15 @@ from pathlib import Path
 
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import read_field_trial
-from acrc_testbed.results.outcome import write_table
+from acrc_testbed.results.field_trial_result import (
+    field_trial_result,
+    read_ground_truth,
+    reported_places,
+    with_ground_truth,
+)
+from acrc_testbed.results.outcome import write_places
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.results.seal import seal
-from acrc_testbed.results.trial_result import (
-    read_truth,
-    reported_places,
-    trial_result,
-    with_truth,
-)
 from actors.runtime import typed_json
 from deploy.run.out_folder import make_folder
 
@@ -24,16 +24,16 @@ def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None
     `out`: new or empty folder for run.json, places.csv and their seal. `truth`: the result file of the
     laboratory in which the robots were.
     """
-    true = None if truth is None else read_truth(truth)
+    true = None if truth is None else read_ground_truth(truth)
     trial = read_field_trial(folders)
     clocks = AlignedClocks(trial)
     told = reported_places(trial, clocks)
     if true is not None:
-        told = with_truth(told, true, clocks)
-    result = trial_result(trial, clocks, told, out, true)
+        told = with_ground_truth(told, true, clocks)
+    result = field_trial_result(trial, clocks, told, out, true)
     if out is not None:
         make_folder(out)
-        write_table(told.places, out / "places.csv")
+        write_places(told.places, out / "places.csv")
         (out / "run.json").write_bytes(typed_json.dump(result))
         seal(out)
     return result

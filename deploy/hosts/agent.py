@@ -21,7 +21,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from distributed import Status, Worker, get_worker
 
-from acrc_testbed.results.seal import Id, Size, Sum
+from acrc_testbed.results.seal import Id, Sha256, Size
 from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher
 from actors.processes.monitor import ResourceMonitor
 from actors.robot.program import RobotProgram
@@ -118,7 +118,7 @@ class LeftRecording(msgspec.Struct, frozen=True):
     """A recording that stays on its host."""
 
     bytes: Size
-    sha256: Sum
+    sha256: Sha256
     notes: dict[str, Annotated[str, msgspec.Meta(max_length=1 << 20)]]
     """Notes of its process: `final`, `failure`."""
 

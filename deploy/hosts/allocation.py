@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import msgspec
 from distributed import Client, Future
 
-from acrc_testbed.results.result import versions
+from acrc_testbed.results.result import package_versions
 from actors.installation.repository import REPOSITORY
 from actors.installation.version import software_version
 from actors.processes.kernel_compilation import compile_kernels
@@ -98,7 +98,7 @@ def offer() -> HostOffer:
         name=socket.gethostname(),
         cores=len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1,
         commit=software_version(),
-        versions=versions(),
+        versions=package_versions(),
         kernels=assembly.kernels(),
         isolation_fault=sandbox.isolation_fault(),
         repository=str(REPOSITORY),

@@ -15,7 +15,7 @@ import msgspec
 from distributed import Client
 
 from acrc_testbed.results import seal
-from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile, Size, Sum
+from acrc_testbed.results.seal import HostPart, HostsFile, RemoteFile, Sha256, Size
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 from deploy.hosts.address import PAGE, host_and_port
@@ -57,7 +57,7 @@ class Listed(msgspec.Struct, frozen=True):
     name: str
     """Below the run's folder: a recording, or the log beside it."""
     bytes: Size
-    sha256: Sum
+    sha256: Sha256
 
 
 def listed(folder: str, run: str) -> bytes:
@@ -123,9 +123,9 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
     `address`: of the scheduler, as Dask spells it; empty: the one that the run had. What has come whole stays
     here, whatever happens then. Raises AcrcError.
     """
-    told = seal.read(out)
+    told = seal.read_hosts(out)
     if told is None:
-        raise AcrcError(f"{out}: no run over several computers: there is no {seal.NAME} in it")
+        raise AcrcError(f"{out}: no run over several computers: there is no {seal.HOSTS_FILE} in it")
     client = connect(address or told.cluster)
     try:
         ways = {host_and_port(worker)[0]: worker for worker in machines(client)}
@@ -133,7 +133,7 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
         files = size = 0
         for host in found:
             came = [one.bytes for one in host.listed() if host.bring(out, one)]
-            host.require_complete(seal.elsewhere(out))
+            host.require_complete(seal.remote_recordings(out))
             host.remove()
             files, size = files + len(came), size + sum(came)
             say(f"host {host.name}: {len(came)} {'file' if len(came) == 1 else 'files'}, {sum(came)} B")
@@ -205,7 +205,7 @@ class _Host:
             ) from None
         return True
 
-    def require_complete(self, left: Mapping[str, LeftFile]) -> None:
+    def require_complete(self, left: Mapping[str, RemoteFile]) -> None:
         """Raise ClusterError if a recording of this host is not here, once all that it has is."""
         gone = [name for name, one in left.items() if one.host == self.name]
         if gone:

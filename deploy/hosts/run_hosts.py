@@ -13,7 +13,7 @@ from typing import Any, Final
 from distributed import Future
 
 from acrc_testbed.results import seal
-from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
+from acrc_testbed.results.seal import HostPart, HostsFile, RemoteFile
 from actors.installation.usage import command_line
 from actors.processes.launcher import ChildProcess, Launcher, Program
 from actors.runtime import process_table
@@ -253,18 +253,18 @@ class RunHosts:
             for link in self._links
         }
         left = {
-            record.relative_to(out).as_posix(): LeftFile(link.name, one.bytes, one.sha256)
+            record.relative_to(out).as_posix(): RemoteFile(link.name, one.bytes, one.sha256)
             for link in self._links
             for record, one in link.left.items()
         }
-        seal.write(out, HostsFile(pool.address, self._run, hosts, left))
+        seal.write_hosts(out, HostsFile(pool.address, self._run, hosts, left))
 
     @property
     def kept(self) -> str:
         """One sentence on what has stayed on hosts, and how it comes here; empty if nothing has."""
         out = self._settings.out
-        if left := seal.elsewhere(out):
-            return seal.where(out, left)
+        if left := seal.remote_recordings(out):
+            return seal.fetch_sentence(out, left)
         lost = [link.name for link in self._links if link.joined and not link.done]
         if not lost:
             return ""

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.results.result import UNKNOWN, Origin, versions
+from acrc_testbed.results.result import UNKNOWN_ORIGIN, Origin, package_versions
 from actors.floor import offices
 from actors.floor.map_file import read_header
 from actors.installation.version import software_version
@@ -52,7 +52,7 @@ class ScenarioCopy(NamedTuple):
     """Content of `scenario.toml`."""
     models: tuple[tuple[Path, str], ...]
     """Robot models, and where the text has them: a path in the run's folder."""
-    origin: Origin = UNKNOWN
+    origin: Origin = UNKNOWN_ORIGIN
     """Origin of the run, for the result."""
 
 
@@ -83,7 +83,7 @@ def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin
         behaviour,
         dict(scenario.strategy),
         commit,
-        versions(),
+        package_versions(),
         key=run.key or "",
         navigation=presets["navigation"],
         localisation=presets["localisation"],

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from acrc_testbed.results import summary
-from acrc_testbed.results.outcome import write_table
-from acrc_testbed.results.result import RunResult, gather
-from acrc_testbed.results.seal import elsewhere, seal
+from acrc_testbed.results.outcome import write_places
+from acrc_testbed.results.result import RunResult, gather_result
+from acrc_testbed.results.seal import remote_recordings, seal
 from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
 from actors.installation.version import software_version
@@ -277,7 +277,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
                 result = run_in_memory(prepared, on_progress)
             else:
                 result = run_processes(prepared, options.spawn, on_progress, launched, pool)
-    seal(options.out, {name: one.sha256 for name, one in elsewhere(options.out).items()})
+    seal(options.out, {name: one.sha256 for name, one in remote_recordings(options.out).items()})
     return result
 
 
@@ -433,7 +433,7 @@ def _finish(
     isolation = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
     )
-    result, places = gather(
+    result, places = gather_result(
         swarm.programs,
         swarm.notes if isinstance(swarm, RunSupervisor) else {},
         step_us=plan.world.step_us,
@@ -448,6 +448,6 @@ def _finish(
         warnings=plan.warnings,
         held_up=dict(swarm.held_up),
     )
-    write_table(places, plan.out / "places.csv")
+    write_places(places, plan.out / "places.csv")
     (plan.out / "run.json").write_bytes(typed_json.dump(result))
     return result

@@ -203,14 +203,14 @@ def test_places_given_up_falsely_reported_or_lost_are_named(
     assert lines[-12:-7] == [
         "2 robots cleaned 3 of 9 places in 600 simulated s; 6 are left.",
         "Every place was reported or given up by 480.2 s.",
-        "1 place was reported although no robot had been there.",
+        "1 place was reported although no robot had visited it.",
         "False reports ended the run.",
         "2 places were lost: neither reported nor given up, and on no robot's route.",
     ]
     went_on = msgspec.structs.replace(RESULT, places_claimed=5, completion_s=None, settled_s=None)
     summary.print_result(went_on, json=False)
     said = capsys.readouterr().out
-    assert "\n2 places were reported although no robot had been there.\n" in said
+    assert "\n2 places were reported although no robot had visited them.\n" in said
     assert "False reports" not in said
 
 

@@ -54,5 +54,5 @@ def test_the_tutorial_gives_the_described_results(said: dict[str, str]) -> None:
     assert "all places in 3 of 3 runs" in summary["chapter"]
     assert "all places in 3 of 3 runs" in summary["my_study.yielding:behaviour"]
     assert "6 of 9 runs, drawn after all had ended, were repeated as processes (" in measured
-    assert "): 6 gave the same result; in memory " in measured
+    assert "): 6 with the same result; speed in memory " in measured
     assert settled[1] < min(90.0, settled[0]), "in a minute and a half, sooner than the chapter's exchange"

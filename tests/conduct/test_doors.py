@@ -78,7 +78,7 @@ def test_a_door_closes_when_it_is_unobstructed() -> None:
 
 TRUE = Drive(7, 0.1, 0.0, 0.0, 0)
 COUNT = "expected at least 1, for a robot of this run"
-IN_STEP = "it should be from 700000 to 799999 µs"
+IN_STEP = "must be from 700000 to 799999 µs"
 
 
 @pytest.mark.parametrize(
@@ -87,15 +87,15 @@ IN_STEP = "it should be from 700000 to 799999 µs"
         ({"step": 3}, "sent a Drive of step 3, expected step 7"),
         ({"reports": (PlaceReport("r1", 0, -1),)}, f"reports a place at -1 µs; {IN_STEP}"),
         ({"reports": (PlaceReport("r1", 0, 700_000),) * 1001},
-         "reports 1001 places in one step; at most 1000 may be"),
+         "reports 1001 places in one step; the limit is 1000"),
         ({"given_up": (PlaceGivenUp("r1", 0, 700_000, "x" * 10_000),)},
-         "gives a place up for a reason of 10000 characters; it should have 1 to 100"),
-        ({"given_up": (PlaceGivenUp("r1", 0, 800_000, "-"),)}, f"gives a place up at 800000 µs; {IN_STEP}"),
-        ({"route": (PlaceKey("r1", 0),) * 10_001}, "has a route of 10001 places; at most 10000 may be"),
+         "gives up a place for a reason of 10000 characters; must have 1 to 100"),
+        ({"given_up": (PlaceGivenUp("r1", 0, 800_000, "-"),)}, f"gives up a place at 800000 µs; {IN_STEP}"),
+        ({"route": (PlaceKey("r1", 0),) * 10_001}, "has a route of 10001 places; the limit is 10000"),
         ({"route": (PlaceKey("r1", 0),) * 2},
-         "has place 0 of 'r1' twice in its route"),
+         "has place 0 of 'r1' twice in its route; must be unique"),
         ({"route": (PlaceKey("x" * 100, 0),)},
-         f"has in its route place 0 of '{'x' * 99}…, which nobody was given"),
+         f"has in its route place 0 of '{'x' * 99}…, which does not exist"),
     ],
 )  # fmt: skip
 def test_an_invalid_drive_ends_the_run(changes: dict[str, object], sentence: str) -> None:

@@ -11,8 +11,8 @@ from actors.message_limits import OrderLimits
 from actors.messages import Senses
 from actors.orders import Freeze, Give, Kill, Obstacle, Order, Restart, Thaw
 from actors.runtime.errors import AcrcError
-from actors.task.referee import Verdict
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskWords
+from actors.task.referee import PlaceVerdict
+from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskReports
 from tests.conduct.scripted_swarm import ScriptedAnswer, ScriptedSwarm
 from tests.refusals import refused
 
@@ -32,7 +32,7 @@ def test_the_run_ends_when_every_place_is_reported_or_given_up() -> None:
     play.acts["r1"].says = {3: reported(R1, 300_000), 7: given_up(R2)}  # whoever it belongs to
     play.run()
     assert play.core.step == 8 and play.progress[-1].finished
-    assert [place.verdict for place in play.places] == [Verdict.MISTAKEN, Verdict.GIVEN_UP]
+    assert [place.verdict for place in play.places] == [PlaceVerdict.MISTAKEN, PlaceVerdict.GIVEN_UP]
     assert (play.places[1].given_up_by, play.places[1].reason) == ("r1", "the door is shut")
 
 
@@ -41,7 +41,7 @@ def test_robots_without_goals_do_not_end_the_run() -> None:
     for act in play.acts.values():
         act.says = {3: ScriptedAnswer(route=())}
     assert play.run().core.step == 20
-    assert [place.verdict for place in play.places] == [Verdict.LOST] * 2
+    assert [place.verdict for place in play.places] == [PlaceVerdict.LOST] * 2
     assert [play.progress[0].places_left, play.progress[-1].places_left] == [0, 0]
     play = ScriptedSwarm(1.0, places=())
     assert play.run().core.step == 10
@@ -63,8 +63,8 @@ def test_a_run_waits_for_events_and_restarted_robots(event: tuple[float, Order],
 def test_a_frozen_robot_keeps_its_places_and_a_killed_one_loses_them() -> None:
     play = ScriptedSwarm(2.0, [(1.0, Freeze("r1")), (1.0, Kill("r2"))]).run()
     r1, r2 = play.places
-    assert (r1.in_route_of, r1.verdict) == (("r1",), Verdict.OPEN)
-    assert (r2.in_route_of, r2.verdict) == ((), Verdict.LOST)
+    assert (r1.in_route_of, r1.verdict) == (("r1",), PlaceVerdict.OPEN)
+    assert (r2.in_route_of, r2.verdict) == ((), PlaceVerdict.LOST)
     assert play.progress[0].places_left == 2 and play.progress[-1].places_left == 1
 
 
@@ -88,7 +88,7 @@ def test_an_adopted_place_is_not_lost() -> None:
 def test_an_unknown_place_ends_the_run(says: ScriptedAnswer, act: str) -> None:
     play = ScriptedSwarm(2.0)
     play.acts["r1"].says = {7: says}
-    with refused(f"step 7 (0.7 s): r1 {act}, which nobody was given"):
+    with refused(f"step 7 (0.7 s): r1 {act}, which does not exist"):
         play.run()
 
 
@@ -107,7 +107,7 @@ def test_only_the_owner_gets_an_added_place_once() -> None:
     assert [(one.place, one.x, one.given_at) for one in mine] == [
         (0, 15.0, 0), (1, 15.5, 600_000), (2, 19.0, 600_000), (3, 15.5, 1_000_000)
     ]  # fmt: skip
-    assert [one.verdict for one in mine] == [Verdict.OPEN] * 4
+    assert [one.verdict for one in mine] == [PlaceVerdict.OPEN] * 4
     assert [one.owner for one in play.places] == ["r1"] * 4 + ["r2"]
 
 
@@ -139,7 +139,7 @@ def test_a_frozen_robot_gets_an_added_place_later_and_a_dead_one_never() -> None
     assert told(play.acts["r1"].senses) == {12: (HERE,)}
     play = ScriptedSwarm(2.0, [(0.5, Kill("r1")), (0.8, Give("r1", (HERE,)))]).run()
     (place,) = [one for one in play.places if one.place == 1]
-    assert (place.verdict, place.in_route_of) == (Verdict.LOST, ())
+    assert (place.verdict, place.in_route_of) == (PlaceVerdict.LOST, ())
 
 
 def test_a_restarted_robot_gets_all_added_places_again() -> None:
@@ -188,7 +188,7 @@ class DistanceTask:
         if self._parted is None and (ax - bx) ** 2 + (ay - by) ** 2 >= self._distance**2:
             self._parted = instant
 
-    def take(self, robot: str, words: TaskWords) -> str | None:
+    def take(self, robot: str, answer: TaskReports) -> str | None:
         self.words.append(robot)
         return self._refused if robot == "r2" else None
 

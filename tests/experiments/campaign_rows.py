@@ -1,4 +1,4 @@
-"""Rows of a real campaign, for drawing others from: ties, ceilings, runs that never end."""
+"""Rows of a real campaign to resample, with ties, ceilings and incomplete runs."""
 
 import csv
 from pathlib import Path
@@ -11,7 +11,7 @@ from tests.experiments.made_runs import run
 ROWS = Path(__file__).with_name("campaign.csv")
 FACTOR = "places.per_robot"
 Cell = tuple[str, int]
-"""Strategy, and places of each robot."""
+"""Strategy and places of each robot."""
 
 
 def runs() -> dict[Cell, dict[int, RunResult]]:

@@ -1,4 +1,4 @@
-"""Trials of which it is known what a comparison should say of them."""
+"""Synthetic trials with a known result of their comparison."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -8,17 +8,17 @@ from acrc_testbed.experiments.comparison import PairedSample, Run, samples
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.experiments.verdicts import PairVerdict, verdicts
-from acrc_testbed.results.result import RunResult, without_unknown
+from acrc_testbed.results.result import RunResult, field_trial_struct
 
 LENGTH = 600.0
 Outcome = tuple[int, float | None]
-"""Places done, and when all were done or given up."""
+"""Places done, and when all places were done or given up."""
 
 
 def trials(
     plain: RunResult, strategy: str, outcome: Callable[[int], Outcome | None], seeds: int = 20
 ) -> Iterator[TrialRecord]:
-    """An outcome of None: the trial failed."""
+    """Return trials with these outcomes; None: the trial failed."""
     for seed in range(1, seeds + 1):
         found = outcome(seed)
         if found is None:
@@ -39,12 +39,12 @@ def study(one: str = "one", other: str = "other", **words: object) -> Study:
 
 
 def run(places: int, settled: float | None = None, *, length: float = LENGTH, **others: object) -> RunResult:
-    """Return a result; what a comparison does not read is unknown."""
+    """Return a result with only the values that comparisons read."""
     known: dict[str, object] = {
         "places_done": places, "places_total": 40, "completion_s": settled, "settled_s": settled,
         "simulated_s": length, "contacts": 0, "radio_bytes_per_robot_s": 0.0, "driven_m": 0.0, "outcome": {},
     }  # fmt: skip
-    return without_unknown(RunResult, **(known | others))
+    return field_trial_struct(RunResult, **(known | others))
 
 
 def sample(ones: Sequence[Run], others: Sequence[Run]) -> PairedSample:

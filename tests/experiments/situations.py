@@ -58,7 +58,7 @@ class _Ditherer:
 
 
 def sleeping(start: Start) -> Behaviour:
-    """Settings: robot `who`, instant `asleep_s`, and whether it is `paused` and keeps its goal."""
+    """Return a behaviour that stops; settings: robot `who`, instant `asleep_s`, `paused` to keep its goal."""
     awake = none.behaviour(replace(start, settings={}))
     if start.robot != start.settings["who"]:
         return awake
@@ -67,7 +67,7 @@ def sleeping(start: Start) -> Behaviour:
 
 
 def dithering(start: Start) -> Behaviour:
-    """Setting `every_s`: period of the changes."""
+    """Return a behaviour that changes goals; setting `every_s`: period of the changes."""
     return _Ditherer(start)
 
 
@@ -103,7 +103,7 @@ class Situation:
     """Name of the expected finding about r1."""
 
     def scenario(self, navigation: Mapping[str, object] | None = None) -> Scenario:
-        """The scenario; `navigation` is added to its table of that name."""
+        """Return the scenario; `navigation` is added to its table of that name."""
         robots = [
             {"id": f"r{number}", "start": _rounded(robot.start), "places": [*map(_rounded, robot.places)]}
             for number, robot in enumerate(self.robots, start=1)
@@ -133,7 +133,7 @@ def _rounded(values: Sequence[float]) -> list[float]:
 def _stuck(
     kind: str, seed: int, robots: Sequence[Robot], lasts: float, cause: Cause, **more: Any
 ) -> Situation:
-    """A situation in which `cause` holds up the first `count` robots, or all."""
+    """Return a situation in which `cause` delays the first `count` robots, or all."""
     count = more.pop("count", len(robots))
     return Situation(
         kind, seed, robots, lasts, expected={f"r{n}": cause for n in range(1, count + 1)}, **more
@@ -141,7 +141,7 @@ def _stuck(
 
 
 def dead_robot(seed: int) -> Situation:
-    """A robot is switched off in a passage that one to three others need."""
+    """Switch a robot off in a passage that one to three others need."""
     queue, stander = _queue(generator(seed, "causes", "dead"))
     events, count = [{"at": 0.1, "kill": f"r{len(queue) + 1}"}], len(queue)
     robots = (*queue, stander)
@@ -155,7 +155,7 @@ def done(seed: int) -> Situation:
 
 
 def asleep(seed: int, kind: str = "sleeping", cause: Cause = Cause.STRATEGY_IDLE) -> Situation:
-    """The same with a robot whose strategy gives no goal although places are left."""
+    """Let the strategy of the robot in the passage give no goal although places are left."""
     draw = generator(seed, "causes", "asleep")
     queue, stander = _queue(draw)
     at, paused = round(draw.uniform(0.0, 0.5), 1), cause is Cause.ON_PURPOSE
@@ -233,7 +233,7 @@ def carried(seed: int) -> Situation:
 
 
 def jammed(seed: int) -> Situation:
-    """A jammer beside r1, which stands; r2, out of its reach, publishes; r3 is far away."""
+    """Place a jammer beside the standing r1; r2, out of its reach, publishes; r3 is far away."""
     draw = generator(seed, "causes", "jammed")
     here, there = (_HALLS[k] for k in draw.permutation(2))
     spots = _near(draw, here), _near(draw, (here[0] + 2.2, here[1]))

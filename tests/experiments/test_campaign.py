@@ -1,4 +1,4 @@
-"""Campaigns: one that is really run, runs that fail, and what a folder holds."""
+"""Campaigns: a real one, failing runs, and the content of a folder."""
 
 import csv
 import json
@@ -15,20 +15,27 @@ from pyarrow import parquet
 
 from acrc_testbed.experiments import campaign, store
 from acrc_testbed.experiments.campaign import CampaignOptions, TimeToGo, carry_out
-from acrc_testbed.experiments.comparison import coincidence_sentences, coincidences
-from acrc_testbed.experiments.report.report import compose
-from acrc_testbed.experiments.report.runs import read
-from acrc_testbed.experiments.store import IN_MEMORY, ISOLATED, Pending, Store, differing, protection
+from acrc_testbed.experiments.comparison import identical_start_sentences, identical_starts
+from acrc_testbed.experiments.report.report_page import compose
+from acrc_testbed.experiments.report.report_view import read
+from acrc_testbed.experiments.store import (
+    IN_MEMORY,
+    ISOLATED,
+    PendingTrial,
+    Store,
+    difference_sentences,
+    isolation_sentences,
+)
 from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
 from acrc_testbed.experiments.trial_record import (
     DIGITS,
     MOST_BYTES,
     CheckRecord,
     TrialRecord,
-    coincide_s,
-    keep,
-    left,
-    received,
+    identical_seconds,
+    read_output,
+    validated_record,
+    write_json,
 )
 from acrc_testbed.results.outcome import Outcomes
 from acrc_testbed.results.result import RunResult
@@ -144,7 +151,7 @@ def test_own_results_are_means_over_robots_and_each_robot_s_own(tmp_path: Path, 
         assert record.result is not None
         own: Outcomes = {"turns": {"r1": number, "r2": 4.5}, "mode": {"r1": "slow"}}
         result = msgspec.structs.replace(record.result, outcome=own if number else {})
-        keep(kept.path(trial), msgspec.structs.replace(record, result=result))
+        write_json(kept.path(trial), msgspec.structs.replace(record, result=result))
     table = campaign.columns(kept)
     assert table["outcome.turns"] == [None, 2.75, 3.25, 3.75]
     assert table["outcome.turns.r1"] == [None, 1, 2, 3] and table["outcome.mode.r1"] == [None] + ["slow"] * 3
@@ -158,16 +165,18 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_
     assert caught.in_memory == caught.over_zenoh, "messages are the same, so is the digest"
     assert any(re.fullmatch(r"places_done [1-9]\d* in memory, 0 there", one) for one in caught.differs)
     assert done.unchecked(2) == []
-    assert protection(done)[1].startswith("2 of 4 runs were repeated as processes (2 isolated): 1 gave the")
-    (sentence,) = differing(done)
-    assert sentence.startswith("cheat:quiet with seed 1 is another run over Zenoh than in memory: ")
+    assert isolation_sentences(done)[1].startswith(
+        "2 of 4 runs were repeated as processes (2 isolated): 1 gave the"
+    )
+    (sentence,) = difference_sentences(done)
+    assert sentence.startswith("cheat:quiet with seed 1 differs between Zenoh and memory: ")
     ran = acrc("compare", done.folder, env={"COLUMNS": "200"})
     assert ran.returncode == 1
     assert ran.stdout.splitlines()[0] == IN_MEMORY and f"acrc: {sentence}" in ran.stderr
     asked, found = compose(read([done.folder]), tmp_path).sections[:2]
     assert IN_MEMORY in asked.text
     assert found.text[0].startswith("out: cheat:quiet with seed 1")
-    assert "nothing that this campaign shows can be trusted" in found.text[0]
+    assert "do not trust this campaign" in found.text[0]
 
 
 def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
@@ -176,16 +185,16 @@ def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
     )
     assert campaign.write(kept)[1].read_text() == "\n", "without any run"
     for trial in kept.study.trials():
-        keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, plain))
+        write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, plain))
     chosen = [pending.trial for pending in kept.unchecked(2)]
     assert sorted((trial.strategy, trial.seed) for trial in chosen) == [
         (strategy, seed) for strategy in ("chapter", "none") for seed in (1, 3, 5)
     ]
     failed = CheckRecord(chosen[0].strategy, chosen[0].seed, {}, "d", 31.5, failure="no router")
-    keep(kept.check_path(chosen[0]), failed)
+    write_json(kept.check_path(chosen[0]), failed)
     assert [pending.trial for pending in kept.unchecked(2)] == chosen[1:]
     name = f"{failed.strategy} with seed {failed.seed}"
-    assert differing(kept) == [f"{name} came to its end in memory, but not over Zenoh: no router"]
+    assert difference_sentences(kept) == [f"{name} succeeded in memory but failed over Zenoh: no router"]
 
 
 @pytest.mark.timeout(240)
@@ -204,10 +213,10 @@ def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Pa
     (record,) = kept.records()
     assert record.result is not None and record.trace and record.time, record.failure
     assert (record.result.isolation, record.result.places_done) == ("full", 0)
-    assert protection(kept) == [ISOLATED]
+    assert isolation_sentences(kept) == [ISOLATED]
     untold = msgspec.structs.replace(record.result, isolation="credentials")
-    keep(kept.path(next(study.trials())), msgspec.structs.replace(record, result=untold))
-    assert protection(kept) == ["1 of 1 runs were NOT isolated, as the study wants."]
+    write_json(kept.path(next(study.trials())), msgspec.structs.replace(record, result=untold))
+    assert isolation_sentences(kept) == ["1 of 1 runs were NOT isolated, as the study requires."]
 
 
 def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -> None:
@@ -227,17 +236,17 @@ def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -
     assert (progress.done, progress.failed) == (4, 3)
     failed, died, hung, fine = folder.records()
     assert failed.result is None and "no robot r1 today" in (failed.failure or "")
-    assert died.failure == "its process ended with exit code -9 without a result"
+    assert died.failure == "its process exited with code -9 without a result"
     assert hung.failure == "took longer than 9 s" and time.monotonic() - began < 60
     assert fine.failure is None and folder.pending() == []
 
 
 def test_how_long_runs_coincide(done: Store) -> None:
     assert all(len(record.trace) == 3 * DIGITS for record in done.records())
-    assert {seconds for one in coincidences(done.records()) for seconds in one.seconds} == {3}
-    assert coincide_s("a" * 24, "a" * 16 + "b" * 8) == 2
-    assert coincide_s("a" * 24, "a" * 16) == 2
-    assert coincide_s("", "a" * 8) == 0
+    assert {seconds for one in identical_starts(done.records()) for seconds in one.seconds} == {3}
+    assert identical_seconds("a" * 24, "a" * 16 + "b" * 8) == 2
+    assert identical_seconds("a" * 24, "a" * 16) == 2
+    assert identical_seconds("", "a" * 8) == 0
 
     def record(strategy: str, seed: int, same: int) -> TrialRecord:
         trace = "a" * DIGITS * same + strategy[0] * DIGITS * (10 - same)
@@ -245,21 +254,22 @@ def test_how_long_runs_coincide(done: Store) -> None:
 
     records = [record(name, seed, same) for name in ("one", "two") for seed, same in enumerate((4, 6, 10, 8))]
     records.append(TrialRecord("two", 9, {}, failure="it rained"))
-    (found,) = coincidences(records)
-    assert coincidence_sentences([found]) == [
-        "one and two: the first 8 s of 2 of 4 pairs coincide (least 4 s, median 7 s, most 10 s)",
-        "    1 from beginning to end, so they tell no difference: seeds 2",
+    (found,) = identical_starts(records)
+    assert identical_start_sentences([found]) == [
+        "one and two: 2 of 4 pairs are identical for the first 8 s or longer "
+        "(minimum 4 s, median 7 s, maximum 10 s)",
+        "    1 are identical throughout and show no difference: seeds 2",
     ]
     floors = [msgspec.structs.replace(one, variant={"floor": n}) for one in records[:8] for n in "abcde"]
     floors = [one for one in floors if one.variant != {"floor": "b"} or one.seed != 2]
-    assert coincidence_sentences(coincidences(floors)) == [
-        "one and two, in 5 combinations: 19 pairs coincide at first (least 4 s, median 6 s, most 10 s)",
-        "    4 from beginning to end, so they tell no difference, in 4 combinations; most (1) with floor = a",
+    assert identical_start_sentences(identical_starts(floors)) == [
+        "one and two, in 5 variants: identical start of 19 pairs (minimum 4 s, median 6 s, maximum 10 s)",
+        "    4 are identical throughout and show no difference, in 4 variants; most (1) with floor = a",
     ]
 
 
 def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
-    slow, quick = (Pending(trial) for trial in list(STUDY.trials())[:2])
+    slow, quick = (PendingTrial(trial) for trial in list(STUDY.trials())[:2])
     time = TimeToGo()
     assert time.left_s([slow], [], 2) is None
     for pending, took_s in ((slow, 30.0), (quick, 10.0), (quick, 12.0)):
@@ -267,18 +277,20 @@ def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
     assert time.left_s([slow, quick, quick], [], 2) == pytest.approx((30 + 11 + 11) / 2)
     assert time.left_s([], [(slow, 25.0)], 2) == pytest.approx(5.0)
     assert time.left_s([], [(slow, 99.0)], 2) == 0.0
-    assert time.left_s([Pending(slow.trial, check=True)], [], 1) == pytest.approx((30 + 11) / 2)
+    assert time.left_s([PendingTrial(slow.trial, check=True)], [], 1) == pytest.approx((30 + 11) / 2)
 
 
 def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
     folder = store.create(tmp_path / "out", STUDY)
-    with pytest.raises(AcrcError, match=r"holds the campaign of another study \(strategies differs\)"):
+    with pytest.raises(AcrcError, match=r"contains the campaign of another study \(strategies differs\)"):
         store.create(tmp_path / "out", msgspec.structs.replace(STUDY, strategies=("none",)))
     more = store.create(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=3))
     assert len(more.pending()) == 6
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(AcrcError, match="holds something that is no campaign; must be new or empty"):
+    with pytest.raises(
+        AcrcError, match="contains files that are not a campaign; choose a new or empty folder"
+    ):
         store.create(tmp_path / "other", STUDY)
     with pytest.raises(AcrcError, match="holds no campaign"):
         store.load(tmp_path / "nothing")
@@ -300,26 +312,29 @@ def test_tuning_has_seeds_that_no_test_has_and_every_variant_has_every_value() -
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        (b"[" * 100_000, "its process wrote no valid record of a trial: "),
-        (b'{"strategy":"x","seed":9,"variant":{}}', "its process has left a record with neither result nor"),
+        (b"[" * 100_000, "its process left an invalid record: "),
+        (b'{"strategy":"x","seed":9,"variant":{}}', "its process left an invalid record: must have either"),
         (None, "it died"),
     ],
 )
-def test_what_a_process_leaves_is_a_record(content: bytes | None, why: str, plain: RunResult) -> None:
-    record = received(content, Trial("none", 1, (("robots.count", 2),)), "it died")
+def test_records_of_processes_are_validated(content: bytes | None, why: str, plain: RunResult) -> None:
+    record = validated_record(content, Trial("none", 1, (("robots.count", 2),)), "it died")
     assert record.failure is not None and record.failure.startswith(why)
     assert (record.strategy, record.seed, record.variant) == ("none", 1, {"robots.count": 2})
     other = msgspec.json.encode(TrialRecord("none", 2, {}, plain))
-    assert received(other, Trial("none", 1), "").failure == "its process has left the record of another trial"
+    assert (
+        validated_record(other, Trial("none", 1), "").failure
+        == "its process left the record of another trial"
+    )
 
 
-def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+def test_irregular_files_do_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "secret").write_text("mine")
     (tmp_path / "link").symlink_to(tmp_path / "secret")
     with (tmp_path / "large").open("wb") as file:
         file.truncate(MOST_BYTES + 1)
     for name in ("pipe", "link", "large", "nothing"):
-        assert left(tmp_path / name, MOST_BYTES) is None
+        assert read_output(tmp_path / name, MOST_BYTES) is None
     (tmp_path / "log").write_text("first last")
-    assert left(tmp_path / "log", 4, end=True) == b"last"
+    assert read_output(tmp_path / "log", 4, end=True) == b"last"

@@ -1,4 +1,4 @@
-"""`acrc campaign` and its neighbours on the command line, and the seal of a campaign."""
+"""`acrc campaign` and related commands, and the seal of a campaign."""
 
 import csv
 import json
@@ -8,12 +8,12 @@ import msgspec
 import pytest
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.draws import StudyOptions, study_of, understood
 from acrc_testbed.experiments.store import IN_MEMORY
 from acrc_testbed.experiments.study import Study
-from acrc_testbed.experiments.trial_record import CheckRecord, TrialRecord, keep
+from acrc_testbed.experiments.trial_record import CheckRecord, TrialRecord, write_json
+from acrc_testbed.experiments.trial_settings import StudyOptions, make_study, resolve_study
 from acrc_testbed.results.result import RunResult
-from acrc_testbed.results.seal import SUMS, SealError, check_seal, lines, seal
+from acrc_testbed.results.seal import SUMS, SealError, check_seal, checksum_lines, seal
 from tests import in_process
 
 ROOT = Path(__file__).parents[2]
@@ -25,32 +25,32 @@ def acrc(*words: str) -> tuple[int, str, str]:
 
 
 def over(folder: Path, plain: RunResult, *, digest: str) -> list[str]:
-    """The words of a campaign of 20 runs that has nothing left to do; its first run was repeated."""
-    kept = store.create(folder, study_of(StudyOptions(seeds=10)))
+    """Return the command of a complete campaign of 20 runs; its first run was repeated."""
+    kept = store.create(folder, make_study(StudyOptions(seeds=10)))
     for trial in kept.study.trials():
         places = 40 if trial.strategy == "chapter" else 20 + trial.seed
         result = msgspec.structs.replace(
             plain, places_done=places, completion_s=400.0 if places == 40 else None, simulated_s=600.0
         )
-        keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
+        write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
     first = next(kept.study.trials())
     check = CheckRecord(first.strategy, first.seed, {}, plain.digest, 30.0, digest, 12.0)
-    keep(kept.check_path(first), check)
+    write_json(kept.check_path(first), check)
     return ["campaign", "--seeds", "10", "--check-every", "0", "--out", str(folder)]
 
 
-def test_a_campaign_that_is_over_says_what_came_of_it(plain: RunResult, tmp_path: Path) -> None:
+def test_a_complete_campaign_prints_its_results(plain: RunResult, tmp_path: Path) -> None:
     code, out, err = acrc(*over(tmp_path / "out", plain, digest=plain.digest))
     assert code == 0, err
     lines = out.splitlines()
     assert lines[0] == IN_MEMORY
     assert lines[1].startswith(
-        "1 of 20 runs were repeated as processes (0 isolated): 1 gave the same result; "
+        "1 of 20 runs were repeated as processes (0 isolated): 1 with the same result; "
     )
     assert lines[2].startswith("none: all places in 0 of 10 runs, 255 of ")
     assert lines[3].startswith("chapter: all places in 10 of 10 runs, 400 of ")
     assert lines[-1].startswith("20 of 20 runs, 0 failed, in ")
-    assert "the golden places: r2 ends 0.25 m from place 1 of r3" in err
+    assert "golden places: r2 ends 0.25 m from place 1 of r3" in err
     assert (tmp_path / "out" / "results.parquet").stat().st_size > 1000
     with (tmp_path / "out" / "results.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 20
@@ -60,15 +60,15 @@ def test_a_repetition_with_another_digest_is_exit_code_1(plain: RunResult, tmp_p
     words = over(tmp_path / "out", plain, digest="0123")
     code, out, err = acrc(*words, "--json")
     assert code == 1
-    assert f"{plain.digest} in memory, 0123 there; nothing that this campaign shows can be" in err
+    assert f"{plain.digest} in memory, 0123 over Zenoh; do not trust this campaign" in err
     assert json.loads(out)["checks"][0]["agrees"] is False
 
 
-def test_the_primary_comparison_comes_first_and_the_right_way_round(plain: RunResult, tmp_path: Path) -> None:
+def test_the_primary_comparison_comes_first_in_declared_order(plain: RunResult, tmp_path: Path) -> None:
     over(tmp_path / "out", plain, digest=plain.digest)
     code, out, _ = acrc("compare", str(tmp_path / "out"))
     assert code == 0
-    assert "chapter is better than none by places done: 40 against 25.5, difference +14.5 places " in out
+    assert "chapter is better than none in places done: 40 versus 25.5, difference +14.5 places " in out
     code, out, _ = acrc("compare", str(tmp_path / "out"), "--json")
     told = json.loads(out)
     assert (told["verdicts"][0]["decided_by"], told["failures"]) == ("places", [])
@@ -77,40 +77,40 @@ def test_the_primary_comparison_comes_first_and_the_right_way_round(plain: RunRe
     assert code == 0
     assert "Share of campaigns that tell them apart, by 2 tests" in out
     assert "6 pairs detect each difference with probability 0.9." in out
-    assert "10 of 20 runs have all places: they are at their ceiling there." in out
+    assert "10 of 20 runs completed all places (ceiling effect)." in out
 
 
-def test_until_decided_begins_no_further_run(plain: RunResult, tmp_path: Path) -> None:
-    study = study_of(StudyOptions(seeds=60))
+def test_until_decided_starts_no_further_run(plain: RunResult, tmp_path: Path) -> None:
+    study = make_study(StudyOptions(seeds=60))
     kept = store.create(tmp_path / "out", study)
     for trial in study.trials():
         if trial.seed <= 30:
             places = 40 if trial.strategy == "chapter" else 20
             result = msgspec.structs.replace(plain, places_done=places, completion_s=None)
-            keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
+            write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
     words = ["campaign", "--seeds", "60", "--until-decided", "--check-every", "0", "--out", str(kept.folder)]
     code, out, err = acrc(*words)
     assert code == 0, err
-    assert "looks after 10, 20, 30, 40, 50, 60 pairs, at most 60; for a difference p must be at most" in out
+    assert "interim looks after 10, 20, 30, 40, 50, 60 pairs; thresholds of p for a difference" in out
     assert "chapter and none: decided after 20 pairs; at 10 chapter ahead by places, p = " in out
     assert "60 of 120 runs, 0 failed, in " in out
     _, out, _ = acrc("compare", str(kept.folder))
     assert "chapter and none: decided after 20 pairs; at 10 chapter ahead by places, p = " in out
 
 
-def test_failed_runs_are_told_first_and_too_few_seeds(plain: RunResult, tmp_path: Path) -> None:
-    study = study_of(StudyOptions(seeds=3))
+def test_failed_runs_and_too_few_seeds_are_reported_first(plain: RunResult, tmp_path: Path) -> None:
+    study = make_study(StudyOptions(seeds=3))
     kept = store.create(tmp_path / "out", study)
     for trial in study.trials():
         failed = trial.strategy == "chapter" and trial.seed == 2
         record = TrialRecord(trial.strategy, trial.seed, {}, None, "it rained") if failed else None
-        keep(kept.path(trial), record or TrialRecord(trial.strategy, trial.seed, {}, plain))
+        write_json(kept.path(trial), record or TrialRecord(trial.strategy, trial.seed, {}, plain))
     code, _, err = acrc("campaign", "--seeds", "3", "--check-every", "0", "--out", str(kept.folder))
     assert code == 0, err
-    too_few = "3 pairs of runs are too few: the exact test needs 6 to reach 5 %, whatever the runs show"
+    too_few = "3 pairs of runs are too few: the exact test needs at least 6 to reach p < 5 %"
     assert too_few in err
     _, out, _ = acrc("compare", str(kept.folder))
-    assert out.startswith("chapter failed in 1 of 3 runs (seed 2); each counts as a run that did no place")
+    assert out.startswith("chapter failed in 1 of 3 runs (seed 2); each counts as a run with no places")
     code, _, err = acrc("study", "plan", "--pilot", str(kept.folder), "--comparisons", "2")
     assert code == 2 and err.startswith("acrc: --comparisons: cannot be combined with --pilot")
 
@@ -119,36 +119,36 @@ def test_failed_runs_are_told_first_and_too_few_seeds(plain: RunResult, tmp_path
     ("words", "sentence"),
     [
         ("campaign --preset fig7 --out {out}", "--preset: fig7; must be one of chapter"),
-        ("campaign --preset chapter --strategies none --out {out}", "--strategies: the study says so"),
+        ("campaign --preset chapter --strategies none --out {out}", "--strategies: defined by the study"),
         (
             "campaign scenarios/chapter.toml --preset chapter --out {out}",
-            "--preset: is a study by itself; can",
+            "--preset: is a study; can",
         ),
         ("run studies/chapter.toml", "studies/chapter.toml: is a study, not a scenario; run it with"),
-        ("study freeze scenarios/chapter.toml", "scenarios/chapter.toml: is a scenario, must be a study; to"),
+        ("study freeze scenarios/chapter.toml", "scenarios/chapter.toml: is a scenario, not a study; to"),
         ("campaign headlin", "headlin: file not found; did you mean studies/headline.toml?"),
     ],
 )
-def test_files_and_options_that_do_not_fit_are_refused(words: str, sentence: str, tmp_path: Path) -> None:
+def test_invalid_files_and_options_are_refused(words: str, sentence: str, tmp_path: Path) -> None:
     code, out, err = acrc(*words.format(out=tmp_path / "out").split())
     assert code in {1, 2} and out == "" and sentence in err
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scenario_where_a_study_is_wanted_is_made_one(plain: RunResult, tmp_path: Path) -> None:
+def test_a_scenario_given_as_a_study_becomes_one(plain: RunResult, tmp_path: Path) -> None:
     scenario = ROOT / "scenarios" / "chapter.toml"
     wishes = StudyOptions(study=scenario, seeds=2, strategies="chapter")
-    assert understood(wishes)[0] == StudyOptions(scenario=scenario, seeds=2, strategies="chapter")
+    assert resolve_study(wishes)[0] == StudyOptions(scenario=scenario, seeds=2, strategies="chapter")
     study = ROOT / "studies" / "chapter.toml"
-    assert understood(StudyOptions(study=study)) == (StudyOptions(study=study), ())
+    assert resolve_study(StudyOptions(study=study)) == (StudyOptions(study=study), ())
     words = over(tmp_path / "out", plain, digest=plain.digest)
     code, out, err = acrc("campaign", "scenarios/chapter.toml", *words[1:])
     assert code == 0 and "20 of 20 runs, 0 failed, in " in out
-    assert err.startswith("scenarios/chapter.toml is a scenario: it runs with none and chapter, each with ")
+    assert err.startswith("scenarios/chapter.toml is a scenario: comparing none and chapter, each with ")
 
 
 def test_the_preset_is_the_chapters_experiment() -> None:
-    study = study_of(StudyOptions(preset="chapter"))
+    study = make_study(StudyOptions(preset="chapter"))
     assert (study.strategies, study.seeds) == (("none-original", "none", "chapter"), 10)
     assert study.primary == (("chapter", "none-original"), ("chapter", "none"))
     assert Path(study.scenario) == ROOT / "scenarios" / "chapter.toml"
@@ -159,29 +159,29 @@ def kept(tmp_path: Path) -> store.Store:
     kept = store.create(
         tmp_path / "kept", Study(name="kept", scenario="/s.toml", strategies=("none",), seeds=1)
     )
-    keep(kept.path(next(kept.study.trials())), TrialRecord("none", 1, {}, failure="it rained"))
+    write_json(kept.path(next(kept.study.trials())), TrialRecord("none", 1, {}, failure="it rained"))
     seal(kept.folder)
     return kept
 
 
-def test_a_trial_that_was_changed_is_named_by_who_reads_or_goes_on(kept: store.Store) -> None:
+def test_a_changed_trial_is_refused_on_reading_and_resuming(kept: store.Store) -> None:
     assert store.load(kept.folder).study == kept.study
     path = kept.path(next(kept.study.trials()))
     path.write_bytes(path.read_bytes().replace(b"rained", b"snowed"))
-    with pytest.raises(SealError, match=f"{path}: was changed; "):
+    with pytest.raises(SealError, match=f"{path}: changed; "):
         store.load(kept.folder)
-    with pytest.raises(SealError, match=f"{path}: was changed; "):
+    with pytest.raises(SealError, match=f"{path}: changed; "):
         store.create(kept.folder, kept.study)
     assert (kept.folder / SUMS).exists(), "the campaign was not resumed"
 
 
-def test_a_campaign_that_goes_on_is_unsealed_until_it_ends(kept: store.Store) -> None:
+def test_a_resumed_campaign_is_unsealed_until_it_ends(kept: store.Store) -> None:
     store.create(kept.folder, Study(name="kept", scenario="/s.toml", strategies=("none",), seeds=2))
     assert check_seal(kept.folder) is None
     assert store.load(kept.folder).study.seeds == 2
 
 
-def test_a_report_is_made_anew_before_and_after_the_seal(kept: store.Store) -> None:
+def test_a_report_can_be_written_before_and_after_sealing(kept: store.Store) -> None:
     page = kept.folder / "report" / "report.html"
     page.parent.mkdir()
     for text in ("while the campaign went on", "by an older version", "after it"):
@@ -192,7 +192,7 @@ def test_a_report_is_made_anew_before_and_after_the_seal(kept: store.Store) -> N
             assert "report" not in (kept.folder / SUMS).read_text()
     sums = (kept.folder / SUMS).read_text().splitlines()[:-1]
     page.write_text("as an earlier version sealed it")
-    told = lines({name: one for one, _, name in (line.partition("  ") for line in sums)} | {
+    told = checksum_lines({name: one for one, _, name in (line.partition("  ") for line in sums)} | {
         "report/report.html": "0" * 64
     })  # fmt: skip
     (kept.folder / SUMS).write_bytes(told)

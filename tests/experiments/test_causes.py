@@ -1,4 +1,4 @@
-"""Causes of lost time: on tracks made by hand, in planted and in quiet situations."""
+"""Causes of lost time on synthetic tracks, in planted and in quiet situations."""
 
 import json
 import math
@@ -55,7 +55,7 @@ def time_spent(situation: Situation) -> TimeSpent:
 
 
 def is_named(situation: Situation, spent: TimeSpent) -> bool:
-    """The planted cause has most of the time in which its robots did not continue, or is a finding."""
+    """Return whether the planted cause has most of the lost time, or is a finding."""
     if situation.found:
         return any(one.name == situation.found and one.robots == ("r1",) for one in spent.findings)
     return all(has_most(spent.robots[robot], cause) for robot, cause in situation.expected.items())
@@ -211,11 +211,13 @@ def causes(
         ((4.8, 3.0), IDLE, Cause.NO_PROGRESS),
     ],
 )
-def test_who_waits_for_the_first_robot(there: tuple[float, float], who: RobotReport, cause: Cause) -> None:
+def test_causes_of_waiting_for_the_first_robot(
+    there: tuple[float, float], who: RobotReport, cause: Cause
+) -> None:
     assert causes(tracks(at(2.0, 1.0), at(*there)), WANTS, who)[0] == {cause}
 
 
-def test_a_queue_before_one_that_gets_on_waits_at_the_door() -> None:
+def test_a_queue_behind_a_moving_robot_waits_at_the_door() -> None:
     found = classified(tracks(driving(4.6, 3.0), at(3.9, 3.0)), WANTS, WANTS)
     assert CAUSES[found.causes[0, 1]] is Cause.DOOR and CAUSES[found.causes[0, 0]] is Cause.DRIVING
 
@@ -230,7 +232,7 @@ def test_stages_follow_the_recorded_floor_and_jammers_make_none() -> None:
     assert all(np.isfinite(one.opened.lengths(here, there)[0]) for one in stages)
 
 
-def test_what_comes_first_decides() -> None:
+def test_the_first_applicable_cause_counts() -> None:
     away = at(2.0, 2.5)
     lost = tracks(at(2.0, 1.0), at(2.4, 1.0), held=np.stack([away, at(2.4, 1.0)], axis=1))
     assert causes(lost, WANTS, WANTS)[0] == {Cause.LOST}
@@ -260,7 +262,7 @@ def test_a_blocking_has_instants_robots_place_and_cause() -> None:
     assert not event.at_end
 
 
-def test_pairs_in_a_deadlock_are_counted_and_whether_they_come_free() -> None:
+def test_deadlocked_pairs_are_counted_with_their_resolution() -> None:
     one, other = at(2.0, 1.0), at(2.4, 1.0)
     other[200:, 0] += 0.02 * np.arange(100)
     for pair, free in ((tracks(one, at(2.4, 1.0)), 0), (tracks(one, other), 1)):
@@ -294,7 +296,7 @@ def decision(at_s: float, new: tuple[float, float] | None) -> AdaptationDecision
         (220, STEPS, (2.0, 2.0), "visited", 2.0),
     ],
 )
-def test_what_came_of_a_decision(
+def test_outcomes_of_a_decision(
     moves_from: int, again_from: int, new: tuple[float, float], outcome: str, free: float | None
 ) -> None:
     one = at(2.0, 1.0)

@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.trial_pool import checked
+from acrc_testbed.experiments.trial_pool import validated_answer
 from acrc_testbed.experiments.trial_record import MOST_BYTES, TrialOutcome
 from actors.installation.usage import OptionError
 from deploy.hosts.address import check, is_safe
@@ -44,12 +44,12 @@ MAKE_KEY = (
     "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 365 "
     "-subj /CN=cluster -keyout cluster.key -out cluster.pem"
 )
-"""As the page has it."""
+"""Configuration as in docs/clusters.md."""
 CONFIGURATION = (ROOT / "docs" / "clusters.md").read_text().partition("```yaml\n")[2].partition("```")[0]
 
 
 def make_key(folder: Path) -> Path:
-    """A key and a certificate, and Dask's configuration with them, as the page has it; its folder."""
+    """Write key, certificate and Dask's configuration as in docs/clusters.md; return their folder."""
     folder.mkdir()
     subprocess.run(MAKE_KEY.split(), cwd=folder, check=True, capture_output=True)
     return configure(folder, folder / "cluster.pem", folder / "cluster.pem", folder / "cluster.key")
@@ -116,7 +116,7 @@ def digests(folder: Path) -> dict[tuple[str, int], str | None]:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(240)
-def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
+def test_a_killed_worker_neither_loses_nor_changes_results(cluster: Cluster, tmp_path: Path) -> None:
     there = tmp_path / "there"
     process = cluster.campaign("--out", str(there))
     while process.poll() is None and not list(there.glob("trials/*.json")):
@@ -174,7 +174,7 @@ def serve(listener: socket.socket, keys: Path | None) -> None:
 
 
 def reason(keys: Path, server: Path | None) -> str:
-    """Why a client with these keys does not come to a scheduler with those; empty if it does."""
+    """Return why a client with these keys cannot connect to a scheduler with those; empty if it can."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=serve, args=(listener, server), daemon=True)
         thread.start()
@@ -191,7 +191,7 @@ def reason(keys: Path, server: Path | None) -> str:
     return ""
 
 
-def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> None:
+def test_faults_of_a_certificate_are_one_sentence(tmp_path: Path) -> None:
     own, other = make_key(tmp_path / "own"), make_key(tmp_path / "other")
     page = "(docs/clusters.md)"
     signed = f"must be signed by the ca-file {own / 'cluster.pem'}, and valid now {page}"
@@ -212,14 +212,14 @@ def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> Non
     assert f"client.key in Dask's configuration is {mixed / 'nothing'}; must be a file" in reason(mixed, own)
 
 
-def test_what_a_worker_answers_is_bounded_and_of_its_types() -> None:
+def test_answers_of_a_worker_are_validated_and_bounded() -> None:
     good = TrialOutcome(b"{}", "cause", b"said")
-    assert checked(good) == good
+    assert validated_answer(good) == good
     wrong: list[Any] = [{"record": b""}, None, ("text", "", b"", ""), (None, 3, b"", ""), (None, "", "x", "")]
     for each in (*wrong, *(TrialOutcome(*one) for one in wrong[2:])):
-        assert checked(each) == TrialOutcome(None, "a worker has answered something else", b"")
-    large = checked(TrialOutcome(bytes(MOST_BYTES + 1), "", b""))
-    assert large.record is None and large.cause == f"a worker has answered more than {MOST_BYTES} octets"
-    noisy = checked(TrialOutcome(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
+        assert validated_answer(each) == TrialOutcome(None, "invalid answer of a worker", b"")
+    large = validated_answer(TrialOutcome(bytes(MOST_BYTES + 1), "", b""))
+    assert large.record is None and large.cause == f"answer of a worker exceeds {MOST_BYTES} octets"
+    noisy = validated_answer(TrialOutcome(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
     assert len(noisy.cause) < 2000 and "\x1b" not in noisy.cause and len(noisy.refusal) == 500
-    assert len(noisy.said) == 1 << 20
+    assert len(noisy.output) == 1 << 20

@@ -11,21 +11,27 @@ from numpy.typing import NDArray
 
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.comparison import PairedSample, Run, compare, comparison_of, samples
-from acrc_testbed.experiments.judgement import failures, family, judge, too_few, verdict
-from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, Effect
+from acrc_testbed.experiments.evaluation import (
+    evaluate,
+    failure_sentences,
+    family_sentences,
+    too_few_sentences,
+    verdict_sentence,
+)
+from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, AssumedEffect
 from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Factor, Study
-from acrc_testbed.experiments.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.trial_record import TrialRecord, write_json
 from acrc_testbed.experiments.verdicts import (
+    InterimAnalysis,
     PairVerdict,
-    Watch,
-    ceilings,
-    foreseen,
-    look,
+    ceiling_sentences,
+    decided_shares,
+    interim_verdict,
     look_sentences,
-    promises,
-    rules_for,
-    told_apart,
+    power_estimates,
+    power_warnings,
+    stopping_rules,
     verdicts,
 )
 from acrc_testbed.results.result import RunResult
@@ -38,24 +44,24 @@ def test_more_places_are_better_whatever_the_time() -> None:
         [run(40, 500.0 + seed) for seed in range(20)], [run(20 + seed % 5) for seed in range(20)]
     )
     assert found.deciding is not None and found.deciding.metric == "places"
-    assert verdict(found) == (
-        "one is better than other by places done: 40 against 22, difference +18 places [+17.3, +18.7], "
+    assert verdict_sentence(found) == (
+        "one is better than other in places done: 40 versus 22, difference +18 places [+17.3, +18.7], "
         "better on 20 of 20 seeds, worse on 0, equal on 0, A12 = 1.00 [0.90, 1.00], p = 1.9e-06, "
-        "after Holm 3.8e-06."
+        "Holm-adjusted 3.8e-06."
     )
     never = [run(10, length=120.0) for _ in range(12)]
     found = verdict_of(never, never)
     assert found.deciding is None and not found.equivalent
-    assert verdict(found).endswith("Time decides nothing: no run was done or given up by 120 s.")
+    assert verdict_sentence(found).endswith("Time cannot be compared: no run was done or given up by 120 s.")
 
 
 def test_time_decides_only_where_places_are_shown_to_be_equal() -> None:
     fast = [run(40, 300.0 + seed) for seed in range(20)]
     slow = [run(40, None if seed % 7 == 0 else 400.0 + seed) for seed in range(20)]
-    said = verdict(verdict_of(fast, slow))
-    assert said.startswith("one is as good as other by places done, within 1 place: 40 against 40")
-    assert "for equivalence; 0 of 20 seeds differ by more, so that of all up to 14 % may. So time" in said
-    assert "So time decides: one is better than other by running time: 309.5 against " in said
+    said = verdict_sentence(verdict_of(fast, slow))
+    assert said.startswith("one and other are equivalent in places done within 1 place: 40 versus 40")
+    assert "for equivalence; 0 of 20 seeds differ by more (95 % upper bound of the share: 14 %). " in said
+    assert "Therefore time is compared: one is better than other in running time: 309.5 versus " in said
     # places that vary and do not differ on average: neither different nor shown to be equal
     rng = np.random.default_rng(2)
     noisy = [
@@ -66,8 +72,8 @@ def test_time_decides_only_where_places_are_shown_to_be_equal() -> None:
     ]
     open_one = verdict_of(noisy, others)
     assert open_one.deciding is None
-    assert verdict(open_one).endswith(
-        "They are not shown to be equal within 1 place, so time does not decide."
+    assert verdict_sentence(open_one).endswith(
+        "Equivalence within 1 place is not shown, so time is not compared."
     )
 
 
@@ -79,10 +85,13 @@ def test_the_direction_is_that_of_the_test_and_a_disagreement_is_said() -> None:
     (places, _) = found.steps
     assert places.differs and places.test.direction == 1
     assert places.difference is not None and places.difference.value < 0
-    said = "one beside other by places done: {} on 34 of 40 seeds (median 2 places), much {} on 6 (median 18 "
-    assert verdict(found).startswith(said.format("better", "worse"))
-    assert "test and effect disagree: 19 against 20, difference -1 places [-3.31, +1.31], " in verdict(found)
-    assert verdict(verdict_of(others, ones)).startswith(said.format("worse", "better"))
+    said = "one versus other in places done: {} on 34 of 40 seeds (median 2 places), much {} on 6 (median 18 "
+    assert verdict_sentence(found).startswith(said.format("better", "worse"))
+    assert (
+        "test and effect disagree: 19 versus 20, difference -1 places [-3.31, +1.31], "
+        in verdict_sentence(found)
+    )
+    assert verdict_sentence(verdict_of(others, ones)).startswith(said.format("worse", "better"))
 
 
 def test_a_test_that_cannot_decide_says_so_and_costs_the_others_nothing() -> None:
@@ -90,7 +99,7 @@ def test_a_test_that_cannot_decide_says_so_and_costs_the_others_nothing() -> Non
     level = [run(20) for _ in range(20)]
     alone = verdict_of(few, level).steps[0]
     assert (alone.test.differing, alone.tested, alone.adjusted) == (5, False, 1.0)
-    assert "whatever the effect, as 5 of 20 pairs differ and a test needs 6: " in verdict(
+    assert "as only 5 of 20 pairs differ and a test needs 6: " in verdict_sentence(
         verdict_of(few, level, study(margin_places=0.1))
     )
     six = [run(21 if seed < 6 else 20) for seed in range(20)]
@@ -110,31 +119,31 @@ def test_holm_is_over_the_declared_tests_alone() -> None:
     found = verdicts([first, *others], three)
     assert [(one.sample.one, one.sample.other) for one in found] == [("one", "other"), ("third", "one")]
     assert [one.steps[0].adjusted for one in found] == [4 / 2**8, 4 / 2**8]
-    assert family(found, three) == [
-        "Declared: 2 comparisons, 4 tests; 2 can decide, with 5 % in all by Holm's correction; "
+    assert family_sentences(found, three) == [
+        "Declared: 2 comparisons, 4 tests; 2 can be significant, at a family-wise error rate of 5 % (Holm); "
         "2 cannot, because too few pairs differ."
     ]
-    assert family([], three) == []
-    assert family([], Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)) == [
-        "No comparison was declared, so nothing is tested; all that follows is exploration."
-    ]
+    assert family_sentences([], three) == []
+    assert family_sentences(
+        [], Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
+    ) == ["No comparison was declared, so nothing is tested; all estimates are exploratory."]
 
 
-def test_what_no_run_can_show_is_said_before_the_first() -> None:
-    said = "acrc compare will say nothing of strategies: {} pairs of runs are too few: the exact test needs"
-    assert foreseen(study(seeds=5))[0].startswith(said.format(5))
-    assert foreseen(study(seeds=6)) == foreseen(study(seeds=6, primary_metric="places")) == []
-    assert foreseen(study(seeds=6, factors=(Factor("robots.count", (4, 8)),))) == []
-    assert foreseen(study(seeds=3), rules_for(study(seeds=3)).least)[0].startswith(said.format(3))
+def test_impossible_verdicts_are_reported_before_the_first_run() -> None:
+    said = "acrc compare will have too little data: {} pairs of runs are too few: the exact test needs"
+    assert power_warnings(study(seeds=5))[0].startswith(said.format(5))
+    assert power_warnings(study(seeds=6)) == power_warnings(study(seeds=6, primary_metric="places")) == []
+    assert power_warnings(study(seeds=6, factors=(Factor("robots.count", (4, 8)),))) == []
+    assert power_warnings(study(seeds=3), stopping_rules(study(seeds=3)).least)[0].startswith(said.format(3))
     undeclared = Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
-    assert foreseen(undeclared)[0].startswith(
-        "The study declares no comparison, so acrc compare will estimate"
+    assert power_warnings(undeclared)[0].startswith(
+        "The study declares no comparison, so acrc compare will only estimate"
     )
     with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, contacts"):
         verdicts([sample([run(1)], [run(1)])], study(primary_metric="speed"))
 
 
-def test_crashing_on_hard_seeds_improves_nobody(plain: RunResult) -> None:
+def test_crashing_on_hard_seeds_improves_no_strategy(plain: RunResult) -> None:
     """A strategy fails on half of the seeds, where the other does 10 places; elsewhere it does one more."""
     crashing = [*trials(plain, "one", lambda seed: None if seed % 2 else (31, None), 40)]
     steady = [*trials(plain, "other", lambda seed: (10, None) if seed % 2 else (30, None), 40)]
@@ -142,15 +151,15 @@ def test_crashing_on_hard_seeds_improves_nobody(plain: RunResult) -> None:
     (found,) = judged([*steady, *crashing], made)
     assert (found.sample.one, found.sample.other) == ("one", "other"), "as declared"
     assert found.deciding is not None and found.deciding.test.direction == -1
-    assert "15.5 against 20, difference -4.5 places" in verdict(found)
-    assert failures([*crashing, *steady], made) == [
+    assert "15.5 versus 20, difference -4.5 places" in verdict_sentence(found)
+    assert failure_sentences([*crashing, *steady], made) == [
         "one failed in 20 of 40 runs (seeds 1, 3, 5, 7, 9, 11, 13, 15, 17, 19, …); "
-        "each counts as a run that did no place and was never settled"
+        "each counts as a run with no places done, never settled"
     ]
     left_out = study(failed_runs="left out")
     (other_way,) = judged([*crashing, *steady], left_out)
     assert other_way.deciding is not None and other_way.deciding.test.direction == 1
-    assert "which favours strategies that fail on hard seeds" in failures(crashing, left_out)[0]
+    assert "this favours strategies that fail on hard seeds" in failure_sentences(crashing, left_out)[0]
 
 
 def test_the_lexicographic_order_takes_places_first_and_then_running_time(plain: RunResult) -> None:
@@ -174,7 +183,7 @@ def test_below_the_least_pairs_no_verdict(pairs: list[tuple[Outcome, Outcome]], 
     for metric in ("lexicographic", "places", "settled"):
         made = study(primary_metric=metric, margin_places=margin, margin_s=margin)
         found = verdict_of(ones, others, made)
-        assert not found.settled and not any(one.tested or one.differs for one in found.steps)
+        assert not found.is_decided and not any(one.tested or one.differs for one in found.steps)
         assert not any(one.is_estimated for one in found.steps)
     found = verdict_of([run(2)] * LEAST_PAIRS, [run(1)] * LEAST_PAIRS)
     assert found.deciding is not None and found.deciding.tests == 1, "time, which never came, takes no part"
@@ -193,7 +202,9 @@ def test_an_own_result_is_compared_and_more_is_better() -> None:
 
 def test_variants_are_compared_apart(plain: RunResult) -> None:
     few = [*trials(plain, "a", lambda seed: (1, 1.0), 5), *trials(plain, "b", lambda seed: (2, 1.0), 5)]
-    assert compare(samples(few)) == [] and too_few(samples(few))[0].startswith("a and b: 5 pairs of runs are")
+    assert compare(samples(few)) == [] and too_few_sentences(samples(few))[0].startswith(
+        "a and b: 5 pairs of runs are"
+    )
     records = [
         TrialRecord(record.strategy, record.seed, {"robots.count": robots}, record.result)
         for robots in (4, 8)
@@ -203,7 +214,7 @@ def test_variants_are_compared_apart(plain: RunResult) -> None:
     made = compare(samples(records), "places")
     assert [one.variant for one in made] == [(("robots.count", 4),), (("robots.count", 8),)]
     first, _ = judged(records, study())
-    assert "one is as good as other by places done with robots.count = 4, within 1 place: " in verdict(first)
+    assert "equivalent in places done with robots.count = 4 within 1 place: " in verdict_sentence(first)
 
 
 ROOT = Path(__file__).parents[2]
@@ -215,7 +226,7 @@ Floats = NDArray[np.float64]
 
 
 def result_of(plain: RunResult, quality: float) -> RunResult:
-    """A run of 40 places at most: the better, the more of them, and once all are done the sooner."""
+    """Return a run of at most 40 places; better runs have more, and then are complete sooner."""
     places = min(40, round(36 + 2 * quality))
     completion = 500 - 50 * quality if places == 40 else None
     return msgspec.structs.replace(
@@ -227,7 +238,7 @@ def result_of(plain: RunResult, quality: float) -> RunResult:
 def looked(plain: RunResult, drawn: Floats) -> PairVerdict:
     """After all looks at pairs of these qualities, (pairs, 2)."""
     ones, others = ([result_of(plain, one) for one in drawn[:, side].tolist()] for side in (0, 1))
-    return look(sample(ones, others), STUDY, rules_for(STUDY))
+    return interim_verdict(sample(ones, others), STUDY, stopping_rules(STUDY))
 
 
 def campaign(
@@ -240,13 +251,13 @@ def campaign(
             record = TrialRecord(trial.strategy, trial.seed, {}, result)
             if trial.seed == failing:
                 record = TrialRecord(trial.strategy, trial.seed, {}, failure="it rained")
-            keep(kept.path(trial), record)
+            write_json(kept.path(trial), record)
     return kept
 
 
 def test_a_large_effect_is_decided_with_fewer_than_fifty_pairs(plain: RunResult, full: bool) -> None:
     """A12 = 0.71 before places are rounded; cap 60."""
-    rng, shift, count = np.random.default_rng(7), Effect().shift, 100 if full else 40
+    rng, shift, count = np.random.default_rng(7), AssumedEffect().shift, 100 if full else 40
     found = [looked(plain, rng.normal((shift, 0.0), 1.0, (CAP, 2))) for _ in range(count)]
     assert sum(one.deciding is not None for one in found) >= 0.85 * count
     assert np.mean([len(one.looks[-1].sample.pairs) for one in found]) < 50
@@ -254,18 +265,18 @@ def test_a_large_effect_is_decided_with_fewer_than_fifty_pairs(plain: RunResult,
 
 def test_the_watch_stops_at_the_look_that_decides_and_says_so(tmp_path: Path, plain: RunResult) -> None:
     kept = campaign(tmp_path / "out", plain, 2.5, seeds=19)
-    watch = Watch(kept)
+    watch = InterimAnalysis(kept)
     assert watch.rules.differ.looks == (10, 20, 30, 40, 50, 60)
-    early = watch.enough()
+    early = watch.is_decided()
     campaign(tmp_path / "out", plain, 2.5, seeds=20)
-    assert early or watch.enough()
-    (found,) = watch.looked_at()
+    assert early or watch.is_decided()
+    (found,) = watch.verdicts()
     step = found.deciding
     assert step is not None and (step.sample.one, step.sample.other) == ("chapter", "none")
     assert step.threshold is not None and step.test.p <= step.threshold and len(step.sample.pairs) <= 20
     first, second = look_sentences([found], watch.rules)
     assert first.startswith(
-        "looks after 10, 20, 30, 40, 50, 60 pairs, at most 60; for a difference p must be at"
+        "interim looks after 10, 20, 30, 40, 50, 60 pairs; thresholds of p for a difference "
     )
     after = len(step.sample.pairs)
     assert second.startswith(
@@ -276,13 +287,15 @@ def test_the_watch_stops_at_the_look_that_decides_and_says_so(tmp_path: Path, pl
 def test_a_campaign_that_was_looked_at_is_judged_by_its_looks(tmp_path: Path, plain: RunResult) -> None:
     kept = campaign(tmp_path / "out", plain, 2.5, seeds=30)
     kept.declare_looks()
-    found = judge(kept)
+    found = evaluate(kept)
     (said,) = [line for line in found.sentences() if line.startswith("chapter is better than none")]
     assert ", at most " in said and said.endswith(" after 20 pairs.") and "Holm" not in said
-    assert found.family == ["Declared: 1 comparison, looked at on the way; 2 tests share the 5 %."]
+    assert found.family == [
+        "Declared: 1 comparison, with interim looks; 2 tests share the error rate of 5 %."
+    ]
     early = campaign(tmp_path / "early", plain, 2.5, seeds=7)
     early.declare_looks()
-    assert judge(early).sentences()[-1].startswith("chapter and none: none of the looks has come")
+    assert evaluate(early).sentences()[-1].startswith("chapter and none: no interim look has been reached")
 
 
 def test_equivalence_stops_a_campaign_too(tmp_path: Path, plain: RunResult) -> None:
@@ -290,25 +303,25 @@ def test_equivalence_stops_a_campaign_too(tmp_path: Path, plain: RunResult) -> N
     kept = store.create(tmp_path / "out", STUDY)
     for trial in STUDY.trials():
         if trial.seed <= 30:
-            keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result_of(plain, 3.0)))
-    watch = Watch(kept)
-    assert watch.enough()
-    (found,) = watch.looked_at()
+            write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result_of(plain, 3.0)))
+    watch = InterimAnalysis(kept)
+    assert watch.is_decided()
+    (found,) = watch.verdicts()
     assert found.equivalent and found.deciding is None
-    assert "equivalent after 20 pairs; at 10 level by places" in look_sentences([found], watch.rules)[1]
+    assert "equivalent after 20 pairs; at 10 tied by places" in look_sentences([found], watch.rules)[1]
 
 
 def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> None:
     short = msgspec.structs.replace(STUDY, seeds=20)
     kept = campaign(tmp_path / "out", plain, 0.0, seeds=19, study=short)
-    watch = Watch(kept)
-    assert not watch.enough()
+    watch = InterimAnalysis(kept)
+    assert not watch.is_decided()
     campaign(tmp_path / "out", plain, 0.0, seeds=20, study=short, failing=20)
-    assert watch.enough()
-    (found,) = watch.looked_at()
+    assert watch.is_decided()
+    (found,) = watch.verdicts()
     assert (len(found.sample.pairs), found.at_cap) == (20, True)
     assert (
-        "chapter and none: not decided by the cap, after 20 pairs; at 10 "
+        "chapter and none: not decided at the last look, after 20 pairs; at 10 "
         in look_sentences([found], watch.rules)[1]
     )
 
@@ -316,18 +329,18 @@ def test_no_difference_goes_on_to_the_cap(tmp_path: Path, plain: RunResult) -> N
 def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain: RunResult) -> None:
     kept = campaign(tmp_path / "out", plain, 2.5, seeds=12)
     kept.path(next(STUDY.trials_of(4))).unlink()
-    watch = Watch(kept)
-    assert not watch.enough()
-    (found,) = watch.looked_at()
+    watch = InterimAnalysis(kept)
+    assert not watch.is_decided()
+    (found,) = watch.verdicts()
     assert len(found.sample.pairs) == 3 and not found.looks
-    assert look_sentences([found], watch.rules)[1] == "chapter and none: 3 pairs, none of the looks has come"
+    assert look_sentences([found], watch.rules)[1] == "chapter and none: 3 pairs, no look reached yet"
 
 
-def test_the_cap_stays_what_it_was_once_somebody_has_looked(tmp_path: Path) -> None:
+def test_the_maximum_is_fixed_after_the_first_look(tmp_path: Path) -> None:
     store.create(tmp_path / "out", STUDY).declare_looks()
     store.create(tmp_path / "out", STUDY).declare_looks()
     more = store.create(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=80))
-    with pytest.raises(AcrcError, match=r"was looked at on the way to 60 pairs; with 80 the error rate"):
+    with pytest.raises(AcrcError, match=r"has had interim looks for 60 pairs by .*; 80 pairs"):
         more.declare_looks()
 
 
@@ -337,14 +350,16 @@ def test_several_comparisons_share_the_error(tmp_path: Path) -> None:
         strategies=("none", "chapter", "released"),
         primary=(("chapter", "none"), ("chapter", "released")),
     )
-    alone = Watch(store.create(tmp_path / "one", STUDY)).rules.differ
-    shared = Watch(store.create(tmp_path / "two", three)).rules.differ
+    alone = InterimAnalysis(store.create(tmp_path / "one", STUDY)).rules.differ
+    shared = InterimAnalysis(store.create(tmp_path / "two", three)).rules.differ
     assert shared.looks == alone.looks
     assert all(one < other for one, other in zip(shared.thresholds, alone.thresholds, strict=True))
     with pytest.raises(AcrcError, match="the study declares no comparison"):
-        Watch(store.create(tmp_path / "three", msgspec.structs.replace(three, primary=())))
+        InterimAnalysis(store.create(tmp_path / "three", msgspec.structs.replace(three, primary=())))
     with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, contacts"):
-        Watch(store.create(tmp_path / "four", msgspec.structs.replace(STUDY, primary_metric="speed")))
+        InterimAnalysis(
+            store.create(tmp_path / "four", msgspec.structs.replace(STUDY, primary_metric="speed"))
+        )
 
 
 def pairs(shift: float, count: int, seed: int = 3) -> PairedSample:
@@ -356,20 +371,20 @@ def pairs(shift: float, count: int, seed: int = 3) -> PairedSample:
 
 def test_the_family_that_will_be_tested_is_the_one_that_is_promised() -> None:
     """With three comparisons more, that share the 5 %, the same pilot promises less."""
-    one = pairs(Effect(0.75).shift, 60)
+    one = pairs(AssumedEffect(0.75).shift, 60)
     four = msgspec.structs.replace(
         study(), strategies=("one", "other", "b", "c", "d"),
         primary=(("one", "other"), ("b", "other"), ("c", "other"), ("d", "other")),
     )  # fmt: skip
     others = [pairs(0.0, 60, seed)._replace(one=name) for seed, name in enumerate("bcd")]
-    alone = told_apart([one], study(), 20, np.random.default_rng(1))[0]
-    shared = told_apart([one, *others], four, 20, np.random.default_rng(1))
+    alone = decided_shares([one], study(), 20, np.random.default_rng(1))[0]
+    shared = decided_shares([one, *others], four, 20, np.random.default_rng(1))
     assert shared[0] < alone - 0.1
     assert max(shared[1:]) < 0.2
 
 
 def test_sizes_grow_until_the_power_is_reached_and_small_pilots_are_doubted() -> None:
-    made = list(promises([pairs(Effect(0.85).shift, 12)], study(), 0.9))
+    made = list(power_estimates([pairs(AssumedEffect(0.85).shift, 12)], study(), 0.9))
     assert [one.pairs for one in made] == [6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200][
         : len(made)
     ]
@@ -388,17 +403,17 @@ def test_a_ceiling_is_pointed_out_with_a_harder_condition(plain: RunResult) -> N
             for seed, at in enumerate(times)
         ]  # fmt: skip
 
-    assert list(ceilings(made(4, 4))) == []
-    (said,) = ceilings(made(5, 4))
-    assert said.startswith("5 of 10 runs have all places: they are at their ceiling there.")
-    assert said.endswith(" A harder condition tells more: --robots 8 and --duration 320.")
-    assert "tells more: --duration 340" in next(iter(ceilings(made(10, 8))))
+    assert list(ceiling_sentences(made(4, 4))) == []
+    (said,) = ceiling_sentences(made(5, 4))
+    assert said.startswith("5 of 10 runs completed all places (ceiling effect).")
+    assert said.endswith(" Use a harder condition, such as --robots 8 and --duration 320.")
+    assert "such as --duration 340" in next(iter(ceiling_sentences(made(10, 8))))
 
 
 def test_the_last_look_without_failed_runs(tmp_path: Path, plain: RunResult) -> None:
     short = msgspec.structs.replace(STUDY, seeds=20, failed_runs="left out")
     kept = campaign(tmp_path / "out", plain, 2.5, seeds=20, study=short, failing=20)
-    (found,) = Watch(kept).looked_at()
+    (found,) = InterimAnalysis(kept).verdicts()
     assert (len(found.sample.pairs), found.at_cap) == (19, True)
-    assert found.looks[-1].threshold == Watch(kept).rules.differ.thresholds[-1]
+    assert found.looks[-1].threshold == InterimAnalysis(kept).rules.differ.thresholds[-1]
     assert found.deciding is not None

@@ -74,7 +74,7 @@ def test_failures_occur_by_themselves(full: bool, record_property: Callable[[str
 
 
 def track(*stretches: tuple[int, float, float]) -> NDArray[np.float64]:
-    """(samples, 2): so many samples at each x, y."""
+    """Return (samples, 2): the given number of samples at each x, y."""
     return np.array([(x, y) for count, x, y in stretches for _ in range(count)])
 
 

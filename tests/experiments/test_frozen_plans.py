@@ -1,4 +1,4 @@
-"""Frozen plans: what campaigns say of them, and of whatever is not as frozen."""
+"""Tests of frozen plans and of reported deviations."""
 
 import hashlib
 import json
@@ -12,11 +12,11 @@ import pytest
 
 from acrc_testbed.command_line import campaign_commands
 from acrc_testbed.experiments import frozen_plan, store
-from acrc_testbed.experiments.judgement import judge
+from acrc_testbed.experiments.evaluation import evaluate
 from acrc_testbed.experiments.report import bundle
-from acrc_testbed.experiments.store import protection
+from acrc_testbed.experiments.store import isolation_sentences
 from acrc_testbed.experiments.study import Study, load_study
-from acrc_testbed.experiments.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.trial_record import TrialRecord, write_json
 from acrc_testbed.results.result import RunResult
 from actors.installation import version
 from actors.runtime.errors import AcrcError
@@ -41,7 +41,7 @@ at = [60, 240]
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study with all that it reads, and software of a commit of which nothing else is known."""
+    """Return a study's folder with all input files, at a fake commit."""
     for name in ("corridor.yaml", "corridor.png"):
         (tmp_path / name).write_bytes((ROOT / "maps" / name).read_bytes())
     scenario = (ROOT / "scenarios" / "corridor.toml").read_text()
@@ -58,12 +58,12 @@ def frozen(folder: Path, *, until_decided: bool = False) -> Path:
 
 
 def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]:
-    """The campaign of the study's file as it is now, and what is said before its next run."""
+    """Return the campaign of the current study file, and the sentences before its next run."""
     source = folder / "study.toml"
     kept = store.create(folder / "out", load_study(source))
     if looks:
         kept.declare_looks()
-    return kept, store.take_in(kept, store.plan_of(None, source), source, looks=looks)
+    return kept, store.adopt_plan(kept, store.find_plan(None, source), source, looks=looks)
 
 
 def over(kept: store.Store, plain: RunResult, seeds: int = 8, commit: str = COMMIT) -> None:
@@ -72,7 +72,7 @@ def over(kept: store.Store, plain: RunResult, seeds: int = 8, commit: str = COMM
             origin = msgspec.structs.replace(plain.origin, commit=commit)
             places = 3 * len(trial.strategy)
             result = msgspec.structs.replace(plain, seed=trial.seed, places_done=places, origin=origin)
-            keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
+            write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result))
 
 
 def edited(path: Path, before: str, after: str) -> None:
@@ -82,25 +82,25 @@ def edited(path: Path, before: str, after: str) -> None:
 
 
 def departures(folder: Path) -> list[str]:
-    """What the campaign says to be not as frozen, before its first run and after all."""
+    """Return the deviations reported before the first run; they are also reported after the last."""
     kept, said = begun(folder)
-    told = [line for line in store.plan_sentences(kept) if line.startswith("Not as")]
+    told = [line for line in store.plan_sentences(kept) if line.startswith("Deviation")]
     assert told[:-1] == said[1:]
-    assert told[-1].endswith(" runs are still to be made.")
-    return [line.removeprefix("Not as frozen: ") for line in said[1:]]
+    assert told[-1].endswith(" runs are missing.")
+    return [line.removeprefix("Deviation from the plan: ") for line in said[1:]]
 
 
 def test_a_campaign_as_frozen(folder: Path, plain: RunResult, capsys: pytest.CaptureFixture[str]) -> None:
     path = frozen(folder)
     told = (
-        f"at commit {COMMIT}, SHA-256 {frozen_plan.read(path).sha256}: chapter against none by "
-        "lexicographic, margins of 1 in places and 10 s, 8 seeds, no look on the way."
+        f"commit {COMMIT}, SHA-256 {frozen_plan.read_plan(path).sha256}: chapter versus none by "
+        "lexicographic, margins of 1 in places and 10 s, 8 seeds, no interim looks."
     )
     assert f"Frozen {told}\nwritten to {path}; publish the hash " in capsys.readouterr().out
     kept, said = begun(folder)
     assert said == [f"Frozen before the first run, {told}"]
     over(kept, plain)
-    assert judge(kept).declared[:2] == [*said, "The campaign is as frozen."]
+    assert evaluate(kept).declared[:2] == [*said, "The campaign follows the plan."]
     assert (kept.folder / "plan.json").read_bytes() == path.read_bytes()
     with pytest.raises(AcrcError, match="already exists; a frozen plan is not replaced: choose another file"):
         frozen(folder)
@@ -121,7 +121,7 @@ def damage_map(folder: Path) -> None:
     (folder / "corridor.png").write_bytes(content)
 
 
-def test_what_was_edited_is_not_as_frozen(folder: Path) -> None:
+def test_edits_are_deviations_from_the_plan(folder: Path) -> None:
     frozen(folder)
     (folder / "other.png").write_bytes((folder / "corridor.png").read_bytes())
     (folder / "other.yaml").write_text((folder / "corridor.yaml").read_text().replace("corridor", "other"))
@@ -136,9 +136,9 @@ def test_what_was_edited_is_not_as_frozen(folder: Path) -> None:
     for one in (
         "seeds is 7, frozen was 8.",
         "margin_places is 2.0, frozen was 1.0.",
-        "the comparison of none with chapter was not declared beforehand.",
-        "the comparison of chapter with none was declared beforehand, and is not any more.",
-        "corridor.yaml is not read any more.",
+        "the comparison of none with chapter was not planned.",
+        "the planned comparison of chapter with none is no longer declared.",
+        "corridor.yaml is no longer an input file.",
         "other.yaml was not read.",
     ):
         assert one in told
@@ -158,19 +158,19 @@ def test_spelling_order_and_folder_of_a_study_are_no_departures(folder: Path, tm
 def test_another_commit_is_not_as_frozen(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frozen(folder)
     monkeypatch.setattr(store, "software", lambda: "badc0de")
-    about, before = "it was made with badc0de, ", tuple[str, ...]()
+    about, before = "it was made with commit badc0de, ", tuple[str, ...]()
     for changed, end in (
-        (None, "of which nothing shows that it descends from the frozen commit"),
+        (None, "which cannot be shown to descend from the planned one"),
         ((folder / "study.toml", folder / "study.frozen.json", folder / "corridor.png"), ""),
         (
             (folder / "a.py", folder / "b.py"),
-            "which descends from the frozen commit, but 2 files differ (a.py, b.py)",
+            "in which 2 files differ from the planned one (a.py, b.py)",
         ),
     ):
         monkeypatch.setattr(store, "changed_since", lambda commit, files=changed: files)
         before = (*before, *([about + end] if end else []))
         kept, _ = begun(folder)
-        assert kept.about().departures == before
+        assert kept.info().departures == before
 
 
 def test_runs_made_after_a_commit_on_the_way_are_told(folder: Path, plain: RunResult) -> None:
@@ -178,12 +178,12 @@ def test_runs_made_after_a_commit_on_the_way_are_told(folder: Path, plain: RunRe
     kept, _ = begun(folder)
     over(kept, plain, commit="badc0de")
     over(kept, plain, 5)
-    said = protection(kept)[-1]
-    assert said.startswith(f"6 of 16 runs were made with other software than {COMMIT}, with which")
-    assert store.plan_sentences(kept)[1:-1] == [f"Not as frozen: {said}"]
+    said = isolation_sentences(kept)[-1]
+    assert said.startswith(f"the campaign began with commit {COMMIT}, but 6 of 16 runs were made with")
+    assert store.plan_sentences(kept)[1:-1] == [f"Deviation from the plan: {said}"]
 
 
-def test_what_descends_is_known_from_git(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_descent_is_determined_by_git(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def git(*words: str) -> str:
         name = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
         done = subprocess.run(
@@ -213,18 +213,18 @@ def test_what_descends_is_known_from_git(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_software_that_was_changed_is_not_frozen(folder: Path) -> None:
-    with pytest.raises(AcrcError, match=f"the software was changed since its commit {COMMIT}; must be"):
+    with pytest.raises(AcrcError, match=f"the software has changes since commit {COMMIT}; commit them"):
         frozen_plan.freeze(load_study(folder / "study.toml"), f"{COMMIT}+", ())
 
 
 def test_a_plan_that_was_tampered_with_is_refused(folder: Path) -> None:
     path = frozen(folder)
     edited(path, '"margin_places": 1.0', '"margin_places": 9.0')
-    with pytest.raises(AcrcError, match="no frozen plan: was changed after it was frozen, as its sha256 is "):
+    with pytest.raises(AcrcError, match="changed after it was frozen: sha256 is "):
         begun(folder)
 
 
-def test_a_plan_whose_hash_was_computed_anew_is_another_plan(folder: Path, plain: RunResult) -> None:
+def test_a_plan_with_a_recomputed_hash_is_another_plan(folder: Path, plain: RunResult) -> None:
     path = frozen(folder)
     kept, _ = begun(folder)
     over(kept, plain)
@@ -232,20 +232,20 @@ def test_a_plan_whose_hash_was_computed_anew_is_another_plan(folder: Path, plain
     edited(folder / "study.toml", "seeds = 8", "seeds = 8\nmargin_s = 30")
     frozen(folder)
     edited(folder / "study.toml", "margin_s = 30", "")
-    with pytest.raises(AcrcError, match=r"was begun with the plan .*; must be that one, or another campaign"):
+    with pytest.raises(AcrcError, match=r"began with the plan .*; use the same plan or a new folder"):
         begun(folder)
     kept.plan_file.write_bytes(path.read_bytes())
-    with pytest.raises(AcrcError, match=r"plan\.json: has SHA-256 .*, but the campaign was begun with "):
-        judge(kept)
+    with pytest.raises(AcrcError, match=r"plan\.json: SHA-256 is .*, but the campaign began with the plan "):
+        evaluate(kept)
 
 
 def test_a_campaign_that_had_runs_takes_no_plan(folder: Path, plain: RunResult) -> None:
     kept, said = begun(folder)
-    assert said == [] and judge(kept).declared == ["Nothing was frozen before."]
+    assert said == [] and evaluate(kept).declared == ["No plan was frozen before the first run."]
     over(kept, plain, 1)
     path = frozen(folder)
     _, said = begun(folder)
-    assert said == [f"{path}: is not taken, as {kept.folder} had runs before it had a plan."]
+    assert said == [f"{path}: ignored, because {kept.folder} has runs made without a plan."]
     assert store.plan_sentences(kept) == [store.NOTHING_FROZEN]
 
 
@@ -253,7 +253,7 @@ def test_a_resumed_campaign_keeps_its_plan_and_all_departures(folder: Path, plai
     path = frozen(folder)
     kept, said = begun(folder)
     over(kept, plain, 3)
-    assert "Not as frozen: 10 of 16 runs are still to be made." in store.plan_sentences(kept)
+    assert "Deviation from the plan: 10 of 16 runs are missing." in store.plan_sentences(kept)
     path.unlink()  # the campaign's own is enough
     assert begun(folder)[1] == said
     was = (folder / "corridor.png").read_bytes()
@@ -262,16 +262,20 @@ def test_a_resumed_campaign_keeps_its_plan_and_all_departures(folder: Path, plai
     (folder / "corridor.png").write_bytes(was)
     begun(folder)
     over(kept, plain)
-    assert store.plan_sentences(kept)[1] == "Not as frozen: corridor.png has another content."
+    assert (
+        store.plan_sentences(kept)[1] == "Deviation from the plan: the content of corridor.png was changed."
+    )
 
 
 def test_looks_are_part_of_the_plan(folder: Path) -> None:
     edited(folder / "study.toml", "seeds = 8", "seeds = 25")
-    plan = frozen_plan.read(frozen(folder, until_decided=True))
+    plan = frozen_plan.read_plan(frozen(folder, until_decided=True))
     assert plan.looks == (10, 20, 25)
     _, said = begun(folder)
-    assert said[0].endswith("25 seeds, looks after 10, 20, 25 pairs.")
-    assert len(said) == 2 and "it is not looked at on the way, and looks after 10, 20, 25 pairs" in said[1]
+    assert said[0].endswith("25 seeds, interim looks after 10, 20, 25 pairs.")
+    assert (
+        len(said) == 2 and "no interim looks were made, but interim looks after 10, 20, 25 pairs" in said[1]
+    )
     kept, said = begun(folder, looks=True)
     assert said[1:] == []
     assert kept.looks is not None
@@ -279,27 +283,27 @@ def test_looks_are_part_of_the_plan(folder: Path) -> None:
     (folder / "out").rename(folder / "before")
     frozen(folder)
     _, said = begun(folder, looks=True)
-    assert said[1:] == ["Not as frozen: it is looked at on the way, and no look was planned."]
+    assert said[1:] == ["Deviation from the plan: interim looks were made, but none were planned."]
 
 
 def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, tmp_path: Path) -> None:
-    plan = frozen_plan.read(frozen(folder))
+    plan = frozen_plan.read_plan(frozen(folder))
     kept, _ = begun(folder)
     over(kept, plain)
-    told = judge(kept).declared
-    bundle.make(kept.folder, tmp_path / "b.zip")
+    told = evaluate(kept).declared
+    bundle.make_bundle(kept.folder, tmp_path / "b.zip")
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         archive.extractall(tmp_path / "elsewhere")
     unpacked = tmp_path / "elsewhere" / "out"
-    assert judge(store.load(unpacked / "results")).declared == told
+    assert evaluate(store.load(unpacked / "results")).declared == told
     readme = (unpacked / "README.md").read_text()
-    assert f"frozen at commit `{COMMIT}`, with SHA-256 `{plan.sha256}`" in readme
+    assert f"commit `{COMMIT}`, SHA-256 `{plan.sha256}`" in readme
     assert "\n\n".join(told) in readme
-    assert "The campaign is as frozen." in (unpacked / "report" / "report.html").read_text()
+    assert "The campaign follows the plan." in (unpacked / "report" / "report.html").read_text()
     again = unpacked / "study.json"
     made = store.create(unpacked / "reproduced", load_study(again))
     (map_image,) = (unpacked / "inputs").rglob("corridor.png")
     map_image.write_bytes(map_image.read_bytes() + b"\0")
-    said = store.take_in(made, store.plan_of(None, again), again, looks=False)
-    assert said[1:] == ["Not as frozen: corridor.png has another content."]
+    said = store.adopt_plan(made, store.find_plan(None, again), again, looks=False)
+    assert said[1:] == ["Deviation from the plan: the content of corridor.png was changed."]
     assert set(msgspec.to_builtins(plan.study)) == set(Study.__struct_fields__)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import t
 from statsmodels.regression.mixed_linear_model import MixedLM
 
-from acrc_testbed.experiments.judgement import across_cells, across_sentences
+from acrc_testbed.experiments.evaluation import overall_estimates, overall_sentences
 from acrc_testbed.experiments.statistical_models import fit
 from acrc_testbed.experiments.study import Factor, Study
 from acrc_testbed.experiments.trial_record import TrialRecord
@@ -49,7 +49,7 @@ def test_the_fit_is_that_of_statsmodels(number: int) -> None:
     assert found.mean.high - found.mean.value == pytest.approx(half, rel=0.02)
 
 
-def test_of_a_full_table_it_is_the_analysis_of_variance() -> None:
+def test_a_balanced_table_gives_the_analysis_of_variance() -> None:
     """With two seeds, whose effect is left out: one way, in closed form."""
     values, cells, seeds = drawn(np.random.default_rng(3), 6, 2, 3.0, 0.0, 1.0)
     means = values.reshape(6, 2).mean(axis=1)
@@ -83,7 +83,7 @@ def test_intervals_hold_the_truth(between: float, of_seeds: float, seeds: int, f
 @pytest.mark.parametrize(
     "values", [[2.0] * 12, [1.0] * 3 + [5.0] * 3 + [2.0] * 6, [0.0] * 11 + [1e9]], ids=repr
 )
-def test_nothing_makes_it_fail(values: list[float]) -> None:
+def test_the_fit_never_fails(values: list[float]) -> None:
     """No spread at all, none within cells, one value far from all others."""
     found = fit(values, [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3], [1, 2, 3] * 4)
     assert found.mean.value == pytest.approx(np.mean(values))
@@ -92,7 +92,7 @@ def test_nothing_makes_it_fail(values: list[float]) -> None:
 
 def test_one_value_a_cell_is_students_mean() -> None:
     values = [1.0, 4.0, 2.0, 7.0]
-    with pytest.raises(ValueError, match="2 cells, at least 3"):
+    with pytest.raises(ValueError, match="2 cells are too few"):
         fit([1.0, 2.0], [0, 1], [1, 1])
     found = fit(values, [0, 1, 2, 3], [1, 1, 1, 1])
     assert found.rest is None and found.between_cells == pytest.approx(np.std(values, ddof=1))
@@ -126,23 +126,23 @@ def campaign(plain: RunResult, study: Study = STUDY) -> list[TrialRecord]:
 
 def test_each_map_is_left_out_in_turn(plain: RunResult) -> None:
     """By hand: means of 3, -8 and 21 in cells of one value each."""
-    (found,) = across_cells(campaign(plain), STUDY)
+    (found,) = overall_estimates(campaign(plain), STUDY)
     assert found.fitted is not None and found.fitted.mean.value == pytest.approx((3 - 8 + 21) / 3)
     assert found.without == pytest.approx({"maze": 6.5, "flat": 12.0, "hall": -2.5})
-    assert found.turning == ["hall"]
-    first, last = across_sentences(found)
-    assert first.startswith("a less b over all 6 cells, 6 pairs: +5.33 places [")
-    assert "each of one pair, so chance of the runs is in it" in first
+    assert found.sign_changes == ["hall"]
+    first, last = overall_sentences(found)
+    assert first.startswith("a minus b over all 6 cells, 6 pairs: +5.33 places [")
+    assert "one pair each, so it includes the residual" in first
     assert last == (
-        "Without each of 3 maps in turn: -2.5 (without hall) to +12 (without flat); the direction does not "
-        "hold without hall (-2.5)."
+        "Without each of 3 maps in turn: -2.5 (without hall) to +12 (without flat); the direction "
+        "changes without hall (-2.5)."
     )
 
 
-def test_a_singular_fit_is_told(plain: RunResult) -> None:
+def test_a_singular_fit_is_reported(plain: RunResult) -> None:
     same = [msgspec.structs.replace(one, result=plain) for one in campaign(plain)]
-    (level,) = across_cells(same, STUDY)
-    assert level.turning == [] and across_sentences(level)[-1].endswith("; there is no direction.")
+    (level,) = overall_estimates(same, STUDY)
+    assert level.sign_changes == [] and overall_sentences(level)[-1].endswith("; there is no direction.")
     study = msgspec.structs.replace(STUDY, seeds=2)
     records = [
         msgspec.structs.replace(
@@ -150,17 +150,17 @@ def test_a_singular_fit_is_told(plain: RunResult) -> None:
         )
         for one in campaign(plain, study)
     ]
-    (found,) = across_cells(records, study)
-    _, singular, maps = across_sentences(found)
-    assert singular.startswith("The fit is singular: cells differ no more than chance makes them")
-    assert maps.endswith("the direction holds.")
+    (found,) = overall_estimates(records, study)
+    _, singular, maps = overall_sentences(found)
+    assert singular.startswith("The fit is singular: cells differ no more than by chance")
+    assert maps.endswith("the direction is the same.")
 
 
 def test_fewer_than_three_cells_say_nothing_or_why(plain: RunResult) -> None:
     two = msgspec.structs.replace(STUDY, factors=(Factor("n", (4, 8)),))
-    assert across_cells(campaign(plain), two) == []
-    (found,) = across_cells(campaign(plain)[:4], STUDY)
-    assert across_sentences(found) == [
-        "a less b over all cells: 2 have runs of both; "
-        "at least 3 with 6 pairs of runs are needed before anything is said of cells."
+    assert overall_estimates(campaign(plain), two) == []
+    (found,) = overall_estimates(campaign(plain)[:4], STUDY)
+    assert overall_sentences(found) == [
+        "a minus b over all cells: only 2 have runs of both; "
+        "estimates need at least 3 cells and 6 pairs of runs."
     ]

@@ -13,7 +13,7 @@ from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
 from acrc_testbed.experiments.comparison import comparison_of, named, scores
 from acrc_testbed.experiments.paired_tests import (
-    Effect,
+    AssumedEffect,
     a12,
     a12_bounds,
     a12_interval,
@@ -23,10 +23,10 @@ from acrc_testbed.experiments.paired_tests import (
     holm,
     mean_interval,
     mean_test,
-    most,
     pairs_needed,
-    plan,
     power,
+    sequential_plan,
+    share_upper_bound,
     signed_rank,
 )
 from acrc_testbed.experiments.statistical_models import (
@@ -63,7 +63,7 @@ DIFFERENCES = np.array(BEFORE) - np.array(AFTER)
 
 
 def flipped(differences: Floats, sizes: Floats, *, two_sided: bool = True) -> float:
-    """The p-value of the sum of signed sizes, by scipy, over all signs."""
+    """Return scipy's p-value of the sum of signed sizes, over all signs."""
     found = stats.permutation_test(
         (np.sign(differences) * sizes,), lambda one, axis: one.sum(axis=axis), permutation_type="samples",
         n_resamples=np.inf, alternative="two-sided" if two_sided else "greater", vectorized=True,
@@ -129,24 +129,24 @@ def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
 
 def test_sequential_bounds_against_published_values() -> None:
     """Lan and DeMets' spending near O'Brien and Fleming's, two-sided 5 %: Jennison and Turnbull, 2000."""
-    rule = plan([20, 40, 60, 80, 100])
+    rule = sequential_plan([20, 40, 60, 80, 100])
     bounds = [float(norm.isf(p / 2)) for p in rule.thresholds]
     assert bounds == pytest.approx([4.8769, 3.3569, 2.6803, 2.2898, 2.0310], abs=2e-3)
 
 
 def test_pairs_needed_for_a_large_effect() -> None:
     """By simulation of the exact signed-rank test, give or take one or two."""
-    assert pairs_needed(Effect()) == pytest.approx(40, abs=2)
-    assert pairs_needed(Effect(correlation=0.3)) == pytest.approx(27, abs=2)
-    assert pairs_needed(Effect(tests=6)) == pytest.approx(58, abs=2)
-    with pytest.raises(ValueError, match=r"a12 should lie between 0 and 1 and not be 0\.5"):
-        pairs_needed(Effect(a12=0.5))
-    with pytest.raises(ValueError, match=r"the looks \(20, 20\) should be numbers of pairs that grow"):
-        plan([20, 20])
+    assert pairs_needed(AssumedEffect()) == pytest.approx(40, abs=2)
+    assert pairs_needed(AssumedEffect(correlation=0.3)) == pytest.approx(27, abs=2)
+    assert pairs_needed(AssumedEffect(tests=6)) == pytest.approx(58, abs=2)
+    with pytest.raises(ValueError, match=r"a12 must be between 0 and 1 and not 0\.5"):
+        pairs_needed(AssumedEffect(a12=0.5))
+    with pytest.raises(ValueError, match=r"looks \(20, 20\) must be ascending numbers of pairs"):
+        sequential_plan([20, 20])
 
 
 def test_the_power_is_that_of_the_test_itself() -> None:
-    effect, rng = Effect(0.75, 0.2, tests=2), np.random.default_rng(4)
+    effect, rng = AssumedEffect(0.75, 0.2, tests=2), np.random.default_rng(4)
     spread = (2 * (1 - effect.correlation)) ** 0.5
     told = sum(signed_rank(rng.normal(effect.shift, spread, 20)).p <= 0.025 for _ in range(400))
     assert told / 400 == pytest.approx(power(effect, 20), abs=0.08)
@@ -164,10 +164,10 @@ def test_an_interval_of_a12_holds_at_its_edge() -> None:
 
 def test_the_most_that_a_share_may_be_holds_for_every_share() -> None:
     """Rule of three, and 95 % by the binomial itself for whatever share is true."""
-    assert most(0, 100) == pytest.approx(0.03, abs=0.001)
-    assert most(6, 6) == 1.0
+    assert share_upper_bound(0, 100) == pytest.approx(0.03, abs=0.001)
+    assert share_upper_bound(6, 6) == 1.0
     for of in (6, 20):
-        bounds = np.array([most(found, of) for found in range(of + 1)])
+        bounds = np.array([share_upper_bound(found, of) for found in range(of + 1)])
         for share in np.linspace(0.01, 0.99, 99):
             assert stats.binom.pmf(np.arange(of + 1), of, share)[bounds < share].sum() <= 0.05 + 1e-9
 

@@ -10,15 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from acrc_testbed.experiments.comparison import samples
-from acrc_testbed.experiments.draws import (
-    SHADOWING_DB,
-    StudyOptions,
-    check,
-    drawn,
-    drawn_conditions,
-    same_for_all_seeds,
-    study_of,
-)
 from acrc_testbed.experiments.study import (
     Distribution,
     Factor,
@@ -30,8 +21,17 @@ from acrc_testbed.experiments.study import (
     load_study,
 )
 from acrc_testbed.experiments.trial_record import TrialRecord
-from acrc_testbed.experiments.verdicts import rules_for, verdicts
-from acrc_testbed.experiments.verdicts import tests_of as count_tests
+from acrc_testbed.experiments.trial_settings import (
+    SHADOWING_DB,
+    StudyOptions,
+    check_study,
+    common_conditions,
+    condition_settings,
+    draw_settings,
+    make_study,
+)
+from acrc_testbed.experiments.verdicts import family_size as count_tests
+from acrc_testbed.experiments.verdicts import stopping_rules, verdicts
 from acrc_testbed.results.result import RunResult
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.code_permit import Permit
@@ -60,8 +60,8 @@ STUDY = Study(
 )
 
 
-def test_what_is_drawn_is_the_same_for_every_strategy_and_another_for_another_seed() -> None:
-    draws = {(trial.strategy, trial.seed): drawn(STUDY, trial) for trial in list(STUDY.trials())[:16]}
+def test_draws_depend_on_the_seed_but_not_on_the_strategy() -> None:
+    draws = {(trial.strategy, trial.seed): draw_settings(STUDY, trial) for trial in list(STUDY.trials())[:16]}
     for (strategy, seed), settings_ in draws.items():
         assert settings_ == draws["none", seed], strategy
     assert len({msgspec.json.encode(one) for one in draws.values()}) == 8
@@ -70,7 +70,7 @@ def test_what_is_drawn_is_the_same_for_every_strategy_and_another_for_another_se
 def test_every_distribution_stays_in_its_range() -> None:
     kills = []
     for trial in list(STUDY.trials())[::2]:
-        settings_ = drawn(STUDY, trial)
+        settings_ = draw_settings(STUDY, trial)
         events = settings_["event"]
         killed = [event["kill"] for event in events if "kill" in event]
         assert len(set(killed)) == len(killed) <= 2
@@ -86,13 +86,13 @@ def test_every_distribution_stays_in_its_range() -> None:
     assert set(kills) == {0, 1, 2}
 
 
-def test_doors_that_close_and_places_that_come_stay_in_their_ranges() -> None:
+def test_drawn_closures_and_tasks_are_in_their_ranges() -> None:
     study = msgspec.structs.replace(
         STUDY, distributions=(CLOSURES, TASKS), settings=(("run.duration", 40.0),)
     )
     opened = set()
     for trial in list(study.trials())[:8:2]:
-        settings_ = drawn(study, trial)
+        settings_ = draw_settings(study, trial)
         given = [event for event in settings_["event"] if "give" in event]
         closed = [event for event in settings_["event"] if "close" in event]
         openings = [event for event in settings_["event"] if "open" in event]
@@ -112,13 +112,13 @@ def test_the_events_of_the_scenario_stay(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(text + '\n[[event]]\nat = 7.0\nkill = "r1"\n')
     study = msgspec.structs.replace(STUDY, scenario=str(tmp_path / "s.toml"), distributions=(KILLS,))
     for trial in list(study.trials())[:20]:
-        found = drawn(study, trial).get("event", [{"at": 7.0, "kill": "r1"}])
+        found = draw_settings(study, trial).get("event", [{"at": 7.0, "kill": "r1"}])
         assert found[0] == {"at": 7.0, "kill": "r1"}
         assert "r1" not in [event["kill"] for event in found[1:]]
 
 
 @pytest.mark.parametrize("name", ["drawn_places", "all_strategies"])
-def test_the_studies_that_come_along_can_be_carried_out(name: str) -> None:
+def test_shipped_studies_can_be_run(name: str) -> None:
     study = load_study(ROOT / "studies" / f"{name}.toml")
     assert set(study.strategies) <= set(STRATEGIES)
     assert name != "all_strategies" or set(study.strategies) == set(STRATEGIES)
@@ -133,22 +133,22 @@ FAULTS = {
     "scenario = 's.toml'\nstrategies = []": "strategies is [], but must be a list of strategies",
     HEAD + "seeds = 0": "seeds is 0, but must be a whole number from 1",
     HEAD + "seed = 3": "seed is not known; did you mean seeds",
-    HEAD + "primary = [['none', 'auction']]": "primary compares 'auction', which is none of the study's",
+    HEAD + "primary = [['none', 'auction']]": "primary: 'auction' is not one of the study's strategies",
     HEAD + "conditions = 'same'": 'conditions is "same", but must be "drawn" or "as written"',
-    HEAD + "samples = 3": "samples is 3, but no factor has among or between; must have both or neither",
-    VARY + "key = 'robots.count'": "vary[0] must have a key and its values, or a distribution",
-    VARY + "distribution = 'kills'\ncount = 1": "vary[0] must have count, at beside the distribution kills",
+    HEAD + "samples = 3": "samples is 3, but no factor is random (among or between)",
+    VARY + "key = 'robots.count'": "vary[0] must have key and values, or a distribution",
+    VARY + "distribution = 'kills'\ncount = 1": "vary[0] must have only count, at besides",
     VARY + "distribution = 'rain'": 'vary[0].distribution is "rain", but must be "kills", "jams", "dropout"',
     VARY + "distribution = 'dropout'\nshare = [0.3, 0.1]": "vary[0].share is [0.3, 0.1], but must be a",
-    VARY + "key = 'a.b'\nbetween = [1, 3]": "samples is missing, but a factor has among or between",
-    VARY + "key = 'a'\nvalues = [1]\n[[vary]]\nkey = 'a'\nvalues = [2]": "vary[1] sets a once more; must",
-    VARY + "factor = 'floor'\nvalues = ['maze']": "vary[0].values[0] is 'maze'; must be a table with a na",
+    VARY + "key = 'a.b'\nbetween = [1, 3]": "samples is missing; it is required for random factors",
+    VARY + "key = 'a'\nvalues = [1]\n[[vary]]\nkey = 'a'\nvalues = [2]": "vary[1]: a is set by another",
+    VARY + "factor = 'floor'\nvalues = ['maze']": "vary[0].values[0] is 'maze'; must be a table with na",
     VARY + "factor = 'f'\nvalues = [{name = 'm', map = 'a'}, {name = 'm', map = 'b'}]":
-        "vary[0] has two levels of one name (m, m); each must have its own",
-    SAMPLES + "'a'\nbetween = [1, 3]": "samples is 4, but the random factors have 3 combinations; must be at",
+        "vary[0]: names of levels must be unique: m, m",
+    SAMPLES + "'a'\nbetween = [1, 3]": "samples: 4 exceeds the 3 combinations of the random factors",
     SAMPLES + "'a'\nbetween = [3, 1]": "vary[0].between is [3, 1], but must be two",
-    SAMPLES + "'a'\nbetween = [1, 3]\nvalues = [1]": "vary[0] must have a key and its values",
-    SAMPLES + "'run.duration'\nbetween = [100, 300]": "vary[0] draws run.duration; must be fixed, so that",
+    SAMPLES + "'a'\nbetween = [1, 3]\nvalues = [1]": "vary[0] must have key and values",
+    SAMPLES + "'run.duration'\nbetween = [100, 300]": "vary[0]: run.duration cannot be random",
 }  # fmt: skip
 
 
@@ -179,7 +179,7 @@ EVERYTHING = {
 
 
 def world(study: Study, trial: Trial) -> tuple[object, object]:
-    own = (*study.settings_of(trial.variant), *drawn(study, trial).items())
+    own = (*study.settings_of(trial.variant), *draw_settings(study, trial).items())
     overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
     robots = resolve(load_scenario(Path(study.scenario), overrides)).world.robots
     return tuple(one.start for one in robots), tuple(one.places for one in robots)
@@ -197,12 +197,16 @@ def test_seeds_draw_starts_and_places_the_same_for_every_strategy() -> None:
 
 def test_as_written_nothing_is_drawn_and_every_seed_begins_alike() -> None:
     written = msgspec.structs.replace(CONDITIONS_STUDY, conditions="as written")
-    assert [drawn(written, trial) for trial in written.trials()] == [{}] * 6
+    assert [draw_settings(written, trial) for trial in written.trials()] == [{}] * 6
     assert len({repr(world(written, trial)) for trial in written.trials()}) == 1
-    (sentence,) = [line for line in check(written, Permit(), CHAPTER)[0] if "the same positions" in line]
-    assert sentence == same_for_all_seeds(load_scenario(CHAPTER))
-    assert not any("the same positions" in line for line in check(CONDITIONS_STUDY, Permit(), CHAPTER)[0])
-    assert study_of(StudyOptions(scenario=CHAPTER, strategies="none")).conditions == "as written"
+    (sentence,) = [
+        line for line in check_study(written, Permit(), CHAPTER)[0] if "the same positions" in line
+    ]
+    assert sentence == common_conditions(load_scenario(CHAPTER))
+    assert not any(
+        "the same positions" in line for line in check_study(CONDITIONS_STUDY, Permit(), CHAPTER)[0]
+    )
+    assert make_study(StudyOptions(scenario=CHAPTER, strategies="none")).conditions == "as written"
 
 
 def chapter(own: Variant) -> Scenario:
@@ -210,35 +214,35 @@ def chapter(own: Variant) -> Scenario:
 
 
 @pytest.mark.parametrize("key", EVERYTHING)
-def test_all_is_drawn_but_what_the_study_names(key: str) -> None:
-    assert drawn_conditions(chapter, ()) == EVERYTHING
-    assert drawn_conditions(chapter, tuple(EVERYTHING.items())) == {}
+def test_everything_is_drawn_except_settings_of_the_study(key: str) -> None:
+    assert condition_settings(chapter, ()) == EVERYTHING
+    assert condition_settings(chapter, tuple(EVERYTHING.items())) == {}
     written = {"robots.start": [[12.0, 5.0, 0.0]], "places.preset": "golden", "robots.odometry": "exact"}
-    left = drawn_conditions(chapter, ((key, written.get(key, 0.0)), ("run.duration", 10.0)))
+    left = condition_settings(chapter, ((key, written.get(key, 0.0)), ("run.duration", 10.0)))
     assert left == {other: value for other, value in EVERYTHING.items() if other != key}
     robots = {"count": 2, "start": [[12.0, 5.0, 0.0]]}
-    assert set(drawn_conditions(chapter, (("robots", robots),))) == {"places.preset", "radio.shadowing_db"}
+    assert set(condition_settings(chapter, (("robots", robots),))) == {"places.preset", "radio.shadowing_db"}
 
 
 def test_on_another_map_starts_and_places_are_drawn_for_that_map() -> None:
-    maze = drawn_conditions(chapter, (("map", "../maps/maze.yaml"),))
+    maze = condition_settings(chapter, (("map", "../maps/maze.yaml"),))
     assert (maze["robots.start"], maze["places.preset"]) == ([], "free")
-    offices = drawn_conditions(chapter, (("map", "offices:7"),))
+    offices = condition_settings(chapter, (("map", "offices:7"),))
     assert (offices["robots.start"], offices["places.preset"]) == ([], "areas")
     with pytest.raises(OptionError, match=r"also set places\.preset=free"):
         chapter((("map", "offices:7"), ("robots.start", [])))
 
 
-def test_a_sentence_says_what_all_seeds_have_in_common() -> None:
-    told = same_for_all_seeds(load_scenario(CHAPTER))
+def test_common_conditions_of_all_seeds_are_reported() -> None:
+    told = common_conditions(load_scenario(CHAPTER))
     assert told is not None and "the places are the same, odometry is exact, radio has no shadowing" in told
-    ten = same_for_all_seeds(load_scenario(CHAPTER, Overrides(robots=10)))
-    assert ten is not None and "9 of 10 robots begin in the same positions" in ten
+    ten = common_conditions(load_scenario(CHAPTER, Overrides(robots=10)))
+    assert ten is not None and "9 of 10 robots start at the same positions" in ten
     overrides = Overrides(settings=tuple(EVERYTHING.items()))
-    assert same_for_all_seeds(load_scenario(CHAPTER, overrides)) is None
+    assert common_conditions(load_scenario(CHAPTER, overrides)) is None
 
 
-def test_a_file_draws_unless_it_says_otherwise(tmp_path: Path) -> None:
+def test_conditions_are_drawn_by_default(tmp_path: Path) -> None:
     assert loaded(tmp_path, HEAD).conditions == "drawn"
     assert loaded(tmp_path, HEAD + "conditions = 'as written'\n").conditions == "as written"
     old = b'{"name":"s","scenario":"/s.toml","strategies":["none"],"seeds":3}'
@@ -262,7 +266,7 @@ def loaded(tmp_path: Path, text: str, *, tuning: bool = False) -> Study:
 
 
 @given(seed=some.integers(1, 10_000), samples=some.integers(2, 12), levels=some.integers(2, 5))
-def test_every_level_comes_up_equally_often_to_one(seed: int, samples: int, levels: int) -> None:
+def test_frequencies_of_levels_differ_by_at_most_one(seed: int, samples: int, levels: int) -> None:
     factors = [RandomFactor("a", tuple(range(levels))), RandomFactor("b", between=(0.5, 1.5))]
     cells = draw_cells(factors, samples, seed)
     assert len({repr(cell) for cell in cells}) == len(cells) == samples
@@ -311,7 +315,7 @@ def test_cells_are_compared_together_and_fixed_factors_one_by_one(plain: RunResu
     assert [mine.places_done for mine, _ in found[0].pairs if mine] == [14, 18] * 4, (
         "seed by seed, cell by cell"
     )
-    assert count_tests(study) == 2 and rules_for(study).differ.looks == (8,)
+    assert count_tests(study) == 2 and stopping_rules(study).differ.looks == (8,)
     first = verdicts(found, study)[0]
     assert first.steps[0].test.p == pytest.approx(2 / 2**8) and first.deciding is not None
 
@@ -325,6 +329,6 @@ def made(plain: RunResult, trial: Trial) -> TrialRecord:
 def test_another_factor_changes_nothing_of_the_others() -> None:
     trial = next(STUDY.trials())
     alone = msgspec.structs.replace(STUDY, distributions=(KILLS, JAMS, DROPOUT))
-    both, fewer = drawn(STUDY, trial), drawn(alone, trial)
+    both, fewer = draw_settings(STUDY, trial), draw_settings(alone, trial)
     assert both["uncertainty.dropout"] == fewer["uncertainty.dropout"]
     assert [event for event in both["event"] if "obstacle" not in event] == fewer["event"]

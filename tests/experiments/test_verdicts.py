@@ -8,17 +8,17 @@ from numpy.random import Generator
 from scipy.stats import norm
 
 from acrc_testbed.experiments.comparison import PLACES, PairedSample, Run, scores
-from acrc_testbed.experiments.paired_tests import ALPHA, Effect, a12, a12_bounds, power
+from acrc_testbed.experiments.paired_tests import ALPHA, AssumedEffect, a12, a12_bounds, power
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.verdicts import (
     PairVerdict,
-    look,
-    redrawn,
-    rules_for,
-    told_apart,
+    decided_shares,
+    interim_verdict,
+    resampled,
+    stopping_rules,
     verdicts,
 )
-from acrc_testbed.experiments.verdicts import tests_of as number_of_tests
+from acrc_testbed.experiments.verdicts import family_size as number_of_tests
 from tests.experiments import campaign_rows
 from tests.experiments.made_runs import run as made
 
@@ -51,7 +51,7 @@ def of_one_strategy(declared: Sequence[PairedSample], rng: Generator) -> list[Pa
 
 def swapped(declared: Sequence[PairedSample], rng: Generator) -> list[PairedSample]:
     """Pairs drawn with replacement, with sides swapped at random."""
-    made = redrawn(declared, rng.integers(len(declared[0].pairs), size=CAP))
+    made = resampled(declared, rng.integers(len(declared[0].pairs), size=CAP))
     swaps = rng.random((len(made), CAP)) < 0.5
     return [
         one._replace(
@@ -76,8 +76,8 @@ def after_all(drawn: Sequence[PairedSample], study: Study) -> bool:
 
 
 def with_looks(drawn: Sequence[PairedSample], study: Study) -> bool:
-    rules = rules_for(study)
-    return any(look(one, study, rules).deciding is not None for one in drawn)
+    rules = stopping_rules(study)
+    return any(interim_verdict(one, study, rules).deciding is not None for one in drawn)
 
 
 @pytest.mark.parametrize("judge", [after_all, with_looks])
@@ -97,8 +97,8 @@ def test_strategies_rarely_differ_from_themselves(
 
 
 def normal_sample(share: float, pairs: int, rng: Generator) -> PairedSample:
-    """Normally distributed places, with an A12 of `share`; equally distributed times."""
-    places = rng.normal((Effect(share).shift, 0.0), 1.0, (pairs, 2))
+    """Return runs with normally distributed places, A12 `share`, and identically distributed times."""
+    places = rng.normal((AssumedEffect(share).shift, 0.0), 1.0, (pairs, 2))
     times = rng.uniform(300.0, 600.0, (pairs, 2))
 
     def run(done: float, at: float) -> Run:
@@ -123,21 +123,21 @@ def test_power_for_normal_effects(share: float, full: bool, record_property: Rec
     for pairs in (10, 20, 40):
         drawn = ([normal_sample(share, pairs, rng)] for _ in range(campaigns))
         delivered = sum(more_places(verdicts(one, study)) for one in drawn) / campaigns
-        promised = power(Effect(share, tests=number_of_tests(study)), pairs)
+        promised = power(AssumedEffect(share, tests=number_of_tests(study)), pairs)
         record_property(f"{pairs} pairs: promised, delivered", (round(promised, 3), delivered))
         assert delivered >= promised - three_errors(0.5, campaigns)
 
 
-def test_a_pilot_promises_what_other_seeds_deliver(full: bool, record_property: Record) -> None:
+def test_power_from_a_pilot_agrees_with_other_seeds(full: bool, record_property: Record) -> None:
     """Both are averages over random halves of the real seeds: the pilot, and the rest."""
     campaigns, splits = (15, 20) if full else (4, 5)
     rng, worst = np.random.default_rng(3), 0.0
     for pairs in (10, 20, 40):
         found = np.zeros((len(REAL), 2))
         for _ in range(splits):
-            pilot, rest = (redrawn(REAL, half) for half in np.split(rng.permutation(len(REAL[0].pairs)), 2))
-            found[:, 0] += told_apart(pilot, FAMILY, pairs, rng, campaigns, cautious=True)
-            found[:, 1] += told_apart(rest, FAMILY, pairs, rng, campaigns)
+            pilot, rest = (resampled(REAL, half) for half in np.split(rng.permutation(len(REAL[0].pairs)), 2))
+            found[:, 0] += decided_shares(pilot, FAMILY, pairs, rng, campaigns, cautious=True)
+            found[:, 1] += decided_shares(rest, FAMILY, pairs, rng, campaigns)
         worst = max(worst, float(np.abs(found[:, 0] - found[:, 1]).max() / splits))
     record_property("largest difference of a promise", round(worst, 2))
     assert worst <= (0.2 if full else 0.5)

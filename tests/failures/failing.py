@@ -1,4 +1,4 @@
-"""Runs that are brought to an end otherwise than planned."""
+"""Runs that end abnormally."""
 
 import os
 import signal
@@ -26,7 +26,7 @@ def stepping(out: Path) -> bool:
 
 
 def process_of(out: Path, actor: str) -> int:
-    """The process id of an actor, found by the log that it writes to."""
+    """Return the process id of an actor, found by its log file."""
     (found,) = [
         pid
         for pid in processes_of(out)
@@ -36,7 +36,7 @@ def process_of(out: Path, actor: str) -> int:
 
 
 def last_step(path: Path) -> int:
-    """Of the last message in a recording, but for Received, which belongs to the step after."""
+    """Return the step of the last message in a recording, except Received, which is of the next step."""
     entries = [item for item in read_recording(path) if isinstance(item, Entry)]
     return max(item.step for item in entries if not item.key.endswith("/received"))
 
@@ -56,7 +56,7 @@ def started(begins: Callable[..., Acrc], out: Path, *words: object) -> Acrc:
 
 
 class Death(NamedTuple):
-    """A run that ended as one of its actors was killed."""
+    """Run that ended because an actor was killed."""
 
     out: Path
     code: int

@@ -47,7 +47,7 @@ class LineNoise(NamedTuple):
 
 
 def drawn(number: int) -> LineNoise:
-    """The first three stop a whole run for a minute, in each mode; the others are random."""
+    """Return a disturbance; the first three stop a whole run for a minute in each mode, others are random."""
     if number < len(MODES):
         return LineNoise(tuple(MODES)[number], signal.SIGSTOP, ALL, WITHIN_S / 2, 60.0)
     draw = random.Random(f"1 {number}")
@@ -163,7 +163,7 @@ def test_a_stopped_run_continues_and_one_without_its_forkserver_ends(
 @pytest.mark.claim("endings")
 @pytest.mark.nightly
 @pytest.mark.timeout(0)
-def test_random_disturbances_leave_nothing(
+def test_random_disturbances_leave_nothing_behind(
     digest: str, full: bool, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     count = 200 if full else 4

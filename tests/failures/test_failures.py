@@ -63,7 +63,7 @@ def test_in_memory_an_exception_is_the_guilty_actors(tmp_path: Path) -> None:
 
 
 def failure(out: Path, behaviour: str, bus: str = "zenoh", spawn: str = "forkserver", **limits: float) -> str:
-    """The sentence with which a run ends whose r2 behaves like that; nothing is left of it."""
+    """Return the error of a run with this behaviour of r2; check that nothing is left behind."""
     doom = Doom(str(out), behaviour, bus, spawn, limits)
     if bus == "memory":
         said = sentence(doom)
@@ -142,7 +142,7 @@ def in_memory(out: Path, behaviour: str, timeout_s: int) -> warm.ForkedCommand:
 
 
 def in_step_20(out: Path) -> bool:
-    """True once r2's deed is due: its own recording ends before."""
+    """Return whether r2's sabotage is due; its own recording ends before."""
     recording = out / "r2" / "r2.mcap"
     if not recording.exists():
         return False
@@ -151,9 +151,7 @@ def in_step_20(out: Path) -> bool:
 
 
 @pytest.mark.parametrize("behaviour", ["vforks", pytest.param("never_returns", marks=pytest.mark.nightly)])
-def test_in_memory_who_never_returns_from_the_kernel_or_from_c_is_ended_and_named(
-    tmp_path: Path, behaviour: str
-) -> None:
+def test_in_memory_a_call_that_never_returns_is_ended_and_named(tmp_path: Path, behaviour: str) -> None:
     process = in_memory(tmp_path / "out", behaviour, 1)
     _, said = process.communicate(timeout=100)
     assert process.returncode == -signal.SIGKILL
@@ -170,7 +168,7 @@ def test_in_memory_who_never_returns_from_the_kernel_or_from_c_is_ended_and_name
         pytest.param("catches_all", signal.SIGINT, marks=pytest.mark.nightly),
     ],
 )
-def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
+def test_in_memory_ctrl_c_ends_a_strategy_that_ignores_it(
     tmp_path: Path, behaviour: str, number: signal.Signals
 ) -> None:
     process = in_memory(tmp_path / "out", behaviour, 100)
@@ -189,7 +187,7 @@ def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("bus", ["zenoh", "memory"])
-def test_who_holds_up_steps_and_goes_on_is_told_of_and_ends_nothing(tmp_path: Path, bus: str) -> None:
+def test_a_delay_of_steps_is_reported_and_ends_nothing(tmp_path: Path, bus: str) -> None:
     words = ("--robots", 3, "--duration", 3, "--timeout", 10, "--bus", bus, "--out", tmp_path / "out")
     done = acrc("run", "--strategy", "tests.failures.saboteur:naps", *words)
     assert done.returncode == 0, done.stderr
@@ -219,7 +217,7 @@ def test_a_strategy_that_exits_is_named_at_once(tmp_path: Path, bus: str) -> Non
     assert time.monotonic() - began < 25  # not the 30 s of a silent actor
 
 
-def test_a_world_that_is_stopped_is_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_stopped_world_is_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=20)), RunOptions(out))
     seen: list[int] = []

@@ -1,4 +1,4 @@
-"""The runs that are collected again."""
+"""Simulated runs whose recordings are collected."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -17,14 +17,14 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="session")
 def head_on(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Two robots that do all they were given."""
+    """Two robots that visit all their places."""
     out = tmp_path_factory.mktemp("head_on") / "out"
     return Run(out, run(REPOSITORY / "scenarios" / "head_on.toml", out, 300.0))
 
 
 @pytest.fixture(scope="session")
 def crowd(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Four robots, of which one is killed after 10 s, and another one started again after 30 s of 60 s."""
+    """Four robots; one is killed after 10 s, another one restarted after 30 s of 60 s."""
     folder = tmp_path_factory.mktemp("crowd")
     (folder / "crowd.toml").write_text(CROWD)
     return Run(folder / "out", run(folder / "crowd.toml", folder / "out", 60.0))
@@ -32,5 +32,5 @@ def crowd(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture
 def far(head_on: Run, tmp_path: Path) -> Path:
-    """Copies of the recordings of both robots of `head_on`."""
+    """Copy the recordings of both robots of `head_on`."""
     return copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})

@@ -1,4 +1,4 @@
-"""Simulated runs to collect, and their recordings rewritten as with other clocks."""
+"""Simulated runs to collect, with recordings rewritten for other clocks."""
 
 import csv
 import hashlib
@@ -26,12 +26,12 @@ _NOTES = {"run": RunNote, "final": FinalNote, "failure": FailureNote}
 
 
 def clock(offset_us: int = 0, drift_ppm: float = 0.0) -> Clock:
-    """What a clock shows when it is `instant`."""
+    """Return what a clock shows at `instant`."""
     return lambda instant: instant + offset_us + round(instant * drift_ppm / 1e6)
 
 
 def noise(seed: int, spread_us: float) -> Callable[[], int]:
-    """How much too late a stamp is: 1 ms, and with exponential noise on top."""
+    """Latency of a stamp: 1 ms plus exponential noise."""
     generator = np.random.default_rng(seed)
     return lambda: 1000 + int(generator.exponential(spread_us))
 
@@ -45,7 +45,7 @@ def rewrite(
     bridge: Clock | None = None,
     keep: Callable[[Entry | Note], bool] = lambda item: True,
 ) -> None:
-    """Copy a recording with every instant of a robot's messages as its clock in `clocks` shows it.
+    """Copy a recording with the instants of a robot's messages converted to its clock in `clocks`.
 
     `late` is added to the stamps of the radio; `bridge`: the clock of these stamps, if it is another one.
     """
@@ -124,13 +124,13 @@ restart = "r2"
 
 
 def run(scenario: Path, out: Path, duration: float) -> RunResult:
-    """Run in memory."""
+    """Run a scenario in memory."""
     settled = load_scenario(scenario, Overrides(duration=duration))
     return swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
 
 
 def copies(run: Path, to: Path, clocks: Mapping[str, Clock], late: Callable[[], int] = lambda: 0) -> Path:
-    """Every robot's recordings as its clock would have stamped them, each in its folder of `to`."""
+    """Copy robots' recordings with instants converted to their clocks, each into its folder of `to`."""
     for robot, clock in clocks.items():
         for path in sorted((run / robot).glob("*.mcap")):
             rewrite(path, to / robot / path.name, {robot: clock}, late=late)
@@ -138,6 +138,6 @@ def copies(run: Path, to: Path, clocks: Mapping[str, Clock], late: Callable[[], 
 
 
 def table(path: Path) -> list[dict[str, str]]:
-    """The rows of a places.csv."""
+    """Return the rows of a places.csv."""
     with path.open(newline="") as file:
         return list(csv.DictReader(file))

@@ -1,4 +1,4 @@
-"""Clocks are aligned by the frames that they have stamped, and the stated error holds."""
+"""Alignment of clocks by stamped frames, and coverage of the stated error."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from acrc_testbed.results.clock_alignment import (
     Alignment,
     AlignmentParameters,
-    Fit,
+    ClockFit,
     Stamp,
     StampedFrame,
     StampKind,
@@ -21,7 +21,7 @@ from acrc_testbed.results.clock_alignment import (
 
 DEFAULTS = AlignmentParameters()
 Noise = Callable[[np.random.Generator], float]
-Bound = Callable[[Fit, int], float]
+Bound = Callable[[ClockFit, int], float]
 
 
 def exponential(generator: np.random.Generator) -> float:
@@ -37,14 +37,14 @@ class Air:
     duration_s: float = 60.0
     noise: Noise = exponential
     lag_us: float = 3000.0
-    """How much later frames are stamped as heard than as sent."""
+    """Latency of stamps of received frames relative to sent ones."""
     deaf: frozenset[tuple[int, int]] = frozenset()
-    """(sender, receiver) that do not hear one another."""
-    unlike_us: float = 0.0
-    """Standard deviation of how much later each robot's stamps are."""
+    """Pairs (sender, receiver) without radio contact."""
+    latency_spread_us: float = 0.0
+    """Standard deviation of the latency between robots."""
 
     def clocks(self) -> tuple[list[int], list[float]]:
-        """µs that each is ahead, and how much faster it runs, ppm."""
+        """Offset, µs, and drift, ppm, of each clock."""
         generator = np.random.default_rng([self.seed, 1])
         return (
             generator.integers(-(10**15), 10**15, self.robots).tolist(),
@@ -66,7 +66,7 @@ class Air:
 
     def frame(self, generator: np.random.Generator, second: int, sender: int) -> StampedFrame:
         instant = (second + generator.uniform()) * 1e6
-        slow = np.random.default_rng([self.seed, 3]).normal(5000.0, self.unlike_us, self.robots)
+        slow = np.random.default_rng([self.seed, 3]).normal(5000.0, self.latency_spread_us, self.robots)
         handed = instant - 3000.0 - generator.exponential(3000.0)
         stamps = [
             Stamp(sender, self.shown(sender, instant + slow[sender] + self.noise(generator)), StampKind.SENT)
@@ -78,9 +78,9 @@ class Air:
         return StampedFrame(tuple(stamps), Stamp(sender, self.shown(sender, handed), StampKind.HANDED))
 
     def errors(
-        self, fits: Alignment, bound: Callable[[Fit, int], float] = Fit.error
+        self, fits: Alignment, bound: Callable[[ClockFit, int], float] = ClockFit.error
     ) -> list[tuple[float, float]]:
-        """At begin and end, for every other clock than the first: error and its stated bound, µs."""
+        """Yield error and its stated bound, µs, at begin and end for every clock except the first."""
         return [
             (abs(fit.reference(shown) - self.shown(0, instant)), bound(fit, shown))
             for clock, fit in enumerate(fits.fits)
@@ -91,7 +91,7 @@ class Air:
 
 
 def chain(robots: int) -> frozenset[tuple[int, int]]:
-    """Each hears its neighbours only."""
+    """Robots in a row that receive only their neighbours."""
     return frozenset((i, j) for i in range(robots) for j in range(robots) if abs(i - j) > 1)
 
 
@@ -115,23 +115,25 @@ def test_the_stated_error_covers_the_truth_in_95_percent_of_seeds(air: Air) -> N
     assert covered >= 0.95 * seeds
 
 
-def told(fit: Fit, instant: int) -> float:
-    """The stated error without what no frame tells: here all robots lag alike."""
-    return min(fit.scatter(instant), fit.surely_within(instant))
+def told(fit: ClockFit, instant: int) -> float:
+    """Return the stated error without unequal latencies, as all robots have the same latency here."""
+    return min(fit.scatter(instant), fit.causal_bound(instant))
 
 
-def test_so_it_does_where_robots_are_unequally_late() -> None:
+def test_the_stated_error_covers_unequal_latencies() -> None:
     covered, scattered = 0, 0
     for seed in range(40):
-        air = Air(seed, robots=4, duration_s=30.0, unlike_us=DEFAULTS.unlike_us / math.sqrt(2))
+        air = Air(
+            seed, robots=4, duration_s=30.0, latency_spread_us=DEFAULTS.latency_spread_us / math.sqrt(2)
+        )
         alignment = align(air.frames(), 4, DEFAULTS)
         covered += all(error <= bound for error, bound in air.errors(alignment))
         scattered += all(error <= bound for error, bound in air.errors(alignment, told))
     assert covered >= 38 > scattered
 
 
-def test_the_stated_error_is_not_idle() -> None:
-    """Of 60 s at 2 ms of noise: within a millisecond, and the errors reach a good part of it."""
+def test_the_stated_error_is_tight() -> None:
+    """For 60 s with 2 ms of noise: below a millisecond, and not much larger than actual errors."""
     pairs = [
         pair for seed in range(12) for pair in Air(seed).errors(align(Air(seed).frames(), 3, DEFAULTS), told)
     ]
@@ -149,12 +151,12 @@ def test_without_noise_clocks_are_recovered_to_microseconds(seed: int, robots: i
         assert error <= bound < 100.0
 
 
-def test_a_lag_of_one_kind_of_stamp_is_told_from_an_offset_where_both_hear() -> None:
+def test_latency_and_offset_are_separated_if_both_robots_receive() -> None:
     air = Air(1, robots=2, lag_us=15_000.0)
     assert all(error <= min(bound, 2500.0) for error, bound in air.errors(align(air.frames(), 2, DEFAULTS)))
 
 
-def test_a_tenth_of_wild_stamps_does_no_harm() -> None:
+def test_outliers_of_a_tenth_of_the_stamps_are_tolerated() -> None:
     generator = np.random.default_rng(5)
     air = Air(5)
     frames = []
@@ -172,8 +174,8 @@ def test_clocks_without_a_common_frame_are_groups_of_their_own() -> None:
     assert [fit.group for fit in align([], 3, DEFAULTS).fits] == [0, 1, 2]
 
 
-def test_cause_and_effect_bound_the_error_whatever_the_lags() -> None:
-    """Robot 1 stamps everything 20 ms late, which no statistics can see."""
+def test_causality_bounds_the_error_for_any_latencies() -> None:
+    """Robot 1 stamps everything 20 ms late, which frames cannot show."""
     air = Air(6, robots=2, noise=lambda generator: 0.0)
     frames = [
         frame._replace(
@@ -186,5 +188,5 @@ def test_cause_and_effect_bound_the_error_whatever_the_lags() -> None:
     fit = align(frames, 2, DEFAULTS).fits[1]
     shown = air.shown(1, 30e6)
     error = abs(fit.reference(shown) - air.shown(0, 30e6))
-    assert error > 10_000.0 > fit.error(shown)  # more unlike than taken for granted
-    assert fit.surely_within(shown) >= error
+    assert error > 10_000.0 > fit.error(shown)  # more unequal than assumed
+    assert fit.causal_bound(shown) >= error

@@ -1,4 +1,4 @@
-"""Recordings with clocks of their own give the result of the simulated run; wrong input is named."""
+"""Recordings with different clocks give the result of the simulated run; wrong input is refused."""
 
 import shutil
 from pathlib import Path
@@ -24,11 +24,11 @@ from tests.field_trial.runs import Clock, clock, copies, noise, rewrite, table
 from tests.swarm.command import acrc
 
 EPOCH = 1_700_000_000_000_000
-"""µs; some day in 2023."""
+"""A day in 2023, µs."""
 TOLD = ("owner", "place", "x", "y", "reported_by", "given_up_by", "reason", "in_route_of")
 
 
-def test_a_simulated_run_gives_its_own_result_but_for_truth(head_on: Run, tmp_path: Path) -> None:
+def test_a_simulated_run_gives_its_own_result_without_ground_truth(head_on: Run, tmp_path: Path) -> None:
     ours, truth = collect([head_on.out], tmp_path / "out"), head_on.result
     for name in ("robots", "places_total", "places_claimed", "places_given_up", "places_lost", "completion_s",
                  "settled_s", "last_reached_s", "radio_bytes_per_robot_s", "deeco"):  # fmt: skip
@@ -45,7 +45,7 @@ def test_a_simulated_run_gives_its_own_result_but_for_truth(head_on: Run, tmp_pa
     assert msgspec.json.decode(written) == msgspec.json.decode(msgspec.json.encode(ours))
 
 
-def test_clocks_that_are_off_and_drift_are_put_right(head_on: Run, tmp_path: Path) -> None:
+def test_clock_offset_and_drift_are_corrected(head_on: Run, tmp_path: Path) -> None:
     clocks = {"r1": clock(EPOCH), "r2": clock(EPOCH + 7_654_321, drift_ppm=120.0)}
     late = copies(head_on.out, tmp_path / "late", clocks, noise(3, 3000.0))
     (noisy,) = collect([late]).per_robot["r2"].clock
@@ -75,7 +75,7 @@ def test_more_robots_one_killed_and_one_started_again(crowd: Run, tmp_path: Path
         assert abs(one.offset_s - (n - 1) * 1000.0) <= one.error_s + 1e-5
 
 
-def test_a_clock_that_is_set_between_two_starts_is_two(crowd: Run, tmp_path: Path) -> None:
+def test_a_clock_set_between_two_starts_is_two_segments(crowd: Run, tmp_path: Path) -> None:
     clocks = {f"r{n}": clock(EPOCH) for n in (1, 3, 4)}
     far = copies(crowd.out, tmp_path / "far", clocks)
     for name, ahead in (("r2", -3_000_000), ("r2.1", 86_400_000_000)):
@@ -89,7 +89,7 @@ def test_a_clock_that_is_set_between_two_starts_is_two(crowd: Run, tmp_path: Pat
     assert_same_table(tmp_path / "out", crowd.out, within_s=0.003)
 
 
-def test_a_bridge_whose_clock_was_set_is_put_right_to_within_a_step(head_on: Run, tmp_path: Path) -> None:
+def test_a_set_clock_of_a_bridge_is_corrected_to_within_a_step(head_on: Run, tmp_path: Path) -> None:
     copies(head_on.out, tmp_path, {"r1": clock(EPOCH)})
     far = tmp_path / "r2" / "r2.mcap"
     rewrite(head_on.out / "r2" / "r2.mcap", far, {"r2": clock(EPOCH)}, bridge=clock(EPOCH + 3_600_000_000))
@@ -97,12 +97,11 @@ def test_a_bridge_whose_clock_was_set_is_put_right_to_within_a_step(head_on: Run
     (r2,) = ours.per_robot["r2"].clock
     assert r2.error_s is not None and abs(r2.offset_s) <= r2.error_s and 0.1 <= r2.error_s < 0.12
     assert ours.notes == (
-        f"{far}: the clock that stamps the frames was set while the one that stamps the steps ran on; put "
-        "right to within a step",
+        f"{far}: the clock for frames was set while the clock for steps ran on; corrected to within a step",
     )
 
 
-def test_a_robot_that_nobody_heard_is_left_as_it_is_and_said_to_be(head_on: Run, tmp_path: Path) -> None:
+def test_a_robot_without_common_frames_stays_unaligned_with_a_note(head_on: Run, tmp_path: Path) -> None:
     def keep(item: Entry | Note) -> bool:
         return isinstance(item, Note) or ("received" not in item.key and "transmit" not in item.key)
 
@@ -113,13 +112,12 @@ def test_a_robot_that_nobody_heard_is_left_as_it_is_and_said_to_be(head_on: Run,
     (r2,) = ours.per_robot["r2"].clock
     assert (r2.error_s, r2.surely_within_s, r2.from_s, r2.frames) == (None, None, 2.0, 0)
     assert ours.notes == (
-        "r2: no frame connects its clock with that of r1, so its instants are left as its own clock gave "
-        "them, with an error that is unknown",
+        "r2: no common frame with r1, so its instants are those of its own clock, with an unknown error",
     )
 
 
 @pytest.mark.parametrize("share", [0.2, 0.93])
-def test_a_recording_cut_short_counts_as_far_as_it_goes(head_on: Run, far: Path, share: float) -> None:
+def test_a_truncated_recording_is_used_up_to_its_end(head_on: Run, far: Path, share: float) -> None:
     path = far / "r2" / "r2.mcap"
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * share)])
@@ -129,8 +127,8 @@ def test_a_recording_cut_short_counts_as_far_as_it_goes(head_on: Run, far: Path,
     whole = 10 * head_on.result.simulated_s
     assert report.ended == "cut short" and abs(steps / whole - share) < 0.1
     assert ours.notes == (
-        f"{path}: cut short at step {steps - 1}, without a last record, as by switching off",
-        f"{path}: has no last record, so what its node did is not known",
+        f"{path}: truncated at step {steps - 1}: no final record, as after a power-off",
+        f"{path}: no final record, so the counters of its node are unknown",
     )
     rows = table(head_on.out / "places.csv")
     known = [
@@ -139,10 +137,10 @@ def test_a_recording_cut_short_counts_as_far_as_it_goes(head_on: Run, far: Path,
     assert ours.places_claimed == len(known)
 
 
-def test_large_messages_come_from_whoever_received_them(
+def test_large_messages_are_taken_from_their_receivers(
     head_on: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As if all frames and answers were too large for their sender to keep."""
+    """Treat all frames and answers as too large to be recorded by their sender."""
     whole: dict[str, Clock] = {"r1": clock(), "r2": clock()}
     with monkeypatch.context() as patch:
         patch.setattr(recorder, "LARGE", 16)
@@ -152,10 +150,10 @@ def test_large_messages_come_from_whoever_received_them(
     assert alone.frames["frames_sent"] == head_on.result.frames["frames_sent"]
     published = head_on.result.frames_by_robot["r1"]["frames_sent"]
     assert alone.notes[:2] == (
-        f"{r1}: {10 * head_on.result.simulated_s:.0f} answers are known by their hash only, and so what they "
-        "say of places is not; the recording of the base or the world would hold them",
-        f"{r1}: the frames of {published} messages are known by their hash only; the recording of the bridge "
-        "or the radio would hold them",
+        f"{r1}: {10 * head_on.result.simulated_s:.0f} answers are recorded as hashes only, so their reports "
+        "are unknown; add the recording of the base or the world",
+        f"{r1}: the frames of {published} messages are recorded as hashes only; add the recording of the "
+        "bridge or the radio",
     )
     for name in ("world", "radio"):
         rewrite(head_on.out / name / f"{name}.mcap", tmp_path / name / f"{name}.mcap", whole)
@@ -175,7 +173,7 @@ def test_the_lateness_is_that_of_the_robots_base(head_on: Run, far: Path) -> Non
 
 
 def write_base(path: Path, run: Path, lateness: dict[str, int]) -> None:
-    """What a base leaves behind: its first record and its last one."""
+    """Write a base's recording: its first and its final record."""
     notes = read_notes(run / "world" / "world.mcap")
     first = msgspec.json.decode(notes["run"], type=RunNote)
     outcome = {"steps": 100, "overruns": 3, "late_air": 0, "stale_drives": 0, "lateness_ms": lateness}
@@ -213,11 +211,11 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
 
 
 BEGAN = EPOCH - 5_000_000
-"""The laboratory was there 5 s before the robots."""
+"""The emulation started 5 s before the robots."""
 
 
 def laboratory(run: Run, path: Path, **other: object) -> Path:
-    """What it would have said of a simulated run."""
+    """Write the result that the emulation would give for a simulated run."""
     places = []
     for row in table(run.out / "places.csv"):
         at = round(float(row["reached_s"]) * 1e6) + EPOCH - BEGAN if row["reached_s"] else None
@@ -238,7 +236,7 @@ def laboratory(run: Run, path: Path, **other: object) -> Path:
     return path
 
 
-def test_with_truth_the_table_is_the_simulated_runs_whole_one(head_on: Run, tmp_path: Path) -> None:
+def test_with_ground_truth_the_table_is_that_of_the_simulation(head_on: Run, tmp_path: Path) -> None:
     far = copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH)})
     truth = laboratory(head_on, tmp_path / "result.json", frames=head_on.result.frames)
     ours = collect([far], tmp_path / "out", truth)
@@ -252,7 +250,7 @@ def test_with_truth_the_table_is_the_simulated_runs_whole_one(head_on: Run, tmp_
     assert robots["r1"].frames["frames_sent"] == 5 != robots["r2"].frames["frames_sent"]
 
 
-def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path) -> None:
+def test_a_report_of_an_unvisited_place_is_mistaken(crowd: Run, tmp_path: Path) -> None:
     far = copies(crowd.out, tmp_path / "far", {f"r{n}": clock(EPOCH) for n in range(1, 5)})
     truth = laboratory(crowd, tmp_path / "result.json", lost_ms=40)
     seen = msgspec.json.decode(truth.read_bytes(), type=LaboratoryResult)
@@ -263,14 +261,16 @@ def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path)
     claimed = crowd.result.places_claimed
     assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and claimed > 1
     assert (ours.places_claimed, ours.places_done) == (claimed, 0)
-    assert ours.notes == ("the laboratory fell behind, so the true instants are early by up to 40 ms",)
+    assert ours.notes == ("the emulation fell behind, so the true instants are early by up to 40 ms",)
 
 
 def test_another_field_trials_truth_is_one_sentence(head_on: Run, far: Path, tmp_path: Path) -> None:
-    with pytest.raises(FieldTrialError, match="--truth: the laboratory began 1699999995 s after the field"):
+    with pytest.raises(FieldTrialError, match="--truth: the emulation began 1699999995 s after the field"):
         collect([far], None, laboratory(head_on, tmp_path / "result.json"))
     (tmp_path / "junk.json").write_text("{}")
-    with pytest.raises(FieldTrialError, match=r"/junk\.json is no result of a laboratory: began_us is"):
+    with pytest.raises(
+        FieldTrialError, match=r"/junk\.json is not a result of emulated devices: began_us is"
+    ):
         collect([far], None, tmp_path / "junk.json")
 
 
@@ -280,57 +280,52 @@ def sentence(*folders: Path, out: Path | None = None) -> str:
     return str(error.value)
 
 
-def test_folders_that_make_no_field_trial_are_refused(head_on: Run, crowd: Run, tmp_path: Path) -> None:
+def test_folders_that_are_not_one_field_trial_are_refused(head_on: Run, crowd: Run, tmp_path: Path) -> None:
     gone, bare, world = tmp_path / "gone", tmp_path / "bare", tmp_path / "no" / "world"
     bare.mkdir()
     shutil.copytree(head_on.out / "world", world)
     one = copies(head_on.out, tmp_path / "one", {"r1": clock(), "r2": clock()})
     two = copies(head_on.out, tmp_path / "two", {"r2": clock()})
     later = copies(crowd.out, tmp_path / "later", {"r2": clock(86_400_000_000)})
-    assert sentence(gone) == f"{gone}: no such folder; it should be a robot's, or one that holds robots'"
-    assert sentence(bare) == f"{bare}: no recording in it; there should be *.mcap or */*.mcap"
-    assert sentence(world.parent) == f"{world.parent}: no robot's recording in there, such as r2.mcap"
-    assert f"{one}/r2/r2.mcap and {two}/r2/r2.mcap: both are recordings of r2 in epoch 0" in sentence(
-        one, two
-    )
-    assert "no frame connects their recordings" in sentence(one / "r1", later)
+    assert sentence(gone).startswith(f"{gone}: no such folder; give a robot's folder")
+    assert sentence(bare) == f"{bare}: no recordings (*.mcap or */*.mcap)"
+    assert sentence(world.parent) == f"{world.parent}: no recording of a robot, such as r2.mcap"
+    assert f"{one}/r2/r2.mcap and {two}/r2/r2.mcap: two recordings of r2 in epoch 0" in sentence(one, two)
+    assert "their recordings share no frame" in sentence(one / "r1", later)
     assert (
         sentence(head_on.out, out=one) == f"--out: {one} already exists and is not empty; choose a new folder"
     )
     assert collect([one, one / "r2"]).robots == 2, "the same file twice is one"
 
 
-def test_junk_beside_recordings_and_impossible_instants_are_named_and_left_out(
-    head_on: Run, tmp_path: Path
-) -> None:
+def test_junk_files_and_implausible_instants_are_skipped_with_a_note(head_on: Run, tmp_path: Path) -> None:
     far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock(1 << 61)})
     (far / "r1" / "a.mcap").write_bytes(b"anything")
     (far / "r1" / "empty.mcap").touch()
     ours = collect([far])
     assert ours.notes[:3] == (
         f"{far}/r1/a.mcap: not a recording, or damaged at its start",
-        f"{far}/r1/empty.mcap: ends before its first record, or is no actor's recording; left out",
-        f"{far}/r2/r2.mcap: damaged: an instant is {1 << 61} µs, as no clock shows; what "
-        "comes before is taken",
+        f"{far}/r1/empty.mcap: empty or not an actor's recording; skipped",
+        f"{far}/r2/r2.mcap: damaged: implausible instant {1 << 61} µs; used up to there",
     )
 
 
-def test_a_robots_file_cut_before_its_first_step_counts_for_nothing(far: Path) -> None:
+def test_a_recording_truncated_before_its_first_step_is_ignored(far: Path) -> None:
     path = far / "r2" / "r2.mcap"
     whole = path.read_bytes()
     path.write_bytes(whole[: whole.index(b"swarm/")])
     ours = collect([far])
     assert ours.per_robot["r2"].clock == () and ours.per_robot["r2"].recordings[0].steps == 0
     assert ours.notes[0] == (
-        f"{path}: cut short before its first step, without a last record, as by switching off"
+        f"{path}: truncated before its first step: no final record, as after a power-off"
     )
     path.unlink()
     (far / "r1" / "r1.mcap").write_bytes(whole[: whole.index(b"swarm/")])
-    assert sentence(far) == f"{far}/r1/r1.mcap: no robot has taken a step in there"
+    assert sentence(far) == f"{far}/r1/r1.mcap: no robot took a step"
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_damage_anywhere_is_a_sentence_at_most(far: Path, seed: int) -> None:
+def test_damage_anywhere_gives_at_most_a_sentence(far: Path, seed: int) -> None:
     path = far / "r2" / "r2.mcap"
     generator = np.random.default_rng(seed)
     data = bytearray(path.read_bytes())
@@ -346,7 +341,7 @@ def test_damage_anywhere_is_a_sentence_at_most(far: Path, seed: int) -> None:
         assert ours.per_robot["r1"].recordings[0].ended == "as planned"
 
 
-def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> None:
+def test_unknown_data_of_a_missing_robot_are_noted(head_on: Run) -> None:
     ours = collect([head_on.out / "r1"])
     assert (ours.robots, ours.places_claimed) == (1, 3)
     spoken: set[tuple[str, int]] = set()
@@ -359,10 +354,10 @@ def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> N
     assert ours.places_total == len(spoken | {("r1", place) for place in range(3)})
     heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
     assert ours.notes == (
-        f"{heard} frames were heard of address 2, which is no robot's here: what it did and where it still "
-        "meant to go is not known",
-        "r2: its list of places is not known, so the table has those that others spoke of, without where "
-        "they are",
+        f"{heard} frames were received from address 2, of which there is no recording; its reports and route "
+        "are unknown",
+        "r2: its list of places is unknown, so the table has only those in others' reports, without "
+        "positions",
     )
 
 
@@ -376,5 +371,5 @@ def test_messages_of_another_version_are_a_sentence(
     assert ours.per_robot["r2"].recordings[0].ended == "damaged"
     assert ours.notes[0] == (
         f"{far}/r2/r2.mcap: swarm/down/r2/senses: version 7, expected message version {MESSAGE_VERSION}; "
-        "what comes before is taken"
+        "used up to there"
     )

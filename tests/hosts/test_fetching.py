@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from acrc_testbed.results import seal
-from acrc_testbed.results.seal import HostPart, HostsFile, LeftFile
+from acrc_testbed.results.seal import HostPart, HostsFile, RemoteFile
 from actors.runtime.errors import AcrcError
 from deploy.hosts import files as fetching
 from deploy.hosts.files import TASK, Fetched, Listed, fetch
@@ -35,7 +35,7 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def told(folder: Path, name: str = "r1/r1.mcap", data: bytes = FILES["r1/r1.mcap"]) -> HostsFile:
-    left = LeftFile("h", len(data), hashlib.sha256(data).hexdigest())
+    left = RemoteFile("h", len(data), hashlib.sha256(data).hexdigest())
     part = HostPart("10.0.0.2", 2, ("r1", "r2"), str(folder))
     return HostsFile("tls://10.0.0.1:8786", RUN, {"h": part}, {name: left})
 
@@ -46,7 +46,7 @@ def out(there: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     answers(monkeypatch, lambda function, *words: function(*words))
     folder = tmp_path / "runs" / "one"
     folder.mkdir(parents=True)
-    seal.write(folder, told(there))
+    seal.write_hosts(folder, told(there))
     return folder
 
 
@@ -129,7 +129,7 @@ def test_a_list_that_cannot_be_is_refused(
     with pytest.raises(AcrcError) as caught:
         fetch(out, "", quiet)
     assert said in str(caught.value)
-    assert [path.name for path in out.iterdir()] == [seal.NAME]
+    assert [path.name for path in out.iterdir()] == [seal.HOSTS_FILE]
 
 
 @pytest.mark.parametrize("lie", [b"", b"x" * (5 << 20), 3])
@@ -160,9 +160,9 @@ def test_a_worker_that_dies_or_is_not_there_is_named(out: Path, monkeypatch: pyt
 
 
 def test_a_folder_without_hosts_and_a_damaged_list_are_named(out: Path) -> None:
-    (out / seal.NAME).write_text('{"cluster": 3}')
+    (out / seal.HOSTS_FILE).write_text('{"cluster": 3}')
     with pytest.raises(AcrcError, match=r"hosts.json: no list of a run's hosts: cluster is 3, but must be"):
         fetch(out, "", quiet)
-    (out / seal.NAME).unlink()
+    (out / seal.HOSTS_FILE).unlink()
     with pytest.raises(AcrcError, match=r"no run over several computers: there is no hosts\.json in it"):
         fetch(out, "", quiet)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acrc_testbed.results import seal
-from acrc_testbed.results.seal import HostLoad, HostPart, HostsFile, LeftFile
+from acrc_testbed.results.seal import HostLoad, HostPart, HostsFile, RemoteFile
 from actors.installation.usage import OptionError, command_line
 from actors.runtime.errors import AcrcError
 from deploy.hosts import host_link
@@ -258,26 +258,28 @@ def test_the_load_is_what_processes_did_between_two_answers(monkeypatch: pytest.
 
 
 def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:
-    assert seal.read(tmp_path) is None
-    assert seal.elsewhere(tmp_path) == {}
+    assert seal.read_hosts(tmp_path) is None
+    assert seal.remote_recordings(tmp_path) == {}
     part = HostPart("10.0.0.2", 2, ("r1", "r2"), "/tmp/acrc-x")
-    left = {f"r{n}/r{n}.mcap": LeftFile(f"h{n % 2}", 1, "0" * 64) for n in (1, 2, 3)}
+    left = {f"r{n}/r{n}.mcap": RemoteFile(f"h{n % 2}", 1, "0" * 64) for n in (1, 2, 3)}
     told = HostsFile("tls://10.0.0.1:8786", "0", {"h0": part}, left)
-    seal.write(tmp_path, told)
-    assert seal.read(tmp_path) == told
-    assert seal.where(tmp_path, seal.elsewhere(tmp_path)) == (
+    seal.write_hosts(tmp_path, told)
+    assert seal.read_hosts(tmp_path) == told
+    assert seal.fetch_sentence(tmp_path, seal.remote_recordings(tmp_path)) == (
         f"{tmp_path}/r1/r1.mcap and 2 more are still on hosts h0, h1; "
-        f"`{command_line('cluster', 'fetch', tmp_path)}` brings what has stayed there"
+        f"fetch with `{command_line('cluster', 'fetch', tmp_path)}`"
     )
     for number in (1, 2):
         (tmp_path / f"r{number}").mkdir()
         (tmp_path / f"r{number}" / f"r{number}.mcap").touch()
-    assert "r3/r3.mcap is still on host h1;" in seal.where(tmp_path, seal.elsewhere(tmp_path))
+    assert "r3/r3.mcap is still on host h1;" in seal.fetch_sentence(
+        tmp_path, seal.remote_recordings(tmp_path)
+    )
     for damage in (
         b"[]",
         msgspec.json.encode(told).replace(b"r3/r3", b"../r3"),
         b'{"cluster": "\\u001b[2J"}',
     ):
-        (tmp_path / seal.NAME).write_bytes(damage)
+        (tmp_path / seal.HOSTS_FILE).write_bytes(damage)
         with pytest.raises(AcrcError, match=r"hosts\.json: no list of a run's hosts"):
-            seal.elsewhere(tmp_path)
+            seal.remote_recordings(tmp_path)

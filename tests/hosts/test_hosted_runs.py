@@ -130,7 +130,7 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in errors
     assert list(out.glob("r[0-9]/*.mcap")) == [] and len(run.folders_left()) == 2
     assert run.secrets_left() == []
-    told = seal.read(out)
+    told = seal.read_hosts(out)
     assert told is not None
     assert [part.robots for part in told.hosts.values()] == [("r1", "r2"), ("r3", "r4")]
     for wants_robots in (account_time, record_check.check, check_seal, recheck):

@@ -1,4 +1,4 @@
-"""`check_strategy` and `check_task` find planted faults, and find none in what is shipped."""
+"""`check_strategy` and `check_task` find planted faults, and none in shipped code."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -55,7 +55,7 @@ def test_state_outside_of_knowledge_and_a_failing_restart_are_found(folder: Path
 def test_wrong_arguments_are_one_sentence(folder: Path) -> None:
     (folder / "wrong_check.py").write_text("def behaviour(): pass\n")
     (finding,) = acrc.check_strategy("wrong_check:behaviour")
-    assert finding.startswith("wrong_check:behaviour cannot be called with a Start alone")
+    assert finding.startswith("wrong_check:behaviour cannot be called with a Start as its only argument")
     with pytest.raises(acrc.AcrcError, match="at least 10 s"):
         acrc.check_strategy("none", duration=1)
 

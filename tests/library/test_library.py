@@ -1,4 +1,4 @@
-"""The library does what docs/library.md shows, its errors are sentences, and its import is light."""
+"""Examples of docs/library.md run, errors are sentences, and the import is light."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import acrc_testbed as acrc
-from acrc_testbed.errors import arguments_named
+from acrc_testbed.argument_names import arguments_named
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.installation.usage import OptionError
 from tests import in_process
@@ -26,7 +26,7 @@ told = {
     "isolation": adapted.result.isolation,
     "places": [without.result.places_done, adapted.result.places_done],
     "tables": {name: table.num_rows for name, table in tables.items()},
-    "shape": run.evidence.true.shape,
+    "shape": run.data.true.shape,
     "robots": sorted(run.time_spent().robots),
     "rows": campaign.results().num_rows,
     "again": acrc.open_campaign("campaigns/mine").compare("places")[0].effect.value == places.effect.value,
@@ -36,13 +36,13 @@ sys.stderr.write(json.dumps(told))
 
 
 SHORT = (("duration=60", "duration=20"), ('"run.duration" = 20', '"run.duration" = 5'))
-"""Texts of the page that shorten its runs, and their replacements."""
+"""Replacements in the page that shorten its runs."""
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(300)
-def test_the_page_does_what_it_shows(tmp_path: Path) -> None:
-    """Run the blocks of the page one after the other in one program, as in a notebook."""
+def test_examples_of_the_page_run(tmp_path: Path) -> None:
+    """Run all blocks of the page in one program, as in a notebook."""
     folder = tmp_path
     for name in ("scenarios", "maps"):
         (folder / name).symlink_to(REPOSITORY / name)
@@ -76,7 +76,7 @@ def test_a_run_is_that_of_the_command_line(tmp_path: Path, monkeypatch: pytest.M
     words = ("run", scenario, "--seed", 3, "--duration", 2, "--bus", "memory", "--out", "command", "--json")
     done = in_process.acrc(*words, cwd=tmp_path)
     assert made.result is not None and json.loads(done.stdout)["digest"] == made.result.digest
-    assert made.evidence.true.shape == (20, 2, 3) and sorted(made.time_spent().robots) == ["r1", "r2"]
+    assert made.data.true.shape == (20, 2, 3) and sorted(made.time_spent().robots) == ["r1", "r2"]
 
 
 def test_a_run_in_memory_with_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +97,7 @@ def test_errors_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         (lambda: acrc.run("nowhere"), "nowhere: the scenario file cannot be read: No such file or directory"),
         (lambda: acrc.run("head_on", bus="air"), "bus: air; must be zenoh or memory"),  # type: ignore[arg-type]
         (lambda: acrc.run("head_on", settings={"run.strategy": "mine:behaviour"}), mine),
-        (lambda: acrc.open_campaign(tmp_path), f"^{tmp_path}: holds no campaign; must be a folder that"),
+        (lambda: acrc.open_campaign(tmp_path), f"^{tmp_path}: not a campaign; give a folder"),
     ]
     for call, sentence in wrong:
         with pytest.raises(acrc.AcrcError, match=sentence):
@@ -125,7 +125,7 @@ def test_errors_name_arguments(sentence: str, right: str) -> None:
 OWN = "from cleaning.strategies.none import behaviour as behaviour\n"
 
 
-def test_a_run_takes_the_place_of_another_one_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_run_is_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").touch()
@@ -148,12 +148,12 @@ def test_a_run_takes_the_place_of_another_one_only(tmp_path: Path, monkeypatch: 
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["a"]
 
 
-def test_a_campaign_begins_again_if_it_is_told_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_campaign_is_overwritten_on_request(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("acrc_testbed.experiments.campaign.carry_out", lambda kept, options: None)
     text = f'scenario = "{SHIPPED}/scenarios/head_on.toml"\nstrategies = ["none", "chapter"]\nseeds = 6\n'
     (tmp_path / "s.toml").write_text(text)
     folder = acrc.campaign(tmp_path / "s.toml", tmp_path / "c").folder
-    with pytest.raises(acrc.AcrcError, match="has 6 seeds, more than 2"):
+    with pytest.raises(acrc.AcrcError, match="the campaign has 6 seeds; 2 must not be fewer"):
         acrc.campaign(tmp_path / "s.toml", folder, seeds=2)
     again = acrc.campaign(tmp_path / "s.toml", folder, seeds=2, overwrite=True)
     assert len(again.results()) == 0 and again._kept().study.seeds == 2

@@ -22,7 +22,7 @@ from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.export import table_rows
 from acrc_testbed.export.parquet_files import TABLES
-from acrc_testbed.results.outcome import means as own_means
+from acrc_testbed.results.outcome import outcome_means as own_means
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.recording_readers import final_outcomes, messages_on, world_setup
 from actors.installation.repository import REPOSITORY
@@ -290,6 +290,6 @@ def test_decisions_and_costs_are_those_of_the_tables(run: Counted) -> None:
     assert found["contacts in a run"] == run.result.contacts
     assert found["metres driven by all robots"] == run.result.driven_m
     assert found["CPU, ms per robot and simulated s"] == pytest.approx(1000 * run.result.cpu_s / 4 / LENGTH)
-    assert found["age of what robots know of one another, s"] == run.result.deeco.replica_age_mean_s
+    assert found["age of replicas, s"] == run.result.deeco.replica_age_mean_s
     freed = [one.blocked_s + one.free_after_s for one in run.time.decisions if one.free_after_s is not None]
-    assert found["from blocked to free, s"] == (pytest.approx(np.mean(freed)) if freed else None)
+    assert found["time from blocked to driving on, s"] == (pytest.approx(np.mean(freed)) if freed else None)

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from acrc_testbed.recordings.record_check import check
 from acrc_testbed.results.field_recordings import read_field_trial
-from acrc_testbed.results.trial_result import read_truth
+from acrc_testbed.results.field_trial_result import read_ground_truth
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START
@@ -151,7 +151,7 @@ def _setups(planned: RunPlan, scratch: Path) -> Iterator[Parser]:
         ("set-up of a world", plan.world_program(planned), world.load_setup),
         ("set-up of a radio", plan.radio_program(planned), radio.load_setup),
         ("set-up of a robot", plan.robot_program(planned, robot, ProcessOrder(robot.id, 0), 0), load_setup),
-        ("laboratory's result", plan.world_program(planned), read_truth),
+        ("laboratory's result", plan.world_program(planned), read_ground_truth),
     )
     for name, program, reader in readers:
         assert program.setup is not None

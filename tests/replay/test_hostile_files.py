@@ -10,7 +10,7 @@ import pytest
 
 from acrc_testbed.experiments import campaign, store
 from acrc_testbed.experiments.study import Study
-from acrc_testbed.experiments.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.trial_record import TrialRecord, write_json
 from actors.floor.map_file import load_map
 from actors.processes.robot_logs import last_line
 from actors.robot_model import load_model
@@ -187,7 +187,7 @@ def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, 
     study = Study(name="received", scenario="/nowhere/scenario.toml", strategies=("none", "chapter"), seeds=2)
     kept = store.create(tmp_path / "received", study)
     for trial in study.trials():
-        keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, failure="it never was"))
+        write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, failure="it never was"))
     for name in ("results.csv", "results.parquet", "results.new", "study.new"):
         (kept.folder / name).unlink(missing_ok=True)
         (kept.folder / name).symlink_to(victim)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.recordings.record_check import check
-from acrc_testbed.results.seal import SUMS, Sealed, SealError, check_seal, seal, sentence
+from acrc_testbed.results.seal import SUMS, SealError, SealReport, check_seal, seal, seal_sentence
 from actors.runtime.errors import AcrcError
 from tests.in_process import acrc
 
@@ -33,13 +33,13 @@ def fault(out: Path) -> str:
 
 
 def told(out: Path) -> str:
-    return sentence(out, check_seal(out))
+    return seal_sentence(out, check_seal(out))
 
 
 def test_a_seal_counts_all_files_and_sha256sum_reads_it(sealed: Path) -> None:
     count = len(files(sealed)) - 1
     last = acrc("record", "check", sealed).stdout.splitlines()[-1]
-    assert last == f"sealed: all {count} files are as they were when SHA256SUMS was written"
+    assert last == f"sealed: all {count} files match SHA256SUMS"
     subprocess.run(["sha256sum", "--check", "--strict", "--quiet", SUMS], cwd=sealed, check=True)
 
 
@@ -62,9 +62,9 @@ def test_any_removed_file_or_folder_is_named(sealed: Path, tmp_path: Path) -> No
         gone = sealed / path.relative_to(kept)
         shutil.rmtree(gone) if gone.is_dir() else gone.unlink()
         if gone.name == SUMS:
-            assert told(sealed).startswith(f"not sealed: {sealed} has no SHA256SUMS, as after a run that was")
+            assert told(sealed).startswith(f"not sealed: {sealed} has no SHA256SUMS, as after a killed run")
         else:
-            assert fault(sealed).startswith(str(gone)) and ": is missing; it was" in fault(sealed)
+            assert fault(sealed).startswith(str(gone)) and ": missing; it is" in fault(sealed)
         shutil.copytree(path, gone) if path.is_dir() else shutil.copy(path, gone)
     assert check_seal(sealed) is not None
 
@@ -72,50 +72,48 @@ def test_any_removed_file_or_folder_is_named(sealed: Path, tmp_path: Path) -> No
 def change(out: Path) -> str:
     path = out / "run.json"
     path.write_text(path.read_text().replace('"places_done": ', '"places_done": 1', 1))
-    return f"{path}: was changed; its SHA-256 is not the one in SHA256SUMS"
+    return f"{path}: changed; its SHA-256 differs from SHA256SUMS"
 
 
 def add_robot(out: Path) -> str:
     shutil.copytree(out / "r2", out / "r9")
     (out / "r9" / "r2.mcap").rename(out / "r9" / "r9.mcap")
-    return f"{out}/r9/r9.mcap: was added; SHA256SUMS does not list it, and it lies among the run's own files"
+    return f"{out}/r9/r9.mcap: added among the run's own files; not listed in SHA256SUMS"
 
 
 def add_file(out: Path) -> str:
     (out / "r1" / "own" / "notes").write_text("I was here")
-    return (
-        f"{out}/r1/own/notes: was added; SHA256SUMS does not list it, and it lies among the run's own files"
-    )
+    return f"{out}/r1/own/notes: added among the run's own files; not listed in SHA256SUMS"
 
 
 def link(out: Path) -> str:
     (out / "places.csv").rename(out.parent / "elsewhere.csv")
     (out / "places.csv").symlink_to(out.parent / "elsewhere.csv")
-    return f"{out}/places.csv: is no file that can be read; it was one when SHA256SUMS was written"
+    return f"{out}/places.csv: not a readable file; it is listed in SHA256SUMS"
 
 
 def link_folder(out: Path) -> str:
     (out / "map").rename(out.parent / "elsewhere")
     (out / "map").symlink_to(out.parent / "elsewhere")
-    return f"{out}/map/map.png: is missing; it was there when SHA256SUMS was written"
+    return f"{out}/map/map.png: missing; it is listed in SHA256SUMS"
 
 
 def pipe(out: Path) -> str:
     (out / "r1" / "map.yaml").unlink()
     os.mkfifo(out / "r1" / "map.yaml")
-    return f"{out}/r1/map.yaml: is no file that can be read; it was one when SHA256SUMS was written"
+    return f"{out}/r1/map.yaml: not a readable file; it is listed in SHA256SUMS"
 
 
 def forget_a_line(out: Path) -> str:
     rows = (out / SUMS).read_text().splitlines(keepends=True)
     (out / SUMS).write_text("".join(row for row in rows if "places.csv" not in row))
-    return f"{out}/SHA256SUMS: is damaged or was cut: the sum of its own lines, at its end, is another"
+    return f"{out}/SHA256SUMS: damaged or truncated: the checksum of its own lines does not match"
 
 
 def link_sums(out: Path) -> str:
     (out / SUMS).rename(out.parent / SUMS)
     (out / SUMS).symlink_to(out.parent / SUMS)
-    return f"{out}/SHA256SUMS: should be a file of at most 67108864 bytes, and no link"
+    return f"{out}/SHA256SUMS: must be a regular file of at most 67108864 bytes"
 
 
 @pytest.mark.claim("seal")
@@ -146,10 +144,10 @@ def test_strategy_files_cannot_block_the_seal(tmp_path: Path) -> None:
     (other / "link").symlink_to("/etc/passwd")
     os.mkfifo(other / "pipe")
     seal(tmp_path)
-    assert check_seal(tmp_path) == Sealed(1, ("r1/own", "r2/own/link", "r2/own/pipe"), ())
+    assert check_seal(tmp_path) == SealReport(1, ("r1/own", "r2/own/link", "r2/own/pipe"), ())
     assert told(tmp_path).endswith("; not sealed: 3 (r1/own, r2/own/link, r2/own/pipe)")
     (other / "odd\\name\n").write_text("lost")
-    assert "was changed" in fault(tmp_path)
+    assert ": changed; " in fault(tmp_path)
 
 
 def test_seal_does_not_follow_links(tmp_path: Path) -> None:
@@ -160,4 +158,4 @@ def test_seal_does_not_follow_links(tmp_path: Path) -> None:
         (folder / name).symlink_to(target)
     seal(folder)
     assert target.read_text() == "mine" and not (folder / SUMS).is_symlink()
-    assert check_seal(folder) == Sealed(0, (), ())
+    assert check_seal(folder) == SealReport(0, (), ())

@@ -1,4 +1,4 @@
-"""Reports of robots about themselves are counted if well formed, else named; sums over robots."""
+"""Robots' own reports are counted if well formed, else named; sums over robots."""
 
 import csv
 import json
@@ -13,12 +13,12 @@ from acrc_testbed.results.outcome import (
     DeecoResult,
     OutcomeError,
     Outcomes,
-    counted,
+    decode_subject,
     deeco_result,
-    means,
     navigation_result,
-    told,
-    write_table,
+    outcome_means,
+    place_counts,
+    write_places,
 )
 from acrc_testbed.results.result import RobotReports, robot_reports
 from actors.robot.behaviour.decisions import NodeReport
@@ -83,12 +83,12 @@ FORMLESS = (
 
 
 @pytest.mark.parametrize("report", FORMLESS, ids=lambda one: str(one)[-60:])
-def test_what_has_another_form_is_named_and_not_counted(report: object) -> None:
+def test_malformed_reports_are_named_and_not_counted(report: object) -> None:
     found = reports(report)
     assert len(found.refused) == 1 and found.navigation.goals == 0
     assert found.refused[0].startswith(
-        "r1: its report of its navigation is malformed and is not counted: "
-        f"{RECORD}: the outcome 'navigation' is not that of a robot's navigation: "
+        "r1: malformed navigation report, not counted: "
+        f"{RECORD}: outcome 'navigation' is not that of a robot's navigation: "
     )
     assert "\n" not in found.refused[0] and len(found.refused[0]) < 400
 
@@ -102,38 +102,35 @@ def test_numbers_texts_and_booleans_of_a_behaviour_are_its_own_outcome() -> None
     kept = {"done": True, "note": "=1", "tokens.share": 0.5, "tokens.taken": 3}
     assert found.outcomes == {name: {"r1": value} for name, value in kept.items()}
     two: Outcomes = {"a": {"r1": 1, "r2": 2.0}, "b": {"r1": True, "r2": False}, "c": {"r1": "x"}}
-    assert means(two) == {"a": 1.5, "b": 0.5}
+    assert outcome_means(two) == {"a": 1.5, "b": 0.5}
 
 
 OUT_OF_BOUNDS: dict[str, dict[str, Any]] = {
-    "an outcome has 21 values; must have at most 20": {f"n{number}": 1 for number in range(21)},
-    "an outcome has 1 values; must have at most 20, with names of at most 100": {"x" * 101: 1},
-    "the outcome 'note' is not that of a behaviour: it is": {"note": "x" * 201},
-    "the outcome 'count' is not that of a behaviour: it is": {"count": 1 << 60},
-    "the outcome 'deep' is not that of a behaviour: [": {"deep": {"x": {"y": 1}}},
-    "the outcome 'gap' is not that of a behaviour: JSON is malformed": {"gap": math.nan},
+    "outcome has 21 values; must have at most 20": {f"n{number}": 1 for number in range(21)},
+    "outcome has 1 values; must have at most 20, with names of at most 100": {"x" * 101: 1},
+    "outcome 'note' is not that of a behaviour: it is": {"note": "x" * 201},
+    "outcome 'count' is not that of a behaviour: it is": {"count": 1 << 60},
+    "outcome 'deep' is not that of a behaviour: [": {"deep": {"x": {"y": 1}}},
+    "outcome 'gap' is not that of a behaviour: JSON is malformed": {"gap": math.nan},
 }
 
 
 @pytest.mark.parametrize("why", OUT_OF_BOUNDS)
-def test_an_outcome_out_of_bounds_is_named_and_not_counted(why: str) -> None:
+def test_an_outcome_above_the_limits_is_named_and_not_counted(why: str) -> None:
     found = reports(own=OUT_OF_BOUNDS[why])
     (refused,) = found.refused
-    assert (
-        refused.startswith("r1: its report of its outcome is malformed and is not counted: ")
-        and why in refused
-    )
+    assert refused.startswith("r1: malformed outcome report, not counted: ") and why in refused
     assert found.outcomes == {} and found.navigation.goals == 3
 
 
 def said(**values: object) -> dict[str, msgspec.Raw]:
-    """The last record's outcome of a robot with a node."""
+    """Return the outcome in the final record of a robot with a node."""
     whole = {"counters": {}, "exchanges": {}, "replica_age_ms": {}} | values
     return {"other": msgspec.Raw(b"[]"), "deeco": msgspec.Raw(msgspec.json.encode(whole))}
 
 
 def ages(**counts: int) -> NodeReport:
-    """A node that saw replicas so old: `b100=3` stands for three in the bin from 50 to 100 ms."""
+    """Return a report with replica ages; `b100=3`: three in the bin from 50 to 100 ms."""
     return NodeReport({}, {}, {int(bound[1:]): count for bound, count in counts.items()})
 
 
@@ -165,7 +162,7 @@ def test_95th_percentile_is_the_nearest_rank(counts: dict[str, int], p95: float)
     assert deeco_result([ages(**counts)]).replica_age_p95_s == p95
 
 
-def test_what_a_node_counts_is_what_is_read() -> None:
+def test_counters_of_a_node_are_read_unchanged() -> None:
     statistics = Statistics()
     statistics.counters.commits = 4
     statistics.exchanges["Swap"] += 1
@@ -173,7 +170,7 @@ def test_what_a_node_counts_is_what_is_read() -> None:
     for age in true_ages:
         statistics.sample_age(Instant(0), Instant(age))
     said_by_node = {"deeco": msgspec.Raw(msgspec.json.encode(statistics.outcome()))}
-    node = told(RECORD, said_by_node, "deeco", NodeReport, "a node")
+    node = decode_subject(RECORD, said_by_node, "deeco", NodeReport, "a node")
     assert node is not None
     result = deeco_result([node])
     assert (result.counters["commits"], result.exchanges) == (4, {"Swap": 1})
@@ -196,10 +193,10 @@ def test_what_a_node_counts_is_what_is_read() -> None:
         ),
     ],
 )
-def test_what_is_no_outcome_of_a_node_is_named(values: dict[str, object], fault: str) -> None:
+def test_a_malformed_node_report_is_refused(values: dict[str, object], fault: str) -> None:
     with pytest.raises(OutcomeError) as caught:
-        told(RECORD, said(**values), "deeco", NodeReport, "a node")
-    assert str(caught.value) == (f"out/r1/r1.mcap: the outcome 'deeco' is not that of a node: {fault}")
+        decode_subject(RECORD, said(**values), "deeco", NodeReport, "a node")
+    assert str(caught.value) == (f"out/r1/r1.mcap: outcome 'deeco' is not that of a node: {fault}")
 
 
 FIRST = NavigationReport(
@@ -216,10 +213,13 @@ def test_outcomes_add_up() -> None:
     assert both.no_valid_trajectory_s == pytest.approx(1.75)
 
 
-def test_an_outcome_survives_its_record() -> None:
+def test_a_navigation_report_can_be_decoded_from_its_record() -> None:
     raw = msgspec.Raw(msgspec.json.encode(FIRST))
-    assert told(Path("r1.mcap"), {"navigation": raw}, "navigation", NavigationReport, "a robot") == FIRST
-    assert told(Path("r1.mcap"), {}, "navigation", NavigationReport, "a robot") is None
+    assert (
+        decode_subject(Path("r1.mcap"), {"navigation": raw}, "navigation", NavigationReport, "a robot")
+        == FIRST
+    )
+    assert decode_subject(Path("r1.mcap"), {}, "navigation", NavigationReport, "a robot") is None
 
 
 S = 1_000_000
@@ -243,12 +243,12 @@ LOST = place(4, reached_at=5 * S, reached_by="r9")
 OPEN = place(5, ("r1", "r4"), given_at=60 * S)
 
 
-def test_places_are_counted_by_what_became_of_them() -> None:
+def test_places_are_counted_by_final_state() -> None:
     every = (DONE, MISTAKEN, GIVEN_UP, LATE, LOST, OPEN)
-    assert list(counted(every).values()) == [6, 2, 3, 1, 1, None, None, 40.5]
-    assert list(counted(every, watched=False).values()) == [6, None, 3, 1, 1, None, None, 40.5]
-    assert counted((MISTAKEN,))["completion_s"] is None
-    assert counted((MISTAKEN,), watched=False)["completion_s"] == 12.0
+    assert list(place_counts(every).values()) == [6, 2, 3, 1, 1, None, None, 40.5]
+    assert list(place_counts(every, watched=False).values()) == [6, None, 3, 1, 1, None, None, 40.5]
+    assert place_counts((MISTAKEN,))["completion_s"] is None
+    assert place_counts((MISTAKEN,), watched=False)["completion_s"] == 12.0
 
 
 @pytest.mark.parametrize(
@@ -261,15 +261,15 @@ def test_places_are_counted_by_what_became_of_them() -> None:
         ((), 0.0, 0.0, None),
     ],
 )
-def test_all_is_settled_by_first_words_and_complete_by_true_reports(
+def test_settled_and_completion_times(
     places: tuple[PlaceOutcome, ...], settled_s: float, completion_s: float, last_reached_s: float
 ) -> None:
     expected = {"settled_s": settled_s, "completion_s": completion_s, "last_reached_s": last_reached_s}
-    assert counted(places) == counted(places) | expected
+    assert place_counts(places) == place_counts(places) | expected
 
 
 def test_the_table_has_a_row_per_place(tmp_path: Path) -> None:
-    write_table((DONE, GIVEN_UP, OPEN), tmp_path / "places.csv")
+    write_places((DONE, GIVEN_UP, OPEN), tmp_path / "places.csv")
     text = (tmp_path / "places.csv").read_text()
     assert text.splitlines() == [
         "owner,place,x,y,verdict,reached_s,reached_by,reported_s,reported_by,given_up_s,given_up_by,reason,"

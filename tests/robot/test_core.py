@@ -228,7 +228,7 @@ def frame(**changed: object) -> Decision:
     ("decision", "fault"),
     [
         ("go", "returned a str instead of a Decision"),
-        (ANY(reports=(7,)), "gives 7 for a report; it should be a PlaceReport"),
+        (ANY(reports=(7,)), "reports 7; must be a PlaceReport"),
         (ANY(frames=(b"x",)), "sends b'x'; a frame must be an Outgoing with bytes"),
         (ANY(Point(np.nan, 2.0)), f"returned goal=Point(x=nan, y=2.0); {GOAL}"),
         (ANY(5), f"returned goal=5; {GOAL}"),
@@ -238,27 +238,27 @@ def frame(**changed: object) -> Decision:
         (ANY(frames=(DATA, replace(DATA, instant=449_999))),
          "sends a frame at 449999 µs; the instant must be from 450000 to 499999 µs"),
         (ANY(frames=(DATA,) * 4), "sends 4 frames in one step; the limit is 3"),
-        (ANY(reports=(PlaceReport("r1", 0, 400000),) * 3), "reports 3 places in one step; at most 2 may be"),
+        (ANY(reports=(PlaceReport("r1", 0, 400000),) * 3), "reports 3 places in one step; the limit is 2"),
         (ANY(reports=(PlaceReport("r1", 0, 399_999),)),
-         f"reports a place at 399999 µs; it should be {WITHIN}"),
-        (ANY(given_up=("all",)), "gives 'all' up; it should be a PlaceGivenUp with a reason in words"),
-        (ANY(given_up=(UNSAID,)), f"gives {UNSAID} up; it should be a PlaceGivenUp with a reason in words"),
+         f"reports a place at 399999 µs; must be {WITHIN}"),
+        (ANY(given_up=("all",)), "gives up 'all'; must be a PlaceGivenUp with a text as reason"),
+        (ANY(given_up=(UNSAID,)), f"gives up {UNSAID}; must be a PlaceGivenUp with a text as reason"),
         *[
             (
                 ANY(given_up=(replace(SHUT, reason="x" * length),)),
-                f"gives a place up for a reason of {length} characters; it should have 1 to 100",
+                f"gives up a place for a reason of {length} characters; must have 1 to 100",
             )
             for length in (0, 101)
         ],
         (ANY(given_up=(replace(SHUT, instant=500_000),)),
-         f"gives a place up at 500000 µs; it should be {WITHIN}"),
-        (ANY(given_up=(SHUT,) * 3), "gives 3 places up in one step; at most 2 may be"),
+         f"gives up a place at 500000 µs; must be {WITHIN}"),
+        (ANY(given_up=(SHUT,) * 3), "gives up 3 places in one step; the limit is 2"),
         (ANY(route=[PlaceKey("r1", 0)]),
-         "gives [PlaceKey(owner='r1', place=0)] for a route; it should be a tuple of PlaceKey, or None"),
-        (ANY(route=(0,)), "has 0 in its route; it should be a PlaceKey"),
+         "has the route [PlaceKey(owner='r1', place=0)]; must be a tuple of PlaceKey, or None"),
+        (ANY(route=(0,)), "has 0 in its route; must be a PlaceKey"),
         (ANY(route=(PlaceKey("r2", 1), PlaceKey("r1", 1), PlaceKey("r2", 1))),
-         "has place 1 of 'r2' twice in its route"),
-        (ANY(route=tuple(PlaceKey("r1", n) for n in range(5))), "has a route of 5 places; at most 4 may be"),
+         "has place 1 of 'r2' twice in its route; must be unique"),
+        (ANY(route=tuple(PlaceKey("r1", n) for n in range(5))), "has a route of 5 places; the limit is 4"),
         (ANY(paused="yes"), "returned paused='yes'; it should be True, False or None"),
         *[
             (ANY(back_out=far), f"returned back_out={far}; it should be above 0 and at most 3 m")

@@ -217,8 +217,8 @@ def test_a_malformed_report_of_a_node_is_named_and_not_counted(tmp_path: Path) -
     done = acrc("run", *words, "--bus", "memory", "--out", out)
     assert done.returncode == 0, done.stderr
     sentence = (
-        f"r1: its report of its node is malformed and is not counted: {out}/r1/r1.mcap: "
-        "the outcome 'deeco' is not that of a node: counters[…] is wrong, but must be a whole number"
+        f"r1: malformed node report, not counted: {out}/r1/r1.mcap: "
+        "outcome 'deeco' is not that of a node: counters[…] is wrong, but must be a whole number"
     )
     assert sentence in done.stdout.splitlines()
     result = json.loads((out / "run.json").read_text())

@@ -174,7 +174,7 @@ def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
     monkeypatch.setattr(run_view, "follow", follow)
     assert program.main(["--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert said.startswith(f"To see the run while it goes on, open {pages[0]}?url=")
+    assert said.startswith(f"To watch the run live, open {pages[0]}?url=")
     assert said.endswith(" in a browser on this machine.\n")
     with pytest.raises(URLError):
         urlopen(pages[0], timeout=10)

@@ -15,7 +15,7 @@ from actors.instant import Instant
 from actors.messages import RobotTruth
 from actors.robot_model import load_model, scan_angles
 from actors.runtime.errors import AcrcError
-from actors.task.referee import PlaceOutcome, Referee, Verdict
+from actors.task.referee import PlaceOutcome, PlaceVerdict, Referee
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.task.visits import visitors
 from actors.world.sensing import PoseError, PoseErrorSum
@@ -38,7 +38,7 @@ def at(*points: tuple[float, float]) -> NDArray[np.float64]:
     return np.array(points)
 
 
-def verdicts(referee: Referee) -> list[Verdict]:
+def verdicts(referee: Referee) -> list[PlaceVerdict]:
     return [outcome.verdict for outcome in referee.outcomes({})]
 
 
@@ -60,7 +60,7 @@ def test_done_is_reported_and_true_by_then(referee: Referee) -> None:
     referee.report("r2", PlaceReport("r1", 1, 150))  # claimed, and nobody had been there
     referee.report("r2", PlaceReport("r2", 0, 150))  # claimed too early
     referee.watch(Instant(200), at((6.0, 0.0), (9.0, 9.0)))
-    assert verdicts(referee) == [Verdict.DONE, Verdict.MISTAKEN, Verdict.MISTAKEN]
+    assert verdicts(referee) == [PlaceVerdict.DONE, PlaceVerdict.MISTAKEN, PlaceVerdict.MISTAKEN]
     assert [outcome.done for outcome in referee.outcomes({})] == [True, False, False]
     assert referee.progress(()).done == 3
 
@@ -82,7 +82,7 @@ def test_a_place_reported_and_given_up_counts_as_reported(referee: Referee) -> N
     referee.report("r1", PlaceReport("r1", 0, 20))
     referee.report("r1", PlaceReport("r1", 1, 30))
     referee.give_up("r2", PlaceGivenUp("r1", 1, 40, "blocked"))
-    assert verdicts(referee) == [Verdict.DONE, Verdict.DONE, Verdict.LOST]
+    assert verdicts(referee) == [PlaceVerdict.DONE, PlaceVerdict.DONE, PlaceVerdict.LOST]
     assert [outcome.settled_at for outcome in referee.outcomes({})] == [10, 30, None]
     assert [outcome.given_up_at for outcome in referee.outcomes({})] == [10, 40, None]
 
@@ -90,7 +90,11 @@ def test_a_place_reported_and_given_up_counts_as_reported(referee: Referee) -> N
 def test_a_place_without_owner_is_lost(referee: Referee) -> None:
     referee.give_up("r1", PlaceGivenUp("r1", 0, 10, "blocked"))
     outcomes = referee.outcomes({"r1": (PlaceKey("r1", 1),), "r2": ()})
-    assert [outcome.verdict for outcome in outcomes] == [Verdict.GIVEN_UP, Verdict.OPEN, Verdict.LOST]
+    assert [outcome.verdict for outcome in outcomes] == [
+        PlaceVerdict.GIVEN_UP,
+        PlaceVerdict.OPEN,
+        PlaceVerdict.LOST,
+    ]
 
 
 def test_all_is_settled_when_every_place_is_reported_or_given_up(referee: Referee) -> None:
@@ -106,8 +110,8 @@ def test_all_is_settled_when_every_place_is_reported_or_given_up(referee: Refere
 
 @pytest.mark.parametrize(("owner", "place"), [("r1", 2), ("r1", -1), ("r2", 1), ("r9", 0)])
 def test_unassigned_places_are_unknown(referee: Referee, owner: str, place: int) -> None:
-    assert referee.knows(PlaceReport("r1", 1, 10)) and referee.knows(PlaceKey("r2", 0))
-    assert not referee.knows(PlaceKey(owner, place))
+    assert referee.has_place(PlaceReport("r1", 1, 10)) and referee.knows(PlaceKey("r2", 0))
+    assert not referee.has_place(PlaceKey(owner, place))
 
 
 def test_the_threshold_itself_is_outside() -> None:

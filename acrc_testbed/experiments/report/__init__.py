@@ -1,1 +1,1 @@
-"""What campaigns and single runs show, on one page: sentences, pictures, the numbers behind each."""
+"""Report on campaigns and single runs: a page with sentences, pictures and tables."""

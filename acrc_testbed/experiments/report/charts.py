@@ -1,4 +1,4 @@
-"""Charts of a report: boxes, curves, stacked bars, dots; the same bytes for the same numbers."""
+"""Charts of a report: box plots, curves, stacked bars, dot plots; reproducible files."""
 
 import contextlib
 import io
@@ -28,19 +28,19 @@ FAINT: Final = "#6a737d"
 GRID: Final = "#d0d5db"
 PAPER: Final = "#fdfdfc"
 PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#7f7f7f")
-"""Told apart by the colour-blind: Okabe and Ito, "Color Universal Design", 2008, less black and yellow."""
+"""Safe for colour vision deficiency: Okabe and Ito, "Color Universal Design", 2008."""
 MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":")
 WIDTH: Final = 9.0
-"""Inches, of every picture."""
+"""Width of every picture, inches."""
 TITLE: Final = 46
-"""Letters in a line above a panel of two side by side."""
+"""Characters per line of a panel's title."""
 NARROW: Final = 30
-"""Letters in a line where there is less room: beside an axis, in a legend, above a panel beside names."""
+"""Characters per line of tick labels, legends and narrow titles."""
 _STYLE: Final[dict[str, Any]] = {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
-    "text.parse_math": False,  # names of strategies may hold anything
+    "text.parse_math": False,  # names may contain $
     "text.color": INK,
     "axes.labelcolor": INK,
     "axes.edgecolor": FAINT,
@@ -65,31 +65,33 @@ _STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "path",
 }
 _DARK: Final = {INK: "#e6e8eb", FAINT: "#9aa3ad", GRID: "#3a4048", PAPER: "#16191d", PALETTE[0]: "#3d9fe0"}
-"""What these become where the reader's screen is dark."""
+"""Replacements of colours in dark mode."""
 
 
 @dataclass(frozen=True)
-class Look:
-    """How one strategy looks in every picture."""
+class SeriesStyle:
+    """Style of a strategy, the same in every picture."""
 
     colour: str
     marker: str
     line: str
 
 
-def look(number: int) -> Look:
-    """Of the strategy of this number; further ones repeat colours with other lines and marks."""
+def series_style(number: int) -> SeriesStyle:
+    """Return the style of strategy `number`; colours repeat with other lines and markers."""
     turn, place = divmod(number, len(PALETTE))
-    return Look(PALETTE[place], MARKERS[(place + turn) % len(MARKERS)], LINES[(place + turn) % len(LINES)])
+    return SeriesStyle(
+        PALETTE[place], MARKERS[(place + turn) % len(MARKERS)], LINES[(place + turn) % len(LINES)]
+    )
 
 
 def applied() -> contextlib.AbstractContextManager[None]:
-    """Pictures are made and written in here."""
+    """Return a context with the report's Matplotlib settings, for drawing and saving."""
     return settings_applied(_STYLE)
 
 
 def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels in rows of two, each so many inches high. `alike`: in their axes of x."""
+    """Create a figure of panels in rows of two, each `height` inches high. `alike`: shared x axis."""
     columns = min(count, 2)
     rows = -(-count // columns)
     figure = Figure(figsize=(WIDTH, max(1.9, rows * height)))
@@ -104,46 +106,46 @@ def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, li
 
 
 def wrapped(name: str, width: int, lines: int) -> str:
-    """A name in at most so many lines of so many letters; whole it stands in the tables."""
-    told = textwrap.wrap(printable(name), width)
-    if len(told) > lines:
-        told = [*told[: lines - 1], f"{told[lines - 1][: width - 1]}…"]
-    return "\n".join(told)
+    """Wrap a name and cut it after `lines` lines; tables have the full name."""
+    parts = textwrap.wrap(printable(name), width)
+    if len(parts) > lines:
+        parts = [*parts[: lines - 1], f"{parts[lines - 1][: width - 1]}…"]
+    return "\n".join(parts)
 
 
 def png(figure: Figure) -> bytes:
-    """On a light ground, for papers and slides."""
+    """Return the figure as PNG with light background, for papers and slides."""
     into = io.BytesIO()
     figure.savefig(into, format="png", dpi=150, facecolor=PAPER, metadata={"Software": None})
     return into.getvalue()
 
 
 def svg(figure: Figure) -> bytes:
-    """Without ground; its ink follows whether the reader's screen is light or dark."""
+    """Return the figure as transparent SVG that adapts to light and dark mode."""
     into = io.BytesIO()
     figure.savefig(into, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     return dark_too(into.getvalue(), _DARK)
 
 
 def save(figure: Figure, folder: Path, name: str) -> bytes:
-    """Write both, and give the SVG."""
+    """Write PNG and SVG; return the SVG."""
     drawn = svg(figure)
-    figure.set_layout_engine("none")  # once is enough: all keeps its place
+    figure.set_layout_engine("none")  # keep the layout of the first drawing
     regular_file.write_atomically(folder / f"{name}.png", png(figure))
     regular_file.write_atomically(folder / f"{name}.svg", drawn)
     return drawn
 
 
 _GOLDEN: Final = 0.6180339887498949
-"""Multiples of it, less their whole parts, lie nowhere near one another: dots of equal values stay apart."""
+"""Golden ratio; fractional parts of its multiples spread dots of equal values."""
 _SEEN: Final = 0.25
-"""Part of an axis from zero below which differences are shown larger."""
+"""Range of values, relative to the largest, below which an axis need not begin at zero."""
 _ROW: Final = 0.42
-"""Height of a box or bar with its margins, inches."""
+"""Height of a row, inches."""
 _FRAME: Final = 0.95
-"""Height of a panel's title, axis and margins, inches."""
+"""Height of title, axis and margins of a panel, inches."""
 _LEAST_TOLD: Final = 0.07
-"""Parts of a bar below this share hold no number: it would not fit."""
+"""Share of a bar from which its number is shown."""
 
 
 @dataclass(frozen=True)
@@ -151,10 +153,10 @@ class Box:
     """One row of a box plot."""
 
     label: str
-    look: Look
+    look: SeriesStyle
     values: tuple[float, ...]
     at_least: tuple[float, ...] = ()
-    """Which of the values are only known to be so great or greater."""
+    """Those of the values that are lower bounds (censored)."""
 
 
 @dataclass(frozen=True)
@@ -162,24 +164,24 @@ class Curve:
     """One strategy's completion over time."""
 
     label: str
-    look: Look
+    look: SeriesStyle
     survival: SurvivalCurve
     runs: tuple[Completion, ...]
 
 
 @dataclass(frozen=True)
 class Dot:
-    """An estimate with its interval."""
+    """Estimate with its interval."""
 
     label: str
-    look: Look
+    look: SeriesStyle
     mean: Interval | None
     """None: unknown."""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """Shares of a whole, which add up to 1."""
+    """Stacked shares that add up to 1."""
 
     label: str
     parts: Mapping[str, float]
@@ -192,9 +194,9 @@ def boxes(
     limit: tuple[float, str] | None = None,
     near: bool = False,
 ) -> Figure:
-    """A panel for each condition, a row for each box.
+    """Draw box plots, a panel for each condition.
 
-    `limit`: a value that none exceeds, and what it is. `near`: the axis may begin elsewhere than at zero.
+    `says`: label of the x axis. `limit`: upper limit and its label. `near`: the axis need not begin at zero.
     """
     tallest = max(map(len, conditions.values()))
     figure, axes = panels(len(conditions), _FRAME + _ROW * tallest)
@@ -218,7 +220,7 @@ def boxes(
 
 
 def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Figure:
-    """A panel for each condition: the share of runs that are complete, with its 95 % band."""
+    """Draw the share of completed runs over time with 95 % bands, a panel for each condition."""
     figure, axes = panels(len(conditions), 3.4)
     for panel, (title, curves) in zip(axes, conditions.items(), strict=True):
         panel.set_title(wrapped(title, TITLE, 3) if len(conditions) > 1 else "")
@@ -237,7 +239,7 @@ def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Fig
 
 
 def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str, str]], says: str) -> Figure:
-    """A panel for each condition, a row for each bar. `looks`: colour and hatch of each part."""
+    """Draw stacked bars, a panel for each condition. `looks`: colour and hatch of each part."""
     tallest = max(map(len, conditions.values()))
     figure, axes = panels(len(conditions), _FRAME + _ROW * tallest + 0.35)
     for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
@@ -258,7 +260,7 @@ def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str,
 
 
 def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
-    """A panel for each quantity, each with its own axis from zero, a row for each estimate."""
+    """Draw estimates with intervals, a panel for each quantity with its own axis from zero."""
     tallest = max(map(len, quantities.values()))
     figure, axes = panels(len(quantities), _FRAME + 0.9 * _ROW * tallest, alike=False)
     for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
@@ -280,15 +282,15 @@ def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
 
 def _begin(panel: Axes, title: str, labels: Sequence[str]) -> None:
     panel.set_title(wrapped(title, TITLE, 3))
-    told = [wrapped(label, NARROW, 2) for label in labels]
-    panel.set_yticks(range(len(labels)), told, fontsize=8.5 if "\n" in "".join(told) else None)
+    texts = [wrapped(label, NARROW, 2) for label in labels]
+    panel.set_yticks(range(len(labels)), texts, fontsize=8.5 if "\n" in "".join(texts) else None)
     panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
     panel.grid(visible=False, axis="y")
     panel.tick_params(axis="y", length=0)
 
 
 def _label_rows_once(axes: Sequence[Axes]) -> None:
-    """At the left of two panels side by side, where their rows are the same."""
+    """Remove row labels of right panels that equal those of the left panel."""
     for left, right in zip(axes[::2], axes[1::2], strict=False):
         if [one.get_text() for one in left.get_yticklabels()] == [
             one.get_text() for one in right.get_yticklabels()
@@ -297,19 +299,19 @@ def _label_rows_once(axes: Sequence[Axes]) -> None:
 
 
 def _label_x(axes: Sequence[Axes], says: str) -> None:
-    """Below the lowest panel of each column."""
+    """Label the x axis of the lowest panel in each column."""
     for panel in axes[-2:] if len(axes) > 1 else axes:
         panel.set_xlabel(says)
 
 
 def _begins(low: float, high: float) -> float:
-    """Where an axis begins: at zero, unless nobody would see from there what differs."""
+    """Return the start of an axis: zero, unless differences would be too small to see."""
     return 0.0 if low == high or high - low > _SEEN * high else low - 0.5 * (high - low)
 
 
 def _box(panel: Axes, place: int, row: Box) -> None:
     values, colour = row.values, row.look.colour
-    if len(values) > max(4, len(row.at_least)):  # of fewer the dots say it all, of limits alone too
+    if len(values) > max(4, len(row.at_least)):  # dots suffice for fewer values or lower bounds alone
         q1, median, q3 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
         reach = 1.5 * (q3 - q1)  # Tukey, "Exploratory Data Analysis", 1977
         inside = [value for value in values if q1 - reach <= value <= q3 + reach]

@@ -1,13 +1,13 @@
-"""Sentences and tables of a report: what was asked and found, what failed, and warnings."""
+"""Sentences and tables of a report: study, results, failures and caveats."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
 from acrc_testbed.experiments.comparison import Comparison
-from acrc_testbed.experiments.judgement import AcrossCells, CampaignJudgement
+from acrc_testbed.experiments.evaluation import CampaignEvaluation, OverallEstimate
 from acrc_testbed.experiments.paired_tests import LEAST_PAIRS
-from acrc_testbed.experiments.report.runs import (
+from acrc_testbed.experiments.report.report_view import (
     REAL,
     UPPER_BOUNDS,
     Cell,
@@ -24,15 +24,15 @@ from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Study, Variant
 from acrc_testbed.experiments.verdicts import PairVerdict
 from acrc_testbed.picture.html_page import PageTable
 
-_TOLD = ("better", "worse", "as good", "not told apart")
-_MOST_TOLD: Final = 8
-"""Verdicts that are told in a sentence each."""
+_VERDICTS = ("better", "worse", "equivalent", "undecided")
+_MOST_SENTENCES: Final = 8
+"""Number of verdicts up to which each has a sentence."""
 _MOST_OPEN: Final = 12
-"""Estimates whose table is shown unasked."""
+"""Rows up to which the table of estimates is unfolded."""
 
 
-def labelled(found: CampaignJudgement) -> CampaignJudgement:
-    """Mark upper bounds among the names of strategies."""
+def labelled(found: CampaignEvaluation) -> CampaignEvaluation:
+    """Return the judgement with upper bounds marked in names of strategies."""
     return replace(
         found,
         verdicts=[replace(one, steps=tuple(map(_labelled, one.steps))) for one in found.verdicts],
@@ -45,53 +45,51 @@ def _labelled(one: Comparison) -> Comparison:
     return replace(one, sample=one.sample._replace(one=label(one.one), other=label(one.other)))
 
 
-def sentences(found: CampaignJudgement) -> list[str]:
-    """Return failures and results of the declared comparisons; many comparisons are counted."""
+def sentences(found: CampaignEvaluation) -> list[str]:
+    """Return sentences on failures and declared comparisons; many comparisons are summarised."""
     decided = [one for one in found.verdicts if one.steps]
-    if len(decided) <= _MOST_TOLD:
+    if len(decided) <= _MOST_SENTENCES:
         return replace(found, verdicts=decided).sentences()
     return [*replace(found, verdicts=[]).sentences(), *_counted(decided)]
 
 
 def _counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
-    """Count for each pair the conditions by the first strategy's result."""
+    """Yield the number of conditions by verdict for each pair of strategies."""
     by_pair: dict[tuple[str, str], list[str]] = {}
     for one in verdicts:
-        by_pair.setdefault((one.steps[0].one, one.steps[0].other), []).append(one.word)
-    for pair, words in by_pair.items():
-        parts = [f"{word} in {words.count(word)}" for word in _TOLD if word in words]
-        yield f"{pair[0]} beside {pair[1]}, of {len(words)} conditions: {', '.join(parts)}."
+        by_pair.setdefault((one.steps[0].one, one.steps[0].other), []).append(one.label)
+    for pair, labels in by_pair.items():
+        parts = [f"{labels.count(verdict)} {verdict}" for verdict in _VERDICTS if verdict in labels]
+        yield f"{pair[0]} versus {pair[1]}, in {len(labels)} conditions: {', '.join(parts)}."
 
 
-def tables(view: ReportView, name: str, found: CampaignJudgement) -> Iterator[PageTable]:
-    """Yield all tests with their p-values, and all estimates with their intervals."""
+def tables(view: ReportView, name: str, found: CampaignEvaluation) -> Iterator[PageTable]:
+    """Yield tables of all tests with p-values, and all estimates with intervals."""
     varies = any(one.variant for one in found.estimates)
     decided = [one for one in found.verdicts if one.steps]
-    if len(decided) > _MOST_TOLD:
+    if len(decided) > _MOST_SENTENCES:
         yield view.table(
             f"verdicts_{name}",
-            "What each declared comparison came to, by the test of the metric that decided it, or that left "
-            "it undecided. As good: within the margin, by every test. Intervals are of 95 %.",
+            "Verdict on each declared comparison, with the metric that decided it or left it undecided. "
+            "Equivalent: within the margin by every test. Intervals: 95 %.",
             map(_verdict, decided),
         )
     yield view.table(
         f"tests_{name}",
-        "The tests of the declared comparisons. p is of the runs swapped within their pairs in all "
-        "ways. Holm's correction holds for the rows that have it; the others have too few pairs that "
-        "differ. "
-        "Equivalence is that the means differ by less than the margin.",
+        "Tests of the declared comparisons: exact randomisation tests of pairs. Rows without p (Holm) have "
+        "too few differing pairs. Equivalence: the means differ by less than the margin.",
         [_named(step, varies) | _test(step) for one in decided for step in one.steps],
     )
     yield view.table(
         f"cells_{name}",
-        "The declared comparisons over all cells: the mean difference in places within pairs, "
-        "what a new cell with as many seeds would show, and standard deviations. Cells and seeds are "
-        "random effects, fitted by restricted maximum likelihood; none of it is a test.",
+        "Declared comparisons over all cells: mean difference in places within pairs, prediction interval "
+        "for a new cell with as many seeds, and standard deviations. Mixed model with random effects of "
+        "cells and seeds, fitted by restricted maximum likelihood; not a test.",
         [_over_cells(one) for one in found.across if one.fitted is not None],
     )
     yield view.table(
         f"without_map_{name}",
-        "The same difference without each map in turn.",
+        "Difference without each map in turn.",
         [
             {"first": one.one, "second": one.other, "without": name, "difference": difference}
             for one in found.across
@@ -100,9 +98,8 @@ def tables(view: ReportView, name: str, found: CampaignJudgement) -> Iterator[Pa
     )
     yield view.table(
         f"comparisons_{name}",
-        "Estimates; none of them is a test. Values are means, of times restricted means. A12 is the "
-        "probability that a run of the first is better than one of the second, ties counted half. "
-        "Intervals are of 95 %.",
+        "Estimates, without tests: means (restricted means for times). A12: probability that a run of the "
+        "first is better than one of the second, ties counted half. Intervals: 95 %.",
         [_estimate(one, varies) for one in found.estimates],
         folded=len(found.estimates) > _MOST_OPEN,
     )
@@ -118,17 +115,17 @@ def _condition(variant: Variant) -> str:
 
 
 def _verdict(one: PairVerdict) -> Row:
-    """Return a verdict with the estimates of the metric that was tested last."""
+    """Return a verdict with the estimates of the metric tested last."""
     step = one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
     names = {"first": step.one, "second": step.other, "condition": _condition(step.variant)}
-    decided = {"the first is": one.word, "by": step.says}
-    p = {"p after Holm": step.adjusted if step.tested else None}
+    decided = {"result for the first": one.label, "metric": step.says}
+    p = {"p (Holm)": step.adjusted if step.tested else None}
     return names | decided | _numbers(step, "better on", "worse on") | p
 
 
 def _numbers(one: Comparison, better: str = "better", worse: str = "worse") -> dict[str, Cell]:
-    """Return the estimates of a comparison; of too few pairs they are unknown."""
-    columns = ("first has", "second has", "difference", better, worse, "A12")
+    """Return the estimates of a comparison; None for too few pairs."""
+    columns = ("mean of first", "mean of second", "difference", better, worse, "A12")
     if not one.is_estimated:
         return dict.fromkeys(columns)
     cells = (one.ones, one.others, one.difference, one.better, one.worse, one.effect)
@@ -138,15 +135,15 @@ def _numbers(one: Comparison, better: str = "better", worse: str = "worse") -> d
 def _test(step: Comparison) -> dict[str, Cell]:
     return {
         "pairs": len(step.sample.pairs),
-        "that differ": step.test.differing,
+        "differing pairs": step.test.differing,
         "p": step.test.p,
-        "Holm": step.adjusted if step.tested else None,
+        "p (Holm)": step.adjusted if step.tested else None,
         "margin": step.margin,
-        "p of equivalence": step.equivalence_p,
+        "p (equivalence)": step.equivalence_p,
     }
 
 
-def _over_cells(one: AcrossCells) -> Row:
+def _over_cells(one: OverallEstimate) -> Row:
     assert one.fitted is not None
     return {
         "first": one.one,
@@ -154,10 +151,10 @@ def _over_cells(one: AcrossCells) -> Row:
         "cells": one.fitted.cells,
         "pairs": one.fitted.values,
         "difference": one.fitted.mean,
-        "in a new cell": one.fitted.new_cell,
+        "new cell": one.fitted.new_cell,
         "between cells": one.fitted.between_cells,
         "between seeds": one.fitted.between_seeds,
-        "of what is left": one.fitted.rest,
+        "residual": one.fitted.rest,
     }
 
 
@@ -166,35 +163,35 @@ def _estimate(one: Comparison, varies: bool) -> Row:
     return _named(one, varies) | {"metric": one.says + unit} | _numbers(one)
 
 
-def asked(sources: Sequence[RunSource]) -> list[str]:
-    """What the runs were made for, a sentence for each folder."""
-    return [_asked(one) for one in sources]
+def study_sentences(sources: Sequence[RunSource]) -> list[str]:
+    """Return a description of each folder's runs."""
+    return [_description(one) for one in sources]
 
 
-def _asked(source: RunSource) -> str:
+def _description(source: RunSource) -> str:
     study = source.study
     if study is None:
         if source.conditions == (REAL,):
-            return f"{source.name}: what real robots recorded on one field trial."
+            return f"{source.name}: recordings of real robots from a field trial."
         (run,) = source.records
         return f"{source.name}: one run of {label(run.strategy)} with seed {run.seed}."
-    told = [
-        f"{source.name}: {', '.join(map(label, study.strategies))} in {_file(study.scenario)}, each with the "
-        f"same {study.seeds} seeds ({_seeds(study)})"
+    parts = [
+        f"{source.name}: {', '.join(map(label, study.strategies))} in {_file(study.scenario)}, each with "
+        f"{study.seeds} common seeds ({_seeds(study)})"
     ]
-    told += [f"{factor.key} is {', '.join(map(str, factor.values))} in turn" for factor in study.factors]
+    parts += [f"{factor.key} varies: {', '.join(map(str, factor.values))}" for factor in study.factors]
     if study.cells:
         drawn = (f"{factor.key} ({', '.join(map(str, factor.values))})" for factor in study.random)
-        told.append(f"each in {len(study.cells)} cells, drawn together from {', '.join(drawn)}")
+        parts.append(f"{len(study.cells)} random cells of {', '.join(drawn)}")
     if study.conditions == "drawn":
-        told.append(
-            "seeds draw starts, places, odometry's errors and shadowing where the study does not set them"
+        parts.append(
+            "starts, places, odometry errors and shadowing are drawn for each seed unless set by the study"
         )
     if study.settings:
-        told.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
-    declared = " and ".join(f"{one} against {other}" for one, other in study.primary_pairs)
-    told.append(f"the study declares: {declared}" if declared else "the study declares no comparison")
-    return "; ".join(told) + "."
+        parts.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
+    declared = " and ".join(f"{one} versus {other}" for one, other in study.primary_pairs)
+    parts.append(f"declared comparisons: {declared or 'none'}")
+    return "; ".join(parts) + "."
 
 
 def _seeds(study: Study) -> str:
@@ -203,12 +200,12 @@ def _seeds(study: Study) -> str:
 
 
 def _file(path: str) -> str:
-    """File name without folders."""
+    """Return a file name without folders."""
     return path.replace("\\", "/").rpartition("/")[2]
 
 
 def failures(view: ReportView, sources: Sequence[RunSource]) -> PageTable:
-    """Return the runs without a result, by cause; without rows if there is none."""
+    """Return a table of failed runs by cause; may be empty."""
     found: dict[tuple[str, str, str], list[str]] = {}
     for source in sources:
         for condition, record in zip(source.conditions, source.records, strict=True):
@@ -225,72 +222,68 @@ def failures(view: ReportView, sources: Sequence[RunSource]) -> PageTable:
         }
         for (condition, strategy, cause), seeds in found.items()
     ]
-    return view.table("failures", "Runs that failed", rows)
+    return view.table("failures", "Failed runs", rows)
 
 
 _CEILING: Final = 0.5
-"""Share of runs at the greatest possible value from which a metric is said to be at its ceiling."""
+"""Share of complete runs from which a ceiling effect is reported."""
 
 _MOST_NAMES: Final = 4
-"""Groups of runs that are named where one thing holds for many."""
+"""Groups named in a sentence about several groups."""
 
 
-def cautions(sources: Sequence[RunSource], view: ReportView) -> list[str]:
-    """One sentence or two each, the gravest first."""
+def caveats(sources: Sequence[RunSource], view: ReportView) -> list[str]:
+    """Return caveats, the most serious first."""
     return [
-        *_unfit(sources, view),
-        *_told_by_robots(sources),
+        *_limited_use(sources, view),
+        *_notes(sources),
         *(line for one in sources if one.judgement is not None for line in one.judgement.too_few),
-        *_alone(sources),
+        *_single_runs(sources),
         *_incomplete(sources),
         *_bounds(view),
         *_limits(view),
         *_deadlocked(view),
-        *(line for group in view.groups for line in _unsound(view, group)),
+        *(line for group in view.groups for line in _faults(view, group)),
         *_software(sources),
     ]
 
 
-def _unfit(sources: Sequence[RunSource], view: ReportView) -> Iterator[str]:
+def _limited_use(sources: Sequence[RunSource], view: ReportView) -> Iterator[str]:
     for one in sources:
         if one.study is not None and one.study.tuning:
-            yield (
-                f"{one.name}: these are seeds for tuning; what was chosen with them is to be judged "
-                "by others."
-            )
+            yield f"{one.name}: tuning seeds; judge settings chosen with them on other seeds."
     if any(run.places_done is None for group in view.groups for run in group.results):
         yield (
-            "Real robots have no ground truth: places are as they reported them; contacts, errors of "
-            "localisation, where time went and CPU time are unknown; completion is when the last report was "
-            "made. Their strategy is not recorded, so each field trial stands under the name of its folder."
+            "Real robots have no ground truth: places are as reported; contacts, localisation errors, causes "
+            "of lost time and CPU time are unknown; completion is the time of the last report. The strategy "
+            "is not recorded, so each field trial is named after its folder."
         )
 
 
-def _told_by_robots(sources: Sequence[RunSource]) -> Iterator[str]:
-    """What `acrc fleet collect` found missing or unknown in a field trial, and what a run did not believe."""
+def _notes(sources: Sequence[RunSource]) -> Iterator[str]:
+    """Yield malformed reports of robots, and missing data of field trials."""
     for one in sources:
         for record in one.records:
             run = record.result
             if run is not None:
-                told = (f"{record.strategy}, seed {record.seed}: {said}" for said in run.refused_reports)
-                yield from (f"{one.name}: {said}." for said in told)
+                lines = (
+                    f"{record.strategy}, seed {record.seed}: {sentence}" for sentence in run.refused_reports
+                )
+                yield from (f"{one.name}: {sentence}." for sentence in lines)
             if run is not None and not run.is_simulated:
                 yield from (f"{one.name}: {note.rstrip('.')}." for note in run.notes)
 
 
-def _alone(sources: Sequence[RunSource]) -> Iterator[str]:
+def _single_runs(sources: Sequence[RunSource]) -> Iterator[str]:
     singles = sum(one.study is None for one in sources)
     if singles:
         yield (
-            f"{singles} of the folders hold one run each: such runs are shown, and no test is made of them; "
-            f"a comparison needs at least {LEAST_PAIRS} pairs of runs from one campaign."
+            f"{singles} of the folders contain a single run each, which is shown but not tested; "
+            f"a comparison needs at least {LEAST_PAIRS} pairs of runs of one campaign."
         )
     campaigns = len(sources) - singles
     if campaigns > 1:
-        yield (
-            f"The {campaigns} campaigns are compared within each of them only, and p-values are adjusted "
-            "within each only."
-        )
+        yield f"The {campaigns} campaigns are evaluated separately, and p-values are adjusted within each."
 
 
 def _incomplete(sources: Sequence[RunSource]) -> Iterator[str]:
@@ -299,25 +292,23 @@ def _incomplete(sources: Sequence[RunSource]) -> Iterator[str]:
         pending = 0 if one.kept is None else len(one.kept.pending())
         if pending:
             yield (
-                f"{one.name}: {pending} of {pending + len(one.records)} runs are still to be made; "
-                "what is said may change with them."
+                f"{one.name}: {pending} of {pending + len(one.records)} runs are missing; results may change."
             )
         if failed:
             yield (
-                f"{one.name}: {failed} of {len(one.records)} runs failed and are in no picture, so a "
-                "strategy that fails where it would do badly looks better there than it is. "
-                "Their causes stand below."
+                f"{one.name}: {failed} of {len(one.records)} runs failed and are not in the pictures, which "
+                "favours strategies that fail on hard seeds. Causes are listed below."
             )
 
 
 def _bounds(view: ReportView) -> Iterator[str]:
     names = dict.fromkeys(one.strategy for one in view.groups if one.strategy in UPPER_BOUNDS)
     for name in names:
-        yield f"{name} uses what no robot can know: it is an upper bound, and no rival of the others."
+        yield f"{name} uses information that robots do not have; it is an upper bound, not a competitor."
 
 
 def _limits(view: ReportView) -> Iterator[str]:
-    """Metrics that cannot tell good from better, or bad from worse."""
+    """Yield caveats on ceiling and floor effects."""
     full = [
         f"{view.row_name(group)} ({done} of {len(group.results)})"
         for group in view.groups
@@ -325,16 +316,16 @@ def _limits(view: ReportView) -> Iterator[str]:
     ]
     if full:
         yield (
-            f"Half of the runs or more did all places: {_groups(full)}. The number of places is at its "
-            "ceiling there and hides differences; more robots or less time would show them."
+            f"At least half of the runs completed all places: {_groups(full)}. This ceiling effect hides "
+            "differences in places; use more robots or less time."
         )
     never = [
         view.row_name(group) for group in view.groups if not any(completed(one).done for one in group.results)
     ]
     if never:
         yield (
-            f"No run was complete by its end: {_groups(never)}. The restricted mean is the runs' length "
-            "there and says only that it takes longer."
+            f"No run was complete: {_groups(never)}. The restricted mean is then the length of the runs, "
+            "a lower bound."
         )
 
 
@@ -343,30 +334,30 @@ def _all_done(group: Group) -> int:
 
 
 def _groups(names: Sequence[str]) -> str:
-    """The first of them, and how many more; all of them if these are few."""
+    """List the first groups, and the number of others."""
     if len(names) <= _MOST_NAMES:
         return "; ".join(names)
-    return f"{'; '.join(names[:_MOST_NAMES])}; and {len(names) - _MOST_NAMES} groups more"
+    return f"{'; '.join(names[:_MOST_NAMES])}; and {len(names) - _MOST_NAMES} more groups"
 
 
 def _deadlocked(view: ReportView) -> Iterator[str]:
-    """How often robots waited for one another in a ring: it decides many runs."""
-    told = [
+    """Yield the mean number of deadlocked pairs, which often decide a run."""
+    counts = [
         f"{view.row_name(group)} {sum(run.pairs for run in runs) / len(runs):.2g} "
-        f"({sum(run.came_free for run in runs)} of {sum(run.pairs for run in runs)} came free)"
+        f"({sum(run.came_free for run in runs)} of {sum(run.pairs for run in runs)} resolved)"
         for group in view.groups
         if (runs := deadlocks(group))
     ]
-    if told:
-        yield f"Pairs in a deadlock, in a run on average: {_groups(told)}."
+    if counts:
+        yield f"Mean number of deadlocked pairs per run: {_groups(counts)}."
     elif any(one.is_simulated for group in view.groups for one in group.results):
-        yield "How often there was a deadlock was not recorded with these runs; that decides many of them."
+        yield "Deadlocks were not recorded in these runs, although they often decide a run."
 
 
-def _unsound(view: ReportView, group: Group) -> Iterator[str]:
+def _faults(view: ReportView, group: Group) -> Iterator[str]:
     untrue = sum(one.places_claimed - one.places_done for one in group.results if one.places_done is not None)
     if untrue:
-        yield f"{view.row_name(group)}: {untrue} places were reported although no robot had been there."
+        yield f"{view.row_name(group)}: {untrue} places were reported although no robot had visited them."
     lost = sum(one.undelivered > 0 for one in group.results if one.is_simulated)
     if lost:
         yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
@@ -375,6 +366,6 @@ def _unsound(view: ReportView, group: Group) -> Iterator[str]:
 def _software(sources: Sequence[RunSource]) -> Iterator[str]:
     commits = dict.fromkeys(one.commit for one in sources if one.commit)
     if len(commits) > 1:
-        yield f"The folders were made by different software: {', '.join(commit[:12] for commit in commits)}."
+        yield f"The folders were made with different commits: {', '.join(commit[:12] for commit in commits)}."
     if any(commit.endswith("+") for commit in commits):
-        yield "The software had uncommitted changes, so these runs cannot be repeated elsewhere."
+        yield "The software had uncommitted changes, so these runs cannot be reproduced elsewhere."

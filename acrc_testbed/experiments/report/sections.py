@@ -1,4 +1,4 @@
-"""Sections on results and costs of adaptation: places, times, robots, radio, costs."""
+"""Report sections on places, times, robots, radio and costs."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
@@ -9,24 +9,22 @@ from scipy.stats import binomtest
 from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Box, Curve, Dot
-from acrc_testbed.experiments.report.runs import Group, ReportView, Row, completed, places, until
+from acrc_testbed.experiments.report.report_view import Group, ReportView, Row, completed, places, until
 from acrc_testbed.experiments.statistical_models import Completion, kaplan_meier, restricted_mean
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
-from acrc_testbed.results.outcome import means
+from acrc_testbed.results.outcome import outcome_means
 from acrc_testbed.results.result import RunResult
 from actors.ieee802154 import airtime_ns
 
 _MOST_PANELS: Final = 12
-"""Of robots' own times; beyond, only the table has them."""
-_AT_LEAST: Final = (
-    "A hollow triangle is a run that was not so far by its end: its true value lies to the right."
-)
+"""Groups up to which times by robot are drawn; tables always have them."""
+_AT_LEAST: Final = "A hollow triangle is a censored run: its true value is larger."
 _BOX: Final = (
-    "A box holds the middle half of the runs, the line in it is the median, whiskers reach to the last run "
-    "within one and a half box lengths, and each run is a dot; up to four runs are dots alone."
+    "Boxes show quartiles and median, whiskers the last run within 1.5 box lengths, dots single runs; up to "
+    "four runs are shown as dots alone."
 )
-_SPREAD: Final = ("least", "1st quartile", "median", "3rd quartile", "most")
+_SPREAD: Final = ("minimum", "1st quartile", "median", "3rd quartile", "maximum")
 
 
 def _boxed(
@@ -45,8 +43,8 @@ def _boxed(
 ) -> tuple[PagePicture, PageTable]:
     """Draw box plots of one quantity, and write its table.
 
-    `of`: value of a run; not done: its least possible value. `what`: in the description for readers who do
-    not see the picture. `table`: caption of the table; `more`: its further cells. The rest: see charts.boxes.
+    `of`: value of a run, or its lower bound. `what`: name in the alternative text. `table`: caption of the
+    table; `more`: its additional cells. For the others see charts.boxes.
     """
     values = {group: [of(run) for run in group.results] for group in view.groups}
     numbers = {group: [one.at for one in runs] for group, runs in values.items()}
@@ -57,7 +55,7 @@ def _boxed(
     picture = view.picture(
         name,
         charts.boxes(boxes, axis, limit=limit, near=near),
-        f"Box plots of {what}. Medians: {medians}. All numbers are in the table below.",
+        f"Box plots of {what}. Medians: {medians}. The table below has all numbers.",
         caption,
     )
 
@@ -76,50 +74,50 @@ def _box(name: str, view: ReportView, group: Group, runs: Sequence[Completion]) 
 
 
 def places_done(view: ReportView) -> PageSection:
-    """Return the second box plot of Fig. 7.10."""
+    """Return the section on places done: second box plot of Fig. 7.10."""
     runs = [run for group in view.groups for run in group.results]
     totals = {run.places_total for run in runs}
-    text = ["Places done at the run's end: the chapter's number of cleaning tasks that were completed."]
+    text = ["Places done at the end of the run: the chapter's number of cleaning tasks that were completed."]
     if any(run.places_done is None for run in runs):
-        text.append("Places of real robots are as they reported them, without ground truth.")
+        text.append("Places of real robots are as reported, without ground truth.")
 
     def of(group: Group) -> Row:
         own = sorted({run.places_total for run in group.results})
-        return {"of": own[0] if len(own) == 1 else f"{own[0]} to {own[-1]}"}
+        return {"total": own[0] if len(own) == 1 else f"{own[0]} to {own[-1]}"}
 
     picture, table = _boxed(
         view, "places", lambda run: Completion(places(run), True), what="places done", unit="",
         axis="places done", table="Places done", more=of, near=True,
         limit=(float(max(totals)), f"all {max(totals)} places") if len(totals) == 1 else None,
-        caption="Places done, run by run (the chapter's Fig. 7.10, one of its two boxes, for each strategy).",
+        caption="Places done in each run (as in the chapter's Fig. 7.10).",
     )  # fmt: skip
     return PageSection("Places done", (*text, _BOX), picture, (table,))
 
 
 def running(view: ReportView) -> PageSection:
-    """Return the first box plot of Fig. 7.10."""
+    """Return the section on running time: first box plot of Fig. 7.10."""
     picture, table = _boxed(
         view, "running_time", lambda run: until(run.settled_s, run), what="running time", unit=" s",
         axis="simulated s", table="Running time until done or given up, s", limit=_end(view),
-        more=lambda group: {"ended by itself": sum(run.settled_s is not None for run in group.results)},
-        caption="Running time until all places were done or given up (Fig. 7.10, the other box).",
+        more=lambda group: {"settled": sum(run.settled_s is not None for run in group.results)},
+        caption="Running time until all places were done or given up (as in Fig. 7.10).",
     )  # fmt: skip
     text = (
-        "The time at which the last place was done or given up: the chapter's total running time till "
-        "system completes or gives up. A run that its end cut short counts with its whole length.",
+        "Time at which the last place was done or given up: the chapter's total running time till system "
+        "completes or gives up. Other runs count with their full length.",
         _AT_LEAST,
     )
     return PageSection("Running time until done or given up", text, picture, (table,))
 
 
 def _end(view: ReportView) -> tuple[float, str] | None:
-    """Return the length of the runs, if it is the same for all."""
+    """Return the length of the runs with a label, if equal for all."""
     lengths = {run.length_s for group in view.groups for run in group.results}
     return (max(lengths), "end of run") if len(lengths) == 1 else None
 
 
 def completion(view: ReportView) -> PageSection:
-    """Return curves of Kaplan and Meier, and their summary."""
+    """Return the section on completion: Kaplan-Meier curves and their summary."""
     lengths = view.panels(lambda group: max(run.length_s for run in group.results))
     horizons = {condition: max(some) for condition, some in lengths.items()}
     runs = {group: tuple(map(completed, group.results)) for group in view.groups}
@@ -145,34 +143,33 @@ def completion(view: ReportView) -> PageSection:
             complete, low, high = (1.0 - float(one) for one in shares)
             yield {"time, s": float(at), "complete": complete, "low": low, "high": high}
 
-    told = "; ".join(f"{view.row_name(one)} {done[one]} of {len(one.results)}" for one in view.groups)
+    counts = "; ".join(f"{view.row_name(one)} {done[one]} of {len(one.results)}" for one in view.groups)
     picture = view.picture(
         "completion",
         charts.completion(view.panels(curve), max(horizons.values())),
-        f"Curves of the share of runs that are complete over simulated time. Complete at the end: "
-        f"{told}. All numbers are in the tables below.",
-        "Share of runs in which all places are done, with 95 % bands; ticks are censored runs.",
+        f"Share of completed runs over simulated time. Complete at the end: {counts}. The tables below have "
+        "all numbers.",
+        "Share of runs with all places done, with 95 % bands; ticks are censored runs.",
     )
-    caption = "Completion; intervals of 95 %: Wilson's for shares, Student's for means"
+    caption = "Completion, with 95 % intervals (Wilson for shares, Student for means)"
     return PageSection(
         "Time to complete",
         (
-            "The share of runs in which all places were done by a time, by Kaplan and Meier's estimate. A "
-            "run that ended before it was complete is censored, not dropped: it is known to take longer, and "
-            "is a tick on its curve. The bands are 95 % intervals.",
-            "The restricted mean is the mean time until complete, or the run's length, whichever comes "
-            "first; it holds all runs, also those that never completed.",
+            "Kaplan-Meier estimate of the share of runs with all places done, with 95 % bands. Runs that "
+            "ended before completion are censored (ticks).",
+            "The restricted mean is the mean of the completion time or the run's length, whichever comes "
+            "first; it includes incomplete runs.",
         ),
         picture,
         (
             view.group_table("completion", caption, summary),
-            view.group_table("completion_curves", "The curves, step by step", steps, folded=True),
+            view.group_table("completion_curves", "Steps of the curves", steps, folded=True),
         ),
     )
 
 
 def robots(view: ReportView) -> PageSection:
-    """Return when each robot's own places were done."""
+    """Return the section on each robot's own places."""
 
     def runs_of(group: Group, robot: str) -> list[Completion]:
         runs = (run for run in group.results if robot in run.per_robot)
@@ -186,17 +183,17 @@ def robots(view: ReportView) -> PageSection:
             yield {
                 "robot": robot,
                 "runs": len(parts),
-                "given": max(part.places_total for part in parts),
+                "total": max(part.places_total for part in parts),
                 "done, mean": sum(map(places, parts)) / len(parts),
                 "all done in": sum(run.done for run in runs),
                 "restricted mean, s": restricted_mean(runs, horizon),
             }
 
-    caption = "Each robot's own places: the mean number done, and when the last one was"
+    caption = "Each robot's own places: mean number done, and time of the last"
     table = view.group_table("robots", caption, rows)
-    text = "When the last of the places was done that a robot was given at the start, whichever robot did it."
+    text = "Time at which the last of a robot's own places was done, by whichever robot."
     if len(view.groups) > _MOST_PANELS:
-        return PageSection("Robot by robot", (text,), None, (table,))
+        return PageSection("Results by robot", (text,), None, (table,))
     boxed = {
         view.row_name(group): [_box(robot, view, group, runs_of(group, robot)) for robot in _robots(group)]
         for group in view.groups
@@ -205,10 +202,10 @@ def robots(view: ReportView) -> PageSection:
         "robots",
         charts.boxes(boxed, "simulated s", limit=_end(view)),
         "Box plots of the time at which each robot's own places were done, a panel for each strategy. "
-        "All numbers are in the table below.",
+        "The table below has all numbers.",
         "Time until a robot's own places were done.",
     )
-    return PageSection("Robot by robot", (text, _AT_LEAST), picture, (table,))
+    return PageSection("Results by robot", (text, _AT_LEAST), picture, (table,))
 
 
 def _robots(group: Group) -> list[str]:
@@ -217,22 +214,22 @@ def _robots(group: Group) -> list[str]:
 
 
 def radio(view: ReportView) -> PageSection:
-    """Return how much robots send, and the outcomes of frames."""
+    """Return the section on radio load and outcomes of frames."""
 
     def frames(group: Group) -> Iterator[Row]:
         counts = [run.frames for run in group.results]
         for name in dict.fromkeys(name for one in counts for name in one):
             mean = sum(one.get(name, 0) for one in counts) / len(counts)
             if mean:
-                yield {"what": name.replace("_", " "), "number": mean}
+                yield {"counter": name.replace("_", " "), "mean": mean}
 
     picture, table = _boxed(
         view, "radio", lambda run: Completion(run.radio_bytes_per_robot_s, True), what="radio load",
         unit=" octets/s", axis="octets on the air per robot and s", near=True,
         caption="Octets on the air per robot and second.", table="Octets on the air per robot and s",
     )  # fmt: skip
-    caption = "What became of frames, and of their copies at the other robots: mean of a run"
-    text = ("Octets of the frames that robots send, with MAC header and check sequence.",)
+    caption = "Outcomes of frames and of their copies at other robots, mean per run"
+    text = ("Octets of the frames sent by robots, including MAC header and FCS.",)
     outcomes = view.group_table("frames", caption, frames, folded=True)
     return PageSection("Radio load", text, picture, (table, outcomes))
 
@@ -242,7 +239,7 @@ def _robot_seconds(run: RunResult) -> float:
 
 
 def airtime_percent(run: RunResult) -> float:
-    """Return the share of its time that a robot sends, mean over robots, %."""
+    """Return the mean share of time in which a robot transmits, %."""
     frames = run.frames["frames_sent"]
     if not frames:
         return 0.0
@@ -251,12 +248,12 @@ def airtime_percent(run: RunResult) -> float:
 
 
 def cpu_ms(run: RunResult) -> float | None:
-    """Return the CPU of all processes, ms per robot and simulated s; None for real robots."""
+    """Return the CPU time of all processes, ms per robot and simulated s; None for real robots."""
     return 1000.0 * run.cpu_s / _robot_seconds(run) if run.is_simulated else None
 
 
 def _freed(run: RunResult, record: TrialRecord) -> float | None:
-    """Return the mean time that robots stood which drove on after a decision, s."""
+    """Return the mean time from being blocked to driving on after a decision, s."""
     decisions = () if record.time is None else record.time.decisions
     times = [one.blocked_s + one.free_after_s for one in decisions if one.free_after_s is not None]
     return sum(times) / len(times) if times else None
@@ -267,17 +264,17 @@ def _decisions(run: RunResult, record: TrialRecord) -> float | None:
 
 
 def _adoptions(run: RunResult, record: TrialRecord) -> float | None:
-    """Return the number of decisions that took a place over; None if unknown or not all are listed."""
+    """Return the number of adoptions; None if unknown or not all decisions are listed."""
     if record.time is None or record.time.decisions_left_out or not run.deeco.counters:
         return None
     return float(sum(one.adopts for one in record.time.decisions))
 
 
 class Cost(NamedTuple):
-    """One number of a run."""
+    """A measure of cost of a run."""
 
     says: str
-    """Description, with its unit."""
+    """Description with unit."""
     of: Callable[[RunResult, TrialRecord], float | None]
     """None: unknown."""
 
@@ -287,22 +284,24 @@ COSTS: Final = (
     Cost("air time of a robot, % of the time", lambda run, _: airtime_percent(run)),
     Cost("adoptions in a run", _adoptions),
     Cost("decisions of the adaptation in a run", _decisions),
-    Cost("from blocked to free, s", _freed),
+    Cost("time from blocked to driving on, s", _freed),
     Cost("CPU, ms per robot and simulated s", lambda run, _: cpu_ms(run)),
     Cost("metres driven by all robots", lambda run, _: run.driven_m),
     Cost("contacts in a run", lambda run, _: run.contacts),
-    Cost("age of what robots know of one another, s", lambda run, _: run.deeco.replica_age_mean_s),
+    Cost("age of replicas, s", lambda run, _: run.deeco.replica_age_mean_s),
 )
 
 
 def _own(name: str) -> Cost:
-    """Return a number of a strategy's own outcome."""
-    return Cost(f"outcome.{name}", lambda run, _: means(run.outcome).get(name))
+    """Return the cost of a value returned by outcome()."""
+    return Cost(f"outcome.{name}", lambda run, _: outcome_means(run.outcome).get(name))
 
 
 def costs(view: ReportView) -> PageSection:
-    """Return all costs that are known of some run, side by side."""
-    own = dict.fromkeys(name for group in view.groups for run in group.results for name in means(run.outcome))
+    """Return the section on all known costs."""
+    own = dict.fromkeys(
+        name for group in view.groups for run in group.results for name in outcome_means(run.outcome)
+    )
     values = {
         (cost.says, group): [
             float(value)
@@ -325,15 +324,15 @@ def costs(view: ReportView) -> PageSection:
         for name in drawn
     }
     text = [
-        "Means over runs with Student's 95 % intervals. An adoption is a decision to take over what another "
-        "robot had to do. CPU is that of the whole simulation: physics, scans and navigation are in it.",
+        "Means over runs with Student's 95 % intervals. An adoption is a decision to take over another "
+        "robot's place. CPU time includes the whole simulation: physics, scans and navigation.",
     ]
     zero = [name for name in known if name not in drawn]
     if zero:
         text.append(f"Zero in every run: {'; '.join(zero)}.")
     if own:
         text.append(
-            "outcome.NAME is what the strategy's own outcome() returned, the mean over robots; unchecked."
+            "outcome.NAME: value returned by the strategy's outcome(), mean over robots, not verified."
         )
     missing = [name for name in names if name not in known]
     if missing:
@@ -341,12 +340,12 @@ def costs(view: ReportView) -> PageSection:
     picture = view.picture(
         "cost",
         charts.dots(dots),
-        f"Means with intervals, a panel for each of: {'; '.join(dots)}. All numbers are in the table below.",
-        "Means over runs with 95 % intervals; each panel has an axis of its own, from zero.",
+        f"Means with intervals, a panel for each of: {'; '.join(dots)}. The table below has all numbers.",
+        "Means over runs with 95 % intervals; each panel has its own axis from zero.",
     )
     table = view.group_table(
         "cost",
         "Means over runs, with 95 % intervals",
         lambda group: [{name: mean(name, group) for name in known}],
     )
-    return PageSection("What adaptation costs", text, picture, (table,))
+    return PageSection("Costs of adaptation", text, picture, (table,))

@@ -1,4 +1,4 @@
-"""Sections on where the robots' time went, who blocked whom, and decisions of the adaptation."""
+"""Report sections on time by cause, blockings, and decisions of the adaptation."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -8,24 +8,24 @@ import numpy as np
 
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Bar
-from acrc_testbed.experiments.report.runs import Cell, Group, ReportView, Row
+from acrc_testbed.experiments.report.report_view import Cell, Group, ReportView, Row
 from acrc_testbed.explanation.time_spent import Cause, DeadlockCount, DecisionEvent
 from acrc_testbed.picture.html_page import PageSection
 from actors.observer.glyphs import CAUSE_GLYPHS, hexadecimal
 
-LOOKS: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in CAUSE_GLYPHS.items()}
-"""Colour and hatch of each cause: driving first, then what keeps a robot from it."""
+CAUSE_STYLES: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in CAUSE_GLYPHS.items()}
+"""Colour and hatch of each cause, driving first."""
 _MOST_LISTED: Final = 500
 
 
 def causes(view: ReportView) -> PageSection | None:
-    """Return where robot-seconds went; None if no run says so."""
+    """Return the section on robots' time by cause; None if unknown."""
     shares = {group: _shares(group) for group in view.groups if group.times}
     if not shares:
         return None
     bars = view.panels(lambda group: Bar(group.label, shares[group]) if group in shares else None)
     seen = {name for parts in shares.values() for name, part in parts.items() if part}
-    told = "; ".join(
+    text = "; ".join(
         f"{view.row_name(group)}: "
         + ", ".join(f"{name} {part:.0%}" for name, part in parts.items() if part >= 0.01)
         for group, parts in shares.items()
@@ -39,27 +39,26 @@ def causes(view: ReportView) -> PageSection | None:
         names = {name for run in group.times for name in run.robots}
         for robot in sorted(names, key=lambda name: (len(name), name)):
             runs = [run.robots[robot] for run in group.times if robot in run.robots]
-            means = {cause: float(np.mean([run.get(cause, 0.0) for run in runs])) for cause in LOOKS}
+            means = {cause: float(np.mean([run.get(cause, 0.0) for run in runs])) for cause in CAUSE_STYLES}
             yield {"robot": robot, **means}
 
     return PageSection(
-        "Where the time went",
+        "Time by cause",
         (
-            "Every robot-second of every run by what it went into, by ground truth; a robot's seconds add up "
-            "to the run's. Where several causes hold at once, the first in this order does: "
-            f"{', '.join(cause.value for cause in Cause)}.",
+            "Time of all robots by cause, from ground truth. If several causes apply, the first in this "
+            f"order counts: {', '.join(cause.value for cause in Cause)}.",
         ),
         view.picture(
             "time",
             charts.bars(
-                bars, {name: how for name, how in LOOKS.items() if name in seen}, "share of robot time"
+                bars, {name: how for name, how in CAUSE_STYLES.items() if name in seen}, "share of robot time"
             ),
-            f"Stacked bars of the share of robot time by cause. {told}. All numbers are in the tables below.",
-            "Share of robot time by cause, over all robots and runs; numbers in the bars are percent.",
+            f"Stacked bars of the share of robot time by cause. {text}. The tables below have all numbers.",
+            "Share of robot time by cause, over all robots and runs, in percent.",
         ),
         (
             view.group_table("time", "Share of robot time, %", percents),
-            view.group_table("time_robots", "Mean time in a run, robot by robot, s", robots, folded=True),
+            view.group_table("time_robots", "Mean time per run by robot, s", robots, folded=True),
         ),
     )
 
@@ -70,27 +69,27 @@ def _shares(group: Group) -> dict[str, float]:
         for parts in run.robots.values():
             total.update(parts)
     whole = sum(total.values()) or 1.0
-    return {name: total[name] / whole for name in LOOKS}
+    return {name: total[name] / whole for name in CAUSE_STYLES}
 
 
 def blockings(view: ReportView) -> PageSection | None:
-    """Return how often robots blocked one another, and whether they noticed; None if no run says so."""
+    """Return the section on blockings and their diagnosis; None if unknown."""
     if not any(group.times for group in view.groups):
         return None
     return PageSection(
-        "Robots in each other's way",
+        "Blockings",
         (
-            "A blocking begins when robots stand in each other's way and ends when one of them gets on. "
-            "Its diagnosis is the strategy's own word that it is blocked, set against the truth: precision "
-            "is the share of the time said to be blocked that was, recall the share of blocked time that was "
-            "said to be.",
+            "A blocking begins when a robot stands and waits for another one, and ends when one of them "
+            "drives on. The diagnosis compares blocked times reported by the strategy with ground truth: "
+            "precision is the share of reported time that was blocked, recall the share of blocked time that "
+            "was reported.",
         ),
         None,
         (
             view.group_table("blockings", "Blockings, all runs together", _blockings),
-            view.group_table("deadlocks", "Pairs of robots in a deadlock", _deadlocks),
-            view.group_table("diagnosis", "The strategy's own diagnosis", _diagnosis),
-            view.group_table("findings", "What else was found of whole runs", _findings),
+            view.group_table("deadlocks", "Deadlocked pairs of robots", _deadlocks),
+            view.group_table("diagnosis", "Diagnosis by the strategy", _diagnosis),
+            view.group_table("findings", "Other findings", _findings),
         ),
     )
 
@@ -110,14 +109,14 @@ def _blockings(group: Group) -> Iterator[Row]:
 
 
 def deadlocks(group: Group) -> tuple[DeadlockCount, ...]:
-    """Return those of the group's runs in which they were counted."""
+    """Return the deadlock counts of a group's runs, where known."""
     return tuple(run.deadlocks for run in group.times if run.deadlocks is not None)
 
 
 def _deadlocks(group: Group) -> Iterator[Row]:
     if runs := deadlocks(group):
         pairs, free = sum(run.pairs for run in runs), sum(run.came_free for run in runs)
-        yield {"runs": len(runs), "pairs": pairs, "came free": free, "pairs in a run": pairs / len(runs)}
+        yield {"runs": len(runs), "pairs": pairs, "resolved": free, "pairs per run": pairs / len(runs)}
 
 
 def _diagnosis(group: Group) -> Iterator[Row]:
@@ -129,7 +128,7 @@ def _diagnosis(group: Group) -> Iterator[Row]:
             "recall": _known([score.recall for score in scores]),
             "delay, s": _known([score.delay_s for score in scores]),
             "spells": sum(score.spells for score in scores),
-            "noticed": sum(score.noticed for score in scores),
+            "detected": sum(score.noticed for score in scores),
             "false alarms": sum(score.false_alarms for score in scores),
         }
 
@@ -139,23 +138,23 @@ def _findings(group: Group) -> Iterator[Row]:
         yield {"finding": name, "runs": runs}
 
 
-def _known(said: list[float | None]) -> Cell:
-    """Return the mean over runs that have it."""
-    values = [value for value in said if value is not None]
+def _known(results: list[float | None]) -> Cell:
+    """Return the mean of known values; None without any."""
+    values = [value for value in results if value is not None]
     return float(np.mean(values)) if values else None
 
 
 def decisions(view: ReportView) -> PageSection | None:
-    """Return decisions of the adaptation and their outcomes; None if nothing was decided."""
+    """Return the section on decisions of the adaptation and their outcomes; None without decisions."""
     if not any(run.decisions for group in view.groups for run in group.times):
         return None
     left_out = sum(run.decisions_left_out for group in view.groups for run in group.times)
-    more = (f"{left_out} further decisions were made and are not listed.",) if left_out else ()
-    all_runs = "Decisions, all runs together; times are medians over robots that got on"
-    themselves = f"The decisions themselves, {_MOST_LISTED} of each strategy at most"
+    more = (f"{left_out} further decisions are not listed.",) if left_out else ()
+    all_runs = "Decisions, all runs together; times are medians over robots that drove on"
+    themselves = f"All decisions, at most {_MOST_LISTED} of each strategy"
     return PageSection(
-        "What the adaptation decided",
-        ("Each decision by what set it off and what came of it.", *more),
+        "Decisions of the adaptation",
+        ("Decisions by trigger and outcome.", *more),
         None,
         (
             view.group_table("decisions", all_runs, _by_outcome),
@@ -177,12 +176,12 @@ def _by_outcome(group: Group) -> Iterator[Row]:
         ]
         whole, after = np.median(freed, axis=0).tolist() if freed else (None, None)
         yield {
-            "decided by": trigger,
+            "trigger": trigger,
             "outcome": outcome,
             "decisions": len(of_kind),
-            "got on": len(freed),
-            "from blocked to free, s": whole,
-            "from decision to free, s": after,
+            "drove on": len(freed),
+            "from blocked to driving on, s": whole,
+            "from decision to driving on, s": after,
         }
 
 
@@ -193,7 +192,7 @@ def _events(group: Group) -> Iterator[Row]:
                 "seed": str(record.seed),
                 "s": event.instant_s,
                 "robot": event.robot,
-                "decided by": event.trigger,
+                "trigger": event.trigger,
                 "decision": event.words,
                 "knowledge of": _knowledge(event),
                 "old goal": _goal(event.old_goal),

@@ -15,7 +15,7 @@ from actors.instant import Instant
 from actors.message_limits import MessageLimits, frames_fault
 from actors.robot.behaviour.ports import MAX_BACK_OUT, Decision, GoalOrder
 from actors.runtime.typed_json import BoundedList, Count, Counts, Metres, Name, Text
-from actors.task.task import words_fault
+from actors.task.task import task_reports_fault
 from deeco import Knowledge
 from deeco.component import processes_of
 from deeco.local import Commit
@@ -44,7 +44,7 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
         return f"returned relocalise={decision.relocalise!r}; it should be True or False"
     wrong = None
     if decision.reports or decision.given_up or decision.route is not None:
-        wrong = words_fault(decision, begin, end, limits)
+        wrong = task_reports_fault(decision, begin, end, limits)
     if wrong is None and decision.peers:
         wrong = _peers_fault(decision.peers, limits)
     if wrong is None and decision.frames:

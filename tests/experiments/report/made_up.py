@@ -8,7 +8,7 @@ import numpy as np
 
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.study import Study, Trial
-from acrc_testbed.experiments.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.trial_record import TrialRecord, write_json
 from acrc_testbed.explanation.time_spent import (
     BlockingEvent,
     Cause,
@@ -22,7 +22,7 @@ from acrc_testbed.results.result import RobotResult, RunResult
 
 LENGTH = 600.0
 Drawn = Callable[[Trial, np.random.Generator], tuple[int, float | None]]
-"""Of 40 places those that are done, and when all were."""
+"""Places done of 40, and when all were done."""
 
 
 def campaign(
@@ -34,7 +34,7 @@ def campaign(
     fails: Callable[[Trial], str | None] = lambda trial: None,
     with_time: bool = False,
 ) -> Path:
-    """A folder as acrc campaign would leave it; the same words give the same bytes."""
+    """Write a campaign's folder as acrc campaign does, reproducibly."""
     kept = store.create(folder, study)
     for trial in study.trials():
         rng = np.random.default_rng([trial.seed, len(trial.strategy), len(str(trial.variant))])
@@ -42,7 +42,7 @@ def campaign(
         result = None if failure else _result(plain, trial, drawn(trial, rng), rng)
         time = _time(rng) if with_time and result is not None else None
         told = TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result, failure, time)
-        keep(kept.path(trial), told)
+        write_json(kept.path(trial), told)
     return folder
 
 

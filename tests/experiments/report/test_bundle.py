@@ -11,10 +11,10 @@ import pytest
 import yaml
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.frozen_plan import inputs
+from acrc_testbed.experiments.frozen_plan import study_inputs
 from acrc_testbed.experiments.report import bundle
 from acrc_testbed.experiments.study import Study, load_study
-from acrc_testbed.experiments.trial_record import TrialRecord, keep
+from acrc_testbed.experiments.trial_record import TrialRecord, write_json
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 from deploy.run import swarm
@@ -40,15 +40,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("campaigns")
     kept = store.create(out / "tiny", STUDY)
     first, second = STUDY.trials()
-    keep(kept.path(first), TrialRecord("none", 1, {}, run(STUDY, 1, out / "run")))
-    keep(kept.path(second), TrialRecord("none", 2, {}, failure="it rained"))
+    write_json(kept.path(first), TrialRecord("none", 1, {}, run(STUDY, 1, out / "run")))
+    write_json(kept.path(second), TrialRecord("none", 2, {}, failure="it rained"))
     return out / "tiny"
 
 
 @pytest.fixture(scope="module")
 def unpacked(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("bundle")
-    bundle.make(folder, out / "given.zip", ["Ada Lovelace"])
+    bundle.make_bundle(folder, out / "given.zip", ["Ada Lovelace"])
     with zipfile.ZipFile(out / "given.zip") as archive:
         archive.extractall(out)
     return out / "tiny"
@@ -80,7 +80,7 @@ def test_sums_are_those_of_all_files_and_bytes_are_the_same(
     files = [path for path in unpacked.rglob("*") if path.is_file()]
     assert checked.stdout.count(": OK") == len(files) - 1
 
-    bundle.make(folder, tmp_path / "deeper" / "again.zip", ["Ada Lovelace"])
+    bundle.make_bundle(folder, tmp_path / "deeper" / "again.zip", ["Ada Lovelace"])
     before = (unpacked.parent / "given.zip").read_bytes()
     assert (tmp_path / "deeper" / "again.zip").read_bytes() == before
 
@@ -94,7 +94,7 @@ def test_its_runs_are_made_again_with_the_same_digests(unpacked: Path, tmp_path:
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     last = told.stdout.splitlines()[-1]
-    assert last == "1 of 1 runs that were made again came out the same; 2 are in the results"
+    assert last == "1 of 1 repeated runs are identical; the results have 2 runs"
     (path,) = (unpacked / "reproduced" / "trials").iterdir()
     path.write_text(path.read_text().replace('"places_done":', '"places_done":1'))
     changed = subprocess.run(
@@ -103,20 +103,20 @@ def test_its_runs_are_made_again_with_the_same_digests(unpacked: Path, tmp_path:
     )  # fmt: skip
     assert changed.returncode == 1
     assert changed.stdout.startswith(
-        f"{path.name}: places_done was 0, is 10\n0 of 1 runs that were made again"
+        f"{path.name}: places_done was 0, is 10\n0 of 1 repeated runs are identical"
     )
 
 
 def test_inputs_that_others_could_not_find_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
-    with pytest.raises(AcrcError, match="must be relative to the scenario"):
-        inputs(msgspec.structs.replace(STUDY, scenario=str(path)))
-    with pytest.raises(AcrcError, match="is no file any more"):
-        inputs(msgspec.structs.replace(STUDY, scenario=str(tmp_path / "gone.toml")))
+    with pytest.raises(AcrcError, match="make it relative to the scenario"):
+        study_inputs(msgspec.structs.replace(STUDY, scenario=str(path)))
+    with pytest.raises(AcrcError, match="missing; the campaign's runs were made with it"):
+        study_inputs(msgspec.structs.replace(STUDY, scenario=str(tmp_path / "gone.toml")))
     store.create(tmp_path / "new", STUDY)
-    with pytest.raises(AcrcError, match="no run of it has ended"):
-        bundle.make(tmp_path / "new", tmp_path / "new.zip")
+    with pytest.raises(AcrcError, match="no run has ended"):
+        bundle.make_bundle(tmp_path / "new", tmp_path / "new.zip")
 
 
 def test_a_strategy_of_one_s_own_is_an_input(tmp_path: Path) -> None:
@@ -127,10 +127,10 @@ def test_a_strategy_of_one_s_own_is_an_input(tmp_path: Path) -> None:
     study = Study(
         name="own", scenario=str(tmp_path / "s.toml"), strategies=("none", "mine:behaviour"), seeds=1
     )
-    assert sorted(inputs(study).files) == ["corridor.png", "corridor.yaml", "mine.py", "s.toml"]
+    assert sorted(study_inputs(study).files) == ["corridor.png", "corridor.yaml", "mine.py", "s.toml"]
     elsewhere = msgspec.structs.replace(study, strategies=("nowhere_at_all:behaviour",))
     with pytest.raises(AcrcError, match="nowhere_at_all:behaviour: its module is not in"):
-        inputs(elsewhere)
+        study_inputs(elsewhere)
 
 
 def test_a_study_that_a_campaign_has_written_is_a_study(unpacked: Path, tmp_path: Path) -> None:

@@ -14,12 +14,12 @@ import pytest
 from statsmodels.stats.proportion import proportion_confint
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.judgement import judge
-from acrc_testbed.experiments.report import report
-from acrc_testbed.experiments.report.runs import REAL, read
+from acrc_testbed.experiments.evaluation import evaluate
+from acrc_testbed.experiments.report import report_page
+from acrc_testbed.experiments.report.report_view import REAL, read
 from acrc_testbed.experiments.study import Factor, Study, Trial
 from acrc_testbed.experiments.trial_record import TrialRecord
-from acrc_testbed.results.result import RobotResult, RunResult, without_unknown
+from acrc_testbed.results.result import RobotResult, RunResult, field_trial_struct
 from actors.runtime.errors import AcrcError
 from tests.experiments.report.made_up import LENGTH, campaign
 
@@ -47,7 +47,7 @@ def folder(plain: RunResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("report")
-    assert report.write([folder], out) == out / "report.html"
+    assert report_page.write([folder], out) == out / "report.html"
     return out
 
 
@@ -76,7 +76,7 @@ def test_boxes_are_those_of_the_runs(written: Path, records: dict[str, list[Tria
     for row in table:
         places = sorted(float(run.places_done or 0) for run in results(records[row["strategy"]]))
         assert int(row["runs"]) == len(places)
-        assert (float(row["least"]), float(row["most"])) == (places[0], places[-1])
+        assert (float(row["minimum"]), float(row["maximum"])) == (places[0], places[-1])
         assert float(row["median"]) == pytest.approx(np.quantile(places, 0.5))
         assert float(row["1st quartile"]) == pytest.approx(np.quantile(places, 0.25))
         assert float(row["3rd quartile"]) == pytest.approx(np.quantile(places, 0.75))
@@ -107,7 +107,7 @@ def test_shares_of_time(written: Path, records: dict[str, list[TrialRecord]]) ->
         assert sum(float(row[name]) for name in robots[0]) == pytest.approx(100.0)
 
 
-def test_decisions_are_counted_by_who_decided(written: Path, records: dict[str, list[TrialRecord]]) -> None:
+def test_decisions_are_counted_by_trigger(written: Path, records: dict[str, list[TrialRecord]]) -> None:
     table = rows(written, "decisions")
     for name, kept in records.items():
         mine = {row["outcome"]: row for row in table if row["strategy"] == name}
@@ -120,7 +120,7 @@ def test_decisions_are_counted_by_who_decided(written: Path, records: dict[str, 
             for event in (record.time.decisions if record.time else ())
             if event.free_after_s is not None
         )
-        assert float(mine["free"]["from blocked to free, s"]) == pytest.approx(np.quantile(waited, 0.5))
+        assert float(mine["free"]["from blocked to driving on, s"]) == pytest.approx(np.quantile(waited, 0.5))
     assert len(rows(written, "decision_events")) == 3 * sum(map(len, records.values()))
 
 
@@ -147,7 +147,7 @@ def test_every_run_stands_in_the_table_of_runs_failures_too(written: Path) -> No
 
 
 def test_every_picture_has_numbers_words_and_files(folder: Path, tmp_path: Path) -> None:
-    page = report.compose(read([folder]), tmp_path)
+    page = report_page.compose(read([folder]), tmp_path)
     pictured = [one for one in page.sections if one.picture is not None]
     assert len(pictured) == 7
     for one in pictured:
@@ -199,7 +199,7 @@ def test_the_page_needs_nothing_and_runs_nothing(written: Path) -> None:
     assert "<script" not in page
 
 
-def test_what_others_wrote_is_text_only(written: Path) -> None:
+def test_names_and_failures_are_escaped(written: Path) -> None:
     page = (written / "report.html").read_text()
     assert EVIL not in page and html.escape(EVIL) in page
     assert "<b>six</b>" not in page and "<i>" not in page
@@ -208,28 +208,28 @@ def test_what_others_wrote_is_text_only(written: Path) -> None:
 
 def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) -> None:
     page = html.unescape((written / "report.html").read_text())
-    said = judge(store.load(folder)).sentences()
+    said = evaluate(store.load(folder)).sentences()
     assert said[0].startswith("none failed in 1 of 7 runs (seed 2); each counts as")
-    assert said[-1].startswith("none is worse than oracle by places done: ")  # the way it was declared
-    assert said[1] == "Nothing was frozen before."
+    assert said[-1].startswith("none is worse than oracle in places done: ")  # the way it was declared
+    assert said[1] == "No plan was frozen before the first run."
     assert len(said) == 4
     for one in said:
         assert one.replace("oracle", "oracle (upper bound)") in page
 
 
-def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
+def test_caveats_are_on_the_page(written: Path) -> None:
     page = html.unescape((written / "report.html").read_text())
     for told in (
-        "five: 1 of 21 runs failed and are in no picture",
-        "oracle uses what no robot can know: it is an upper bound",
-        "runs or more did all places: ",
-        "Pairs in a deadlock, in a run on average: none ",
-        "No run was complete by its end: none. The restricted mean",
+        "five: 1 of 21 runs failed and are not in the pictures",
+        "oracle uses information that robots do not have; it is an upper bound",
+        "of the runs completed all places: ",
+        "Mean number of deadlocked pairs per run: none ",
+        "No run was complete: none. The restricted mean",
     ):
         assert told in page
 
 
-def test_cautions_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None:
+def test_caveats_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None:
     lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
     lied = msgspec.structs.replace(plain, refused_reports=(lie,))
     study = Study(name="few", scenario="/s.toml", strategies=("none", "chapter"), seeds=2, tuning=True)
@@ -237,15 +237,15 @@ def test_cautions_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None
     trial = next(iter(study.trials()))
 
     def cautions() -> Sequence[str]:
-        return report.compose(read([tmp_path / "few"]), tmp_path).sections[1].warnings
+        return report_page.compose(read([tmp_path / "few"]), tmp_path).sections[1].warnings
 
     told = " ".join(cautions())
     store.load(tmp_path / "few").path(trial).unlink()
     less = cautions()
-    assert "these are seeds for tuning" in told
-    assert "chapter and none: 2 pairs of runs are too few: the exact test needs 6" in told
+    assert "tuning seeds" in told
+    assert "chapter and none: 2 pairs of runs are too few: the exact test needs at least 6" in told
     assert f"few: none, seed {trial.seed}: {lie}." in told
-    assert "few: 1 of 4 runs are still to be made; what is said may change with them." in less
+    assert "few: 1 of 4 runs are missing; results may change." in less
 
 
 def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResult, tmp_path: Path) -> None:
@@ -256,19 +256,19 @@ def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResul
         drawn,
         fails=lambda trial: "it rained",
     )
-    page = report.write([tmp_path / "all"], tmp_path / "out").read_text()
+    page = report_page.write([tmp_path / "all"], tmp_path / "out").read_text()
     assert "it rained" in page and "<img" not in page
     assert not list((tmp_path / "out").glob("*.png"))
 
 
 def field_trial(plain: RunResult) -> RunResult:
     frames = {"frames_handed": 9, "frames_sent": 8, "copies_heard": 20, "bytes_sent": 400}
-    robot = without_unknown(
+    robot = field_trial_struct(
         RobotResult, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
         completion_s=None, reports=7, gave_up=0, frames=frames, lateness_p50_ms=None, lateness_p99_ms=None,
         overruns=None, clock=(), recordings=(),
     )  # fmt: skip
-    return without_unknown(
+    return field_trial_struct(
         RunResult,
         robots=1, duration_s=300.0, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
         places_lost=0, completion_s=None, settled_s=None, last_reached_s=250.0, per_robot={"r1": robot},
@@ -288,17 +288,17 @@ def put(folder: Path, name: str, result: RunResult) -> Path:
     return folder
 
 
-def test_real_robots_stand_beside_a_run_and_what_nobody_knows(plain: RunResult, tmp_path: Path) -> None:
+def test_a_report_on_real_robots_and_a_run(plain: RunResult, tmp_path: Path) -> None:
     real = put(tmp_path / "friday", "run.json", field_trial(plain))
     run = put(tmp_path / "simulated", "result/run.json", plain)
     sources = read([real, run])
     assert [one.conditions[0] for one in sources] == [REAL, "one scenario, 1 robots, 1 s"]
     assert [one.records[0].strategy for one in sources] == ["friday", "chapter"]
-    page = report.write([real, run], tmp_path / "out").read_text()
-    assert "Real robots have no ground truth: places are as they reported them" in page
+    page = report_page.write([real, run], tmp_path / "out").read_text()
+    assert "Real robots have no ground truth: places are as reported" in page
     assert "friday: r2: no frame connects its clock." in page
-    assert "2 of the folders hold one run each" in page
-    assert "Places of real robots are as they reported them" in page
+    assert "2 of the folders contain a single run each" in page
+    assert "Places of real robots are as reported" in page
     assert "Nothing was compared." in page
 
 

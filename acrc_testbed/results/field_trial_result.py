@@ -1,4 +1,4 @@
-"""Result of a field trial: as of a simulated run, without ground truth unless a laboratory supplies it."""
+"""Result of a field trial; ground truth only with emulated devices."""
 
 import math
 from collections.abc import Sequence
@@ -17,54 +17,54 @@ from acrc_testbed.results.field_recordings import (
     RobotLog,
 )
 from acrc_testbed.results.outcome import (
-    counted,
     nearest_rank,
-    robot_places,
+    place_counts,
+    robot_place_counts,
 )
 from acrc_testbed.results.result import (
     ClockReport,
     RecordingReport,
     RobotResult,
     RunResult,
+    field_trial_struct,
     rate,
     robot_reports,
-    without_unknown,
 )
 from actors.instant import Duration, in_seconds, seconds
 from actors.messages import Drive, Received
 from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
-from actors.task.referee import PlaceOutcome, Referee, Verdict
+from actors.task.referee import PlaceOutcome, PlaceVerdict, Referee
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
 if TYPE_CHECKING:
     from firmware_bridge.laboratory.laboratory import LaboratoryResult
 
-_TOGETHER: Final[Duration] = seconds(30)
-"""A robot whose last step is so much before the last one of all still takes part at the end: people switch
-one off after the other."""
+_SWITCH_OFF: Final[Duration] = seconds(30)
+"""A robot that stopped so long before the last one still counts at the end: people switch robots off one by
+one."""
 _MOST_PLACES: Final = 10_000
-"""Of a robot whose list is not known."""
+"""Upper limit of place numbers of a robot without a recording."""
 
 
 class ClaimedPlace(PlaceOutcome, frozen=True):
-    """State of a place without ground truth: a report is neither true nor mistaken."""
+    """Final state of a place without ground truth: reports are unverified."""
 
     @property
-    def verdict(self) -> Verdict:
-        """Its state in one word."""
-        return Verdict.CLAIMED if self.reported_at is not None else super().verdict
+    def verdict(self) -> PlaceVerdict:
+        """Final state of the place."""
+        return PlaceVerdict.CLAIMED if self.reported_at is not None else super().verdict
 
 
 class ReportedPlaces(NamedTuple):
-    """All places of a field trial."""
+    """Final states of all places of a field trial."""
 
     places: tuple[PlaceOutcome, ...]
-    """In the order of robots and lists; x and y are NaN where only the place's number is known."""
+    """In the order of robots and their lists; x and y are NaN if only the place's number is known."""
     notes: tuple[str, ...]
-    """What is not known, a sentence each."""
+    """Unknown data, a sentence each."""
     contacts: int | None = None
-    """Contacts that began; None without ground truth."""
+    """Number of contacts; None without ground truth."""
 
 
 class _Owner(NamedTuple):
@@ -73,49 +73,49 @@ class _Owner(NamedTuple):
 
 
 def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
-    """Return the final state of every place that a robot was given or reported; instants since the begin."""
-    words: list[tuple[int, str, PlaceReport | PlaceGivenUp]] = []
+    """Return the final state of every place given or reported; instants since the begin of the trial."""
+    reports: list[tuple[int, str, PlaceReport | PlaceGivenUp]] = []
     for robot, logs in trial.logs.items():
         for log in logs:
             for tick, drive in log.of(Drive):
-                said: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
-                words += [(clocks.instant(log, Moment(tick, one.instant)), robot, one) for one in said]
-    words.sort(key=itemgetter(0))
+                stated: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
+                reports += [(clocks.instant(log, Moment(tick, one.instant)), robot, one) for one in stated]
+    reports.sort(key=itemgetter(0))
     begin = clocks.begin
     known = {robot: logs[0].identity.places for robot, logs in trial.logs.items()}
-    spoken = {(word.owner, word.place) for _, _, word in words}
+    mentioned = {(report.owner, report.place) for _, _, report in reports}
     most: dict[str, int] = {}
-    for owner, place in spoken:
+    for owner, place in mentioned:
         if owner not in known and 0 <= place < _MOST_PLACES:
             most[owner] = max(most.get(owner, 0), place + 1)
     unknown = {owner: ((math.nan, math.nan),) * number for owner, number in sorted(most.items())}
     referee = Referee([_Owner(*one) for one in (known | unknown).items()], reach=0.0)
     outside = 0
-    for instant, robot, told in words:
-        word = msgspec.structs.replace(told, instant=instant - begin)
-        if not referee.knows(word):
+    for instant, robot, recorded in reports:
+        report = msgspec.structs.replace(recorded, instant=instant - begin)
+        if not referee.has_place(report):
             outside += 1
-        elif isinstance(word, PlaceReport):
-            referee.report(robot, word)
+        elif isinstance(report, PlaceReport):
+            referee.report(robot, report)
         else:
-            referee.give_up(robot, word)
+            referee.give_up(robot, report)
     places = (
         ClaimedPlace(**msgspec.structs.asdict(place))
         for place in referee.outcomes(_routes(trial, clocks))
-        if place.owner in known or (place.owner, place.place) in spoken
+        if place.owner in known or (place.owner, place.place) in mentioned
     )
     notes = [
-        f"{owner}: its list of places is not known, so the table has those that others spoke of, without "
-        "where they are"
+        f"{owner}: its list of places is unknown, so the table has only those in others' reports, without "
+        "positions"
         for owner in unknown
     ]
     if outside:
-        notes.append(f"{outside} words were about places that there are not, and are left out")
+        notes.append(f"{outside} reports were about places that do not exist, and are left out")
     return ReportedPlaces(tuple(places), tuple(notes))
 
 
 def _routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKey, ...]]:
-    """Return the routes of the robots that take part at the end."""
+    """Return the routes of the robots that run at the end."""
     last = {
         robot: steps[-1]
         for robot, logs in trial.logs.items()
@@ -126,30 +126,30 @@ def _routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKe
         for robot, log in last.items()
     }
     latest = max(ends.values())
-    return {robot: _route(log) for robot, log in last.items() if latest - ends[robot] <= _TOGETHER}
+    return {robot: _route(log) for robot, log in last.items() if latest - ends[robot] <= _SWITCH_OFF}
 
 
 def _route(log: RobotLog) -> tuple[PlaceKey, ...]:
-    said = [drive.route for _, drive in log.of(Drive) if drive.route is not None]
+    routes = [drive.route for _, drive in log.of(Drive) if drive.route is not None]
     given = tuple(PlaceKey(log.identity.id, number) for number in range(len(log.identity.places)))
-    return said[-1] if said else given
+    return routes[-1] if routes else given
 
 
-def trial_result(
+def field_trial_result(
     trial: FieldTrial,
     clocks: AlignedClocks,
-    told: ReportedPlaces,
+    reported: ReportedPlaces,
     out: Path | None,
     truth: "LaboratoryResult | None" = None,
 ) -> RunResult:
-    """Compute the result of the robots' recordings.
+    """Compute the result from the robots' recordings.
 
-    With a laboratory's `truth`, frames have the causes of a simulated run; those that a board or its line
-    never sent are as the robots counted them.
+    With `truth` from emulated devices, frames have the outcomes of a simulated run, except those that a board
+    or its serial line did not send, which robots count.
     """
     ended = [(log.identity.id, log.path, log.final) for log in trial.all_logs() if log.final is not None]
     missing = [log.path for log in trial.all_logs() if log.final is None]
-    unknown = (f"{path}: has no last record, so what its node did is not known" for path in missing)
+    unknown = (f"{path}: no final record, so the counters of its node are unknown" for path in missing)
     reports = robot_reports(ended)
     frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
     names = next(iter(frames.values()))
@@ -161,18 +161,20 @@ def trial_result(
         by_robot = truth.frames_by_robot
         frames = {robot: _true_frames(counts, by_robot.get(robot, {})) for robot, counts in frames.items()}
         whole = _true_frames(whole, truth.frames)
-    return without_unknown(
+    return field_trial_struct(
         RunResult,
         robots=len(trial.logs),
         duration_s=in_seconds(Duration(clocks.span)),
-        **counted(told.places, watched=told.contacts is not None),
-        per_robot={robot: _robot(robot, trial, told, frames[robot], segments[robot]) for robot in trial.logs},
-        contacts=told.contacts,
+        **place_counts(reported.places, watched=reported.contacts is not None),
+        per_robot={
+            robot: _robot(robot, trial, reported, frames[robot], segments[robot]) for robot in trial.logs
+        },
+        contacts=reported.contacts,
         frames=whole,
         radio_bytes_per_robot_s=sent_bytes,
         deeco=reports.deeco,
         reference=clocks.reference,
-        notes=(*trial.notes, *clocks.notes, *told.notes, *unknown, *reports.refused),
+        notes=(*trial.notes, *clocks.notes, *reported.notes, *unknown, *reports.refused),
         out=None if out is None else str(out),
     )
 
@@ -180,15 +182,15 @@ def trial_result(
 def _robot(
     robot: str,
     trial: FieldTrial,
-    told: ReportedPlaces,
+    reported: ReportedPlaces,
     frames: dict[str, int],
     clock: tuple[ClockReport, ...],
 ) -> RobotResult:
     logs, lateness = trial.logs[robot], trial.lateness_ms.get(robot)
     drives = [drive for log in logs for _, drive in log.of(Drive)]
-    return without_unknown(
+    return field_trial_struct(
         RobotResult,
-        **robot_places(told.places, robot, watched=told.contacts is not None),
+        **robot_place_counts(reported.places, robot, watched=reported.contacts is not None),
         reports=sum(len(drive.reports) for drive in drives),
         gave_up=sum(len(drive.given_up) for drive in drives),
         frames=frames,
@@ -201,7 +203,7 @@ def _robot(
 
 
 def _frames(logs: Sequence[RobotLog]) -> dict[str, int]:
-    """Count frames by outcome, by the robot's own messages."""
+    """Count frames by outcome, from the robot's own messages."""
     frames = dict.fromkeys(("frames_handed", *FRAME_OUTCOMES.values(), "bytes_sent"), 0)
     for log in logs:
         frames["frames_handed"] += sum(drive.transmits for _, drive in log.of(Drive))
@@ -223,47 +225,49 @@ def _recording(log: RobotLog) -> RecordingReport:
     return RecordingReport(str(log.path), log.identity.epoch, len(log.ticks), ended)
 
 
-def read_truth(path: Path) -> "LaboratoryResult":
-    """A laboratory's result. Raises FieldTrialError."""
+def read_ground_truth(path: Path) -> "LaboratoryResult":
+    """Read the ground truth of emulated devices. Raises FieldTrialError."""
     from firmware_bridge.laboratory.laboratory import LaboratoryResult  # needs physics
 
     try:
         return typed_json.decode(regular_file.read_bytes(path), LaboratoryResult)
     except (OSError, ValueError) as error:
-        raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
+        raise FieldTrialError(f"--truth: {path} is not a result of emulated devices: {error}") from None
 
 
-def with_truth(told: ReportedPlaces, truth: "LaboratoryResult", clocks: AlignedClocks) -> ReportedPlaces:
-    """The places with when they were truly reached, s of the field trial, and by whom.
+def with_ground_truth(
+    reported: ReportedPlaces, truth: "LaboratoryResult", clocks: AlignedClocks
+) -> ReportedPlaces:
+    """Return the places with the instant and robot of their true first visit.
 
-    The laboratory plays the devices of robots on its own machine, so that the clock of the reference robot is
-    its own, too. Raises FieldTrialError if the field trial lies outside of the laboratory's time.
+    Devices are emulated on the robots' machine, so they share the reference robot's clock. Raises
+    FieldTrialError if the times of emulation and field trial do not overlap.
     """
     ahead = truth.began_us - clocks.begin
     if not -(truth.simulated_s * 1e6 + truth.lost_ms * 1e3) <= ahead <= clocks.span:
         raise FieldTrialError(
-            f"--truth: the laboratory began {ahead / 1e6:.0f} s after the field trial and went on for "
-            f"{truth.simulated_s:.0f} s; it should be that of this field trial"
+            f"--truth: the emulation began {ahead / 1e6:.0f} s after the field trial and lasted "
+            f"{truth.simulated_s:.0f} s; give the result of the same field trial"
         )
     known = {(place.owner, place.place): place for place in truth.places}
-    places = tuple(_judged(place, known.get((place.owner, place.place)), ahead) for place in told.places)
-    notes = list(told.notes)
+    places = tuple(
+        _with_first_visit(place, known.get((place.owner, place.place)), ahead) for place in reported.places
+    )
+    notes = list(reported.notes)
     if truth.lost_ms:
-        notes.append(
-            f"the laboratory fell behind, so the true instants are early by up to {truth.lost_ms} ms"
-        )
+        notes.append(f"the emulation fell behind, so the true instants are early by up to {truth.lost_ms} ms")
     return ReportedPlaces(places, tuple(notes), contacts=truth.contacts)
 
 
-def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceOutcome:
-    """One place as said, with what is true of it."""
+def _with_first_visit(reported: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceOutcome:
+    """Return a reported place with its true first visit."""
     if true is None:
-        return told
-    said = msgspec.structs.asdict(told)
+        return reported
+    fields = msgspec.structs.asdict(reported)
     reached = None if true.reached_at is None else true.reached_at + ahead
-    return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
+    return PlaceOutcome(**fields | {"reached_at": reached, "reached_by": true.reached_by})
 
 
-def _true_frames(told: dict[str, int], true: dict[str, int]) -> dict[str, int]:
+def _true_frames(reported: dict[str, int], true: dict[str, int]) -> dict[str, int]:
     never_sent = ("frames_overflowed", "frames_refused")
-    return told | true | {name: max(told.get(name, 0), true.get(name, 0)) for name in never_sent}
+    return reported | true | {name: max(reported.get(name, 0), true.get(name, 0)) for name in never_sent}

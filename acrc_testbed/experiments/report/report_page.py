@@ -1,4 +1,4 @@
-"""A report in a folder: the page, its pictures as PNG and SVG, and its tables as comma-separated values."""
+"""Composition of a report: HTML page, pictures as PNG and SVG, tables as CSV."""
 
 import shlex
 from collections import Counter
@@ -8,8 +8,17 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from acrc_testbed.experiments.report import charts, findings, sections, time_sections
-from acrc_testbed.experiments.report.runs import REAL, Cell, ReportView, Row, RunSource, label, places, read
-from acrc_testbed.experiments.store import differing, protection
+from acrc_testbed.experiments.report.report_view import (
+    REAL,
+    Cell,
+    ReportView,
+    Row,
+    RunSource,
+    label,
+    places,
+    read,
+)
+from acrc_testbed.experiments.store import difference_sentences, isolation_sentences
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture import html_page as rendering
@@ -37,16 +46,16 @@ _RUN_COLUMNS: Final = (
 
 
 class ReportPage(NamedTuple):
-    """Content of the page."""
+    """Content of a report's page."""
 
     title: str
     sections: Sequence[PageSection]
 
 
 def write(folders: Sequence[Path], out: Path) -> Path:
-    """Read campaigns and runs, write the report into the folder `out`, and return the page's path.
+    """Write a report on campaigns and runs into the folder `out`; return the page's path.
 
-    The same folders give the same bytes. Raises AcrcError for a folder without a campaign or a run.
+    Reproducible. Raises AcrcError for a folder without a campaign or run.
     """
     sources = read(folders)
     out.mkdir(parents=True, exist_ok=True)
@@ -56,7 +65,7 @@ def write(folders: Sequence[Path], out: Path) -> Path:
 
 
 def compose(sources: Sequence[RunSource], out: Path) -> ReportPage:
-    """Return the page; write its pictures and tables into the folder `out`."""
+    """Compose the page, and write its pictures and tables into the folder `out`."""
     sources = [
         one if one.judgement is None else replace(one, judgement=findings.labelled(one.judgement))
         for one in sources
@@ -64,40 +73,43 @@ def compose(sources: Sequence[RunSource], out: Path) -> ReportPage:
     view = ReportView(sources, out)
     judged = [(one.name, one.judgement) for one in sources if one.judgement is not None]
     kept = [(one.name, one.kept) for one in sources if one.kept is not None]
-    asked = [*findings.asked(sources), *dict.fromkeys(line for _, one in kept for line in protection(one))]
-    different = [f"{name}: {line}." for name, one in kept for line in differing(one)]
-    said = [line for _, one in judged for line in findings.sentences(one)] or ["Nothing was compared."]
+    description = [
+        *findings.study_sentences(sources),
+        *dict.fromkeys(line for _, one in kept for line in isolation_sentences(one)),
+    ]
+    different = [f"{name}: {line}." for name, one in kept for line in difference_sentences(one)]
+    verdicts = [line for _, one in judged for line in findings.sentences(one)] or ["Nothing was compared."]
     tables = [table for name, one in judged for table in findings.tables(view, name, one)]
     with charts.applied():
         made = [section(view) for section in _SECTIONS] if view.groups else []
     failed = findings.failures(view, sources)
     shown = [
-        PageSection("What was asked", asked),
-        PageSection("What was found", [*different, *said], None, tables, findings.cautions(sources, view)),
+        PageSection("Study", description),
+        PageSection("Results", [*different, *verdicts], None, tables, findings.caveats(sources, view)),
         *(section for section in made if section is not None),
-        *([PageSection("Runs that failed", (), None, (failed,))] if failed.rows else []),
+        *([PageSection("Failed runs", (), None, (failed,))] if failed.rows else []),
         origin(view, sources),
     ]
     return ReportPage("Report on " + ", ".join(one.name for one in sources), shown)
 
 
 def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
-    """Return the section with command, software, digest and numbers of every run."""
+    """Return the section on reproduction: commands, versions, and results of every run."""
     digests = sum(
         record.result is not None and record.result.is_simulated for one in sources for record in one.records
     )
     folders = view.table(
         "folders",
-        "The folders",
+        "Folders",
         [
             {"folder": one.name, "commit": one.commit or "unknown", "command": _command(one)}
             for one in sources
         ],
     )
-    versions = view.table("versions", "Beside that", _versions(sources))
+    versions = view.table("versions", "Package versions", _versions(sources))
     runs = view.table(
         "runs",
-        "Every run",
+        "All runs",
         [
             {"folder": one.name, "condition": condition, **_run(condition, record)}
             for one in sources
@@ -106,10 +118,10 @@ def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
         folded=True,
     )
     text = (
-        "Scenario, seed and commit give the same digest on every processor: a repeated run must "
-        f"find the digests below ({digests} of them).",
+        "Scenario, seed and commit determine the digest on any processor: repeated runs must have the "
+        f"{digests} digests below.",
     )
-    return PageSection("How it was made", text, None, (folders, versions, runs))
+    return PageSection("Reproduction", text, None, (folders, versions, runs))
 
 
 def _command(source: RunSource) -> str:

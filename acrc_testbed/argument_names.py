@@ -1,4 +1,4 @@
-"""Errors of the library, which name its arguments where the command line has options."""
+"""Translation of error messages from command-line options to library arguments."""
 
 import re
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ _ARGUMENTS: Final = (
     (r"--(out|robots|seed|duration|strategy|navigation|bus|modules)\b", r"\1"),
     (r"(?<!acrc run )--([a-z])", r"acrc run --\1"),
 )
-"""Options as sentences name them, and arguments; the last is for options that are none."""
+"""Patterns of options and the arguments that replace them; the last: options without an argument."""
 
 
 @contextmanager
 def arguments_named() -> Iterator[None]:
-    """Raise errors with arguments in place of options, and with the extra that brings a missing package."""
+    """Rewrite errors raised inside: arguments in place of options; name the extra of a missing package."""
     try:
         with missing_extra_named():
             yield

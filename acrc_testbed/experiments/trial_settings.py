@@ -1,4 +1,4 @@
-"""Settings of a study's trials: from options of a command line, and drawn for each seed; all are checked."""
+"""Settings of a study's trials: command-line options and random draws by seed."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,14 +32,14 @@ from deploy.scenario.scenario_file import (
 from deploy.scenario.tables import Scenario
 
 SHADOWING_DB: Final = 6.0
-"""Makes a grey zone like that of measured links, from 70 % of frames upward: docs/radio.md, "Shadowing"."""
+"""Gives a grey zone like that of measured links; see docs/radio.md, "Shadowing"."""
 
 
-def drawn_conditions(load: Callable[[Variant], Scenario], own: Variant) -> dict[str, Any]:
-    """Settings with which each seed draws what the scenario has fixed, as `acrc run --set` takes them.
+def condition_settings(load: Callable[[Variant], Scenario], own: Variant) -> dict[str, Any]:
+    """Return settings that make each seed draw what the scenario fixes, in the form of `acrc run --set`.
 
-    `load`: the scenario with such settings; `own`: what the study sets or varies, which stays as it is, as do
-    tables [[robot]] and places that are listed there.
+    `load`: loads the scenario with settings; `own`: settings of the study, which are kept, like tables
+    [[robot]] and listed places.
     """
     # on another map a scenario can be loaded only once its starts and places are drawn
     scenario = load(tuple(pair for pair in own if pair[0] != "map"))
@@ -58,19 +58,19 @@ def drawn_conditions(load: Callable[[Variant], Scenario], own: Variant) -> dict[
     return settings
 
 
-def same_for_all_seeds(scenario: Scenario) -> str | None:
-    """A sentence on what every seed of this scenario has in common; None if all starts are drawn."""
+def common_conditions(scenario: Scenario) -> str | None:
+    """Return a sentence on conditions that are equal for all seeds; None if all starts are drawn."""
     own = {robot.id for robot in scenario.robot if robot.start is not None}
     given = own | set(scenario.ids[: len(scenario.robots.start)])
     starts = sum(name in given for name in scenario.ids)
     if not starts:
         return None
     who = (
-        "all robots begin" if starts == len(scenario.ids) else f"{starts} of {len(scenario.ids)} robots begin"
+        "all robots start" if starts == len(scenario.ids) else f"{starts} of {len(scenario.ids)} robots start"
     )
     more = [
-        word
-        for word, is_so in (
+        phrase
+        for phrase, is_so in (
             ("the places are the same", scenario.places.preset in {"golden", "listed"}),
             ("odometry is exact", _odometry_kind(scenario) == "exact"),
             ("radio has no shadowing", not scenario.radio.shadowing_db),
@@ -78,13 +78,13 @@ def same_for_all_seeds(scenario: Scenario) -> str | None:
         if is_so
     ]
     return (
-        f"with every seed {', '.join((f'{who} in the same positions', *more))}, as the scenario is written; "
-        'a study with conditions = "drawn" draws them'
+        f"for every seed {', '.join((f'{who} at the same positions', *more))}, as fixed in the scenario; "
+        'use a study with conditions = "drawn" to draw them'
     )
 
 
 def _covers(named: str, key: str) -> bool:
-    """A key, or the table around it."""
+    """Return whether `named` is the key or a table that contains it."""
     return key == named or key.startswith(named + ".")
 
 
@@ -93,7 +93,7 @@ def _odometry_kind(scenario: Scenario) -> OdometryKind:
 
 
 def _drifting(scenario: Scenario) -> OdometryKind:
-    """That of the robots' model; where it has none, a Kobuki's for two wheels, and Stage's for others."""
+    """Return the model's odometry errors; if exact, a Kobuki's for two wheels and Stage's for others."""
     model = load_model(scenario.robots.model, None)
     if model.odometry != "exact":
         return model.odometry
@@ -104,22 +104,22 @@ _STEP_S: Final = 0.1
 Event = dict[str, Any]
 
 
-def drawn(study: Study, trial: Trial) -> dict[str, Any]:
-    """The trial's own settings, as `acrc run --set` takes them; none if the study draws nothing.
+def draw_settings(study: Study, trial: Trial) -> dict[str, Any]:
+    """Draw the settings of a trial, in the form of `acrc run --set`; empty if the study draws nothing.
 
-    Raises AcrcError where the scenario has no room for something.
+    Raises AcrcError if the scenario has no room for something.
     """
     own = study.settings_of(trial.variant)
     settings: dict[str, Any] = {}
     if study.conditions == "drawn":
-        settings |= drawn_conditions(lambda some: _scenario(study, trial, some), own)
+        settings |= condition_settings(lambda some: _scenario(study, trial, some), own)
     if not study.distributions:
         return settings
     scenario = _scenario(study, trial, (*own, *settings.items()))
     events: list[Event] = []
     for number, one in enumerate(study.distributions):
         rng = generator(trial.seed, f"vary {one.kind}", str(number))
-        found = _KINDS[one.kind](_Draw(rng, dict(one.parameters), scenario))
+        found = _KINDS[one.kind](_Sampler(rng, dict(one.parameters), scenario))
         if isinstance(found, dict):
             settings |= found
         else:
@@ -133,12 +133,12 @@ def _scenario(study: Study, trial: Trial, own: Variant) -> Scenario:
     return load_scenario(Path(study.scenario), Overrides(seed=trial.seed, settings=own))
 
 
-class _Draw(NamedTuple):
-    """One distribution of a study, drawn for one seed."""
+class _Sampler(NamedTuple):
+    """Random draws from one distribution of a study for one seed."""
 
     rng: Generator
     given: dict[str, Any]
-    """Range of each parameter."""
+    """Parameters; each a value or a range."""
     scenario: Scenario
 
     def number(self, name: str, digits: int) -> float:
@@ -163,19 +163,19 @@ class _Draw(NamedTuple):
 
     @property
     def radius(self) -> float:
-        """Of the robots' bodies, m."""
+        """Circumradius of the robots, m."""
         return load_model(self.scenario.robots.model, None).footprint.circumradius
 
 
-def _kills(draw: _Draw) -> list[Event]:
-    """Robots that the scenario's own events do not mention."""
+def _kills(draw: _Sampler) -> list[Event]:
+    """Draw kills among robots without events in the scenario."""
     verbs = ("kill", "freeze", "restart")
     named = {getattr(event, verb) for event in draw.scenario.event for verb in verbs}
     robots = [robot for robot in draw.scenario.ids if robot not in named]
     return [{"at": draw.instant("at"), "kill": robots[index]} for index in draw.some(robots)]
 
 
-def _jams(draw: _Draw) -> list[Event]:
+def _jams(draw: _Sampler) -> list[Event]:
     points = draw_points(load_map(draw.scenario.map), draw.whole(), rng=draw.rng)
     return [
         {
@@ -188,7 +188,7 @@ def _jams(draw: _Draw) -> list[Event]:
     ]
 
 
-def _doors(draw: _Draw) -> list[Event]:
+def _doors(draw: _Sampler) -> list[Event]:
     points = draw.given["points"]
     return [
         {"at": 0.0, "obstacle": [*map(float, points[index])], "radius": draw.number("radius", 2)}
@@ -196,8 +196,8 @@ def _doors(draw: _Draw) -> list[Event]:
     ]
 
 
-def _closures(draw: _Draw) -> list[Event]:
-    """Doors that the scenario's own events leave alone; one that would open after the end stays closed."""
+def _closures(draw: _Sampler) -> list[Event]:
+    """Draw closures among doors without events in the scenario; a door may stay closed until the end."""
     scenario = draw.scenario
     doorways = Doorways(load_map(scenario.map), draw.radius)
     points = [event.close for event in scenario.event if event.close is not None]
@@ -214,7 +214,7 @@ def _closures(draw: _Draw) -> list[Event]:
     return events
 
 
-def _tasks(draw: _Draw) -> list[Event]:
+def _tasks(draw: _Sampler) -> list[Event]:
     scenario = draw.scenario
     points = draw_points(
         load_map(scenario.map), draw.whole(), rng=draw.rng, passage=draw.radius, areas=place_areas(scenario)
@@ -229,16 +229,16 @@ def _tasks(draw: _Draw) -> list[Event]:
     ]
 
 
-def _dropout(draw: _Draw) -> dict[str, Any]:
+def _dropout(draw: _Sampler) -> dict[str, Any]:
     return {"uncertainty.dropout": draw.number("share", 4)}
 
 
-def _odometry(draw: _Draw) -> dict[str, Any]:
+def _odometry(draw: _Sampler) -> dict[str, Any]:
     drift = {"uncertainty.drift": draw.number("drift", 3)}
     return drift | ({"robots.odometry": "kobuki"} if draw.scenario.robots.odometry == "exact" else {})
 
 
-_KINDS: Final[Mapping[str, Callable[[_Draw], list[Event] | dict[str, Any]]]] = {
+_KINDS: Final[Mapping[str, Callable[[_Sampler], list[Event] | dict[str, Any]]]] = {
     "kills": _kills,
     "jams": _jams,
     "doors": _doors,
@@ -247,17 +247,17 @@ _KINDS: Final[Mapping[str, Callable[[_Draw], list[Event] | dict[str, Any]]]] = {
     "dropout": _dropout,
     "odometry": _odometry,
 }
-"""Events or settings of each kind of distribution."""
+"""Functions that draw events or settings, by kind of distribution."""
 
 
-_WEDGED: Final = 0.45
-"""Robots nearer to one another than this, m, have no valid trajectory and stay where they are."""
+_CLEARANCE: Final = 0.45
+"""Distance below which two robots have no valid trajectory, m."""
 
 
-def close_places(scenario: Scenario) -> Iterator[str]:
-    """A sentence for each robot that ends so near another robot's place that it stands in the way there.
+def blocked_places(scenario: Scenario) -> Iterator[str]:
+    """Yield a sentence for each robot whose last place is too near to another robot's place.
 
-    Only of the golden places, which are the same for every seed.
+    Checks only golden places, which are equal for all seeds.
     """
     if scenario.places.preset != "golden":
         return
@@ -269,22 +269,22 @@ def close_places(scenario: Scenario) -> Iterator[str]:
                 continue
             for number, place in enumerate(theirs):
                 apart = points[-1].distance_to(place)
-                if apart < _WEDGED:
+                if apart < _CLEARANCE:
                     yield (
-                        f"the golden places: r{robot + 1} ends {apart:.2f} m from place {number}"
-                        f" of r{other + 1}; if it gets there first, that one may stay undone"
+                        f"golden places: r{robot + 1} ends {apart:.2f} m from place {number} of r{other + 1}"
+                        " and may block it"
                     )
 
 
 _SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 _STRATEGIES: Final = ("none", "chapter")
 PRESETS: Final = {"chapter": SHIPPED / "studies" / "chapter.toml"}
-"""Studies that are shipped."""
+"""Shipped studies by name."""
 
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """The command line's own words about the study."""
+    """Command-line options that define or change a study."""
 
     study: Path | None = None
     preset: str | None = None
@@ -298,71 +298,70 @@ class StudyOptions:
     isolate: bool = False
 
 
-def understood(wishes: StudyOptions) -> tuple[StudyOptions, tuple[str, ...]]:
-    """The wishes, a scenario where a study is wanted taken for --scenario, and what is said of that."""
-    if wishes.study is None or wishes.scenario is not None or not is_scenario(wishes.study):
-        return wishes, ()
-    if wishes.preset is not None:
-        raise OptionError(f"--preset: is a study by itself; cannot be combined with {wishes.study}")
-    taken = replace(wishes, study=None, scenario=wishes.study)
-    study = study_of(taken)
+def resolve_study(options: StudyOptions) -> tuple[StudyOptions, tuple[str, ...]]:
+    """Return the options, with a scenario given as STUDY moved to --scenario, and a note on that."""
+    if options.study is None or options.scenario is not None or not is_scenario(options.study):
+        return options, ()
+    if options.preset is not None:
+        raise OptionError(f"--preset: is a study; cannot be combined with {options.study}")
+    taken = replace(options, study=None, scenario=options.study)
+    study = make_study(taken)
     names, first = " and ".join(study.strategies), study.first_seed
-    others = "" if wishes.strategies else "; --strategies NAME,NAME compares others"
+    others = "" if options.strategies else "; use --strategies NAME,NAME to compare others"
     seeds = f"seeds {first} to {first + study.seeds - 1}" if study.seeds > 1 else f"seed {first}"
-    return taken, (f"{wishes.study} is a scenario: it runs with {names}, each with {seeds}{others}",)
+    return taken, (f"{options.study} is a scenario: comparing {names}, each with {seeds}{others}",)
 
 
-def study_of(wishes: StudyOptions) -> Study:
-    """Return the study in the file with the options of the command line, or the study of these alone."""
-    own: list[tuple[str, Any]] = list(parse_settings(wishes.settings))
-    for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
+def make_study(options: StudyOptions) -> Study:
+    """Return the study of a file with command-line options applied, or a study of options alone."""
+    own: list[tuple[str, Any]] = list(parse_settings(options.settings))
+    for key, text in (("robots.count", options.robots), ("run.duration", options.duration)):
         if text is not None:
             own += parse_settings((f"{key}={text}",))
-    path = path_of(wishes)
+    path = study_path(options)
     if path is not None:
-        study = load_study(path, tuning=wishes.tuning)
+        study = load_study(path, tuning=options.tuning)
     else:
-        scenario = wishes.scenario or _SCENARIO
-        named = (name for name in (wishes.strategies or ",".join(_STRATEGIES)).split(",") if name)
+        scenario = options.scenario or _SCENARIO
+        named = (name for name in (options.strategies or ",".join(_STRATEGIES)).split(",") if name)
         study = Study(
             name=scenario.stem,
             scenario=str(scenario.resolve()),
             strategies=tuple(dict.fromkeys(named)),
             seeds=10,
-            tuning=wishes.tuning,
+            tuning=options.tuning,
         )
     return msgspec.structs.replace(
         study,
         settings=(*study.settings, *own),
-        seeds=wishes.seeds or study.seeds,
-        isolated=study.isolated or wishes.isolate,
+        seeds=options.seeds or study.seeds,
+        isolated=study.isolated or options.isolate,
     )
 
 
-def path_of(wishes: StudyOptions) -> Path | None:
-    """Of the study's file; None: there is none."""
-    if wishes.preset is not None and wishes.preset not in PRESETS:
-        raise wrong_value("--preset", wishes.preset, f"one of {', '.join(PRESETS)}")
-    if wishes.preset is not None and wishes.study is not None:
-        raise OptionError("--preset: is a study by itself; cannot be combined with a STUDY.toml")
-    path = PRESETS[wishes.preset] if wishes.preset is not None else wishes.study
-    if path is not None and (wishes.scenario is not None or wishes.strategies is not None):
+def study_path(options: StudyOptions) -> Path | None:
+    """Return the path of the study file; None: the study has no file."""
+    if options.preset is not None and options.preset not in PRESETS:
+        raise wrong_value("--preset", options.preset, f"one of {', '.join(PRESETS)}")
+    if options.preset is not None and options.study is not None:
+        raise OptionError("--preset: is a study; cannot be combined with a STUDY.toml")
+    path = PRESETS[options.preset] if options.preset is not None else options.study
+    if path is not None and (options.scenario is not None or options.strategies is not None):
         raise OptionError(
-            "--scenario and --strategies: the study says so; cannot be combined with a STUDY.toml or --preset"
+            "--scenario and --strategies: defined by the study; cannot be combined with a study or --preset"
         )
     return path
 
 
-def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], tuple[Path, ...]]:
-    """Say whatever every trial would stumble over before the first: scenario, keys, strategies, draws.
+def check_study(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], tuple[Path, ...]]:
+    """Check scenario, keys, strategies and draws of every variant before the first trial.
 
-    Gives what a person should know about places and starts, a sentence each, and the folders in which
-    strategies are to be looked for. `source`: the study's file; None: the command line itself names the
-    strategies. Raises as `actors.robot.behaviour.code_permit.permitted_folders` does.
+    Returns warnings on places and starts, and the folders of the strategies' modules. `source`: study file;
+    None: strategies of the command line. Raises as `permitted_folders`.
     """
-    said, modules = dict[str, None](), dict[Path, None]()
+    warnings, modules = dict[str, None](), dict[Path, None]()
     for trial in study.trials_of(study.first_seed):
-        own = (*study.settings_of(trial.variant), *drawn(study, trial).items())
+        own = (*study.settings_of(trial.variant), *draw_settings(study, trial).items())
         overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
         scenario = load_scenario(Path(study.scenario), overrides)
         named = entry(trial.strategy)
@@ -371,6 +370,6 @@ def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str],
             source or Path(study.scenario), named, module_folders(scenario), own_permit
         )
         modules |= dict.fromkeys(folders)
-        alike = same_for_all_seeds(scenario)
-        said |= dict.fromkeys(close_places(scenario)) | ({alike: None} if alike else {})
-    return list(said), tuple(modules)
+        alike = common_conditions(scenario)
+        warnings |= dict.fromkeys(blocked_places(scenario)) | ({alike: None} if alike else {})
+    return list(warnings), tuple(modules)

@@ -1,4 +1,4 @@
-"""Runs that a report is about, by condition and strategy, and the pictures and tables made of them."""
+"""Runs of a report grouped by condition and strategy, and writers of its pictures and tables."""
 
 import csv
 import io
@@ -12,10 +12,10 @@ from typing import Final, TypeVar
 from matplotlib.figure import Figure
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.judgement import CampaignJudgement, judge
+from acrc_testbed.experiments.evaluation import CampaignEvaluation, evaluate
 from acrc_testbed.experiments.paired_tests import Interval
 from acrc_testbed.experiments.report import charts
-from acrc_testbed.experiments.report.charts import Look
+from acrc_testbed.experiments.report.charts import SeriesStyle
 from acrc_testbed.experiments.statistical_models import Completion
 from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Study
@@ -28,15 +28,15 @@ from actors.runtime.errors import AcrcError
 
 T = TypeVar("T")
 Cell = str | int | float | Interval | None
-"""Of a table; None: unknown, or does not exist."""
+"""Cell of a table; None: unknown or not applicable."""
 Row = Mapping[str, Cell]
-"""Of a table, by column."""
+"""Row of a table, by column."""
 REAL: Final = "real robots"
 """Condition of field trials."""
 UPPER_BOUNDS: Final = frozenset({"oracle"})
-"""Strategies that use what no robot can know."""
+"""Strategies that use information that robots do not have."""
 _RESULTS: Final = ("run.json", "result/run.json")
-"""Path of a run's result in its folder; the second is that of emulated devices."""
+"""Possible paths of a run's result; the second is that of emulated devices."""
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,19 @@ class RunSource:
     name: str
     records: tuple[TrialRecord, ...]
     conditions: tuple[str, ...]
-    """Condition of each record; runs of one condition are compared."""
+    """Condition of each record; runs of a condition are compared."""
     kept: Store | None = None
-    """None: the folder of a single run."""
-    judgement: CampaignJudgement | None = None
+    """None: a single run."""
+    judgement: CampaignEvaluation | None = None
 
     @property
     def study(self) -> Study | None:
-        """Return the study of a campaign."""
+        """Study of a campaign; None for a single run."""
         return None if self.kept is None else self.kept.study
 
     @property
     def commit(self) -> str:
-        """Return the commit of the software; "" if unknown."""
+        """Commit of the software; empty if unknown."""
         if self.kept is not None:
             return self.kept.commit
         return "".join(record.result.origin.commit for record in self.records if record.result is not None)
@@ -66,16 +66,18 @@ class RunSource:
 
 def read(folders: Sequence[Path]) -> tuple[RunSource, ...]:
     """Read the folders, in their order. Raises AcrcError."""
-    several = sum(map(store.holds, folders)) > 1
+    several = sum(map(store.is_campaign, folders)) > 1
     named = zip(folders, _names(folders), strict=True)
     return tuple(
-        _campaign(store.load(folder), name, several=several) if store.holds(folder) else _single(folder, name)
+        _campaign(store.load(folder), name, several=several)
+        if store.is_campaign(folder)
+        else _single(folder, name)
         for folder, name in named
     )
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Return the name of each folder, numbered where names repeat."""
+    """Return unique names of the folders, numbered if necessary."""
     found: list[str] = []
     for folder in folders:
         name = folder.resolve().name
@@ -91,7 +93,7 @@ def _campaign(kept: Store, name: str, *, several: bool) -> RunSource:
         ": ".join(part for part in (name if several else "", variant) if part) or kept.study.name
         for variant in variants
     )
-    return RunSource(name, records, conditions, kept, judge(kept))
+    return RunSource(name, records, conditions, kept, evaluate(kept))
 
 
 def _single(folder: Path, name: str) -> RunSource:
@@ -115,18 +117,18 @@ def places(part: RunResult | RobotResult) -> float:
 
 
 def until(at: float | None, run: RunResult) -> Completion:
-    """Return when something was the case in a run; None: not before its end."""
+    """Return the time of an event in a run, censored at the end if `at` is None."""
     return Completion(run.length_s, False) if at is None else Completion(at, True)
 
 
 def completed(run: RunResult) -> Completion:
-    """Return when all places were done."""
+    """Return when all places of a run were done."""
     return until(run.completion_s, run)
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """The runs of one strategy under one condition that have a result; at least one."""
+    """Runs with a result of one strategy under one condition; at least one."""
 
     condition: str
     strategy: str
@@ -134,17 +136,17 @@ class Group:
 
     @property
     def label(self) -> str:
-        """Return the strategy, marked if it is an upper bound."""
+        """Name of the strategy, marked if it is an upper bound."""
         return label(self.strategy)
 
     @property
     def results(self) -> tuple[RunResult, ...]:
-        """Return the results of its runs."""
+        """Results of the runs."""
         return tuple(one.result for one in self.records if one.result is not None)
 
     @property
     def times(self) -> tuple[TimeSpent, ...]:
-        """Return where the time of its runs went, of those for which it is known."""
+        """Times by cause of the runs for which they are known."""
         return tuple(one.time for one in self.records if one.time is not None)
 
 
@@ -154,7 +156,7 @@ def label(strategy: str) -> str:
 
 
 class ReportView:
-    """All runs that have a result, and the folder for pictures and tables."""
+    """All runs with a result, and the folder for pictures and tables."""
 
     def __init__(self, sources: Iterable[RunSource], out: Path) -> None:
         self.out = out
@@ -171,19 +173,19 @@ class ReportView:
             for strategy in strategies
             if (condition, strategy) in found
         )
-        self._looks = {name: charts.look(place) for place, name in enumerate(strategies)}
+        self._looks = {name: charts.series_style(place) for place, name in enumerate(strategies)}
         self.has_conditions = len(conditions) > 1
 
-    def look(self, group: Group) -> Look:
-        """Return the look of a group's strategy, the same in every picture."""
+    def look(self, group: Group) -> SeriesStyle:
+        """Return the style of a group's strategy, the same in every picture."""
         return self._looks[group.strategy]
 
     def row_name(self, group: Group) -> str:
-        """Name a group among those of all conditions."""
+        """Return the group's name, with its condition if there are several."""
         return f"{group.condition}: {group.label}" if self.has_conditions else group.label
 
     def panels(self, made: Callable[[Group], T | None]) -> dict[str, list[T]]:
-        """Return the content of each condition's panel, group by group; None adds nothing."""
+        """Return the content of each condition's panel; `made`: item of a group, or None."""
         found: dict[str, list[T]] = {}
         for group in self.groups:
             one = made(group)
@@ -198,19 +200,19 @@ class ReportView:
     def group_table(
         self, name: str, caption: str, rows: Callable[[Group], Iterable[Row]], *, folded: bool = False
     ) -> PageTable:
-        """Write a table with rows of every group, each headed by the group's name."""
+        """Write a table with rows of every group, labelled with condition and strategy."""
         head = {group: {"strategy": group.label} for group in self.groups}
         if self.has_conditions:
             head = {group: {"condition": group.condition, **names} for group, names in head.items()}
-        told = [{**head[group], **row} for group in self.groups for row in rows(group)]
-        return self.table(name, caption, told, folded=folded)
+        labelled = [{**head[group], **row} for group in self.groups for row in rows(group)]
+        return self.table(name, caption, labelled, folded=folded)
 
     def table(self, name: str, caption: str, rows: Iterable[Row], *, folded: bool = False) -> PageTable:
-        """Write rows as comma-separated values unless there is none, and return them for the page."""
-        told = list(rows)
-        if not told:
+        """Write rows as CSV, unless empty, and return them for the page."""
+        records = list(rows)
+        if not records:
             return PageTable(caption, (), (), ())
-        columns, cells = list(told[0]), [list(row.values()) for row in told]
+        columns, cells = list(records[0]), [list(row.values()) for row in records]
         regular_file.write_atomically(self.out / f"{name}.csv", _csv(columns, cells).encode())
         numeric = [
             any(not isinstance(cell, str | None) for cell in column) for column in zip(*cells, strict=True)
@@ -219,7 +221,7 @@ class ReportView:
 
 
 def _written(cell: Cell) -> str:
-    """Return a cell as readers see it."""
+    """Return the displayed text of a cell."""
     if cell is None:
         return "n/a"
     if isinstance(cell, Interval):
@@ -230,14 +232,14 @@ def _written(cell: Cell) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    """Return so many significant digits, and all before the point."""
+    """Return a number with `digits` significant digits, and all integer digits."""
     if abs(value) >= 10**digits or value == int(value):
         return f"{value:.0f}"
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def _csv(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    """Return comma-separated values; an interval takes three columns."""
+    """Return rows as CSV; an interval has three columns."""
     intervals = [any(isinstance(cell, Interval) for cell in column) for column in zip(*rows, strict=True)]
     into = io.StringIO()
     writer = csv.writer(into, lineterminator="\n")
