@@ -110,7 +110,7 @@ def test_all_is_settled_when_every_place_is_reported_or_given_up(referee: Refere
 
 @pytest.mark.parametrize(("owner", "place"), [("r1", 2), ("r1", -1), ("r2", 1), ("r9", 0)])
 def test_unassigned_places_are_unknown(referee: Referee, owner: str, place: int) -> None:
-    assert referee.has_place(PlaceReport("r1", 1, 10)) and referee.knows(PlaceKey("r2", 0))
+    assert referee.has_place(PlaceReport("r1", 1, 10)) and referee.has_place(PlaceKey("r2", 0))
     assert not referee.has_place(PlaceKey(owner, place))
 
 
