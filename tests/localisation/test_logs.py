@@ -117,7 +117,7 @@ FAULTS: list[tuple[str, Change, str]] = [
     ("odometry", lambda content: content + b"nan,0,0,0\n", "odometry.csv has a time_us that is not a whole"),
     ("odometry", lambda content: content + b"7e6,0,inf,0\n", "odometry.csv has a value beyond ± 1e+06"),
     ("odometry", lambda content: content + b"7e6,0,x\n", "odometry.csv is not a table of numbers"),
-    ("truth", lambda content: b"\n".join(content.split(b"\n")[:9]), "but must hold all of odometry.csv"),
+    ("truth", lambda content: b"\n".join(content.split(b"\n")[:9]), "but must cover odometry.csv"),
     ("scans", lambda content: content.replace(b",65535", b",7.5"), "is not a whole number from 0 to 65535"),
 ]
 

@@ -206,7 +206,7 @@ def refused(folder: Path) -> str:
 
 
 def test_other_rows_are_rejected(tmp_path: Path) -> None:
-    assert refused(tmp_path) == f"{tmp_path}: holds no local_*.npz; must be a folder of rows of the original"
+    assert refused(tmp_path) == f"{tmp_path}: contains no local_*.npz; give a folder of reference data"
     name, whole = tmp_path / "local_a.npz", (ROWS / "local_maze_1_s3.npz").read_bytes()
     flipped = bytes(255 - byte if k == 20_000 else byte for k, byte in enumerate(whole))
     for damaged in (b"no rows", b"", whole[:30_000], flipped):
@@ -215,7 +215,7 @@ def test_other_rows_are_rejected(tmp_path: Path) -> None:
     with np.load(ROWS / "local_maze_1_s3.npz") as found:
         rows = dict(found)
     np.savez(name, time=np.zeros(1))
-    assert refused(tmp_path) == f"{name}: lacks 'plan_points'; must hold the rows of the original"
+    assert refused(tmp_path) == f"{name}: array 'plan_points' is missing; give reference data"
     changes: list[tuple[str, object]] = [
         ("costs", rows["costs"][:, :20]), ("plan", rows["plan"] + 99), ("category", rows["category"][:3]),
         ("plan_points", rows["plan_points"] * math.inf), ("vx", rows["vx"][0]),

@@ -19,7 +19,7 @@ def test_the_figures_are_drawn(tmp_path: Path) -> None:
     task = PlotTask(frames=10, places=50, seeds=1, senders=(2,))
     found = benchmark.draw(tmp_path, REPOSITORY / "maps" / "corridor.yaml", task=task)
     assert found.figures == {"written": [str(tmp_path / name) for name in NAMES], "reference": False}
-    assert found.shown[-1] == "Without the dots of ns-3, whose figures --data gives."
+    assert found.shown[-1] == "Results of ns-3 not drawn: --data is missing."
     for name in NAMES[:-1]:
         keyed_uniform = ElementTree.fromstring((tmp_path / name).read_text())
         lines = [one for one in keyed_uniform.iter(f"{SVG}g") if one.get("id", "").startswith("line2d")]

@@ -192,14 +192,14 @@ def test_a_small_reference_is_met(folder: Path, capsys: pytest.CaptureFixture[st
     assert found.holds and set(figures) == {"task", "families", "all", "throughput_error", "outside", "met"}
     assert figures["all"]["points"] == 2 and figures["all"]["comparisons"] == 4
     assert figures["met"] == dict.fromkeys(("inside", "excess", "z", "throughput"), True)
-    assert "c_contention: no file c_contention.csv with rows" in capsys.readouterr().err
+    assert "c_contention: skipped, c_contention.csv is missing" in capsys.readouterr().err
 
 
 def test_invalid_references_are_refused(folder: Path) -> None:
-    with pytest.raises(AcrcError, match="there is none of the files a_per, b_single_saturated,"):
+    with pytest.raises(AcrcError, match="contains none of the files a_per, b_single_saturated,"):
         check(folder / "none")
     (folder / "e_capture.csv").write_text("psdu0,frames\n60,many\n")
-    with pytest.raises(AcrcError, match=r"e_capture\.csv: a row lacks .*many"):
+    with pytest.raises(AcrcError, match=r"e_capture\.csv: a row has a missing or non-numeric column: .*many"):
         points(folder, "e_capture")
 
 
