@@ -27,4 +27,4 @@ for _package in ("acrc_testbed", "deploy"):
 version.software_version()  # this and the next call start two processes each, once for all forks
 sandbox.isolation_fault()
 tempfile.tempdir = None  # each fork has its own TMPDIR
-import_module("actors.runtime.process").settle()  # garbage collection would copy the shared pages
+import_module("actors.runtime.process").freeze_heap()  # garbage collection would copy the shared pages
