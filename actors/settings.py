@@ -78,7 +78,7 @@ class ParameterError(AcrcError, ValueError):
     """An unknown setting, or one with an invalid value."""
 
     def __init__(self, key: str, value: object, expected: str, sentence: str = "") -> None:
-        """`expected`: continues "must be"; `sentence`: replaces the default sentence."""
+        """Describe the fault; `expected` continues "must be", `sentence` replaces the default sentence."""
         super().__init__(sentence or f"{key} is {wording.toml_text(value)}, but must be {expected}")
         self.key, self.value, self.expected = key, value, expected
 
