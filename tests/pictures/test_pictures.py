@@ -127,7 +127,7 @@ def test_pages_go_to_files_that_are_named(words: str, folder: str | None, files:
     assert found == (folder and Path(folder), {suffix: Path(file) for suffix, file in files.items()})
     for wrong, sentence in (
         ("page.jpg", "view: unexpected argument page.jpg; example: .* view runs/a --html page.html"),
-        ("nowhere/a.png", "--png: nowhere/a.png; must be a file in a folder that exists"),
+        ("nowhere/a.png", "--png: nowhere/a.png; must be a file in an existing folder"),
     ):
         with pytest.raises(OptionError, match=sentence):
             visualisation._folder_and_files([Path("runs/a"), Path(wrong)])
@@ -213,7 +213,7 @@ def test_a_movie_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
         f"--movie {tmp_path / 'run.mp4'}: the program ffmpeg is not installed; install it or write a .gif"
     )
     for wrong in (tmp_path / "run.avi", tmp_path / "nowhere" / "run.gif"):
-        with pytest.raises(OptionError, match=r"its name ending in \.gif or \.mp4"):
+        with pytest.raises(OptionError, match=r"with the suffix \.gif or \.mp4"):
             run_movie.check(wrong)
 
 

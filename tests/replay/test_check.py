@@ -177,7 +177,7 @@ def test_files_other_than_recordings(tmp_path: Path) -> None:
     wild = magic + b"\x01" + (1 << 40).to_bytes(8, "little")
     for content, why in (
         (magic, "ends before its first record"),
-        (b"12345678", "not a recording of this project, or damaged at its start"),
+        (b"12345678", "not a recording, or damaged at its start"),
         (wild, "damaged before the first step, read up to there: a record has 1099511627776 bytes; "),
     ):
         path.write_bytes(content)
