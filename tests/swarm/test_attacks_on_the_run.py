@@ -64,9 +64,9 @@ def test_forged_counters_of_a_robot_are_reported_and_change_no_digest(tmp_path: 
     taken = [item for item in read_recording(out / "radio" / "radio.mcap") if isinstance(item, Entry)]
     frames = sum(item.key == key for item in taken)
     gaps = [
-        "swarm/up/r1/drive: r1 counted 1000000000 sent, and world 30 that arrived",
-        "swarm/up/r1/ready: nobody counted 0 sent, and world 1 that arrived",
-        f"swarm/up/r1/transmit: nobody counted 0 sent, and radio {frames} that arrived",
+        "swarm/up/r1/drive: 1000000000 sent by r1, 30 received by world",
+        "swarm/up/r1/ready: 0 sent by no process, 1 received by world",
+        f"swarm/up/r1/transmit: 0 sent by no process, {frames} received by radio",
     ]
     assert result["not_delivered"] == gaps
     assert done.returncode == 1
