@@ -48,7 +48,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "corridor.toml").write_text(scenario.replace("../maps/", ""))
     (tmp_path / "study.toml").write_text(STUDY)
     for module in (campaign_commands, store):
-        monkeypatch.setattr(module, "software", lambda: COMMIT)
+        monkeypatch.setattr(module, "software_version", lambda: COMMIT)
     return tmp_path
 
 

@@ -281,5 +281,5 @@ def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:
         b'{"cluster": "\\u001b[2J"}',
     ):
         (tmp_path / seal.HOSTS_FILE).write_bytes(damage)
-        with pytest.raises(AcrcError, match=r"hosts\.json: no list of a run's hosts"):
+        with pytest.raises(AcrcError, match=r"hosts\.json: invalid list of a run's hosts"):
             seal.remote_recordings(tmp_path)
