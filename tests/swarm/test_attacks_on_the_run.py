@@ -74,7 +74,7 @@ def test_forged_counters_of_a_robot_are_reported_and_change_no_digest(tmp_path: 
         f"acrc: {result['undelivered']} messages were not delivered: {'; '.join(gaps)}"
     )
     checked = in_process.acrc("record", "check", out)
-    assert checked.returncode == 1 and checked.stderr.startswith(f"acrc: {out}/r1/r1.mcap: holds ")
+    assert checked.returncode == 1 and checked.stderr.startswith(f"acrc: {out}/r1/r1.mcap: contains ")
 
 
 def test_logs_and_set_ups_are_not_written_through_links(tmp_path: Path) -> None:
