@@ -157,7 +157,7 @@ def test_spelling_order_and_folder_of_a_study_are_no_departures(folder: Path, tm
 
 def test_another_commit_is_not_as_frozen(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frozen(folder)
-    monkeypatch.setattr(store, "software", lambda: "badc0de")
+    monkeypatch.setattr(store, "software_version", lambda: "badc0de")
     about, before = "it was made with commit badc0de, ", tuple[str, ...]()
     for changed, end in (
         (None, "which cannot be shown to descend from the planned one"),
