@@ -126,7 +126,7 @@ def test_edits_are_deviations_from_the_plan(folder: Path) -> None:
     (folder / "other.png").write_bytes((folder / "corridor.png").read_bytes())
     (folder / "other.yaml").write_text((folder / "corridor.yaml").read_text().replace("corridor", "other"))
     damage_map(folder)
-    assert departures(folder) == ["corridor.png has another content."]
+    assert departures(folder) == ["the content of corridor.png was changed."]
     study = folder / "study.toml"
     edited(study, "seeds = 8", "seeds = 7\nmargin_places = 2")
     edited(study, '[["chapter", "none"]]', '[["none", "chapter"]]')
@@ -134,12 +134,12 @@ def test_edits_are_deviations_from_the_plan(folder: Path) -> None:
     shutil.rmtree(folder / "out")
     told = departures(folder)
     for one in (
-        "seeds is 7, frozen was 8.",
-        "margin_places is 2.0, frozen was 1.0.",
+        "seeds is 7, planned: 8.",
+        "margin_places is 2.0, planned: 1.0.",
         "the comparison of none with chapter was not planned.",
         "the planned comparison of chapter with none is no longer declared.",
         "corridor.yaml is no longer an input file.",
-        "other.yaml was not read.",
+        "other.yaml is a new input file.",
     ):
         assert one in told
     assert any(one.startswith('settings is [["map","other.yaml"],') for one in told)
