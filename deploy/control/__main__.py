@@ -1,4 +1,4 @@
-"""The map page as a program: `python -m deploy.control RUN ADDRESS`."""
+"""Program of the map page: `python -m deploy.control RUN ADDRESS`."""
 
 import asyncio
 import os
@@ -21,16 +21,16 @@ from deploy.control.scene import Scene
 from deploy.control.server import LISTENS, ControlServer, RunLink
 
 LOOK_S: Final = 0.05
-"""Between two polls of the run's messages: 20 pictures a second."""
+"""Interval between polls of the run's messages, s: 20 updates per second."""
 _FAREWELL_S: Final = 0.5
 
 
 def main(argv: Sequence[str]) -> int:
-    """Serve until the run is over; the exit code."""
+    """Serve until the run has ended; return the exit code."""
     exit_on_sigterm()
     die_with_parent(os.getppid())
-    parser = ArgumentParser(prog="python -m deploy.control", description="Serves the map page of a run.")
-    parser.add_argument("run", type=Path, help="folder of the run, whose world has begun")
+    parser = ArgumentParser(prog="python -m deploy.control", description="Serve the map page of a run.")
+    parser.add_argument("run", type=Path, help="folder of the run, whose world has started")
     parser.add_argument("address", type=Path, help="file for the page's address")
     try:
         options = parser.parse_args(argv)

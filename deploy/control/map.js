@@ -1,10 +1,10 @@
-// The map: which part of the floor is seen, and what is drawn on it. Points are m on the floor, else pixels.
+// View and drawing of the map. Points are in m on the floor, or in pixels.
 const $ = (id) => document.getElementById(id), css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const canvas = $("map"), pen = canvas.getContext("2d"), trails = new Map();
 const TRAIL_S = 20, TRAIL_STEP_S = 0.5, JUMP = 1.5, FARTHEST = 1, CLOSEST = 40, DOOR_M = 1;
 let floor = null, state = null, walls = null, chosen = null, asked = 0;
 let scale = 1, left = 0, top_ = 0, sight = { zoom: 1, x: 0, y: 0 };
-// Marks by shape: given a pen, points, and a radius or width, all in pixels; the pen has the mark's colour.
+// Marks by shape. Arguments: pen with the mark's colour; points, radius or width in pixels.
 function line(pen, points) {
   pen.beginPath();
   points.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
@@ -34,7 +34,7 @@ const SHAPES = {
     Object.assign(pen, { strokeStyle: css("--ink"), lineWidth: 1, globalAlpha: 1 }).setLineDash([3, 3]);
     line(pen, points);
   },
-  bar: (pen, points, width) => { // with an edge that is seen on light and dark
+  bar: (pen, points, width) => { // with an edge visible on light and dark
     const own = pen.strokeStyle;
     for (const [tint, edge] of [[css("--ink"), 2], [own, 0]]) {
       [pen.strokeStyle, pen.lineWidth] = [tint, Math.max(5, width) + edge];
@@ -59,7 +59,7 @@ function word(text, x, y) {
   pen.fillText(text, x, y);
   pen.restore();
 }
-function fitted(canvas) { // its pen, whose unit is a pixel of the page
+function fitted(canvas) { // returns its pen, in page pixels
   const ratio = devicePixelRatio || 1, own = canvas.getContext("2d");
   const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
@@ -73,9 +73,9 @@ const robotOf = (id) => (state ? state.robots.find(([own]) => own === id) : unde
 const goes = (word_) => word_ !== "off" && word_ !== "frozen";
 const middleOf = ([[ax, ay], [bx, by]]) => [(ax + bx) / 2, (ay + by) / 2];
 const isShut = (door) => state.things.some(([kind, points]) => kind.endsWith("door") && Math.hypot(...middleOf(points).map((one, axis) => one - middleOf(door)[axis])) < 0.5);
-function loadFloor(told) {
-  floor = told;
-  for (const [id, trail] of Object.entries(told.trails)) trails.set(id, trail);
+function loadFloor(message) {
+  floor = message;
+  for (const [id, trail] of Object.entries(floor.trails)) trails.set(id, trail);
   sight = { zoom: 1, x: floor.west + floor.width / 2, y: floor.south + floor.height / 2 };
   const image = Object.assign(new Image(), { src: `data:image/png;base64,${floor.png}` });
   image.onload = () => { walls = image; redraw(); };
@@ -88,7 +88,7 @@ function fit() {
   top_ = h / 2 - (floor.south + floor.height - sight.y) * scale;
 }
 function look(x, y, zoom) {
-  const within = (value, begin, size) => { // the whole floor stays in the middle
+  const within = (value, begin, size) => { // the whole floor is centred
     const [centre, free] = [begin + size / 2, (size * (1 - 1 / zoom)) / 2];
     return Math.min(centre + free, Math.max(centre - free, value));
   };
@@ -99,16 +99,16 @@ function zoomBy(factor, px = canvas.clientWidth / 2, py = canvas.clientHeight / 
   if (!floor) return;
   fit();
   const [x, y] = toFloor(px, py), zoom = Math.min(CLOSEST, Math.max(FARTHEST, sight.zoom * factor));
-  const kept = sight.zoom / zoom; // the point under the pointer stays there
+  const kept = sight.zoom / zoom; // keep the point under the pointer
   look(x + (sight.x - x) * kept, y + (sight.y - y) * kept, zoom);
 }
 const panBy = (dx, dy) => { if (floor) { fit(); look(sight.x - dx / scale, sight.y + dy / scale, sight.zoom); } };
-function reveal(x, y) { // what keys move stays in sight
+function reveal(x, y) { // keep objects moved by keys in view
   fit();
   const [px, py] = toScreen(x, y), { clientWidth: w, clientHeight: h } = canvas;
   if (px < 20 || py < 20 || px > w - 20 || py > h - 20) look(x, y, sight.zoom);
 }
-function remember() { // trails grow by what comes; their beginning came with the page
+function remember() { // extend trails, whose start came with the floor
   for (const [id, x, y] of state.robots) {
     const trail = trails.get(id) || [];
     if (!trail.length || state.t - trail[trail.length - 1][0] >= TRAIL_STEP_S) trail.push([state.t, x, y]);
@@ -117,7 +117,7 @@ function remember() { // trails grow by what comes; their beginning came with th
   }
 }
 const redraw = () => { if (!asked) asked = requestAnimationFrame(() => { asked = 0; draw(); }); };
-function draw() { // all of the map
+function draw() {
   if (!floor || !state) return;
   fit();
   const ink = css("--ink"), size = Math.min(9, Math.max(4, 0.18 * scale));
@@ -128,7 +128,7 @@ function draw() { // all of the map
   };
   pen.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
   pen.imageSmoothingEnabled = false;
-  if (walls) { // in the page's colour: the image is a mask
+  if (walls) { // the image is a mask for the wall colour
     pen.drawImage(walls, ...toScreen(floor.west, floor.south + floor.height), floor.width * scale, floor.height * scale);
     Object.assign(pen, { globalCompositeOperation: "source-in", fillStyle: css("--wall") });
     pen.fillRect(0, 0, canvas.clientWidth, canvas.clientHeight);
@@ -148,7 +148,7 @@ function draw() { // all of the map
     const parts = [[]];
     for (const [, tx, ty] of [...(trails.get(id) || []), [0, x, y]]) {
       const last = parts[parts.length - 1].at(-1);
-      if (last && Math.hypot(last[0] - tx, last[1] - ty) > JUMP) parts.push([]); // it was carried
+      if (last && Math.hypot(last[0] - tx, last[1] - ty) > JUMP) parts.push([]); // the robot was carried
       parts[parts.length - 1].push([tx, ty]);
     }
     for (const one of parts) put("trail", one, { colour: colour(id) });
@@ -167,7 +167,7 @@ function draw() { // all of the map
   }
   drawHand();
 }
-function drawLegend() { // each mark in a small canvas of its own, as `draw` has it
+function drawLegend() { // each mark in its own small canvas, as in `draw`
   if (!floor) return;
   const entries = Object.entries(floor.legend), list = $("legend");
   if (!list.children.length) list.innerHTML = "<li><canvas aria-hidden='true'></canvas></li>".repeat(entries.length);

@@ -1,20 +1,20 @@
-// What buttons, pointers and keys do: they give the run orders, as typed behind `acrc order RUN`.
+// Actions of buttons, pointers and keys: they send orders in the syntax of `acrc order RUN`.
 const SURE_MS = 4000, MINE = 100, CLICK_PX = 4, MOVE_M = 0.1, FAR = 5, TURN = Math.PI / 12, SEND_MS = 100, PAUSE_MS = 1000;
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 10];
 const brief = (...values) => values.map((one) => Math.round(one * 1000) / 1000).join(" ");
 const all = (selector) => [...document.querySelectorAll(selector)], add = (parent, tag) => parent.appendChild(document.createElement(tag));
-const pointers = new Map(), mine = new Set(); // orders of this page that nobody has answered: others' are no news for its note
+const pointers = new Map(), mine = new Set(); // unanswered orders of this page; its note shows no others
 let tool = "move", drag = null, cursor = null, pinch = null, sure = 0;
-let target = null; // where keys have brought the chosen robot: the state lags behind them
+let target = null; // pose of the selected robot after key presses, ahead of the state
 const socket = new WebSocket(location.href.replace(/[?#].*/, "").replace(/^http/, "ws").replace(/\/?$/, "/socket"));
-const HEARS = {
+const HANDLERS = {
   floor: loadFloor,
-  state: (told) => { state = told; remember(); show(); },
-  said: showOrder,
+  state: (message) => { state = message; remember(); show(); },
+  order: showOrder,
 };
-socket.onmessage = ({ data }) => { const told = JSON.parse(data); HEARS[told.kind](told); redraw(); };
+socket.onmessage = ({ data }) => { const message = JSON.parse(data); HANDLERS[message.kind](message); redraw(); };
 socket.onclose = ({ reason }) => {
-  $("lost").textContent = state && state.over ? "The run is over." : reason || "The connection to the run has ended.";
+  $("lost").textContent = state && state.over ? "The run has ended." : reason || "Connection to the run lost.";
   $("lost").hidden = false;
   if (!state) $("time").textContent = "not connected";
   for (const one of all("button, select, input")) one.disabled = !one.closest(".zoom");
@@ -26,30 +26,30 @@ function order(words) {
   if (mine.size > MINE) mine.delete(mine.values().next().value);
   socket.send(words);
 }
-// --- words beside the map
+// --- text beside the map
 const set = (id, words) => { if ($(id).textContent !== words) $(id).textContent = words; };
 const note = (words) => set("note", words);
 function showOrder({ number, order: words, times, waiting, refused, refusal }) {
-  const list = $("said");
+  const list = $("orders");
   const item = list.querySelector(`[data-number="${number}"]`) || add(list, "li");
   if (!item.dataset.number) list.insertBefore(item, [...list.children].find((one) => Number(one.dataset.number) < number) || null);
   item.dataset.number = number;
-  const share = times > 1 ? `${refused} of ${times} ` : "", become = waiting ? "waits" : "carried out";
-  item.textContent = `${words}${times > 1 ? ` ×${times}` : ""}: ${refused ? `${share}not done: ${refusal}` : become}`;
+  const share = times > 1 ? `${refused} of ${times} ` : "", result = waiting ? "pending" : "carried out";
+  item.textContent = `${words}${times > 1 ? ` ×${times}` : ""}: ${refused ? `${share}refused: ${refusal}` : result}`;
   item.className = refused ? "no" : "";
   while (list.children.length > 100) list.lastChild.remove();
-  if (!waiting && mine.delete(words) && refused) { note(`Not done: ${refusal}`); target = null; }
+  if (!waiting && mine.delete(words) && refused) { note(`Refused: ${refusal}`); target = null; }
 }
 function show() {
   const count = (stands) => state.places.filter((one) => one[3] === stands).length, done = count("done");
-  set("time", `${state.t.toFixed(1)} s${state.paused ? ", paused" : ""}${state.over ? ", over" : ""}`);
+  set("time", `${state.t.toFixed(1)} s${state.paused ? ", paused" : ""}${state.over ? ", ended" : ""}`);
   set("pause", state.paused ? "Resume" : "Pause");
   const speed = state.speed === 0 ? "max" : String(state.speed), choice = $("speed");
   if (![...choice.options].some((one) => one.value === speed)) choice.add(new Option(speed), 0);
   if (document.activeElement !== choice) choice.value = speed;
   const notes = [`${done} of ${state.places.length} places done, ${state.places.length - done - count("given up")} left`];
-  const lacks = { "steps did not come here": state.missed, "pictures left out: this page is slow": state.late, "messages were no orders": state.junk };
-  for (const [words, count_] of Object.entries(lacks)) if (count_) notes.push(`${count_} ${words}`);
+  const problems = { "steps missed": state.missed, "updates skipped (slow page)": state.late, "invalid messages": state.junk };
+  for (const [words, count_] of Object.entries(problems)) if (count_) notes.push(`${count_} ${words}`);
   set("count", notes.join("; "));
   showRobots();
 }
@@ -68,9 +68,9 @@ function showRobots() {
     if (chip.textContent !== word_) [chip.textContent, [chip.style.background, chip.style.color]] = [word_, floor.states[word_]];
     button.setAttribute("aria-pressed", String(id === chosen));
   }
-  set("chosen", one ? `Robot ${chosen}` : "No robot chosen");
+  set("chosen", one ? `Robot ${chosen}` : "No robot selected");
   const by = one && one[6] ? ` by ${one[6]}` : "", heads = one && one[5] ? `, next place at ${one[5].map((v) => v.toFixed(1)).join(", ")}` : "";
-  set("about", one ? `${stands}${by}${heads}` : "Choose a robot on the map, below, or with n.");
+  set("about", one ? `${stands}${by}${heads}` : "Select a robot on the map, in the list, or with n.");
   const can = { freeze: goes(stands), thaw: stands === "frozen", kill: stands !== "off", restart: stands === "off" };
   for (const button of all("[data-order]")) button.disabled = !one || !can[button.dataset.order];
 }
@@ -79,30 +79,30 @@ function choose(id) {
   if (state) showRobots();
   redraw();
 }
-const chooseByName = (id) => { if (tool !== "give") useTool("move"); choose(id); note(`${id} is chosen.`); }; // so arrow keys move it
+const chooseByName = (id) => { if (tool !== "give") useTool("move"); choose(id); note(`${id} selected.`); }; // so that arrow keys move it
 function toRobot(verb) {
   const one = robotOf(chosen);
-  if (!one) note("Choose a robot first.");
+  if (!one) note("Select a robot first.");
   else if (document.querySelector(`[data-order="${verb}"]`).disabled) note(`Cannot ${verb} ${chosen}: it is ${one[4]}.`);
   else order(`${verb} ${chosen}`);
 }
-function askStop(again = true) { // asked twice within a while, it stops the run
+function askStop(again = true) { // stops the run at the second press
   const button = $("stop"), stops = again && sure;
   clearTimeout(sure);
   sure = again && !stops ? setTimeout(askStop, SURE_MS, false) : 0;
   button.classList.toggle("sure", Boolean(sure));
-  button.textContent = sure ? "Stop: sure?" : "Stop";
-  if (sure) note("Stop ends the run for good. Ask once more to do so.");
+  button.textContent = sure ? "Stop: confirm" : "Stop";
+  if (sure) note("Press Stop again to end the run.");
   if (stops) order("stop");
 }
-// --- tools: `begun` is what a drag without a way is told
+// --- tools; `begun`: hint after a click without dragging
 const TOOLS = {
-  move: { key: "m", words: "Arrow keys move the chosen robot." },
-  wall: { key: "w", words: "Wall: arrow keys move the cursor, Enter begins and ends.", begun: "Drag from one end to the other to draw a wall.", order: (d) => `wall ${brief(d.fromX, d.fromY, d.x, d.y)}` },
-  obstacle: { key: "o", words: "Obstacle: Enter in its middle, then at its rim.", begun: "Drag from the middle to the rim to put an obstacle.", order: (d, far) => `obstacle ${brief(d.fromX, d.fromY, far)}` },
-  give: { key: "g", words: "Place: Enter gives it to the chosen robot." },
+  move: { key: "m", words: "Arrow keys move the selected robot." },
+  wall: { key: "w", words: "Wall: arrow keys move the cursor, Enter sets each end.", begun: "Drag from one end to the other to add a wall.", order: (d) => `wall ${brief(d.fromX, d.fromY, d.x, d.y)}` },
+  obstacle: { key: "o", words: "Obstacle: Enter at its centre, then at its edge.", begun: "Drag from the centre outward to add an obstacle.", order: (d, far) => `obstacle ${brief(d.fromX, d.fromY, far)}` },
+  give: { key: "g", words: "Place: Enter adds it for the selected robot." },
   door: { key: "d", words: "Door: Enter closes or opens the door at the cursor." },
-  jam: { key: "j", words: "Jammer: Enter in its middle, then at its rim.", begun: "Drag from the middle to the rim to put a jammer.", order: (d, far) => `jam ${brief(d.fromX, d.fromY, far)} ${$("seconds").value}` },
+  jam: { key: "j", words: "Jammer: Enter at its centre, then at its edge.", begun: "Drag from the centre outward to add a jammer.", order: (d, far) => `jam ${brief(d.fromX, d.fromY, far)} ${$("seconds").value}` },
 };
 function useTool(name) {
   [tool, drag] = [name, null];
@@ -112,24 +112,24 @@ function useTool(name) {
 function under(x, y) {
   return state.robots.filter(([id, rx, ry]) => Math.hypot(rx - x, ry - y) <= Math.max(floor.robots[id].radius, 12 / scale)).at(-1);
 }
-function away([[ax, ay], [bx, by]], x, y) { // from a line, m
+function away([[ax, ay], [bx, by]], x, y) { // distance from a segment, m
   const [dx, dy] = [bx - ax, by - ay], along = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1), t = Math.min(1, Math.max(0, along));
   return Math.hypot(ax + t * dx - x, ay + t * dy - y);
 }
-function act(x, y) { // the tools that need one point
+function act(x, y) { // tools with one point
   if (tool === "give") {
-    if (chosen) order(`give ${chosen} ${brief(x, y)}`); else note("Choose a robot first: the place is given to it.");
+    if (chosen) order(`give ${chosen} ${brief(x, y)}`); else note("Select the robot of the place first.");
     return;
   }
   const door = [...floor.doors].sort((one, other) => away(one, x, y) - away(other, x, y))[0];
   if (!door || away(door, x, y) > DOOR_M) note(door ? `No door within ${DOOR_M} m.` : "This floor has no door.");
   else order(`${isShut(door) ? "open" : "close"} ${brief(...middleOf(door))}`);
 }
-function put(done) { // the tools that are drawn from one point to another
-  if (tool === "jam" && !(Number($("seconds").value) > 0)) note("A jammer needs a number of seconds above 0.");
+function put(done) { // tools with two points
+  if (tool === "jam" && !(Number($("seconds").value) > 0)) note("Enter a jammer duration above 0 s.");
   else order(TOOLS[tool].order(done, Math.hypot(done.x - done.fromX, done.y - done.fromY)));
 }
-function drawHand() { // what is being drawn, and the cursor of the keys
+function drawHand() { // drawing in progress, and the keyboard cursor
   if (drag && (tool !== "move" || drag.robot)) {
     const from = toScreen(drag.fromX, drag.fromY), to = toScreen(drag.x, drag.y), far = Math.hypot(from[0] - to[0], from[1] - to[1]);
     if (tool === "wall") mark(pen, "bar", floor.legend.wall[1], [from, to], 0.1 * scale);
@@ -139,7 +139,7 @@ function drawHand() { // what is being drawn, and the cursor of the keys
   }
   if (cursor && document.activeElement === canvas) mark(pen, "cross", css("--accent"), [toScreen(...cursor)], 12);
 }
-// --- pointers: tools with one, the view with two, with the middle button, with the wheel
+// --- pointers: one for tools; two, the middle button or the wheel for the view
 const middle = ([a, b] = [...pointers.values()]) => ({ x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, far: Math.hypot(a.x - b.x, a.y - b.y) });
 canvas.onpointerdown = (event) => {
   if (!floor || !state) return;
@@ -176,17 +176,17 @@ canvas.onpointerup = canvas.onpointercancel = (event) => {
   drag = null;
   if (event.type === "pointercancel") return;
   if (tool === "give" || tool === "door") act(done.x, done.y);
-  else if (tool === "move" && !done.robot) { choose(null); note("No robot there. Choose one, or drag one to move it."); }
+  else if (tool === "move" && !done.robot) { choose(null); note("No robot there. Click a robot to select it, or drag it to move it."); }
   else if (clicked) note(TOOLS[tool].begun || "");
   else if (tool === "move") order(`move ${done.robot[0]} ${brief(done.x, done.y, done.robot[3])}`);
   else put(done);
 };
 canvas.addEventListener("wheel", (event) => { event.preventDefault(); zoomBy(Math.exp(-event.deltaY / 400), event.offsetX, event.offsetY); }, { passive: false });
 canvas.onfocus = canvas.onblur = redraw;
-// --- keys, wherever focus is but in a field; keys that a button needs do the button's own thing
+// --- keys, except in input fields; on a button, Space and Enter press it
 function steer(dx, dy, turn = 0) {
   const one = robotOf(chosen), now = performance.now();
-  if (!one) { note("Choose a robot first."); return; }
+  if (!one) { note("Select a robot first."); return; }
   if (!target || now - target.pressed > PAUSE_MS) target = { x: one[1], y: one[2], heading: one[3], sent: 0, timer: 0 };
   Object.assign(target, { x: target.x + dx, y: target.y + dy, heading: target.heading + turn, pressed: now });
   reveal(target.x, target.y);
@@ -214,14 +214,14 @@ function enter() {
   if (tool === "give" || tool === "door") act(x, y);
   else if (tool === "move" && robot) chooseByName(robot[0]);
   else if (tool === "move") note("No robot under the cursor.");
-  else if (!drag) { drag = { fromX: x, fromY: y, x, y }; note("Begun. Arrow keys go on, Enter ends, Escape drops it."); }
-  else if (drag.fromX === x && drag.fromY === y) note("Move the cursor first: it is where it began.");
+  else if (!drag) { drag = { fromX: x, fromY: y, x, y }; note("Started. Arrow keys move the end, Enter finishes, Escape cancels."); }
+  else if (drag.fromX === x && drag.fromY === y) note("Move the cursor first: the length is 0.");
   else { put(drag); drag = null; }
   redraw();
 }
 function escape() {
   askStop(false);
-  if (drag) { drag = null; note("Dropped."); redraw(); } else choose(null);
+  if (drag) { drag = null; note("Cancelled."); redraw(); } else choose(null);
 }
 function nextRobot(by) {
   const ids = state.robots.map(([id]) => id), at = ids.indexOf(chosen);
@@ -230,21 +230,21 @@ function nextRobot(by) {
 function faster(by) {
   const now = state.speed === 0 ? Infinity : state.speed;
   const next = by > 0 ? SPEEDS.find((one) => one > now) : SPEEDS.findLast((one) => one < now);
-  if (next || by > 0) order(`speed ${next || "max"}`); else note("Slower is not offered here.");
+  if (next || by > 0) order(`speed ${next || "max"}`); else note("This is the lowest speed.");
 }
 const pause = () => order(state && state.paused ? "resume" : "pause"), whole = () => floor && look(0, 0, 1), closer = () => zoomBy(1.5), farther = () => zoomBy(1 / 1.5);
 const KEYS = [
-  ["n p", "choose the next, the previous robot", { n: () => nextRobot(1), p: () => nextRobot(-1) }],
-  ["arrows", "move the chosen robot 0.1 m, with Shift 0.5 m; else the cursor, 0.2 m or 1 m", { ArrowLeft: (far) => arrow(-1, 0, far), ArrowRight: (far) => arrow(1, 0, far), ArrowUp: (far) => arrow(0, 1, far), ArrowDown: (far) => arrow(0, -1, far) }],
-  ["q e", "turn the chosen robot left, right", { q: () => steer(0, 0, TURN), e: () => steer(0, 0, -TURN) }],
-  ["f t k r", "freeze, thaw, kill, restart it", Object.fromEntries(["freeze", "thaw", "kill", "restart"].map((verb) => [verb[0], () => toRobot(verb)]))],
-  ["Space", "pause, resume; on a button: press it", { " ": pause }],
-  [".", "one step, then pause", { ".": () => order("step") }],
+  ["n p", "select the next or previous robot", { n: () => nextRobot(1), p: () => nextRobot(-1) }],
+  ["arrows", "move the selected robot 0.1 m (Shift: 0.5 m), or without one the cursor 0.2 m (1 m)", { ArrowLeft: (far) => arrow(-1, 0, far), ArrowRight: (far) => arrow(1, 0, far), ArrowUp: (far) => arrow(0, 1, far), ArrowDown: (far) => arrow(0, -1, far) }],
+  ["q e", "turn the selected robot left, right", { q: () => steer(0, 0, TURN), e: () => steer(0, 0, -TURN) }],
+  ["f t k r", "freeze, thaw, kill, restart the selected robot", Object.fromEntries(["freeze", "thaw", "kill", "restart"].map((verb) => [verb[0], () => toRobot(verb)]))],
+  ["Space", "pause, resume; on a button, press it", { " ": pause }],
+  [".", "execute one step, then pause", { ".": () => order("step") }],
   ["[ ]", "slower, faster", { "[": () => faster(-1), "]": () => faster(1) }],
-  ["x x", "stop the run: asked twice", { x: () => askStop() }],
-  ["m w o g d j", "move robots; put a wall, an obstacle; give a place; doors; put a jammer", Object.fromEntries(Object.entries(TOOLS).map(([name, { key, words }]) => [key, () => { useTool(name); note(words); }]))],
-  ["Enter", "do it at the cursor; choose the robot there", { Enter: enter }],
-  ["Escape", "drop what is begun; choose no robot", { Escape: escape }],
+  ["x x", "stop the run (press twice)", { x: () => askStop() }],
+  ["m w o g d j", "tools: move, wall, obstacle, place, door, jammer", Object.fromEntries(Object.entries(TOOLS).map(([name, { key, words }]) => [key, () => { useTool(name); note(words); }]))],
+  ["Enter", "apply the tool at the cursor, or select the robot there", { Enter: enter }],
+  ["Escape", "cancel, or deselect the robot", { Escape: escape }],
   ["+ − 0", "zoom in, out, the whole floor", { "+": closer, "=": closer, "-": farther, 0: whole }],
 ];
 const BY_KEY = new Map(KEYS.flatMap(([, , does]) => Object.entries(does)));
@@ -252,7 +252,7 @@ for (const [keys, does] of KEYS) [keys, does].forEach((words, index) => { add($(
 addEventListener("keydown", (event) => {
   if (!state || !$("lost").hidden || event.ctrlKey || event.altKey || event.metaKey) return;
   const on = event.target.closest ? event.target.closest("input, select, button, summary") : null;
-  if (on && (["INPUT", "SELECT"].includes(on.tagName) || [" ", "Enter"].includes(event.key))) return; // a pointer leaves focus on the map
+  if (on && (["INPUT", "SELECT"].includes(on.tagName) || [" ", "Enter"].includes(event.key))) return; // after pointer use focus is on the map
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, does = BY_KEY.get(key);
   if (!does) return;
   event.preventDefault();
@@ -262,7 +262,7 @@ for (const button of all("[data-order]")) [button.disabled, button.onclick] = [t
 for (const button of all("[data-tool]")) button.onclick = () => useTool(button.dataset.tool);
 for (const [id, does] of Object.entries({ pause, step: () => order("step"), stop: () => askStop(), closer, farther, whole })) $(id).onclick = does;
 $("speed").onchange = (event) => { order(`speed ${event.target.value}`); canvas.focus({ preventScroll: true }); };
-document.addEventListener("click", ({ detail, target: on }) => detail && on.closest("button, summary") && canvas.focus({ preventScroll: true })); // by a key, detail is 0
+document.addEventListener("click", ({ detail, target: on }) => detail && on.closest("button, summary") && canvas.focus({ preventScroll: true })); // detail is 0 for keys
 for (const one of all("details")) one.ontoggle = drawLegend;
 matchMedia("(prefers-color-scheme: dark)").onchange = () => { drawLegend(); redraw(); };
 addEventListener("resize", redraw);

@@ -1,4 +1,4 @@
-"""A run as the map page shows it: the run model's newest part, as JSON objects."""
+"""State of a run for the map page, as JSON objects."""
 
 import base64
 import io
@@ -29,43 +29,43 @@ from actors.topic import Message
 from actors.world.world_setup import WorldSetup
 
 STATES: Final = ("driving", "standing", "blocked", "idle", "frozen", "off")
-"""States of a robot as observed from outside. "blocked": it stands near another robot."""
+"""Externally observed states of a robot. "blocked": it stands near another robot."""
 LEGEND: Final[Mapping[str, Mark]] = {
     **{name: MARKS[name] for name in ("open", "given")},
     "done": MARKS["done"]._replace(shape="dim disc", says="place reported as done"),
     **{name: MARKS[name]._replace(says=says) for name, says in (
         ("given up", "place given up"), ("off", "robot off"), ("frozen", "robot frozen"))},
-    "blocked": Mark("blocked", ACTIVITY_GLYPHS["blocked"].colour, "robot blocked: it stays, and by whom"),
-    "destination": Mark("dashes", None, "the place that a robot says it visits next"),
-    "trail": Mark("trail", None, "where a robot was in the last 20 s"),
-    "link": Mark("link", None, "one robot heard the other in the last 3 s"),
+    "blocked": Mark("blocked", ACTIVITY_GLYPHS["blocked"].colour, "blocked robot, and the robot in its way"),
+    "destination": Mark("dashes", None, "next place, as reported by the robot"),
+    "trail": Mark("trail", None, "path of the last 20 s"),
+    "link": Mark("link", None, "frame received in the last 3 s"),
     **{name: MARKS[name] for name in ("door", "closed door", "wall", "obstacle", "jammer")},
 }  # fmt: skip
 TRAIL_S: Final = 20.0
 TRAIL_STEP_S: Final = 0.5
 LINK_S: Final = 3.0
-"""How long a link is shown after a frame. Own choice: the chapter's robots send once a second."""
+"""Time for which a link is shown after a frame, s. Own choice: the chapter's robots send every second."""
 LINKS: Final = 400
-"""At most; of more, the newest are shown."""
+"""Maximum number of links shown, newest first."""
 PENDING: Final = 256
-"""Orders without an answer yet; older ones are forgotten."""
+"""Maximum number of unanswered orders; older ones are dropped."""
 
 
 def state_colours(state: str) -> tuple[str, str]:
-    """Return the colour of a state, and white or black for letters on it, whichever has more contrast."""
+    """Return the colour of a state, and white or black text colour, by contrast."""
     ground = ACTIVITY_GLYPHS[state].colour
     ink = max(glyphs.WHITE, glyphs.BLACK, key=lambda colour: contrast(colour, ground))
     return hexadecimal(ground), hexadecimal(ink)
 
 
 def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
-    """Return what does not change of a run; the image is opaque where something stands, north is up."""
+    """Return the constant data of a run; the image is opaque on obstacles, north is up."""
     radii = {one.id: load_model(one.model, one.sensor).footprint.circumradius for one in setup.robots}
     doorways, doors = Doorways(grid, max(radii.values())), []
     for door in doorways.regions.doors:
         try:
             doors.append([(end.x, end.y) for end in doorways.ends_of(doorways.closed_cells(door))])
-        except DoorError:  # an order to close it would be refused, too
+        except DoorError:  # an order to close it would be refused as well
             continue
     cells, file = grid.cells[::-1], io.BytesIO()
     alpha = np.where(cells == FREE, 0, np.where(cells == UNKNOWN, 40, 255)).astype(np.uint8)
@@ -88,16 +88,16 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
 
 
 class Scene:
-    """The run model's newest values; while the run is paused, with what orders have changed since."""
+    """Current state of a run, including effects of orders during a pause."""
 
     def __init__(self, setup: WorldSetup, radio: RadioSetup, speed: float) -> None:
-        """`speed`: simulated s per s at the start, 0: no limit."""
+        """`speed`: initial simulated s per s, 0: no limit."""
         self._model = run_model(Path(), setup, radio)
         self._own = self._model.description.own_places
         self._floor, self._speed = floor_message(setup, self._model.description.grid), speed
         self._places = {PlaceKey(one, n): at for one, own in self._own.items() for n, at in enumerate(own)}
         self._reported: dict[PlaceKey, str] = {}
-        """Reports about places: done, or given up."""
+        """Reported state of places: done or given up."""
         self._routes = {robot: [key for key in self._places if key.owner == robot] for robot in self._own}
         self._poses: dict[str, tuple[float, ...]] = {one.id: one.start for one in setup.robots}
         self._states = dict.fromkeys(self._own, "driving")
@@ -105,7 +105,7 @@ class Scene:
             robot: ObservedActivity(robot, has_places=bool(own)) for robot, own in self._own.items()
         }
         self._trail: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
-        """Instants, s, and the poses of all robots, (robots, 3)."""
+        """Times, s, and poses of all robots, (robots, 3)."""
         self._pending: OrderedDict[str, tuple[Order, ...]] = OrderedDict()
         self._things: dict[int, FloorThing] = {}
         self._jams: list[Jam] = []
@@ -114,7 +114,7 @@ class Scene:
         self.changed, self.over = True, False
 
     def take(self, key: str, message: Message) -> None:
-        """Fold one message of the run."""
+        """Process one message of the run."""
         self.changed = True
         match message:
             case Progress():
@@ -176,7 +176,7 @@ class Scene:
                     self._speed = factor
 
     def floor(self) -> dict[str, Any]:
-        """Return what does not change, and the trails so far."""
+        """Return the constant data and the trails so far."""
         trails = {
             robot: [(second, *poses[index, :2].tolist()) for second, poses in self._trail]
             for index, robot in enumerate(self._own)
@@ -203,7 +203,7 @@ class Scene:
         return self._reported.get(key) or ("open" if key.place < len(self._own[key.owner]) else "given")
 
     def _robot(self, robot: str) -> tuple[Any, ...]:
-        """Return id, x, y, heading, state, next place, and the robot by which it is blocked."""
+        """Return id, x, y, heading, state, next place, and the blocking robot."""
         pose, state, route = self._poses[robot], self._states[robot], self._routes[robot]
         blocker = ""
         if state == "standing":

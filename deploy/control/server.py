@@ -1,7 +1,7 @@
-"""Takes a run's messages and gives it orders; serves the page and its socket on loopback.
+"""Server of the map page, on loopback: states of a run out, orders in.
 
-Only who knows the token gets the page; no other page gives orders. What comes from a page is untrusted:
-bounded, checked, counted. A slow page misses states, and one that takes nothing is closed.
+The page requires a token, and orders from other origins are rejected. Messages from a page are untrusted:
+bounded, checked, counted. A slow page skips states; one that reads nothing is closed.
 """
 
 import asyncio
@@ -28,44 +28,44 @@ from deploy.run import orders
 
 HOST: Final = "127.0.0.1"
 ORDER_LENGTH: Final = 200
-"""No message from a page, an order as typed behind `acrc order RUN`, is longer."""
+"""Maximum length of an order from a page, in the syntax of `acrc order RUN`."""
 PAGES: Final = 8
-"""Open at a time; the next one gets an error, and is closed."""
+"""Maximum number of open pages; further ones are closed with an error."""
 TOO_MANY: Final = f"{PAGES} pages of this run are open already. Close one, then reload this one."
 JUNK: Final = 20
-"""After so many messages that are not orders a page is closed."""
+"""Number of invalid messages after which a page is closed."""
 SEND_TIMEOUT_S: Final = 10.0
-"""A page that takes nothing for so long is closed; own choice."""
+"""Time after which a page that reads nothing is closed, s; own choice."""
 LINES: Final = 100
-"""Length of the list of orders; older ones are dropped."""
+"""Maximum length of the list of orders; older ones are dropped."""
 TOPICS: Final = (DRIVE, RECEIVED, FLOOR_NEWS, TRUTH, CONTROL, ANSWERED, PROGRESS)
-"""In this order they are polled: an order comes before its answer."""
+"""Topics in polling order: an order precedes its answer."""
 LISTENS: Final = tuple(at(topic, "*" if "{id}" in topic.pattern else "") for topic in TOPICS)
 ANSWER_TIMEOUT_S: Final = 10.0
-"""After so long the list of orders shows that the run has not answered yet."""
+"""Time after which the list of orders shows a missing answer, s."""
 POLICY: Final = (
     "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; "
     "connect-src ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-UNANSWERED: Final = "the run has not said yet; it heeds the order at its next step"
+UNANSWERED: Final = "no answer yet; the run executes the order at its next step"
 
 
-class OrderLine(msgspec.Struct, tag_field="kind", tag="said"):
-    """One line of the list of orders: equal ones in a row, or moves of one robot; it shows the last one."""
+class OrderLine(msgspec.Struct, tag_field="kind", tag="order"):
+    """One line of the list of orders, for repeated orders or moves of one robot; shows the last one."""
 
     number: int
     order: str
     times: int = 0
-    """Orders in this line; of them, how many wait for an answer, and how many were refused."""
+    """Number of orders in this line; below: those without an answer, and those refused."""
     waiting: int = 0
     refused: int = 0
     refusal: str = ""
     version: int = 0
-    """Grows with each change of any line."""
+    """Increases with each change of any line."""
 
 
 class RunLink:
-    """Connects a scene with a run; `messages` rather loses messages than delays anybody."""
+    """Link between a scene and a run; `messages` drops messages rather than delay the run."""
 
     def __init__(
         self, scene: Scene, messages: Bus, orders: Bus, clock: Callable[[], float] = time.monotonic
@@ -74,10 +74,10 @@ class RunLink:
         self.lines: deque[OrderLine] = deque(maxlen=LINES)
         self.version = 0
         self._waiting: dict[str, tuple[OrderLine, float]] = {}
-        """By ticket: the line, and since when."""
+        """By ticket: the line and the time of the order, s."""
 
     def give(self, words: str) -> None:
-        """Give the run an order, as typed behind `acrc order RUN`."""
+        """Send an order to the run, in the syntax of `acrc order RUN`."""
         verb, *rest = words.split() or [""]
         line = self.lines[-1] if self.lines else OrderLine(0, "")
         if words != line.order and (verb != "move" or line.order.split()[:2] != [verb, *rest[:1]]):
@@ -88,7 +88,7 @@ class RunLink:
         try:
             order = orders.parse(verb, rest)
             if self._scene.over or len(self._waiting) >= PENDING:
-                raise AcrcError("the run is over" if self._scene.over else "too many orders wait already")
+                raise AcrcError("the run has ended" if self._scene.over else "too many unanswered orders")
         except AcrcError as error:
             self._change(line, waiting=-1, refusal=str(error))
             return
@@ -97,7 +97,7 @@ class RunLink:
         self._orders.publish(CONTROL.key(), encode(Control(0, (order,), ticket), CONTROL.key()))
 
     def poll(self) -> None:
-        """Take in all messages; of what transceivers received, the newest one of each."""
+        """Process all messages; of `Received` only the newest per transceiver."""
         for address in LISTENS:
             came = list(iter(partial(self._messages.poll, address.topic), None))
             for one in {one.key: one for one in came}.values() if address.topic is RECEIVED else came:
@@ -120,7 +120,7 @@ class RunLink:
 
 
 class ControlServer:
-    """The pages of one run."""
+    """Server of the pages of one run."""
 
     def __init__(self, scene: Scene, link: RunLink) -> None:
         self._scene, self._link = scene, link
@@ -128,9 +128,9 @@ class ControlServer:
         self._pages: set[asyncio.Event] = set()
         """Events that wake the senders of the open pages."""
         self._version, self._state = 0, dict[str, Any]()
-        """The last state for the pages, and its number."""
+        """Number and content of the last state."""
         self.junk = 0
-        """Messages that were no orders."""
+        """Number of invalid messages."""
 
     @property
     def url(self) -> str:
@@ -138,7 +138,7 @@ class ControlServer:
         return f"http://{self._host}/{self._token}/"
 
     async def start(self) -> Server:
-        """Listen, at a port that the system chooses; to be closed by the caller."""
+        """Listen at a free port; the caller closes the server."""
         server = await serve(
             self._page, HOST, 0, process_request=self._admit, max_size=ORDER_LENGTH, max_queue=16,
             write_limit=1 << 16, ping_timeout=SEND_TIMEOUT_S, close_timeout=1.0, compression=None,
@@ -148,23 +148,23 @@ class ControlServer:
         return server
 
     def renew(self) -> None:
-        """Have what is new sent to all pages."""
+        """Send changes to all pages."""
         if self._scene.changed and self._pages:
             self._scene.changed, self._version, self._state = False, self._version + 1, self._scene.state()
             for wake in self._pages:
                 wake.set()
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the page for its path; None for its socket, which becomes one; a refusal for all else."""
+        """Return the page, None for its WebSocket, or an error."""
         token = request.path.strip("/").removesuffix("/socket").encode()
         is_known = secrets.compare_digest(token, self._token.encode())
         policy, kind = "default-src 'none'", "text/plain"
         if request.headers.get_all("Host") != [self._host] or not is_known:
-            response = connection.respond(HTTPStatus.NOT_FOUND, "There is no such page.\n")
+            response = connection.respond(HTTPStatus.NOT_FOUND, "Not found.\n")
         elif request.path.endswith("/socket"):
             if request.headers.get_all("Origin") == [f"http://{self._host}"]:
                 return None
-            response = connection.respond(HTTPStatus.FORBIDDEN, "Another page must not give orders here.\n")
+            response = connection.respond(HTTPStatus.FORBIDDEN, "Orders require the run's page.\n")
         else:
             folder = resources.files(__package__)
             text = folder.joinpath("page.html").read_text(encoding="utf-8")
@@ -194,7 +194,7 @@ class ControlServer:
                     continue
                 self.junk, junk, self._scene.changed = self.junk + 1, junk + 1, True
                 if junk >= JUNK:
-                    await connection.close(1008, "no orders")
+                    await connection.close(1008, "too many invalid messages")
                     return
         except ConnectionClosed:
             return
@@ -203,7 +203,7 @@ class ControlServer:
             sender.cancel()
 
     async def _send(self, connection: ServerConnection, wake: asyncio.Event) -> None:
-        """Send lines and states for as long as the page takes them; `late`: states that were left out."""
+        """Send lines and states while the page is open; `late`: number of skipped states."""
 
         async def put(message: object) -> None:
             async with asyncio.timeout(SEND_TIMEOUT_S):

@@ -1,4 +1,4 @@
-"""Addresses of schedulers, and of this computer as its hosts reach it; imports no package of the cluster."""
+"""Addresses of schedulers and of this computer; independent of the cluster packages."""
 
 import errno
 import ipaddress
@@ -16,22 +16,22 @@ PAGE: Final = "docs/clusters.md"
 
 
 def check(address: str, named: str = "--on") -> None:
-    """Raise OptionError for what is no scheduler's address, or one that anybody could give work to.
+    """Raise OptionError for an invalid scheduler address, or a remote one without TLS.
 
-    `named`: the option or argument that it was.
+    `named`: option or argument with the address.
     """
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found["port"]) < 65536:
         raise wrong_value(named, address, "the address of a scheduler, such as tls://192.168.1.5:8786")
     if not is_safe(address):
         raise OptionError(
-            f"{named}: {address}; must be tls:// anywhere but on this computer, for without TLS a cluster "
-            f"runs whatever comes from whoever reaches it ({PAGE})"
+            f"{named}: {address}; must be tls://, except on this computer: without TLS anyone who can "
+            f"connect can execute code ({PAGE})"
         )
 
 
 def plain(address: str, named: str = "--on") -> str:
-    """A person's address as Dask spells it: dask+tls:// is tls://, and dask:// is tcp://.
+    """Return a typed address in Dask's form: tls:// for dask+tls://, tcp:// for dask://.
 
     Raises OptionError, see `check`.
     """
@@ -41,13 +41,13 @@ def plain(address: str, named: str = "--on") -> str:
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Both of an address that `check` lets pass."""
+    """Return host and port of a valid address."""
     host, _, port = address.partition("://")[2].rpartition(":")
     return host.strip("[]"), int(port)
 
 
 def is_safe(address: str) -> bool:
-    """True if it has TLS, or can be reached from this computer only."""
+    """Return whether an address has TLS, or is only reachable from this computer."""
     how, _, place = address.partition("://")
     host = place.rpartition(":")[0].strip("[]")
     if how in {"tls", "dask+tls", "inproc"} or host == "localhost":
@@ -62,7 +62,7 @@ _PLACE: Final = re.compile(r"(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\])(?::(?P<port>[0-
 
 
 def place_of(word: str) -> tuple[str, int]:
-    """Return host and port of `--listen HOST` or `--listen HOST:PORT`; port 0: any. Raises OptionError."""
+    """Parse `--listen HOST` or `--listen HOST:PORT`; port 0: any. Raises OptionError."""
     found = _PLACE.fullmatch(word)
     port = int(found["port"] or 0) if found else -1
     if found is None or not 0 <= port < 65536:
@@ -75,13 +75,15 @@ def own_address(address: str) -> str:
     place = host_and_port(address)
     family, kind, proto, _, where = socket.getaddrinfo(*place, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, kind, proto) as probe:
-        probe.connect(where)  # of a datagram socket: nothing is sent
+        probe.connect(where)  # sends nothing: a datagram socket
         return str(probe.getsockname()[0])
 
 
 def bound(address: str) -> str:
-    """Return the address to bind for those who connect to `address`: all addresses if it is not one of this
-    computer, as behind a forwarding router. Raises AcrcError."""
+    """Return the address to bind for clients that connect to `address`. Raises AcrcError.
+
+    All addresses if it is not one of this computer, as behind a forwarding router.
+    """
     try:
         with socket.create_server((address, 0), family=_family(address)):
             return address
@@ -94,7 +96,7 @@ def bound(address: str) -> str:
 
 
 def free_port(address: str, port: int = 0) -> int:
-    """Return the port if it is free there; 0: any that is. Raises AcrcError."""
+    """Return the port if it is free; 0: any free port. Raises AcrcError."""
     try:
         with socket.create_server((address, port), family=_family(address)) as probe:
             return int(probe.getsockname()[1])

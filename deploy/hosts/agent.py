@@ -1,7 +1,7 @@
-"""Dask actor that is one host of a run: its robots' processes, the router for their messages, their files.
+"""Agent of a run on a host, a Dask actor: robot processes, router and files.
 
-The actor lives in a Dask worker. The run calls it about 20 times per second (`HostAgent.exchange`). A host
-that is not called for `HostTask.silence_s`, or whose actor is released, ends its robots.
+The run calls it about 20 times per second (`HostAgent.exchange`). An agent that is not called for
+`HostTask.silence_s`, or is released, ends its robots.
 """
 
 import shutil
@@ -52,33 +52,33 @@ Text = Annotated[str, msgspec.Meta(max_length=2000)]
 CODE: Final = "code"
 _KEYS: Final = "keys"
 _INFRA: Final = ".router"
-"""Folder of the router in that of the run; not a valid id of a robot."""
+"""Folder of the router in the run's folder; not a valid robot id."""
 _MOST_SENT_HERE: Final = 1 << 30
-"""Bytes that a host takes before the run: maps, models, a strategy's code."""
+"""Maximum size of files before the run (maps, models, code), bytes."""
 _REPORT_BYTES: Final = 1 << 20
-"""File content per report: 0.1 s at 100 Mbit/s."""
+"""Maximum file content per report, bytes: 0.1 s at 100 Mbit/s."""
 _POLL_S: Final = 0.05
 _GRACE_S: Final = 3.0
 _ENDS: Final = ("final", "failure")
-"""Notes that a process makes of its end."""
+"""Notes of a process about its end."""
 
 
 class HostTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One host's part of a run."""
 
     run: str
-    """Random id of the run, by which files left here are requested later."""
+    """Random id of the run, for fetching its files later."""
     robots: tuple[Id, ...]
     endpoint: str
     """Endpoint of the world's router."""
     spawn: str
     limits: ProcessLimits
     silence_s: float
-    """Timeout of calls: after this the run is assumed to have ended."""
+    """Timeout of calls, s, after which the run is assumed to have ended."""
     code: int
-    """Number of folders with the strategy's code in `code/`."""
+    """Number of the strategy's folders in `code/`."""
     share: tuple[tuple[str, ...], ...]
-    """Data shared by the robots' processes, see `in_common` of the plan."""
+    """Data shared by the robots' processes, see `deploy.run.plan.in_common`."""
     leave: bool
     """Keep recordings here."""
 
@@ -97,7 +97,7 @@ class HostOrders(msgspec.Struct, frozen=True):
 
     start: tuple[StartRobot, ...] = ()
     signals: tuple[tuple[Number, int], ...] = ()
-    """Process and signal."""
+    """Numbers of process and signal."""
     look: bool = False
     """Report the states of processes."""
     finish: bool = False
@@ -105,7 +105,7 @@ class HostOrders(msgspec.Struct, frozen=True):
 
 
 class EndedProcess(msgspec.Struct, frozen=True):
-    """A process that has ended, all of whose output has been sent."""
+    """A process that has exited, after all its output."""
 
     number: Number
     code: Annotated[int, msgspec.Meta(ge=-64, le=255)]
@@ -115,7 +115,7 @@ class EndedProcess(msgspec.Struct, frozen=True):
 
 
 class LeftRecording(msgspec.Struct, frozen=True):
-    """A recording that stays on its host."""
+    """A recording left on its host."""
 
     bytes: Size
     sha256: Sha256
@@ -147,30 +147,30 @@ class HostEvents(msgspec.Struct, frozen=True):
 
     files: tuple[FilePart, ...] = ()
     ending: tuple[Number, ...] = ()
-    """Processes that have ended; what is left of their output follows."""
+    """Processes that have exited; the rest of their output follows."""
     refused: dict[Number, Text] = {}
-    """Processes that could not be started, and why."""
+    """Errors of processes that could not be started."""
     ended: tuple[EndedProcess, ...] = ()
     more: bool = False
-    """More output can be sent now."""
+    """More output is available."""
 
 
 class HostReport(msgspec.Struct, frozen=True):
-    """Answer of a host."""
+    """Answer of a host agent."""
 
     clock_s: float
-    """Its clock, seconds since the epoch."""
+    """Clock of the host, seconds since the epoch."""
     folder: Text
     joined: bool
     """Its router is connected and the world receives its robots' messages."""
     unlinked: bool
-    """Its router's connection broke after that."""
+    """Its router has lost its connection afterwards."""
     fault: Text
-    """Why the run cannot continue; empty: it can."""
+    """Why the run cannot continue; empty if it can."""
     events: HostEvents
     looked: ProcessList | None
     done: bool
-    """All processes have ended and everything has been sent."""
+    """All processes have exited and all files have been sent."""
 
 
 class HostAgent:
@@ -181,15 +181,15 @@ class HostAgent:
         weakref.finalize(self, self._session.abandon)
 
     def put(self, parts: list[FilePart]) -> None:
-        """Write files of the run; none: all files are here, so the router is started."""
+        """Write files of the run; an empty list starts the router."""
         self._session.put(parts)
 
     def exchange(self, orders: HostOrders) -> bytes:
-        """Carry out the orders, and return a HostReport as msgpack: the run checks it."""
+        """Carry out orders and return a HostReport as msgpack."""
         return msgspec.msgpack.encode(self._session.exchange(orders))
 
     def close(self) -> None:
-        """Remove the run's folder; the run has received all that was to be sent."""
+        """Remove the run's folder, all of which has been sent."""
         self._session.close()
 
 
@@ -197,17 +197,17 @@ _SESSIONS: Final[dict[str, "_Session"]] = {}
 
 
 def occupy(run: str) -> None:
-    """Keep a thread of the worker busy while the run has processes here, so that other tasks wait."""
+    """Block a thread of the worker while the run has processes here, so that other tasks wait."""
     if session := _SESSIONS.get(run):
         session.thread.join()
 
 
 class _FinishedError(AcrcError):
-    """The run has ended, or does not call this host any more."""
+    """The run has ended or no longer calls this host."""
 
 
 class _Session:
-    """The state behind an actor; its thread goes on until the run has ended here."""
+    """State of an agent; its thread runs until the run has ended here."""
 
     def __init__(self, task: HostTask, keys: PemKeys, worker: Worker) -> None:
         self._task, self._worker = task, worker
@@ -217,7 +217,7 @@ class _Session:
         keys.write(self._folder / _KEYS)
         self._incoming = IncomingFiles(self._folder, {RUN, CODE}.__contains__, _MOST_SENT_HERE, "the limit")
         self._lock = threading.Lock()
-        """Held while processes are started, signalled or looked at."""
+        """Guards the processes."""
         self._robots = RobotProcesses(self._folder, task)
         self._called_s = time.monotonic()
         self._abandoned = self._finishing = self._joined = self._unlinked = False
@@ -227,14 +227,14 @@ class _Session:
         self.thread.start()
 
     def put(self, parts: list[FilePart]) -> None:
-        """Write files; none: begin. Raises FilePartError."""
+        """Write files; an empty list begins the run. Raises FilePartError."""
         self._called_s = time.monotonic()
         if not parts:
             self._begun.set()
         try:
             for part in parts:
                 self._incoming.take(part)
-        except OSError as error:  # not as it is: the library's word for a lost worker
+        except OSError as error:  # the library reports a lost worker as OSError
             raise AcrcError(f"{self._folder}: files of the run cannot be written: {error.strerror}") from None
 
     def exchange(self, orders: HostOrders) -> HostReport:
@@ -258,18 +258,18 @@ class _Session:
             )
 
     def abandon(self) -> None:
-        """End the robots: the actor is no longer referenced."""
+        """End the robots, because the actor is no longer referenced."""
         self._abandoned = True
 
     def close(self) -> None:
-        """Remove the folder, except for recordings that stay."""
+        """Remove the folder, unless recordings are left here."""
         self._abandoned = True
         self.thread.join(2 * _GRACE_S)
         if not self._task.leave:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _rest(self) -> Iterator[FilePart]:
-        """Return the files that strategies have written, once."""
+        """Return one iterator over the files written by strategies."""
         if self._own is None:
             run = self._folder / RUN
             owns = (files_below(run / robot / "own", run) for robot in self._task.robots)
@@ -292,7 +292,7 @@ class _Session:
             with self._lock:
                 self._robots.close()
             shutil.rmtree(self._folder / _KEYS, ignore_errors=True)
-            with suppress(AcrcError):  # a robot has put something else in their place
+            with suppress(AcrcError):  # a robot has replaced them
                 credentials.remove_router_file(secrets)
             _SESSIONS.pop(self._task.run, None)
 
@@ -305,12 +305,14 @@ class _Session:
                 while True:
                     self._turn()
                     self._look_at_link(router, issued)
-            finally:  # while there is a router, for robots end in order
+            finally:  # before the router closes, so that robots exit in order
                 self._end_robots()
 
     def _lay_out(self, launched: Launcher) -> Credentials:
-        """Draw the robots' passwords and load shared data; the launcher's server removes the secrets even if
-        the worker is killed."""
+        """Create the robots' passwords and load shared data.
+
+        The launcher's server removes the secrets even if the worker is killed.
+        """
         run = self._folder / RUN
         (run / _INFRA).mkdir(parents=True)
         for robot in self._task.robots:
@@ -325,7 +327,7 @@ class _Session:
         return issued
 
     def _turn(self) -> None:
-        """Look at the processes, then wait for a moment. Raises _FinishedError at the run's end."""
+        """Check the processes, then sleep. Raises _FinishedError at the run's end."""
         silent_s = time.monotonic() - self._called_s
         leaving = self._worker.status in (Status.closing, Status.closed, Status.failed)
         if self._abandoned or leaving or silent_s > self._task.silence_s:
@@ -356,10 +358,10 @@ class _Session:
 
 
 class RobotProcesses:
-    """The processes that were started here for one run, and their output."""
+    """Processes of one run on this host, and their output."""
 
     def __init__(self, folder: Path, task: HostTask) -> None:
-        """`folder`: has the run's, and beside it the code: robots see only their own folder."""
+        """`folder`: contains the run's folder and, outside the robots' sandboxes, the code."""
         self._folder, self._task = folder / RUN, task
         self._code = tuple(folder / CODE / str(number) for number in range(1, task.code + 1))
         self._launched: Launcher | None = None
@@ -369,33 +371,33 @@ class RobotProcesses:
         self._files: dict[Path, GrowingFile] = {}
         self._refused: dict[int, str] = {}
         self._ending: dict[int, ChildProcess] = {}
-        """Processes whose end has been reported, but not all of whose output has been sent."""
+        """Processes reported as exited with output still to be sent."""
         self._resources = ResourceMonitor(task.limits)
 
     @property
     def all_ended(self) -> bool:
-        """True if no process runs or is to be started."""
+        """Whether no process runs or is to be started."""
         return not self._waiting and all(child.exit_code is not None for child in self._children.values())
 
     @property
     def settled(self) -> bool:
-        """True if also their output has been sent."""
+        """Whether all processes have exited and their output has been sent."""
         return not (self._waiting or self._children or self._refused or self._ending)
 
     def open(self, launched: Launcher) -> None:
-        """Start processes by `launched` from now on."""
+        """Start processes with `launched` from now on."""
         self._launched = launched
 
     def close(self) -> None:
-        """Start no more processes; those that still run are assumed to be killed with their launcher."""
+        """Start no more processes; running ones are killed with their launcher."""
         self._closed = True
         for child in self._running():
             child.exit_code = -SIGKILL
 
     def order(self, orders: HostOrders) -> None:
-        """Carry out what concerns processes; starts wait until the launcher has compiled all."""
+        """Queue starts until the launcher is ready; send signals."""
         if self._closed:
-            self._refused |= {order.number: "this host has ended its part" for order in orders.start}
+            self._refused |= {order.number: "the run has ended on this host" for order in orders.start}
         else:
             self._waiting.extend(orders.start)
         for number, signal in orders.signals:
@@ -403,7 +405,7 @@ class RobotProcesses:
                 self._children[number].send(Signals(signal))
 
     def look(self) -> None:
-        """Start the processes that wait, and notice ends."""
+        """Start queued processes and poll for exits."""
         if self._launched is None:
             return
         self._launched.wait(0.0)
@@ -415,11 +417,11 @@ class RobotProcesses:
                 self._refused[order.number] = str(error)[:2000]
 
     def fault(self) -> str:
-        """Return the resource limit that a running process exceeds; empty: none."""
+        """Describe the resource limit that a running process exceeds; empty: none."""
         return self._resources.fault(self._running()) or ""
 
     def end(self, signal: Signals) -> None:
-        """Signal every process, also those that are stopped."""
+        """Signal every process, including stopped ones."""
         self._waiting.clear()
         for child in self._running():
             child.send(signal)
@@ -436,9 +438,9 @@ class RobotProcesses:
         return ProcessList(tuple(seen), numbers)
 
     def events(self, rest: Iterator[FilePart] | None) -> HostEvents:
-        """Return what happened since the last call, with output up to _REPORT_BYTES.
+        """Return the events since the last call, with output up to _REPORT_BYTES.
 
-        `rest`: files to send once everything else has been.
+        `rest`: files to be sent last.
         """
         refused, self._refused = self._refused, {}
         new = {number: child for number, child in self._children.items() if child.exit_code is not None}
@@ -468,7 +470,7 @@ class RobotProcesses:
         return [child for child in self._children.values() if child.exit_code is None]
 
     def _program(self, order: StartRobot) -> Program:
-        """Return what to execute, with the paths of this computer."""
+        """Return the program with the paths of this computer."""
         told = msgspec.json.decode(order.setup, type=RobotProgram)
         if order.robot not in self._task.robots or told.actor.id != order.robot:
             raise AcrcError(f"{order.robot} is not a robot of this host")
@@ -494,12 +496,12 @@ class RobotProcesses:
         except OSError:
             return None
         notes: dict[str, str] = {}
-        with suppress(RecordingError):  # cut, as after a full disk
+        with suppress(RecordingError):  # truncated, as after a full disk
             notes = {name: text for name, text in read_notes(program.record).items() if name in _ENDS}
         return LeftRecording(size, digest, notes)
 
     def _read(self, program: Program, parts: list[FilePart], room: int) -> int:
-        """Read what a process has written since the last report; return the room that is left."""
+        """Read new output of a process; return the remaining room, bytes."""
         for path in self._written(program):
             name = path.relative_to(self._folder).as_posix()
             file = self._files.setdefault(path, GrowingFile(path, name))

@@ -1,4 +1,4 @@
-"""Allocation of hosts: what each computer of a cluster offers, whether it is fit, who gets which robots."""
+"""Allocation of hosts: offers of a cluster's computers, checks, and shares of robots."""
 
 import os
 import re
@@ -30,32 +30,32 @@ class HostOffer(msgspec.Struct, frozen=True):
     """Offer of a computer to a run."""
 
     name: Text
-    """Its host name."""
+    """Host name."""
     cores: Annotated[int, msgspec.Meta(ge=1, le=100_000)]
     """Cores that the worker may use."""
     commit: Text
     versions: dict[str, str]
-    """Versions of Python and the packages that matter."""
+    """Versions of Python and of packages that affect results."""
     kernels: dict[str, str]
-    """Fingerprints of what they compute."""
+    """Fingerprints of their results."""
     isolation_fault: Text | None
     """Why robots cannot be isolated there; None if they can."""
     repository: Text
-    """Path of this software there."""
+    """Path of the repository there."""
 
 
 @dataclass(frozen=True)
 class HostPool:
-    """Hosts that are fit for a run."""
+    """Suitable hosts for a run."""
 
     client: Client
     address: str
     """Address of the scheduler."""
     offers: dict[str, HostOffer]
     workers: dict[str, str]
-    """Dask's address of a worker on each."""
+    """Dask address of a worker on each host."""
     listen: tuple[str, int]
-    """Where the hosts' routers connect to; port 0: any."""
+    """Address and port at which the hosts' routers connect; port 0: any."""
 
     @property
     def isolation_fault(self) -> str | None:
@@ -64,7 +64,7 @@ class HostPool:
         return next((f"on host {name} {fault}" for name, fault in faults if fault), None)
 
     def submit(self, name: str, function: Any, *words: Any, actor: bool = False) -> Future[Any]:
-        """Run a function, or make an actor, on that host and nowhere else."""
+        """Submit a function, or an actor's class, to this host only."""
         return self.client.submit(
             function, *words, workers=[self.workers[name]], allow_other_workers=False, pure=False, actor=actor
         )
@@ -72,9 +72,9 @@ class HostPool:
 
 @contextmanager
 def allocate_hosts(address: str, listen: tuple[str, int] | None) -> Iterator[HostPool]:
-    """Allocate all computers of the cluster at `address`. Raises ClusterError if one is not fit.
+    """Allocate all computers of the cluster at `address`. Raises ClusterError if one is unsuitable.
 
-    `listen`: where they connect to; None: this computer's address on the way to the scheduler, any port.
+    `listen`: address for their connections; None: this computer's on its route to the scheduler, any port.
     """
     client = connect(address)
     try:
@@ -92,7 +92,7 @@ def allocate_hosts(address: str, listen: tuple[str, int] | None) -> Iterator[Hos
 
 
 def offer() -> HostOffer:
-    """Return the offer of this computer; kernels are compiled first if they are not."""
+    """Return the offer of this computer; compile kernels if necessary."""
     compile_kernels(quiet=True)
     return HostOffer(
         name=socket.gethostname(),
@@ -106,25 +106,25 @@ def offer() -> HostOffer:
 
 
 def unfit(there: HostOffer, here: HostOffer) -> str | None:
-    """Return why a computer cannot take part in a run started here, to follow its name; None if it can."""
+    """Return why a computer cannot take part in a run started here; None if it can."""
     if there.commit != here.commit:
         return printable(
-            f"has {there.commit}, this is {here.commit}; must be the same: git -C {there.repository} "
+            f"has {there.commit}, this computer {here.commit}; update it: git -C {there.repository} "
             f"fetch && git -C {there.repository} checkout {here.commit.removesuffix('+')}, and restart its "
             "worker"
         )
     for name, version in here.versions.items():
         if (other := there.versions.get(name)) != version:
-            return printable(f"has {name} {other}, this is {version}; must be the same")
+            return printable(f"has {name} {other}, this computer {version}; install the same version")
     if names := differing_kernels(there.kernels, here.kernels):
-        return printable(f"computes other bits than this computer: in {first_names(names)}")
+        return printable(f"computes different bits than this computer: in {first_names(names)}")
     return None
 
 
 def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
-    """Return the robots of each host, in their order, by its cores; hosts without any are left out.
+    """Distribute robots to hosts by cores, in order; hosts without robots are omitted.
 
-    Each next robot goes to the host with the fewest robots per core, among equals to the first.
+    Each robot goes to the first host with the fewest robots per core.
     """
     counts = dict.fromkeys(cores, 0)
     for _ in robots:
@@ -139,15 +139,15 @@ def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[s
 
 
 def describe() -> bytes:
-    """On a worker: return its computer's offer as JSON. Raises AcrcError if its software has changed."""
+    """Return a worker's offer as JSON. Raises AcrcError if its software has changed since its start."""
     now, loaded = software_version.__wrapped__(), software_version()
     if now.removesuffix("+") != loaded.removesuffix("+"):
-        raise AcrcError(f"it runs {loaded}, its clone has {now}; restart the worker")
+        raise AcrcError(f"it runs {loaded}, but its clone is at {now}; restart the worker")
     return msgspec.json.encode(offer())
 
 
 def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
-    """Return the offers of these workers' computers, by a name for each. Raises ClusterError."""
+    """Return the offers of these workers' computers, by unique name. Raises ClusterError."""
     asked = [
         client.submit(describe, workers=[worker], allow_other_workers=False, pure=False) for worker in workers
     ]

@@ -1,6 +1,6 @@
-"""The fleet's certificate authority and what it signs: X.509 version 3 (RFC 5280), ECDSA on P-256.
+"""Certificate authority and certificates of fleets and runs: X.509 version 3 (RFC 5280), ECDSA on P-256.
 
-Every private key is drawn where the authority is made and travels to its machine by hand.
+Private keys are generated where the authority is made; a fleet's are copied to its machines by hand.
 """
 
 import ipaddress
@@ -24,11 +24,11 @@ from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 
 SERVER = ExtendedKeyUsageOID.SERVER_AUTH
-"""Purpose of a robot: it may be connected to. It may not connect, so its key opens no other robot."""
+"""Purpose of a robot: it accepts connections. It cannot connect, so its key opens no other robot."""
 CLIENT = ExtendedKeyUsageOID.CLIENT_AUTH
-"""Purpose of a laptop: it may connect."""
+"""Purpose of an operator station: it connects."""
 _BACKDATED = timedelta(days=1)
-"""Robots' clocks may be behind."""
+"""Tolerance for clocks that are behind."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Pair:
 
 
 def authority(name: str, now: datetime, days: int) -> Pair:
-    """A new authority of that common name; it signs itself, and may sign machines but no other authority."""
+    """Create a self-signed authority, which cannot sign other authorities."""
     key = generate_private_key(SECP256R1())
     builder = _builder(_named(name), _named(name), key, now, days)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
@@ -68,9 +68,9 @@ def machine(
     now: datetime,
     days: int,
 ) -> Pair:
-    """A new key for one machine, certified under its common name, for these purposes: SERVER, CLIENT.
+    """Create a key and a certificate for one machine; purposes: SERVER, CLIENT.
 
-    `hosts`: names and addresses under which it is connected to.
+    `hosts`: names and addresses of the machine.
     """
     key = generate_private_key(SECP256R1())
     builder = _builder(_named(name), issuer.certificate.subject, key, now, days)
@@ -86,7 +86,7 @@ def machine(
 
 
 def general_name(host: str) -> x509.DNSName | x509.IPAddress:
-    """An address or a DNS name as a certificate holds it."""
+    """Return an IP address or DNS name as an X.509 general name."""
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
@@ -94,7 +94,7 @@ def general_name(host: str) -> x509.DNSName | x509.IPAddress:
 
 
 def hosts(certificate: x509.Certificate) -> tuple[str, ...]:
-    """The names and addresses that it holds for."""
+    """Return the subject alternative names."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -103,13 +103,13 @@ def hosts(certificate: x509.Certificate) -> tuple[str, ...]:
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """The common name of whom it was made for; empty if it has none."""
+    """Return the subject's common name; empty if it has none."""
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return str(names[0].value) if names else ""
 
 
 def read(pem: bytes) -> x509.Certificate:
-    """The certificate in PEM. Raises ValueError for anything else."""
+    """Load a PEM certificate. Raises ValueError."""
     return x509.load_pem_x509_certificate(pem)
 
 
@@ -140,14 +140,14 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 @dataclass(frozen=True)
 class PemKeys:
-    """Certificate and key of one computer of a run, in PEM."""
+    """Certificates and key of one computer of a run, in PEM."""
 
     authority: bytes
     certificate: bytes
     private_key: bytes
 
     def write(self, folder: Path) -> None:
-        """Write them into a folder, readable by its owner only."""
+        """Write them into a folder that only its owner can read."""
         folder.mkdir(mode=0o700, exist_ok=True)
         (folder / AUTHORITY_FILE).write_bytes(self.authority)
         (folder / CERTIFICATE_FILE).write_bytes(self.certificate)
@@ -157,11 +157,11 @@ class PemKeys:
 
 
 _DAYS: Final = 30
-"""Longer than any run; keys of an ended run are not accepted."""
+"""Validity in days: longer than any run. Keys are drawn per run."""
 
 
 def draw(hosts: Sequence[str], address: str) -> tuple[PemKeys, dict[str, PemKeys]]:
-    """Return new keys for one run: of this computer, connected to at `address`, and of the hosts by name."""
+    """Create keys for one run: of this computer at `address`, and of the hosts by name."""
     now = datetime.now(UTC)
     issuer = authority("run", now, _DAYS)
     world = machine(issuer, "world", [SERVER], [address], now, _DAYS)

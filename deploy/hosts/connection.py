@@ -1,4 +1,4 @@
-"""Connection to a Dask cluster: TLS, and answers of its workers."""
+"""Connection to a Dask cluster: TLS and answers of workers."""
 
 import logging
 import socket
@@ -15,18 +15,18 @@ from deploy.hosts.address import PAGE, host_and_port, is_safe
 
 
 class ClusterError(AcrcError):
-    """A cluster that is not there, or not of use."""
+    """A missing or unusable cluster."""
 
 
 _KEYS: Final = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
-"""Required settings, by Dask's name for them below distributed.comm.tls."""
+"""Required settings and their keys below distributed.comm.tls in Dask's configuration."""
 
 
 def security(address: str, patience_s: float, named: str = "--on") -> Security:
-    """Return the credentials for a tls:// address, tried once, so that a refusal has its reason.
+    """Return the credentials for a tls:// address after a test connection, which gives precise errors.
 
-    `named`: the option or argument that gave the address. Raises ClusterError where something is not
-    configured, or one of the two does not take the other's certificate.
+    `named`: option or argument with the address. Raises ClusterError if the configuration is incomplete or
+    either side rejects the other's certificate.
     """
     given = Security(require_encryption=True)
     files = given.get_tls_config_for_role("client")
@@ -36,7 +36,7 @@ def security(address: str, patience_s: float, named: str = "--on") -> Security:
             socket.create_connection(host_and_port(address), timeout=patience_s) as plain,
             context.wrap_socket(plain) as encrypted,
         ):
-            encrypted.recv(1)  # a scheduler speaks first; one that refuses says why
+            encrypted.recv(1)  # a scheduler sends first; after a rejection this raises the reason
     except ssl.SSLCertVerificationError as error:
         raise ClusterError(
             f"{named} {address}: the scheduler's certificate is not accepted: {error.verify_message}; must "
@@ -44,7 +44,7 @@ def security(address: str, patience_s: float, named: str = "--on") -> Security:
         ) from None
     except ssl.SSLError as error:
         raise ClusterError(
-            f"{named} {address}: the scheduler does not accept the certificate {files['cert']}, or has "
+            f"{named} {address}: the scheduler rejects the certificate {files['cert']}, or has "
             f"no TLS: {(error.reason or 'connection closed').lower().replace('_', ' ')} ({PAGE})"
         ) from None
     except OSError as error:
@@ -59,9 +59,9 @@ def _context(given: Security, files: Mapping[str, str | None], address: str, nam
         path = files[name]
         where = f"distributed.comm.tls.{key} in Dask's configuration"
         if not path:
-            raise ClusterError(f"{named} {address}: there is no {where}; must name a file in PEM ({PAGE})")
+            raise ClusterError(f"{named} {address}: {where} is not set; it must name a PEM file ({PAGE})")
         if not Path(path).is_file():
-            raise ClusterError(f"{named} {address}: {where} is {path}; must be a file in PEM ({PAGE})")
+            raise ClusterError(f"{named} {address}: {where} is {path}, which is not a file ({PAGE})")
     try:
         context: ssl.SSLContext = given.get_connection_args("client")["ssl_context"]
     except (OSError, ValueError) as error:
@@ -74,15 +74,15 @@ def _context(given: Security, files: Mapping[str, str | None], address: str, nam
 
 PATIENCE_S: Final = 10.0
 _LOOK_S: Final = 5.0
-"""Interval of checks why a worker does not answer."""
+"""Interval of checks for the reason of a delay, s."""
 
 
 def connect(address: str) -> Client:
-    """Return a client of the cluster, which has workers and admits only clients with a key.
+    """Connect to a cluster with workers that admits only clients with a key.
 
-    `address`: tls://HOST:PORT of the scheduler, or tcp:// of one on this computer. Raises ClusterError.
+    `address`: tls://HOST:PORT of the scheduler, or tcp:// on this computer. Raises ClusterError.
     """
-    for name in ("distributed", "distributed.client"):  # what they say there is raised as well
+    for name in ("distributed", "distributed.client"):  # errors are also raised
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         given = security(address, PATIENCE_S) if address.startswith("tls://") else None
@@ -94,8 +94,7 @@ def connect(address: str) -> Client:
         refuse_open(client, address)
         if not client.nthreads():
             raise ClusterError(
-                f"--on {address}: has no workers; must have one at least, such as by "
-                f"./acrc cluster join {address}"
+                f"--on {address}: has no workers; start one with: ./acrc cluster join {address}"
             )
     except ClusterError:
         client.close(timeout=PATIENCE_S)
@@ -104,23 +103,22 @@ def connect(address: str) -> Client:
 
 
 def refuse_open(client: Client, address: str) -> None:
-    """Raise ClusterError where the cluster accepts work from outside without a key."""
+    """Raise ClusterError if the cluster accepts remote clients without a key."""
     about = client.scheduler_info(n_workers=-1)
-    for who in (str(about["address"]), *map(str, about["workers"])):
-        if not is_safe(who):
+    for listener in (str(about["address"]), *map(str, about["workers"])):
+        if not is_safe(listener):
             raise ClusterError(
-                f"--on {address}: listens at {who} without TLS, and runs whatever comes from "
-                f"whoever reaches it; must have TLS, or listen at 127.0.0.1 ({PAGE})"
+                f"--on {address}: listens at {listener} without TLS, so anyone who can connect can execute "
+                f"code; use TLS, or listen at 127.0.0.1 ({PAGE})"
             )
     if address.startswith("tcp://"):
         sys.stderr.write(
-            f"acrc: --on {address}: has no TLS: whoever has an account on this computer can run "
-            f"code as you there\n"
+            f"acrc: --on {address}: has no TLS: all users of this computer can execute code as you\n"
         )
 
 
 def machines(client: Client) -> list[str]:
-    """The address of one worker on each computer of the cluster, in order of their addresses."""
+    """Return the address of one worker on each computer, sorted by address."""
     first: dict[str, str] = {}
     for worker in sorted(map(str, client.nthreads())):
         first.setdefault(host_and_port(worker)[0], worker)
@@ -128,27 +126,27 @@ def machines(client: Client) -> list[str]:
 
 
 def answer(client: Client, address: str, worker: str, future: Future[Any]) -> Any:
-    """Return the worker's answer to the task, however long it takes; a delay is reported with its reason.
+    """Wait for a worker's result; report a delay once, with its reason.
 
-    Raises ClusterError where the worker has left or the scheduler is lost, and what the task raises.
+    Raises ClusterError if the worker has left or the scheduler is lost, and any exception of the task.
     """
-    told = False
+    is_reported = False
     try:
         while not future.done():
             try:
                 wait(future, timeout=_LOOK_S)
             except TimeoutError:
                 why = _why(client, address, worker, future)
-                if not told:
+                if not is_reported:
                     sys.stderr.write(f"acrc: --on {address}: waiting for the worker {worker}{why}\n")
-                told = True
+                is_reported = True
         return future.result()
     except CancelledError:
         raise ClusterError(f"--on {address}: the scheduler does not answer any more ({PAGE})") from None
 
 
 def _why(client: Client, address: str, worker: str, future: Future[Any]) -> str:
-    """Return the reason for a delay; empty if unknown. Raises ClusterError if the worker has left."""
+    """Return the reason of a delay; empty if unknown. Raises ClusterError if the worker has left."""
     if worker not in client.nthreads():
         raise ClusterError(f"--on {address}: the worker {worker} has left the cluster ({PAGE})")
     others = {*client.processing([worker]).get(worker, ())} - {future.key}

@@ -1,4 +1,4 @@
-"""Files of a run on its hosts: copied while the run goes on, or left there and fetched later."""
+"""Files of a run on its hosts: copied during the run, or fetched later."""
 
 import hashlib
 import os
@@ -24,15 +24,15 @@ from deploy.hosts.connection import PATIENCE_S, ClusterError, answer, connect, m
 PREFIX: Final = "acrc-"
 """Prefix of a run's folder in the temporary folder of a host."""
 RUN: Final = "run"
-"""In that folder: the robots' folders."""
+"""Subfolder with the robots' folders."""
 TASK: Final = "task.json"
-"""In that folder: the host's part of the run, with the run's id."""
+"""File in the run's folder with the host's task and the run's id."""
 PART: Final = 1 << 16
-"""Bytes of a file that travel together at most."""
+"""Maximum size of a part of a file in a message, bytes."""
 PIECE: Final = 4 << 20
-"""Bytes of a file that are read at once."""
+"""Maximum size of a part of a fetched file, bytes."""
 MOST: Final = 10_000
-"""Files of one host."""
+"""Maximum number of files of a host."""
 _ODD: Final = frozenset({"", ".", ".."})
 _NAME: Final = re.compile(r"(?P<robot>[A-Za-z0-9_-]{1,32})/(?P=robot)(\.[0-9]{1,9})?\.(mcap|log)")
 
@@ -41,27 +41,27 @@ class FilePart(msgspec.Struct, frozen=True):
     """The next bytes of a file, in either direction."""
 
     path: Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
-    """With `/`; from a host below the run's folder, to a host below its own."""
+    """Relative path with `/`: from a host below the run's folder, to a host below its own."""
     data: Annotated[bytes, msgspec.Meta(max_length=PART)]
 
 
 class _RunId(msgspec.Struct, frozen=True):
-    """The part of TASK that is needed here."""
+    """The required part of TASK."""
 
     run: str
 
 
 class Listed(msgspec.Struct, frozen=True):
-    """One file."""
+    """A file on a host."""
 
     name: str
-    """Below the run's folder: a recording, or the log beside it."""
+    """Path below the run's folder, of a recording or its log."""
     bytes: Size
     sha256: Sha256
 
 
 def listed(folder: str, run: str) -> bytes:
-    """The files there, as JSON; none where the folder is gone. Raises AcrcError."""
+    """Return the files in a run's folder, as JSON; none if the folder is gone. Raises AcrcError."""
     found: list[Listed] = []
     if (place := _place(folder, run)) is None:
         return msgspec.json.encode(found)
@@ -75,57 +75,55 @@ def listed(folder: str, run: str) -> bytes:
 
 
 def piece(folder: str, run: str, name: str, begin: int) -> bytes:
-    """Return the bytes of one of them from `begin` on, PIECE bytes at most. Raises AcrcError."""
+    """Return up to PIECE bytes of a file from `begin` on. Raises AcrcError."""
     place = _place(folder, run)
     if place is None or not is_name(name):
-        raise AcrcError(f"{name[:200]!r} is no recording")
+        raise AcrcError(f"{name[:200]!r} is not a recording")
     with regular_file.open_regular(place / name, links=False) as file:
         file.seek(begin)
         return file.read(PIECE)
 
 
 def remove(folder: str, run: str) -> None:
-    """Remove all that has stayed there, if anything has. Raises AcrcError."""
+    """Remove the run's folder if it exists. Raises AcrcError."""
     if place := _place(folder, run):
         shutil.rmtree(place.parent)
 
 
 def is_name(name: str) -> bool:
-    """True for the name of a recording or a log below a run's folder."""
+    """Return whether a name is that of a recording or log below a run's folder."""
     return _NAME.fullmatch(name) is not None
 
 
 def _place(folder: str, run: str) -> Path | None:
-    """The part of the run in the folder; None if it is gone. Raises AcrcError where it is not that run's."""
+    """Return the folder with the robots' folders; None if gone. Raises AcrcError for another run's."""
     path, ours = Path(folder), Path(tempfile.gettempdir())
     if path.parent.resolve() != ours.resolve() or not path.name.startswith(PREFIX):
-        raise AcrcError(
-            f"{path} is no folder of a run; it would be {ours / PREFIX}…, by this worker's TMPDIR"
-        )
+        raise AcrcError(f"{path} is not a run's folder, which this worker has at {ours / PREFIX}… (TMPDIR)")
     if path.is_symlink() or not path.is_dir():
         return None
     if typed_json.read(path / TASK, _RunId, "task of a run's host").run != run:
-        raise AcrcError(f"{path} is another run's")
+        raise AcrcError(f"{path} belongs to another run")
     return path / RUN
 
 
 @dataclass(frozen=True)
 class Fetched:
-    """Fetched files."""
+    """Number and size of fetched files."""
 
     files: int
     bytes: int
 
 
 def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
-    """Bring into a run's folder what its hosts still have of it, and then remove it there.
+    """Fetch the files that a run has left on its hosts, then remove them there.
 
-    `address`: of the scheduler, as Dask spells it; empty: the one that the run had. What has come whole stays
-    here, whatever happens then. Raises AcrcError.
+    `address`: of the scheduler, in Dask's form; empty: the run's. Complete files are kept after an error.
+    Raises AcrcError.
     """
     told = seal.read_hosts(out)
     if told is None:
-        raise AcrcError(f"{out}: no run over several computers: there is no {seal.HOSTS_FILE} in it")
+        raise AcrcError(f"{out}: not a run on several computers: no {seal.HOSTS_FILE}")
     client = connect(address or told.cluster)
     try:
         ways = {host_and_port(worker)[0]: worker for worker in machines(client)}
@@ -139,12 +137,12 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
             say(f"host {host.name}: {len(came)} {'file' if len(came) == 1 else 'files'}, {sum(came)} B")
         return Fetched(files, size)
     finally:
-        with suppress(Exception):  # whatever a lost cluster is to the library
+        with suppress(Exception):  # any error of the library about a lost cluster
             client.close(timeout=PATIENCE_S)
 
 
 class _Host:
-    """One of a run's hosts, by a worker of its cluster."""
+    """A host of a run, accessed through a worker of its cluster."""
 
     def __init__(
         self, client: Client, name: str, part: HostPart, told: HostsFile, ways: dict[str, str], address: str
@@ -156,28 +154,28 @@ class _Host:
         if part.address not in ways:
             raise ClusterError(
                 f"{self._on}: has no worker at {part.address}, where host {name} has recordings in "
-                f"{part.folder}; must have one, such as by ./acrc cluster join there ({PAGE})"
+                f"{part.folder}; start one there with ./acrc cluster join ({PAGE})"
             )
         self._worker = ways[part.address]
 
     def listed(self) -> Iterable[Listed]:
-        """Return the files of its own robots. Raises ClusterError."""
+        """Return the files of its robots. Raises ClusterError."""
         answer = self._ask(listed)
         try:
             files = msgspec.json.decode(answer, type=list[Listed])
         except (msgspec.MsgspecError, TypeError) as error:
-            raise self._lie(f"no list of files: {error}") from None
+            raise self._lie(f"an invalid list of files: {error}") from None
         for one in files:
             robot = one.name.partition("/")[0]
             if not is_name(one.name) or robot not in self._part.robots or len(files) > MOST:
-                raise self._lie(f"a file {one.name[:100]!r}, which is none of its own")
+                raise self._lie(f"a file {one.name[:100]!r}, which is not its own")
             known = self._told.left.get(one.name)
             if known is not None and (known.bytes, known.sha256) != (one.bytes, one.sha256):
-                raise self._lie(f"another {one.name} than it had at the run's end")
+                raise self._lie(f"a different {one.name} than at the run's end")
         return files
 
     def bring(self, out: Path, one: Listed) -> bool:
-        """Have the file here; False if it was. Raises ClusterError, and AcrcError where it cannot be kept."""
+        """Fetch a file; return False if it is here already. Raises ClusterError and AcrcError."""
         path = out / one.name
         try:
             if (
@@ -193,12 +191,12 @@ class _Host:
                 while done < one.bytes:
                     data = self._ask(piece, one.name, done)
                     if not isinstance(data, bytes) or not 0 < len(data) <= min(PIECE, one.bytes - done):
-                        raise self._lie(f"another piece of {one.name} than it was asked for")
+                        raise self._lie(f"a wrong part of {one.name}")
                     file.write(data)
                     digest.update(data)
                     done += len(data)
                 if digest.hexdigest() != one.sha256:
-                    raise self._lie(f"{one.name} with another SHA-256 than it had said")
+                    raise self._lie(f"{one.name} with a wrong SHA-256")
         except OSError as error:
             raise AcrcError(
                 f"{path}: cannot be written: {error.strerror}; it stays on host {self.name}"
@@ -206,18 +204,18 @@ class _Host:
         return True
 
     def require_complete(self, left: Mapping[str, RemoteFile]) -> None:
-        """Raise ClusterError if a recording of this host is not here, once all that it has is."""
+        """Raise ClusterError if a recording in `left` is still missing after fetching."""
         gone = [name for name, one in left.items() if one.host == self.name]
         if gone:
             more = f", and {len(gone) - 1} more" if len(gone) > 1 else ""
-            raise ClusterError(f"host {self.name} no longer has {gone[0]}{more}; it is not here either")
+            raise ClusterError(f"host {self.name} no longer has {gone[0]}{more}, and there is no copy here")
 
     def remove(self) -> None:
-        """Have it removed there. Raises ClusterError."""
+        """Remove the run's folder on the host. Raises ClusterError."""
         self._ask(remove)
 
     def _ask(self, function: Callable[..., Any], *words: str | int) -> Any:
-        """Return the function's result there. Raises ClusterError."""
+        """Call a function on the host. Raises ClusterError."""
         future = self._client.submit(
             function, self._part.folder, self._told.run, *words,
             workers=[self._worker], allow_other_workers=False, pure=False,
@@ -226,7 +224,7 @@ class _Host:
             return answer(self._client, self._address, self._worker, future)
         except ClusterError:
             raise
-        except Exception as error:  # whatever it raised there, or a lost worker is to the library
+        except Exception as error:  # raised there, or by the library about a lost worker
             told = str(error).splitlines()
             reason = printable(told[0][:300] if told else repr(error))
             raise ClusterError(f"{self._on}: host {self.name}: {reason} ({PAGE})") from None
@@ -236,24 +234,24 @@ class _Host:
 
 
 class FilePartError(AcrcError):
-    """A part of a file that is refused."""
+    """A rejected part of a file."""
 
 
 class IncomingFiles:
-    """Writes received parts of files below `folder`, in allowed folders only, up to `most` bytes."""
+    """Writer of received parts of files below `folder`, in allowed folders, up to `most` bytes."""
 
     def __init__(self, folder: Path, allows: Callable[[str], bool], most: int, limit: str) -> None:
-        """`folder`: without links. `allows`: takes the name of a folder in it. `limit`: names `most`."""
+        """`folder`: without links. `allows`: accepts the name of a subfolder. `limit`: describes `most`."""
         self._folder = folder
         self._allows = allows
         self._most = self._left = most
         self._limit = limit
 
     def take(self, part: FilePart) -> None:
-        """Append it to its file. Raises FilePartError, and OSError."""
+        """Append a part to its file. Raises FilePartError and OSError."""
         words = part.path.split("/")
         if len(words) < 2 or not self._allows(words[0]) or _ODD & {*words} or "\0" in part.path:
-            raise FilePartError(f"a file {part.path[:200]!r}, which is none of its own")
+            raise FilePartError(f"a file {part.path[:200]!r}, which is not its own")
         self._left -= len(part.data)
         if self._left < 0:
             raise FilePartError(f"more than {self._most} B of files, {self._limit}")
@@ -265,13 +263,13 @@ class IncomingFiles:
             file.write(part.data)
 
     def _check(self, path: Path) -> None:
-        """Raise FilePartError where a link leads elsewhere."""
+        """Raise FilePartError if a symbolic link leads elsewhere."""
         if path.parent.resolve() != path.parent or not path.parent.is_relative_to(self._folder):
-            raise FilePartError(f"a file {path}, to which a link leads")
+            raise FilePartError(f"a file {path}, which is behind a link")
 
 
 class GrowingFile:
-    """One file that is read while it grows."""
+    """A file that is read while it grows."""
 
     def __init__(self, path: Path, name: str) -> None:
         self._path, self._name = path, name
@@ -279,7 +277,7 @@ class GrowingFile:
         self._begun = False
 
     def part(self) -> FilePart | None:
-        """Return the next bytes; None if there are none. The first part of an empty file is empty."""
+        """Return the next part; None if there is none. The first part of an empty file is empty."""
         if self._file is None:
             try:
                 self._file = regular_file.open_regular(self._path, links=False)
@@ -292,13 +290,13 @@ class GrowingFile:
         return FilePart(self._name, data)
 
     def close(self) -> None:
-        """Close it."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
 
 
 def read_files(files: Iterable[tuple[Path, str]]) -> Iterator[FilePart]:
-    """Return the parts of files, given with their names, in order; links are left out."""
+    """Yield the parts of files with these names, in order, except links."""
     for path, name in files:
         file = GrowingFile(path, name)
         yield from iter(file.part, None)
@@ -306,7 +304,7 @@ def read_files(files: Iterable[tuple[Path, str]]) -> Iterator[FilePart]:
 
 
 def files_below(folder: Path, base: Path, prefix: str = "") -> Iterator[tuple[Path, str]]:
-    """Return all regular files below a folder, and their names as of `base`."""
+    """Yield all regular files below a folder, with their paths relative to `base`."""
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not path.is_symlink():
             yield path, prefix + path.relative_to(base).as_posix()

@@ -1,4 +1,4 @@
-"""One host of a run, as the computer sees it on which the run was started."""
+"""Link to one host of a run, on the computer that started the run."""
 
 import math
 import signal
@@ -30,15 +30,15 @@ from deploy.hosts.agent import (
 from deploy.hosts.files import FilePart, FilePartError, IncomingFiles, read_files
 
 HIDDEN_S: Final = 3.0
-"""After so long without a report the states of a host's processes are unknown."""
+"""Age of a report after which the states of a host's processes are unknown, s."""
 _POLL_S: Final = 0.05
 _LOOK_S: Final = 1.0
 _LONGEST: Final = 1 << 23
-"""Bytes of a report: its files, and the states of some ten thousand processes."""
+"""Maximum size of a report: files and states of some ten thousand processes, bytes."""
 _PARTS_PER_CALL: Final = 16
-"""Parts of files per call."""
+"""Maximum number of file parts per call."""
 _PIDS: Final = 1 << 32
-"""Process ids of hosts are kept apart from those here by adding this, times the host's place."""
+"""Offset of process ids, times the host's index, so that they differ from ids here."""
 
 
 @dataclass(kw_only=True)
@@ -48,9 +48,9 @@ class RemoteChild(ChildProcess):
     link: "HostLink"
     number: int
     ending: bool = False
-    """It has ended, and some of its output has not come yet."""
+    """Whether it has exited with output still to be received."""
     left: LeftRecording | None = None
-    """Its recording, if that stays on its host."""
+    """Its recording, if left on the host."""
 
     @property
     def host(self) -> str:
@@ -58,39 +58,39 @@ class RemoteChild(ChildProcess):
         return self.link.name
 
     def notes(self) -> Mapping[str, str]:
-        """Return its notes; those of a recording that stays there, once it has ended."""
+        """Return its notes; for a recording left there, once it has exited."""
         return super().notes() if self.left is None else self.left.notes
 
     def send(self, number: signal.Signals) -> None:
-        """Have its host send a signal."""
+        """Request a signal from its host."""
         if self.exit_code is None and not self.ending:
             self.link.signals.append((self.number, int(number)))
 
 
 class HostLink:
-    """Calls a host's actor, one call at a time, and keeps what its reports say."""
+    """Client of a host's agent: one call at a time, and the state from its reports."""
 
     def __init__(
         self, name: str, place: int, robots: tuple[str, ...], files: IncomingFiles, made: Future[Any]
     ) -> None:
-        """`place`: among the run's hosts, from 1 on. `files`: writes its robots' files. `made`: its actor."""
+        """`place`: index among the hosts, from 1 on. `files`: writes its robots' files. `made`: its agent."""
         self.name, self.robots = name, robots
         self.begun = self.joined = self.done = self.finish = False
-        """Files are there; its router is connected; all has been received; no process will be started."""
+        """Files are sent; its router is connected; all is received; no more processes will be started."""
         self.folder = ""
-        """Where its robots record there."""
+        """Folder of the run there."""
         self.clock_off_s = 0.0
-        """By how much its clock is ahead, s."""
+        """Offset of its clock, s; positive: ahead."""
         self.lost = ""
-        """Why it is lost; empty: it is not."""
+        """Why the host is lost; empty: it is not."""
         self.fault = ""
-        """Why the run cannot continue, as the host reports."""
+        """Why the run cannot continue, as reported by the host; empty: it can."""
         self.unlinked_s = math.inf
-        """When its router's connection was reported broken, on this computer's clock, s."""
+        """Time of the report that its router lost its connection, on this computer's monotonic clock, s."""
         self.queued: dict[int, float | None] = {}
-        """How long its processes have waited for a processor, by process id, s."""
+        """Time that its processes have waited for a processor, s, by process id."""
         self.signals: list[tuple[int, int]] = []
-        """Signals to be sent."""
+        """Signals to be sent: process number, signal."""
         self.meter = LoadMeter()
         self._place, self._files, self._made = place, files, made
         self._agent: Any = None
@@ -106,7 +106,7 @@ class HostLink:
 
     @property
     def made(self) -> bool:
-        """Its actor has been made."""
+        """Whether its agent has been created."""
         return self._agent is not None
 
     @property
@@ -116,26 +116,26 @@ class HostLink:
 
     @property
     def idle_s(self) -> float:
-        """Time since the last answer that brought something, or took files, s."""
+        """Time since the last progress: output or accepted files, s."""
         return time.monotonic() - self._progress_s
 
     @property
     def left(self) -> dict[Path, LeftRecording]:
-        """The recordings that stay there."""
+        """Recordings left there, by path here."""
         children = self._children.values()
         return {one.program.record: one.left for one in children if one.left and one.program.record}
 
     @property
     def ending(self) -> bool:
-        """Output of processes that have ended is on its way."""
+        """Whether output of exited processes is still to be received."""
         return not self.lost and any(one.ending and one.exit_code is None for one in self._children.values())
 
     def begin(self, files: Iterable[tuple[Path, str]]) -> None:
-        """Send these files, by their names there, then start the host's router."""
+        """Send these files, with their names there, then start the host's router."""
         self._first = read_files(files)
 
     def start(self, program: Program) -> ChildProcess:
-        """Have a robot's process started; on a host that is gone it has ended at once."""
+        """Request the start of a robot's process; on a lost host it has exited at once."""
         assert program.setup is not None
         write_setup(program)
         number = len(self._children)
@@ -147,9 +147,9 @@ class HostLink:
         return child
 
     def turn(self) -> None:
-        """Take the answer of the last call, if it has come; make the next call if it is time.
+        """Process the answer of the last call, if received; make the next call if due.
 
-        Raises LaunchError where files cannot be written here.
+        Raises LaunchError if files cannot be written here.
         """
         if self.is_over:
             return
@@ -170,11 +170,11 @@ class HostLink:
 
     @property
     def is_over(self) -> bool:
-        """Nothing more comes from it."""
+        """Whether the host is lost or closed."""
         return bool(self.lost) or self._closed
 
     def table(self) -> Iterator[tuple[int, ProcessState]]:
-        """Return its processes by ids that no process here has; out of sight while it is silent."""
+        """Yield its processes with ids unique on this computer; OUT_OF_SIGHT without recent reports."""
         hidden = self.silent_s > HIDDEN_S or bool(self.lost)
         numbers = self._listed.numbers
         known = {*numbers.values()}
@@ -191,7 +191,7 @@ class HostLink:
             yield self._pid(one.pid), ProcessState(parent, self._pid(one.session), state, one.cpu_s)
 
     def lose(self, why: str) -> None:
-        """Treat the host as lost, and its processes as ended."""
+        """Treat the host as lost and its processes as exited."""
         self.lost = self.lost or why
         self._end_all()
 
@@ -204,7 +204,7 @@ class HostLink:
         return self._place * _PIDS + pid
 
     def _why(self, error: Exception) -> str:
-        """Return why a call failed. The library raises OSError or RuntimeError for a lost worker."""
+        """Describe why a call failed. The library raises OSError or RuntimeError for a lost worker."""
         if self._made.status == "cancelled":
             return "the connection to the scheduler broke"
         if self._agent is not None and isinstance(error, OSError | RuntimeError):
@@ -246,7 +246,7 @@ class HostLink:
             self._closed = self.done
             return
         if not isinstance(answer, bytes) or len(answer) > _LONGEST:
-            raise AcrcError("it has sent something that is not a report")
+            raise AcrcError("it has sent an answer that is not a report")
         report = msgspec.msgpack.decode(answer, type=HostReport)
         self._heard_s = time.monotonic()
         events = report.events
@@ -289,7 +289,7 @@ class HostLink:
 
 
 class LoadMeter:
-    """Sums up what a host's processes did between two reports, and how long reports took."""
+    """Load of a host and response time of its agent, from reports."""
 
     def __init__(self) -> None:
         self._asked_s = self._seen_s = math.nan
@@ -302,7 +302,7 @@ class LoadMeter:
         self._asked_s = time.monotonic()
 
     def answered(self, processes: Sequence[ProcessStatus]) -> None:
-        """Take in the processes of a report that has come now."""
+        """Add the processes of a report received now."""
         now = time.monotonic()
         if not math.isnan(self._asked_s):
             self._answers += 1
@@ -318,7 +318,7 @@ class LoadMeter:
 
     @property
     def load(self) -> HostLoad:
-        """The load so far."""
+        """Load so far."""
         watched_s, answers = self._watched_s or math.inf, self._answers or 1
         return HostLoad(
             worked=round(self._worked_s / watched_s, 3),

@@ -1,4 +1,4 @@
-"""Hosts of one run: their actors and certificates, the launcher that starts robots there, their release."""
+"""Hosts of one run: agents, certificates, launcher and release."""
 
 import math
 import secrets
@@ -30,35 +30,35 @@ from deploy.hosts.host_link import HostLink
 
 _FIRST_TOLD_S: Final = 5.0
 _UNLINKED_S: Final = 2.0
-"""A link is broken if the mesh still is there so long afterwards: else it has ended as planned."""
+"""A lost connection is an error if the mesh still exists after this time, s; else the run has ended."""
 _TURN_S: Final = 0.02
 _HERE: Final = 1 << 32
-"""Process ids below are of this computer."""
+"""Smaller process ids belong to this computer."""
 
 
 class HostedLauncher:
-    """Launches robots on their hosts, and all other actors here."""
+    """Launcher of robots on their hosts and of all other actors here."""
 
     def __init__(
         self, here: Launcher, links: Sequence[HostLink], silence_s: float, say: Callable[[str], None]
     ) -> None:
-        """`silence_s`: timeout after which a host that does not answer is lost."""
+        """`silence_s`: timeout of a host's answers."""
         self._here = here
         self._links = links
         self._silence_s = silence_s
         self._say = say
         self._of = {robot: link for link in links for robot in link.robots}
         self._world: ChildProcess | None = None
-        """The mesh ends with it."""
+        """The world's process, which is the mesh's router."""
         self._told_s = dict.fromkeys((link.name for link in links), _FIRST_TOLD_S)
 
     @property
     def arriving(self) -> bool:
-        """Output of ended processes is on its way here."""
+        """Whether output of exited processes is still to be received."""
         return any(link.ending for link in self._links)
 
     def start(self, program: Program) -> ChildProcess:
-        """Start one program where it belongs."""
+        """Start one program on its host or here."""
         link = self._of.get(program.actor)
         child = self._here.start(program) if link is None else link.start(program)
         if program.actor == "world":
@@ -69,7 +69,7 @@ class HostedLauncher:
         """Do nothing: hosts share data among their own robots."""
 
     def wait(self, timeout_s: float) -> None:
-        """Return when something may have happened, at the latest after `timeout_s`. Raises LaunchError."""
+        """Wait for events, at most `timeout_s`. Raises LaunchError."""
         select.select([self._here.fileno()], [], [], min(timeout_s, _TURN_S))
         self._here.wait(0.0)
         for link in self._links:
@@ -77,7 +77,7 @@ class HostedLauncher:
             self._tell(link)
 
     def fault(self) -> str | None:
-        """Return a sentence on the first host that ends the run; None if there is none."""
+        """Describe the first failure of a host; None if there is none."""
         for link in self._links:
             if link.fault:
                 return f"host {link.name}: {link.fault}"
@@ -92,34 +92,32 @@ class HostedLauncher:
         return self._world is not None and self._world.exit_code is None
 
     def table(self) -> Mapping[int, ProcessState]:
-        """Return all processes here, and the run's on its hosts."""
+        """Return all processes here and the run's processes on hosts."""
         found = process_table.processes()
         for link in self._links:
             found.update(link.table())
         return found
 
     def queued_s(self, pid: int) -> float | None:
-        """Return how long a process has waited for a processor, s; None where that is unknown."""
+        """Return the time that a process has waited for a processor, s; None if unknown."""
         if pid < _HERE:
             return process_table.queued_s(pid)
         return next((link.queued[pid] for link in self._links if pid in link.queued), None)
 
     def _tell(self, link: HostLink) -> None:
-        """Report how long a host has not answered; after the timeout it is lost."""
+        """Report a host that does not answer; after the timeout it is lost."""
         if link.is_over:
             return
         silent_s = link.silent_s
         if silent_s < _FIRST_TOLD_S:
             if self._told_s[link.name] > _FIRST_TOLD_S:
-                self._say(f"host {link.name} is heard again")
+                self._say(f"host {link.name} answers again")
             self._told_s[link.name] = _FIRST_TOLD_S
         elif silent_s >= self._silence_s:
-            link.lose(f"nothing has been heard of it for {silent_s:.0f} s")
+            link.lose(f"no answer for {silent_s:.0f} s")
         elif silent_s >= self._told_s[link.name]:
             self._told_s[link.name] *= 2
-            self._say(
-                f"nothing has been heard of host {link.name} for {silent_s:.0f} s; the run waits for it"
-            )
+            self._say(f"no answer from host {link.name} for {silent_s:.0f} s; the run waits for it")
 
 
 def _names(robots: tuple[str, ...]) -> str:
@@ -128,47 +126,47 @@ def _names(robots: tuple[str, ...]) -> str:
 
 _MB: Final = 1_000_000
 _CLOCK_S: Final = 1.0
-"""Clocks that differ by more are reported."""
+"""Clock offset above which a host is reported, s."""
 _SILENCE_FACTOR: Final = 4.0
 """Timeout of a host, as a multiple of the timeout of a robot."""
 _COMING_S: Final = 60.0
-"""How long a host may take to begin, and then to join: own choice, more than a slow computer needs."""
+"""Timeout for a host to begin, and again to join, s: own choice, ample for a slow computer."""
 _FAREWELL_S: Final = 10.0
 _ENDING_S: Final = 30.0
-"""How long a host may take at the end without sending anything new."""
+"""Timeout of a host's progress at the end, s."""
 
 
 @dataclass(frozen=True)
 class HostSettings:
-    """Settings of all hosts of a run."""
+    """Common settings of a run's hosts."""
 
     out: Path
-    """The run's folder here."""
+    """Output folder of the run."""
     spawn: str
     limits: ProcessLimits
     timeout_s: float
     share: Callable[[tuple[str, ...]], tuple[tuple[str, ...], ...]]
-    """Return the data that these robots share, as arguments of `share` of their program."""
+    """Returns the arguments of `share` of the robot program for these robots."""
     leave: bool
-    """Recordings stay on the hosts."""
+    """Keep recordings on the hosts."""
     code: tuple[tuple[tuple[str, Path], ...], ...] = ()
-    """For each folder with code its files, and their names there."""
+    """Files of each code folder, with their names on the host."""
 
     @property
     def silence_s(self) -> float:
-        """Timeout of a host, and of its calls."""
+        """Timeout of a host's answers, and of calls to it, s."""
         return min(_SILENCE_FACTOR * self.timeout_s, 86_400.0)
 
 
 class RunHosts:
-    """The hosts that have robots of a run."""
+    """Hosts with robots of a run."""
 
     def __init__(
         self, pool: HostPool, robots: Mapping[str, tuple[str, ...]], keys: Path, settings: HostSettings
     ) -> None:
-        """Draw certificates and make the hosts' actors. Raises AcrcError.
+        """Create certificates and the hosts' agents. Raises AcrcError.
 
-        `robots`: by the names of their hosts. `keys`: new folder for this computer's keys.
+        `robots`: by host name. `keys`: new folder for this computer's keys.
         """
         address, port = pool.listen
         own, drawn = certificates.draw(list(robots), address)
@@ -176,7 +174,7 @@ class RunHosts:
         here = bound(address)
         port = free_port(here, port)
         self.gate = HostGateway(f"tls/{bracketed(here)}:{port}", keys, robots)
-        """Where the world's router listens for them."""
+        """Endpoint of the world's router for hosts."""
         self._place = f"{bracketed(address)}:{port}"
         self._pool, self._settings = pool, settings
         self._run = secrets.token_hex(8)
@@ -187,13 +185,13 @@ class RunHosts:
         )
 
     def launcher(self, here: Launcher, say: Callable[[str], None]) -> HostedLauncher:
-        """Return a launcher that starts their robots there, and all else by `here`."""
+        """Return a launcher of robots on the hosts and of other actors with `here`."""
         return HostedLauncher(here, self._links, self._settings.silence_s, say)
 
     def join(self, look: Callable[[], None], wait: Callable[[float], None]) -> None:
-        """Connect all hosts to the mesh, whose router must be there. Raises AcrcError.
+        """Connect all hosts to the mesh, whose router must be running. Raises AcrcError.
 
-        `look` may raise for other failures meanwhile; `wait` passes so many seconds.
+        `look`: raises other failures meanwhile. `wait`: waits for a number of seconds.
         """
         for link in self._links:
             link.begin(self._files(link.robots))
@@ -202,8 +200,8 @@ class RunHosts:
             look()
             if late := next((link for link in missing if link.idle_s > _COMING_S), None):
                 raise AcrcError(
-                    f"host {late.name} does not reach {self._place}, where the run's router listens; must be "
-                    f"let through, or be another: --listen HOST:PORT ({PAGE})"
+                    f"host {late.name} cannot reach {self._place}, where the run's router listens; open "
+                    f"the port, or choose another address: --listen HOST:PORT ({PAGE})"
                     if late.begun
                     else f"host {late.name} has not started within {_COMING_S:g} s; its worker is busy"
                 )
@@ -211,7 +209,7 @@ class RunHosts:
 
     @property
     def sentence(self) -> str:
-        """Robots and cores by host, the address they connect to, and clocks that differ."""
+        """Robots and cores of each host, address of the router, and clock offsets, as text."""
         parts = []
         for link in self._links:
             cores = self._pool.offers[link.name].cores
@@ -225,21 +223,21 @@ class RunHosts:
 
     @property
     def loads(self) -> str:
-        """How much each host had to do; empty after a run that was too short to tell."""
+        """Load of each host, as text; empty after a very short run."""
         parts = []
         for link in self._links:
             if not link.meter.load.worked:
                 return ""
             load, cores = link.meter.load, self._pool.offers[link.name].cores
             parts.append(
-                f"{link.name} worked with {load.worked:.1f} of {cores} {'core' if cores == 1 else 'cores'}, "
-                f"{load.waited:.1f} processes waited for one, answers took {load.answer_s * 1000:.0f} ms "
+                f"{link.name} used {load.worked:.1f} of {cores} {'core' if cores == 1 else 'cores'}, "
+                f"{load.waited:.1f} processes waited for a core, answers took {load.answer_s * 1000:.0f} ms "
                 f"(at most {load.slowest_s * 1000:.0f})"
             )
         return f"hosts, on average: {'; '.join(parts)}"
 
     def write(self) -> None:
-        """Write down who is where, how it went there, and what stays there."""
+        """Write the file about hosts, their loads and recordings left there."""
         out = self._settings.out
         pool = self._pool
         hosts = {
@@ -261,7 +259,7 @@ class RunHosts:
 
     @property
     def kept(self) -> str:
-        """One sentence on what has stayed on hosts, and how it comes here; empty if nothing has."""
+        """Files left on hosts and how to fetch them, as text; empty if there are none."""
         out = self._settings.out
         if left := seal.remote_recordings(out):
             return seal.fetch_sentence(out, left)
@@ -269,12 +267,12 @@ class RunHosts:
         if not lost:
             return ""
         return (
-            f"what has stayed on {', '.join(lost)} comes by `{command_line('cluster', 'fetch', out)}`, once "
-            "the cluster has a worker there again"
+            f"files remain on {', '.join(lost)}; once the cluster has a worker there again: "
+            f"`{command_line('cluster', 'fetch', out)}`"
         )
 
     def dismiss(self, wait: Callable[[float], None]) -> None:
-        """Receive what they still have, and end their parts."""
+        """Receive remaining output and end the hosts' tasks."""
         for link in self._links:
             link.finish = True
         begin_s = time.monotonic()
@@ -282,7 +280,7 @@ class RunHosts:
             wait(0.02)
 
     def close(self) -> None:
-        """Release the actors: a host that has not been dismissed ends its robots."""
+        """Release the agents; hosts that were not dismissed end their robots."""
         for future in self._futures:
             with suppress(Exception):  # any error of the library about a lost cluster
                 future.cancel()
@@ -307,12 +305,12 @@ class RunHosts:
             settings.out.resolve(),
             frozenset(robots).__contains__,
             most,
-            "what its robots may write (disk_mb)",
+            "the limit of its robots (disk_mb)",
         )
         return HostLink(name, place, robots, files, made)
 
     def _files(self, robots: tuple[str, ...]) -> Iterator[tuple[Path, str]]:
-        """Return the files of these robots, and their names on the host."""
+        """Yield the files of these robots, with their names on the host."""
         out = self._settings.out
         for robot in robots:
             yield from files_below(out / robot, out, f"{RUN}/")
@@ -321,7 +319,7 @@ class RunHosts:
                 yield path, f"{CODE}/{number}/{name}"
 
     def _is_awaited(self, link: HostLink, waited_s: float) -> bool:
-        """Return True while a host may still send something."""
+        """Return whether a host may still send output."""
         late = link.silent_s > _FAREWELL_S or min(waited_s, link.idle_s) > _ENDING_S
         return link.made and not (link.is_over or late)
 

@@ -1,4 +1,4 @@
-"""Branches of a run: it starts again in memory, with a change from an instant on; where both runs part."""
+"""Branches: a run repeated in memory with a change from an instant on, and their first difference."""
 
 import time
 from collections.abc import Sequence
@@ -44,49 +44,46 @@ from deploy.scenario.tables import Scenario
 
 @dataclass(frozen=True)
 class BranchedControl:
-    """The control of a branch with other settings: the same strategy, restarted there with its own values."""
+    """Control of a branch with changed settings: the same strategy, restarted with its old settings."""
 
     digest: str
     divergence: Divergence | None
-    """Where the branch parts from it; None: the values make no difference."""
+    """First difference of the branch from it; None: the new settings have no effect."""
 
 
 @dataclass(frozen=True)
 class Branched:
-    """A branch that was carried out."""
+    """Result of a branch."""
 
     result: RunResult
     divergence: Divergence | None
-    """None: it is the run that it leaves."""
+    """First difference from the original run; None: identical."""
     again_s: float
-    """Wall clock that the part up to the branch took, s."""
+    """Wall time up to the branch, s."""
     undone: tuple[str, ...] = ()
-    """A sentence for each event that the world refused, or that came behind the end."""
+    """Sentences about events that the world refused, or after the end."""
     control: BranchedControl | None = None
-    """None: no setting was changed, or another strategy took over."""
+    """None: no setting was changed, or the strategy was replaced."""
 
 
 def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit) -> Branched:
-    """Continue the run in the folder `origin`, simulated or a branch itself, into `options.out`.
+    """Repeat the simulated run (or branch) in `origin` with a change, into `options.out`.
 
-    Up to the change everything is as it was, and all orders that the run was given later are given again.
-    Raises AcrcError for an instant that the run has not come to, and where the part before it does not come
-    out the same, and for code that the permit does not cover.
+    Before the change everything is equal; later orders of the run are repeated. Raises AcrcError for an
+    instant after the run's end, if the part before it differs, and for code that the permit does not cover.
     """
     if not (origin / SCENARIO).is_file():
         raise AcrcError(f"{origin}: contains no {SCENARIO}; give the folder of a simulated run")
     told, files = check(origin, strict=False), all_recordings(origin)
     if "world" not in files or "radio" not in files:
-        raise AcrcError(f"{origin}: lacks the recording of the world or of the radio")
+        raise AcrcError(f"{origin}: no recording of the world or the radio")
     scenario = load_scenario(origin / SCENARIO)
     step_us = milliseconds(scenario.run.step_ms)
     first = boundary(change.at_s, step_us)
     done = _outcome(origin)
     last = boundary(done.simulated_s, step_us) if told.complete and done else (told.good_until or 0)
     if first >= last:
-        raise AcrcError(
-            f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
-        )
+        raise AcrcError(f"{origin}: the run ends at {in_seconds(last * step_us):g} s; branch before that")
     chosen = change.strategy is not None or bool(change.settings)
     branched = changed(scenario, change) if chosen else scenario
     modules = permitted_folders(
@@ -110,8 +107,8 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
     if parted is not None and parted.step < first:
         raise AcrcError(
-            f"{origin}: does not come out the same up to {change.at_s:g} s, so there is nothing to continue: "
-            f"{parted.words}; `{command_line('replay', origin, modules=permit.modules)}` says more"
+            f"{origin}: the repeated run differs before {change.at_s:g} s: {parted.words}; for details: "
+            f"`{command_line('replay', origin, modules=permit.modules)}`"
         )
     control: BranchedControl | None = None
     if anew is not None:
@@ -141,7 +138,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
 
 
 class _RunOutcome(msgspec.Struct):
-    """The part of a run's result that is needed here; a run that goes on, or has died, has none."""
+    """The required part of a run's result, which an unfinished run does not have."""
 
     simulated_s: float
     refused_orders: tuple[str, ...]
@@ -153,11 +150,11 @@ def _outcome(origin: Path) -> _RunOutcome | None:
 
 
 def _undone(change: Change, step_us: int, result: RunResult, done: _RunOutcome | None) -> tuple[str, ...]:
-    """Return what the world refused at the events' boundaries, unlike in the run, and what came too late."""
+    """Describe events that the world refused, unlike in the run, or that came after the end."""
     instants = [in_seconds(boundary(event.at_s, step_us) * step_us) for event in change.events]
     refused = [one for one in result.refused_orders if done is None or one not in done.refused_orders]
     said = [one for one in refused if any(one.startswith(f"at {instant:g} s: ") for instant in instants)]
-    over = f"the branch was over at {result.simulated_s:g} s"
+    over = f"the branch ended at {result.simulated_s:g} s"
     return (*said, *(f"at {at:g} s: {over}" for at in instants if at >= result.simulated_s))
 
 
@@ -171,7 +168,7 @@ def continue_run(
     permit: Permit,
     json: bool,
 ) -> None:
-    """Carry the branch out and say what came of it."""
+    """Carry out a branch and print its result."""
     origin, at_s = place_of(place)
     try:
         changed = strategy_settings(parse_settings(settings), origin / SCENARIO)
@@ -188,34 +185,34 @@ def continue_run(
         branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     summary.print_result(branched.result, json=json)
     console = create_console(stderr=True)
-    changes = "; ".join(change.words) or "nothing changed"
+    changes = "; ".join(change.words) or "no change"
     console.print(
-        f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s"
+        f"branch of {origin} at {at_s:g} s: {changes}; replayed up to there in {branched.again_s:.1f} s"
     )
     parted = branched.divergence
     if parted is None:
-        console.print(f"identical: the digest of {origin}")
+        console.print(f"identical to {origin}: same digest")
     else:
         _print_parted(console, parted)
     _print_control(console, branched, at_s)
     if branched.undone:
         undone = "; ".join(branched.undone)
-        raise AcrcError(f"{branched.result.out}: a branch without what was asked: {undone}")
+        raise AcrcError(f"{branched.result.out}: not all events took effect: {undone}")
 
 
 def _print_control(console: Console, branched: Branched, at_s: float) -> None:
-    """Print whether the new values make a difference to the same strategy restarted."""
+    """Print the difference between the branch and its control."""
     control = branched.control
     if control is None:
         return
-    beside = f"beside the control, the same strategy made anew at {at_s:g} s with the values it had: "
+    compared = f"compared with the control (same strategy, restarted at {at_s:g} s with its old settings): "
     if control.divergence is None:
-        console.print(f"{beside}identical, so the new values make no difference")
+        console.print(f"{compared}identical, so the new settings have no effect")
     else:
-        console.print(f"{beside}first difference: {control.divergence.words}")
+        console.print(f"{compared}first difference: {control.divergence.words}")
 
 
 def _print_parted(console: Console, parted: Divergence) -> None:
     console.print(f"first difference: {parted.words}")
     robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(parted.robots.items()))
-    console.print(f"does or meets otherwise: {robots or 'nobody'}")
+    console.print(f"robots that differ: {robots or 'none'}")

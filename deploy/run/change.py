@@ -1,8 +1,7 @@
-"""Change at which a branch leaves its run: strategy, settings and events from the command line.
+"""Change of a branch: strategy, settings and events from the command line.
 
-Another value of a setting means a behaviour that is restarted, without the state of the one before. So a
-branch with a changed value is also compared with its control: the same strategy restarted at the same
-instant, with the values that it had.
+A changed setting restarts the behaviour, which loses its state. So such a branch is also compared with its
+control: the same strategy restarted at the same instant with its old settings.
 """
 
 from collections import deque
@@ -36,29 +35,29 @@ _STRATEGY: Final = "strategy."
 
 @dataclass(frozen=True)
 class BranchEvent:
-    """An order that the run was not given."""
+    """An additional order of a branch."""
 
     order: Order
     at_s: float
     words: str
-    """As it was typed, without the instant."""
+    """The order as typed, without its instant."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """Where a branch leaves its run, and how."""
+    """Instant and content of a branch's change."""
 
     at_s: float
     strategy: str | None = None
-    """Decides from there on; None: whichever did."""
+    """Strategy from there on; None: unchanged."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
-    """Settings of the strategy from there on that differ from the run's, or of another strategy."""
+    """Changed settings of the strategy from there on, or settings of the new strategy."""
     events: tuple[BranchEvent, ...] = ()
-    """In the order in which they were given."""
+    """Additional orders, in order of the command line."""
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Return the changes in words."""
+        """Changes, as text."""
         from_then = f"from {self.at_s:g} s on"
         changed = () if self.strategy is None else (f"strategy {self.strategy} {from_then}",)
         settings = tuple(f"strategy.{name}={value} {from_then}" for name, value in self.settings.items())
@@ -67,38 +66,40 @@ class Change:
 
 
 def place(text: str) -> tuple[Path, float]:
-    """The folder and the instant, s, that a text such as `runs/seen@120` means. Raises OptionError."""
+    """Parse a folder and an instant, s, such as `runs/seen@120`. Raises OptionError."""
     folder, _, instant = text.rpartition("@")
     at_s = handover.instant_of(instant)
     if not folder or at_s is None:
-        raise wrong_value("branch", text, "a run's folder and an instant above 0 in s, such as runs/seen@120")
+        raise wrong_value("branch", text, "a run's folder and a time above 0 s, such as runs/seen@120")
     return Path(folder), at_s
 
 
 def event(text: str, branch_s: float) -> BranchEvent:
-    """The event that a text such as `kill r2 at 130` means; without instant, at that of the branch.
+    """Parse an event such as `kill r2 at 130`; default instant: that of the branch.
 
-    Raises OptionError for words that are no order, and for an instant before the branch.
+    Raises OptionError for an invalid order or an instant before the branch.
     """
     words, at_s = text.split(), branch_s
     if "at" in words[-2:-1]:
         given = handover.instant_of(words[-1])
         if given is None or given < branch_s:
-            raise wrong_value("--event", text, f"an order, and at its end an instant from {branch_s:g} s on")
+            raise wrong_value("--event", text, f"an order ending with a time of at least {branch_s:g} s")
         words, at_s = words[:-2], given
     if not words:
-        raise wrong_value("--event", text, "an order as of `acrc order`, such as kill r2 at 130")
+        raise wrong_value("--event", text, "an order of `acrc order`, such as kill r2 at 130")
     try:
         order = orders.parse(words[0], words[1:])
     except OptionError as error:
         raise OptionError(f"--event: {error}") from None
     if isinstance(order, Pause | Resume | Step | Speed | Stop):
-        raise wrong_value("--event", text, "an order that changes what happens; pause, speed and stop do not")
+        raise wrong_value(
+            "--event", text, "an order that changes the run, not pause, resume, step, speed or stop"
+        )
     return BranchEvent(order, at_s, " ".join(words))
 
 
 class TimedControl(NamedTuple):
-    """The bytes of a Control, and the boundary at which it is taken."""
+    """An encoded Control and the step at whose start it is applied."""
 
     step: int
     payload: bytes
@@ -107,9 +108,9 @@ class TimedControl(NamedTuple):
 def with_events(
     recorded: Iterable[TimedControl], events: Sequence[BranchEvent], step_us: int
 ) -> list[TimedControl]:
-    """All orders in the order of their boundaries; an event comes before what the run was given there.
+    """Merge recorded orders and events, sorted by step; events come first within a step.
 
-    The world takes one message at a boundary, so there it becomes part of the first one.
+    The world accepts one message per step, so an event is merged into the first one.
     """
     own: dict[int, tuple[Order, ...]] = {}
     for event in events:
@@ -128,7 +129,7 @@ def with_events(
 
 
 def boundary(at_s: float, step_us: int) -> int:
-    """The first step that does not begin before the instant."""
+    """Return the first step that begins at or after the instant."""
     return -(-seconds(at_s) // step_us)
 
 
@@ -137,10 +138,10 @@ def _encoded(given: tuple[Order, ...], ticket: str = "") -> bytes:
 
 
 def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[str, Setting]:
-    """The strategy's settings that a command line sets, by name.
+    """Return the strategy's settings from the command line, by name.
 
-    Every other key must have the value that the run had, as its scenario in `file` says.
-    Raises OptionError, and AcrcError for what no scenario can hold.
+    Other keys must have the run's values, as in its scenario `file`. Raises OptionError, and AcrcError for an
+    invalid key or value.
     """
     found: dict[str, Setting] = {}
     for key, value in given:
@@ -150,26 +151,26 @@ def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[s
             raise wrong_value(
                 "--set",
                 key,
-                "strategy.NAME with --from, or the value that the run had; with another one it is no branch",
+                "strategy.NAME with --from, or the run's own value",
             )
     return found
 
 
 def _told(scenario: Scenario) -> tuple[object, ...]:
-    """All that the actors of a run are told of it."""
-    settled = resolve(scenario)
-    return settled.world, settled.radio, settled.behaviour, settled.adaptation, settled.stack
+    """Return the set-ups of all actors."""
+    resolved = resolve(scenario)
+    return resolved.world, resolved.radio, resolved.behaviour, resolved.adaptation, resolved.stack
 
 
 def changed(scenario: Scenario, change: Change) -> Scenario:
-    """The scenario beside the branch: with the other strategy, or other settings, from the instant on."""
+    """Return the scenario of the branch, with its strategy or settings from the instant on."""
     present = _present(scenario, change)
     settings = change.settings if change.strategy else {**present.settings, **change.settings}
     return _from(scenario, BehaviourChange(change.at_s, change.strategy or present.name, settings))
 
 
 def control_of(scenario: Scenario, change: Change) -> Scenario | None:
-    """Return the scenario with its strategy restarted there, as it was; None for another strategy."""
+    """Return the control's scenario: strategy restarted with old settings; None for another strategy."""
     present = _present(scenario, change)
     if change.strategy is not None and entry(change.strategy) != entry(present.name):
         return None
@@ -177,7 +178,7 @@ def control_of(scenario: Scenario, change: Change) -> Scenario | None:
 
 
 def _present(scenario: Scenario, change: Change) -> BehaviourChange:
-    """Return the active strategy where the branch leaves the run."""
+    """Return the active strategy at the branch."""
     first, turns = handover.split(scenario.run.strategy)
     return [
         BehaviourChange(0.0, first, scenario.strategy),
@@ -192,7 +193,7 @@ def _from(scenario: Scenario, turn: BehaviourChange) -> Scenario:
 
 
 class OrderBus(MemoryBus):
-    """Gives the world these orders, each in time for its boundary; they must be in order."""
+    """A bus that publishes recorded orders, sorted by step, before their steps."""
 
     def __init__(self, orders: Iterable[TimedControl]) -> None:
         super().__init__()
@@ -202,7 +203,7 @@ class OrderBus(MemoryBus):
         self.listen(at(TRUTH), self._after)
 
     def _after(self, delivery: Delivery) -> None:
-        """The world has closed a step, and will open the next."""
+        """Publish the next step's orders once the world has finished a step."""
         truth = decode(delivery.topic, delivery.key, delivery.payload)
         assert isinstance(truth, Truth)
         self._give(truth.step + 1)
@@ -214,7 +215,7 @@ class OrderBus(MemoryBus):
 
 
 def recorded_orders(world: Path) -> Iterator[TimedControl]:
-    """Every order from outside in the world's recording: its boundary comes after what was aired last."""
+    """Yield the external orders in the world's recording; an order's step follows the last `Aired`."""
     boundary = 0
     for item in read_recording(world):
         if isinstance(item, Note) or item.direction != "in":

@@ -1,4 +1,4 @@
-"""A run in one process: the same cores, shells, bytes and recordings, without processes and mesh."""
+"""A run in one process: same cores, messages and recordings as with processes over the mesh."""
 
 import contextlib
 import gc
@@ -49,7 +49,7 @@ _TICK_S: Final = 0.25
 
 
 def _say(sentence: str) -> None:
-    """Past Python's own streams, which may be the strategy's at this moment."""
+    """Print past Python's streams, which a strategy may have redirected."""
     with contextlib.suppress(OSError):
         os.write(2, f"acrc: {sentence}\n".encode())
 
@@ -61,11 +61,10 @@ def watched(
     turn: Callable[[], BoardState],
     give_up: Callable[[str], None],
 ) -> Iterator[None]:
-    """Raise TimedOut in the main thread if none of the `shells` advances for too long.
+    """Raise TimedOut in the main thread if none of the `shells` advances in time.
 
-    `stalls`: of this very process; `turn` says whose turn it is. `give_up` is called when it was
-    raised in vain, and must not return. In other threads than the main one, where no signal arrives, nobody
-    is watched.
+    `turn`: returns the current actor. `give_up` is called if TimedOut was caught repeatedly, and must not
+    return. Other threads are not watched, because they receive no signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -96,11 +95,11 @@ def watched(
 
 @contextmanager
 def exits_caught() -> Iterator[None]:
-    """`os._exit` raises HardExit instead of ending this process without a word."""
+    """Make `os._exit` raise HardExit instead of ending this process."""
     leave, me = os._exit, os.getpid()
 
     def refuse(status: int) -> NoReturn:
-        if os.getpid() != me:  # a child of a strategy's own
+        if os.getpid() != me:  # a child process of the strategy
             leave(status)
         raise HardExit(status)
 
@@ -113,7 +112,7 @@ def exits_caught() -> Iterator[None]:
 
 @contextmanager
 def leftovers_ended() -> Iterator[None]:
-    """End what strategies in this process have started and not ended; AcrcError if there is something."""
+    """End leftover threads and processes of strategies; raise AcrcError if there are any."""
     threads, children = threading.enumerate(), process_table.children(os.getpid(), process_table.processes())
     _adopt_orphans(True)
     try:
@@ -128,13 +127,13 @@ def leftovers_ended() -> Iterator[None]:
 
 def _adopt_orphans(adopt: bool) -> None:
     if sys.platform == "linux":
-        # An emulator of processes has no such thing: there, children alone are found.
+        # Process emulators lack it: there, only direct children are found.
         with contextlib.suppress(OSError):
             prctl(PR_SET_CHILD_SUBREAPER, int(adopt))
 
 
 class MemorySwarm:
-    """All actors of one run; `programs` says what each would have been as a process."""
+    """All actors of one run in one process."""
 
     def __init__(self, plan: RunPlan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
         self._plan = plan
@@ -146,10 +145,10 @@ class MemorySwarm:
         self._core: WorldCore | None = None
         self._turn: Shell | None = None
         self._shared: list[object] = []
-        """Data shared by the robots, kept for those that start later."""
+        """Data shared by the robots, kept for robots that start later."""
         self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
         self._show: WriteBoard | None = None
-        """Shows others whose turn it is."""
+        """Publishes the current actor for the watchdog."""
         self._stalls = StallDetector(
             plan.timeout, _say, table=lambda: {os.getpid(): ProcessState(0, 0, "S", time.process_time())}
         )
@@ -163,11 +162,11 @@ class MemorySwarm:
 
     @property
     def programs(self) -> tuple[Program, ...]:
-        """Programs that the actors would have been as processes."""
+        """The program that each actor would have as a process."""
         return tuple(program for program, _, _, _ in self._actors)
 
     def run(self) -> None:
-        """Run to the end; whatever happens, the recordings are closed and say how it ended."""
+        """Run to the end; always close the recordings, with a note of how it ended."""
         with self._stack:
             if self._plan.own_code:
                 self._show = self._stack.enter_context(run_watchdog(self._plan.timeout.step_s))
@@ -179,17 +178,17 @@ class MemorySwarm:
                 except (SystemExit, StepTimeout) as error:
                     raise AcrcError(self._note_failure(error)) from None
                 except Exception as error:
-                    failure.release_reserve()  # here already: not even a call may be possible
+                    failure.release_reserve()  # first of all: not even a call may be possible
                     sentence = self._note_failure(error)
                     if isinstance(error, AcrcError) or not (frames := own_frames(error)):
                         raise
                     raise AcrcError(f"{sentence}\n{frames}".rstrip()) from error
-            cpu_s = time.process_time() / len(self._actors)  # one process: everyone gets an equal share
+            cpu_s = time.process_time() / len(self._actors)  # one process: equal shares
             for _, part, shell, recorder in self._actors:
                 recorder.note("final", final_note(shell, part, cpu_s))
 
     def _play(self) -> None:
-        fingerprints(kernel_modules())  # before any timeout runs: the very first time takes a minute
+        fingerprints(kernel_modules())  # before any timeout starts: the first call ever takes a minute
         with (
             self._breakpoints(),
             exits_caught(),
@@ -199,11 +198,11 @@ class MemorySwarm:
             self._build()
             with _settled():
                 run_shells(self._shells, self._hold)
-            failure.release_reserve()  # to end well takes as much, and a user's code may have left nothing
+            failure.release_reserve()  # reserve for an orderly end: user code may have left no memory
 
     @contextmanager
     def _breakpoints(self) -> Iterator[None]:
-        """Those of one robot alone stop, if one is debugged."""
+        """Enable breakpoints of the debugged robot only."""
         debug = self._plan.debug
         if debug is None:
             yield
@@ -235,7 +234,7 @@ class MemorySwarm:
             self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
 
     def _add_robot(self, program: Program, first_step: int) -> None:
-        """Start a robot; its prints go where a process of its own would write them, unless it is debugged."""
+        """Start a robot; its output goes to its log as with a process, unless it is debugged."""
         assert program.setup is not None
         folder = self._plan.folder(program.actor)
         if self._plan.debug is not None and program.actor == self._plan.debug.robot:
@@ -263,7 +262,7 @@ class MemorySwarm:
             shell.send(part.ready)
 
     def _note_failure(self, error: BaseException) -> str:
-        """In the file of the actor whose turn it was; the others end in the middle, as processes would."""
+        """Record the failure for the current actor; other recordings are truncated, as with processes."""
         note = failure_note("the run", 0, error)
         for _, part, shell, recorder in self._actors:
             if shell is self._turn:
@@ -276,7 +275,7 @@ class MemorySwarm:
         return BoardState(0, "") if turn is None else BoardState(turn.core.step, turn.actor)
 
     def _give_up(self, sentence: str) -> NoReturn:
-        """End this process, although something in it catches whatever is raised."""
+        """Kill this process, in which user code catches every exception."""
         self._note_failure(StepTimeout(sentence))
         self._stack.close()
         sys.stderr.write(f"acrc: {sentence}\n")
@@ -314,9 +313,11 @@ class MemorySwarm:
 
 @contextmanager
 def _settled() -> Iterator[None]:
-    """No collection looks at what is made for the whole run, and few begin at all: a hundred
-    robots make thousands of small objects a step, and hardly ever a cycle. Where a process has frozen
-    all that it began with, collections are cheap, and that stays frozen."""
+    """Exclude long-lived objects from garbage collection, and collect rarely.
+
+    A hundred robots create thousands of small objects per step, but hardly any cycles. If the process has
+    frozen its initial objects, collections are cheap and these stay frozen.
+    """
     before, cheap = gc.get_threshold(), gc.get_freeze_count() > 0
     if not cheap:
         gc.collect()

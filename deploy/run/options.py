@@ -1,4 +1,4 @@
-"""How a scenario is to be run: everything that must not change what comes out."""
+"""Options of a run that do not change its result."""
 
 import math
 import re
@@ -19,7 +19,7 @@ from deploy.run import out_folder
 SLOWEST = 0.01
 """At this speed a step of 100 ms takes 10 s, well under the timeout."""
 _SLOWEST_STEP_S = 0.1
-"""The longest step that a scenario may have."""
+"""Longest step of a scenario, s."""
 Bus = Literal["zenoh", "memory"]
 
 
@@ -31,60 +31,57 @@ class RunOptions:
     """Absolute path of a new or empty folder for everything that the run writes."""
     _: KW_ONLY
     record: RecordDetail = "full"
-    """How much the actors record; `lean`: what results and causes need, without what viewers and exports show
-    of a robot's inside."""
+    """Level of detail of recordings; `lean`: without the introspection that viewers and exports show."""
     speed: str = "max"
     """Simulated seconds per second as a number, or "max"."""
     bus: str = "zenoh"
-    """zenoh: a process per actor; memory: all actors in this process."""
+    """zenoh: one process per actor; memory: all actors in this process."""
     spawn: str = "forkserver"
-    """How processes are started: forked with everything imported, or executed."""
+    """Start method of processes: forkserver (forked with all imports) or exec."""
     isolate: bool | None = None
-    """Shut every robot's process off from everything but its own two branches of the mesh; None: do so where
-    the machine can, with processes to shut off."""
+    """Run every robot's process in a sandbox with access only to its own topics; None: if possible."""
     scenario: str = ""
     """Name of the scenario's file, for the result."""
     hidden: tuple[Path, ...] = ()
-    """Files that robots must not see, even beside the code of their strategy: the scenario's own."""
+    """Files hidden from robots, even beside their strategy's code: the scenario."""
     view: bool = False
-    """Show the run while it goes on."""
+    """Open a live viewer."""
     debug: str | None = None
-    """The robot whose breakpoints stop the run, at this process's terminal."""
+    """Robot to debug: its breakpoints stop the run, at this terminal."""
     control: bool = False
-    """Serve a map page on which orders can be given."""
+    """Serve a map page with controls."""
     hardware: bool = False
-    """Robots as on board, with emulated devices, in wall time."""
+    """Run the robots' hardware processes with emulated devices, in wall time."""
     boards: tuple[str, ...] = ()
-    """With `hardware`: the robots with an emulated board, the others have a simulated transceiver; none
-    named: all have one."""
+    """With `hardware`: robots with an emulated board instead of a simulated transceiver; empty: all."""
     limits: ProcessLimits = field(default=ProcessLimits())
     """Resource limits of each robot's process."""
     timeout_s: float = Timeout.step_s
-    """How long an actor may keep all others from the next step, s; see `actors.processes.monitor`."""
+    """Stall timeout of an actor's step, s; see `actors.processes.monitor`."""
     on: str = ""
-    """Address of the cluster whose computers have the robots; empty: they are here."""
+    """Address of the cluster that hosts the robots; empty: this computer."""
     listen: str = ""
-    """Where those computers connect to, `HOST` or `HOST:PORT`; empty: as this one reaches the cluster."""
+    """Address at which hosts connect, `HOST` or `HOST:PORT`; empty: this computer's in the cluster."""
     leave: bool = False
-    """Recordings stay on those computers."""
+    """Keep recordings on the hosts."""
     json: bool = False
-    """Print the result as JSON on standard output, and nothing else."""
+    """Print only the result, as JSON, on standard output."""
     check: bool = False
-    """Execute every actor again afterwards, and compare."""
+    """Replay every actor afterwards, and compare."""
     log: tuple[str, ...] = ()
-    """Robots of which it is shown what their code prints; `*` for all."""
+    """Robots whose output is shown; `*`: all."""
     followed: tuple[str, ...] = ()
-    """Robots that the view looks into; none named: as many as it does by itself."""
+    """Robots shown in detail in the viewer; empty: its default."""
     modules: tuple[Path, ...] = ()
     """Folders with modules of user strategies, from `code_permit.permitted_folders`."""
     recorded: RecordedModules | None = None
-    """Required modules in these folders, for a run in memory; None: any."""
+    """Required content of these modules, for a run in memory; None: any."""
 
 
 def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
-    """Options as they stand on the command line, where they are right; `limit`: of processes, NAME=N.
+    """Check options; return them with an absolute `out` and the process limits `limit` (NAME=N).
 
-    The folder of its `out` is absolute then. Raises OptionError.
+    Raises OptionError.
     """
     check_choice("--bus", options.bus, get_args(Bus))
     check_choice("--record", options.record, get_args(RecordDetail))
@@ -102,7 +99,7 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
 
 
 def _faults(options: RunOptions) -> Iterator[str]:
-    """Options that do not go together, in a sentence each."""
+    """Yield a sentence per conflict between options."""
     memory, debug = options.bus == "memory", options.debug
     if options.isolate and memory:
         yield "--isolate: requires --bus zenoh; --bus memory has one process for all robots"
@@ -119,7 +116,7 @@ def _faults(options: RunOptions) -> Iterator[str]:
 
 
 def _hosts_faults(options: RunOptions) -> Iterator[str]:
-    """The same of other computers."""
+    """Yield conflicts with options for other computers."""
     memory, debug = options.bus == "memory", options.debug
     if options.on and (memory or options.hardware or debug is not None):
         yield (
@@ -132,13 +129,13 @@ def _hosts_faults(options: RunOptions) -> Iterator[str]:
         yield "--leave: requires --on; without it recordings are on this computer"
     if options.leave and (options.check or options.view):
         yield (
-            "--leave: lets recordings stay where robots are; cannot be combined with --check or --view, "
+            "--leave: keeps recordings on the hosts; cannot be combined with --check or --view, "
             "which read them"
         )
 
 
 def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]:
-    """The same of emulated devices."""
+    """Yield conflicts with options for emulated devices."""
     memory, hardware = options.bus == "memory", options.hardware
     if hardware and (memory or options.view or options.speed not in {"max", "1"}):
         yield (
@@ -156,13 +153,13 @@ def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]
 
 
 def folder_name(scenario: Path) -> str:
-    """Return the name of a run's folder: after the scenario, and the time in UTC."""
+    """Return the name of a run's folder: scenario and UTC time."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 
 
 def limits(words: Sequence[str]) -> ProcessLimits:
-    """Return the limits with these set, each as `name=number`. Raises OptionError."""
+    """Parse limits, each as `name=number`. Raises OptionError."""
     chosen = {}
     for word in words:
         name, _, number = word.partition("=")
@@ -182,5 +179,5 @@ def _speed(text: str) -> str:
     except ValueError:
         value = math.nan
     if not value >= SLOWEST or math.isinf(value):
-        raise wrong_value("--speed", text, '"max" or a number from 0.01 on, such as 1 or 4')
+        raise wrong_value("--speed", text, '"max" or a number of at least 0.01, such as 1 or 4')
     return text

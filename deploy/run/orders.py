@@ -1,4 +1,4 @@
-"""Orders to a run that is going on: what a scenario's events can do, and pause, resume and stop."""
+"""Orders to a run in progress: parsing and sending."""
 
 import secrets
 import time
@@ -79,23 +79,23 @@ _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = Mapp
     "speed": ("X|max", lambda words: orders.Speed(_speed(*words))),
     "stop": ("", _numbers(orders.Stop, 0)),
 })  # fmt: skip
-"""By verb: what must follow it, and how it is read."""
+"""Arguments and parser of each verb."""
 VERBS: Final = tuple(_FORMS)
 
 
 def forms() -> str:
-    """Every order as one types it."""
+    """Return the syntax of all orders."""
     return ", ".join(f"{verb} {words}".strip() for verb, (words, _) in _FORMS.items())
 
 
 def parse(verb: str, words: Sequence[str]) -> Order:
-    """The order that was typed. Raises OptionError if there is none like it."""
+    """Parse an order. Raises OptionError."""
     if verb not in _FORMS:
         raise wrong_value("VERB", verb, f"one of: {forms()}")
     shape, read = _FORMS[verb]
     try:
         order = read(words)
-    except (ValueError, TypeError, OverflowError):  # too many words; an infinite number of seconds
+    except (ValueError, TypeError, OverflowError):  # too many words, or infinite seconds
         form = f"{verb} {shape}".strip()
         raise wrong_value("VERB", " ".join([verb, *words]), f"like {form}") from None
     if wrong := order_fault(order, OrderLimits()):
@@ -104,10 +104,10 @@ def parse(verb: str, words: Sequence[str]) -> Order:
 
 
 def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
-    """Give an order to the run that writes to `out`, and hear what becomes of it at the next step's start.
+    """Send an order to the run that writes to `out`; it is executed at the start of the next step.
 
-    None if it was carried out, else why it was refused. AcrcError if no run is going on there, or it says
-    nothing within `patience_s`.
+    Return None if it was carried out, else the reason of its refusal. Raises AcrcError if no run is in
+    progress there, or it does not answer within `patience_s`.
     """
     file = out / "world" / credentials.ROUTER_FILE
     if not file.is_file():

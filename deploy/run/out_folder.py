@@ -1,4 +1,4 @@
-"""The folder for what a run writes: one that is asked for, or a new one that no other run takes."""
+"""Output folders of runs: checks, creation, replacement and write errors."""
 
 import errno
 import os
@@ -18,15 +18,15 @@ _OF_THE_MACHINE: Final = frozenset({
     errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ELOOP, errno.EMFILE, errno.ENAMETOOLONG,
     errno.ENFILE, errno.ENOSPC, errno.ENOTDIR, errno.EPERM, errno.EROFS, errno.ESTALE,
 })  # fmt: skip
-"""Errors of a disk or a path rather than of this program."""
+"""Errors caused by a disk or path, not by this program."""
 _ENDPOINT_MARKS: Final = "?#"
-"""Characters that end the path of a socket in a Zenoh endpoint."""
+"""Characters that end a socket's path in a Zenoh endpoint."""
 
 
 def claim(parent: Path, name: str) -> Path:
-    """Make a folder `name` in `parent`, or `name-2` and so on where that exists; its path as of `checked`.
+    """Create the folder `name` in `parent`, or `name-2` and so on if it exists; return its real path.
 
-    To make it is to claim it, so two that ask in the same instant get two. Raises AcrcError.
+    Creation is atomic, so concurrent runs get different folders. Raises AcrcError.
     """
     for number in count(1):
         folder = Path(os.path.realpath(parent)) / (name if number == 1 else f"{name}-{number}")
@@ -41,16 +41,16 @@ def claim(parent: Path, name: str) -> Path:
 
 
 def newest(parent: Path) -> Path | None:
-    """The run in `parent` that was begun last; None if there is none."""
+    """Return the latest run in `parent`; None if there is none."""
     runs = [file.parent for file in parent.glob("*/scenario.toml")]
     return max(runs, key=lambda run: ((run / "scenario.toml").stat().st_mtime_ns, run), default=None)
 
 
 @contextmanager
 def dropped_if_empty(folder: Path) -> Iterator[None]:
-    """Whatever is raised takes the folder along if nothing has been written to it yet.
+    """Remove the folder after an error if it is empty.
 
-    Where something has, and the cause is Interrupted, that names the folder.
+    If it is not, Interrupted gets its path.
     """
     try:
         yield
@@ -63,29 +63,29 @@ def dropped_if_empty(folder: Path) -> Iterator[None]:
 
 
 def checked(out: Path, *, mesh: bool) -> Path:
-    """The folder's absolute path, without links: a sandbox has none of those that lead to it.
+    """Return the folder's absolute path without symbolic links, which a sandbox would lack.
 
-    `mesh`: sockets will lie in it. Raises OptionError for a folder that can be seen to be of no use.
+    `mesh`: it will contain sockets. Raises OptionError for an unusable folder.
     """
     try:
         if out.exists() and not out.is_dir():
-            raise OptionError(f"--out: {out} is a file; must be a folder that is new or empty")
+            raise OptionError(f"--out: {out} is a file; choose a new or empty folder")
         real = Path(os.path.realpath(out))
     except OSError as error:
         raise OptionError(
-            f"--out: {_short(out)} cannot be used: {reason(error)}; must be a folder that is new or empty"
+            f"--out: {_short(out)} cannot be used: {reason(error)}; choose a new or empty folder"
         ) from None
     mark = next((mark for mark in _ENDPOINT_MARKS if mark in str(real)), None)
     if mesh and mark is not None:
         raise OptionError(
-            f'--out: {real} has a "{mark}", which cannot be part of a socket\'s address; must be a '
-            "folder without one, or stand with --bus memory"
+            f'--out: {real} contains "{mark}", which a socket address cannot; choose another '
+            "folder, or use --bus memory"
         )
     return real
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder for the results. OptionError if there is something, AcrcError if it cannot be."""
+    """Create an output folder. Raises OptionError if it is not empty, AcrcError if it cannot be created."""
     check_new(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -94,7 +94,7 @@ def make_folder(out: Path) -> None:
 
 
 def check_new(out: Path) -> None:
-    """Raise OptionError if there is something already in the folder, AcrcError if it is closed."""
+    """Raise OptionError if the folder is not empty, AcrcError if it cannot be read."""
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise OptionError(f"--out: {out} already exists and is not empty; choose a new folder")
@@ -104,18 +104,16 @@ def check_new(out: Path) -> None:
 
 @contextmanager
 def replacing(out: Path, mark: str) -> Iterator[None]:
-    """Remove the folder `out` at the end, or leave it as it was if nothing was written in its place.
+    """Replace the folder `out`; restore it if nothing is written in its place.
 
-    `mark`: a file that is in every folder of the kind. Raises OptionError for one that lacks it, unless it is
-    empty or does not exist.
+    `mark`: file that identifies a folder of this kind. Raises OptionError for a folder without it, unless
+    empty or missing.
     """
     if not out.is_dir() or not any(out.iterdir()):
         yield
         return
     if not (out / mark).is_file():
-        raise OptionError(
-            f"--out: {out} has other content, and no {mark}; must be what can be replaced, or new"
-        )
+        raise OptionError(f"--out: {out} has no {mark} and is not replaced; choose a new folder")
     with tempfile.TemporaryDirectory(prefix=f"{out.name}.replaced-", dir=out.parent) as name:
         old = out.rename(Path(name) / out.name)
         try:
@@ -127,10 +125,10 @@ def replacing(out: Path, mark: str) -> Iterator[None]:
 
 @contextmanager
 def writing(out: Path) -> Iterator[None]:
-    """What the system refuses while results are written there becomes an AcrcError.
+    """Convert errors of the system while results are written into AcrcErrors.
 
-    Any other AcrcError is told with it if nothing can be written there any more: a process that cannot write
-    cannot say why it ended.
+    If the folder is no longer writable, other AcrcErrors get that reason appended: a process that cannot
+    write cannot report why it ended.
     """
     try:
         yield
@@ -147,10 +145,10 @@ def writing(out: Path) -> Iterator[None]:
 
 
 def _unusable(out: Path, error: OSError) -> AcrcError:
-    return AcrcError(f"--out: {_short(out)} cannot be made: {reason(error)}; choose another place")
+    return AcrcError(f"--out: {_short(out)} cannot be created: {reason(error)}; choose another folder")
 
 
 def _short(path: Path) -> str:
-    """A path as it can be read; one that is too long for the system is too long for a person."""
+    """Return a path, truncated if too long."""
     text = str(path)
     return text if len(text) <= 200 else f"{text[:200]}…"

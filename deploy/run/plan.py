@@ -1,4 +1,4 @@
-"""Lays a run out on disk, and says what every process is started with."""
+"""Files of a run on disk, and the program of each of its processes."""
 
 import os
 import shutil
@@ -41,23 +41,23 @@ from deploy.scenario.scenario_file import with_models
 from deploy.scenario.tables import Scenario, to_toml
 
 MAP: Final = "map"
-"""Folder of the map, in the run's folder."""
+"""Map folder in the run's folder."""
 _MODELS: Final = "models"
 
 
 class ScenarioCopy(NamedTuple):
-    """The scenario as it is written beside a result."""
+    """The scenario as written into the run's folder."""
 
     text: str
     """Content of `scenario.toml`."""
     models: tuple[tuple[Path, str], ...]
-    """Robot models, and where the text has them: a path in the run's folder."""
+    """User robot models, and their paths in the run's folder."""
     origin: Origin = UNKNOWN_ORIGIN
     """Origin of the run, for the result."""
 
 
 def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
-    """The copy for the run's folder, in MAP of which the map will lie; paths of the scenario are absolute."""
+    """Return the copy for the run's folder, with paths relative to it."""
     scenario, out = settled.scenario, options.out
     named = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))
     files = [name for name in named if name is not None and name.endswith(".toml")]
@@ -75,7 +75,7 @@ def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioC
 
 
 def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
-    """The origin of a run of `scenario`, whose file is called `name`."""
+    """Return the origin of a run of the scenario file `name`."""
     run, presets = scenario.run, scenario.presets
     return Origin(
         name,
@@ -91,56 +91,56 @@ def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin
 
 
 MODEL: Final = "model.toml"
-"""The robot's model in its folder, if that is the user's own."""
+"""File of a user's robot model in a robot's folder."""
 _MAP: Final = f"../{MAP}/map.yaml"
-"""The run's map, as world and radio call it."""
+"""Path of the map, relative to the folders of world and radio."""
 
 
 class Debugged(NamedTuple):
-    """A robot that is debugged during the run."""
+    """A robot to debug during the run."""
 
     robot: str
     terminal: str
-    """The path of its device; empty in memory, where the debugger has the process's own streams."""
+    """Path of its device; empty in memory, where the debugger uses the process's streams."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunPlan(Swarm):
-    """A run that is ready to be laid out."""
+    """A run that is ready to be written to disk."""
 
     options: RunOptions
-    """As they were asked for; `modules`: as permitted."""
+    """Options as given; `modules`: as permitted."""
     scenario: ScenarioCopy
-    """The resolved scenario, as it lies beside the result."""
+    """Resolved scenario for the run's folder."""
     commit: str
     """Version of the software."""
     isolate: bool
     warning: str = ""
-    """Missing parts of the robots' isolation, for the user; empty if complete."""
+    """Missing parts of the robots' isolation; empty if complete."""
     warnings: tuple[str, ...] = ()
-    """Expected failures of the scenario, a sentence each."""
+    """Expected failures of the scenario, one sentence each."""
     debug: Debugged | None = None
-    """The robot at whose breakpoints the run stops; None: as Python has it."""
+    """Robot whose breakpoints stop the run; None: Python's default."""
     timeout: Timeout = field(default=Timeout())
-    """How long the run may take no step."""
+    """Stall timeouts."""
 
     @property
     def out(self) -> Path:
-        """Absolute path of the folder for everything that the run writes."""
+        """Absolute path of the output folder."""
         return self.options.out
 
     @property
     def own_code(self) -> bool:
-        """Some of the strategy's code does not come with the testbed."""
+        """Whether any of the strategy's code is the user's."""
         shipped = STRATEGIES.values()
         return any(name not in shipped for name in handover.names(self.behaviour))
 
     def folder(self, actor: str) -> Path:
-        """The actor's own folder."""
+        """Return the actor's folder."""
         return self.out / actor
 
     def write_scenario(self) -> None:
-        """Write the scenario, with the files that it names."""
+        """Write the scenario and the files that it names."""
         (self.out / "scenario.toml").write_text(self.scenario.text)
         (self.out / MAP).mkdir()
         copy_map(Path(self.world.map), self.out / MAP)
@@ -149,23 +149,23 @@ class RunPlan(Swarm):
             shutil.copy(source, self.out / place)
 
     def names(self, robot: str, record: str) -> SandboxPaths:
-        """Return the paths that an isolated robot sees under other names; `record`: its recording's name."""
+        """Return the paths to be mapped into a robot's sandbox; `record`: its recording's name."""
         folder = self.folder(robot).resolve()
         hidden = tuple(str(path.absolute()) for path in self.options.hidden)
         return SandboxPaths(str(folder), str(folder / record), self.code, hidden)
 
     @property
     def code(self) -> tuple[str, ...]:
-        """Absolute paths of the folders with the strategy's own code."""
+        """Absolute paths of the folders with the user's code."""
         return tuple(str(path.absolute()) for path in self.options.modules)
 
     def address(self, robot: str) -> int:
-        """The robot's short address on the air."""
+        """Return the robot's 802.15.4 short address."""
         return dict(self.radio.robots)[robot]
 
 
 def lay_out(plan: RunPlan) -> None:
-    """Write the files that the actors read; the folder must be new or empty."""
+    """Write the actors' files; the folder must be new or empty."""
     make_folder(plan.out)
     plan.write_scenario()
     write_names(plan)
@@ -176,14 +176,14 @@ def lay_out(plan: RunPlan) -> None:
 
 
 def write_names(plan: RunPlan) -> None:
-    """Write where the strategy's code lies, where no isolated robot can read it."""
+    """Write the paths of the strategy's code, where no isolated robot can read them."""
     if plan.code:
         names = StrategyFolders(str(plan.out.resolve()), plan.code)
         (plan.out / NAMES).write_bytes(typed_json.dump(names))
 
 
 def lay_out_robot(plan: RunPlan, robot: BodySetup) -> None:
-    """Write the files that one robot reads beside its set-up."""
+    """Write a robot's files other than its set-up."""
     own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
     if robot.model.endswith(".toml"):
@@ -191,10 +191,7 @@ def lay_out_robot(plan: RunPlan, robot: BodySetup) -> None:
 
 
 def copy_map(map_file: Path, folder: Path) -> None:
-    """Copy a map_server map, its YAML file as `map.yaml` and its image beside it, as onto a robot's disk.
-
-    A floor that is drawn from a name is written there.
-    """
+    """Copy a map_server map into a folder as `map.yaml` and its image, or write a drawn floor there."""
     if offices.is_name(map_file):
         offices.write(str(map_file), folder / "map")
         return
@@ -205,7 +202,7 @@ def copy_map(map_file: Path, folder: Path) -> None:
 
 
 def world_program(plan: RunPlan) -> Program:
-    """The world's program."""
+    """Return the world's program."""
     process = WorldProcess(
         record="world.mcap",
         router=credentials.ROUTER_FILE,
@@ -218,7 +215,7 @@ def world_program(plan: RunPlan) -> Program:
 
 
 def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
-    """The world, its files as they are called in a folder of the run; `own_model`: where the user's lie."""
+    """Return the world's set-up with paths relative to its folder; `own_model`: path of a user's model."""
     robots = tuple(
         msgspec.structs.replace(robot, model=own_model(robot)) if robot.model.endswith(".toml") else robot
         for robot in plan.world.robots
@@ -227,19 +224,19 @@ def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSet
 
 
 def told_radio(plan: RunPlan) -> RadioSetup:
-    """The air, its map as it is called in a folder of the run."""
+    """Return the radio's set-up with paths relative to its folder."""
     place = _MAP if plan.radio.map else ""
     return msgspec.structs.replace(plan.radio, map=place, detail=plan.options.record)
 
 
 def radio_program(plan: RunPlan) -> Program:
-    """The radio's program."""
+    """Return the radio's program."""
     process = client(plan, "../world", "radio", "radio.mcap")
     return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(told_radio(plan), process))
 
 
 def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
-    """Return the set-up of a client other than a robot; router's socket and credentials lie in `place`."""
+    """Return the set-up of a client other than a robot; `place`: folder of router socket and credentials."""
     return ProcessSetup(
         record=record,
         router=f"{place}/router.sock",
@@ -250,7 +247,7 @@ def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
 
 
 def actor_program(actor: str, module: str, folder: Path, setup: ActorSetup[Any, Any]) -> Program:
-    """The program of an actor with its set-up in `folder`."""
+    """Return the program of an actor with its set-up in `folder`."""
     record = folder / setup.process.record
     return Program(actor, module, (str(folder / SETUP),), record.with_suffix(".log"), record, setup=setup)
 
@@ -258,9 +255,9 @@ def actor_program(actor: str, module: str, folder: Path, setup: ActorSetup[Any, 
 def robot_program(
     plan: RunPlan, robot: BodySetup, order: ProcessOrder, first_step: int, name: str | None = None
 ) -> Program:
-    """A robot's program; the same but for endpoint and time source as on a robot.
+    """Return a robot's program, which equals that of a real robot except for endpoint and time source.
 
-    `name`: of its recording and its log. Default: the robot's id, with its epoch behind it after a restart.
+    `name`: of its recording and log. Default: the robot's id, after a restart followed by its epoch.
     """
     folder = plan.folder(robot.id)
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
@@ -285,7 +282,7 @@ def robot_program(
 
 
 def _beside(plan: RunPlan, robot: BodySetup) -> RobotSetup:
-    """Return the robot's set-up, with a model of the user's own as it lies beside it."""
+    """Return the robot's set-up, with the path of a user's model in its folder."""
     told = msgspec.structs.replace(robot_setup(plan, robot), detail=plan.options.record)
     return msgspec.structs.replace(told, model=MODEL) if told.model.endswith(".toml") else told
 
@@ -302,9 +299,9 @@ def _terminal(plan: RunPlan, robot: str) -> str:
 def in_common(
     plan: RunPlan, out: Path | None = None, robots: Collection[str] | None = None
 ) -> list[tuple[str, ...]]:
-    """For each kind of robot the words for `share` of its program, once the run is laid out.
+    """Return the arguments for `share` of the robot program, for each kind of robot.
 
-    Nothing in them is of one robot alone. `out`: what the run's folder is called there. `robots`: only these.
+    They contain nothing about a single robot. `out`: path of the run's folder there. `robots`: only these.
     """
     some = [robot for robot in plan.world.robots if robots is None or robot.id in robots]
     kinds = {(robot.model, robot.sensor): robot for robot in some}
@@ -317,14 +314,14 @@ def in_common(
 
 
 def router_of(plan: RunPlan) -> Path:
-    """The run's router file."""
+    """Return the path of the run's router file."""
     return plan.folder("world") / credentials.ROUTER_FILE
 
 
 def issue_credentials(plan: RunPlan, gate: HostGateway | None = None) -> Credentials:
-    """Draw the run's passwords; the robots' lie in their folders, all others in the world's.
+    """Create the run's passwords: the robots' in their folders, all others in the world's.
 
-    `gate`: where robots are let in that are on hosts, with passwords from there.
+    `gate`: entrance for robots on hosts, whose passwords are created there.
     """
     away = {robot for robots in gate.robots.values() for robot in robots} if gate else set()
     here = [robot.id for robot in plan.world.robots if robot.id not in away]
@@ -335,12 +332,12 @@ def issue_credentials(plan: RunPlan, gate: HostGateway | None = None) -> Credent
 
 
 def remove_credentials(plan: RunPlan) -> None:
-    """Remove what the run has left of passwords and sockets, if the world has not done so."""
+    """Remove passwords and sockets that the world has not removed."""
     credentials.remove_router_file(router_of(plan))
 
 
 def observer_program(plan: RunPlan) -> Program:
-    """The observer's program, which reads what the others record, and needs nothing of the mesh."""
+    """Return the observer's program, which reads recordings and does not use the mesh."""
     robots = (word for robot in plan.options.followed for word in ("--robot", robot))
     return Program(
         "observer", "acrc_testbed.view", ("--out", str(plan.out), *robots), plan.out / "view.log", None
@@ -348,10 +345,10 @@ def observer_program(plan: RunPlan) -> Program:
 
 
 CONTROL_ADDRESS: Final = "control.url"
-"""File in a run's folder with the address of its map page, for as long as it is served."""
+"""File in a run's folder with the address of its map page while it is served."""
 
 
 def control_program(plan: RunPlan) -> Program:
-    """The map page's program."""
+    """Return the map page's program."""
     argv = (str(plan.out.resolve()), str(plan.out / CONTROL_ADDRESS))
     return Program("control", "deploy.control", argv, plan.out / "control.log", None)

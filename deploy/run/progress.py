@@ -1,4 +1,4 @@
-"""How far a run is: a bar at a terminal, and lines now and then where there is none, such as in a log."""
+"""Progress of a run: a bar at a terminal, or a line every 10 s."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -13,11 +13,11 @@ from actors.instant import in_seconds
 from actors.messages import Progress as ProgressMessage
 
 EVERY_S: Final = 10.0
-"""Wall time between two lines."""
+"""Wall time between two lines, s."""
 
 
 def lines(console: Console) -> Callable[[str], None]:
-    """Prints what it is told, but only if the last line, or the beginning, is ten seconds ago."""
+    """Return a function that prints at most one line per EVERY_S."""
     last = time.monotonic()
 
     def say(line: str) -> None:
@@ -31,7 +31,7 @@ def lines(console: Console) -> Callable[[str], None]:
 
 @contextmanager
 def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[ProgressMessage], None]]:
-    """Says on standard error how far the run is of which it is told; nothing at all if `quiet`."""
+    """Yield a function that shows progress on standard error; `quiet`: shows nothing."""
     console, total = create_console(stderr=True, soft_wrap=False), in_seconds(duration_us)
     if quiet:
         yield lambda message: None

@@ -1,4 +1,4 @@
-"""Start runs: check options, admit the strategy's code, claim the output folder, compile kernels, run."""
+"""Start of runs: options, admission of code, output folder, kernels."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -15,7 +15,7 @@ from deploy.run.options import RunOptions, checked
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
 from deploy.scenario.tables import Scenario
 
-if TYPE_CHECKING:  # importing what a run needs takes a second; a wrong option is reported before
+if TYPE_CHECKING:  # a second of imports; a wrong option is reported before
     from acrc_testbed.results.result import RunResult
     from actors.processes.launcher import Launcher
 
@@ -32,10 +32,10 @@ class PreparedRun(NamedTuple):
 def prepare_run(
     file: Path, overrides: Overrides, options: RunOptions, permit: Permit, limit: Sequence[str] = ()
 ) -> PreparedRun:
-    """Load the scenario and check everything that can be checked before a folder is made.
+    """Load the scenario and check it and the options before any folder is created.
 
-    A strategy in `overrides` was typed by the user, so its module may lie in the working directory.
-    Raises AcrcError; OptionError where an option is wrong.
+    A strategy in `overrides` was typed by the user, so its module may be in the working directory.
+    Raises AcrcError; OptionError for a wrong option.
     """
     options, scenario = checked(options, limit), load_scenario(file, overrides)
     typed = overrides.strategy is not None
@@ -49,16 +49,16 @@ def prepare_run(
 
 
 def claimed(prepared: PreparedRun) -> PreparedRun:
-    """Return the run with a new output folder of this name, or of this name and a number, now made."""
+    """Return the run with a new output folder of this name, numbered if it exists."""
     out = prepared.options.out
     return prepared._replace(options=replace(prepared.options, out=out_folder.claim(out.parent, out.name)))
 
 
 @contextmanager
 def output_folder(out: Path, *, quiet: bool) -> Iterator[None]:
-    """Compile the kernels, then let a run write to `out`; errors of the disk become AcrcErrors.
+    """Compile the kernels, then yield for a run that writes to `out`; disk errors become AcrcErrors.
 
-    An empty folder is removed after an error. `quiet`: do not report the compilation.
+    After an error an empty folder is removed. `quiet`: do not report the compilation.
     """
     from actors.processes.kernel_compilation import compile_kernels  # noqa: PLC0415
 
@@ -70,9 +70,9 @@ def output_folder(out: Path, *, quiet: bool) -> Iterator[None]:
 def start_run(
     prepared: PreparedRun, *, quiet: bool = False, replaces: str = "", by: "RunFunction | None" = None
 ) -> "RunResult":
-    """Run to the end. Raises AcrcError.
+    """Execute a run. Raises AcrcError.
 
-    `replaces`: a folder that has this file is replaced. `by`: runs it in place of `swarm.run`.
+    `replaces`: file that identifies a folder to be replaced. `by`: used instead of `swarm.run`.
     """
     scenario, options = prepared
     replacing = out_folder.replacing(options.out, replaces) if replaces else nullcontext()
@@ -91,13 +91,13 @@ def start_run(
 HEAD_ON: Final = SHIPPED / "scenarios" / "head_on.toml"
 _STRATEGIES: Final = ("none", "chapter")
 _DEMONSTRATION_S: Final = 150.0
-"""Half as long again as it takes with adaptation; without, more time changes nothing."""
+"""1.5 times the duration with adaptation; without it, more time changes nothing."""
 
 
 def demonstrate(options: RunOptions) -> "dict[str, RunResult]":
-    """Run the meeting of two robots without and with adaptation; return the results by strategy.
+    """Run two robots that meet in a passage, without and with adaptation; return results by strategy.
 
-    Each run has a folder of its strategy's name in `options.out`. Raises AcrcError.
+    Each run has a folder in `options.out`, named after its strategy. Raises AcrcError.
     """
     from deploy.run import swarm  # noqa: PLC0415
 
@@ -111,7 +111,7 @@ def demonstrate(options: RunOptions) -> "dict[str, RunResult]":
 
 
 def sentences(results: "dict[str, RunResult]", taken_over: int, pictures: Sequence[Path]) -> Iterator[str]:
-    """Yield the demonstration's outcome in three lines; `taken_over`: places, with adaptation."""
+    """Yield the demonstration's result as three lines; `taken_over`: adopted places."""
     without, adapted = results.values()
     yield (
         f"Without adaptation: {_cleaned(without)} in {without.simulated_s:g} s. The robots block each other "

@@ -1,4 +1,4 @@
-"""Supervision of processes: start, stall detection, restarts as a policy allows, and their end."""
+"""Supervision of processes: start, stall detection, restart policy and end."""
 
 import contextlib
 import signal
@@ -28,13 +28,13 @@ from actors.runtime.process_table import leftover_fault, process_state
 from actors.runtime.recording import RecordingError, decode_note
 from actors.topic import Message, Topic
 
-if TYPE_CHECKING:  # it needs the packages of a cluster
+if TYPE_CHECKING:  # needs the cluster packages
     from deploy.hosts.run_hosts import HostedLauncher
 
 
 @dataclass(frozen=True)
 class RestartPolicy:
-    """How often processes that have exited may be started again without an order to do so."""
+    """Limit of restarts of exited processes without an order."""
 
     starts: int = 0
     within_s: float = 60.0
@@ -44,13 +44,13 @@ NEVER: Final = RestartPolicy()
 
 
 class Supervisor:
-    """Starts processes, counts restarts, and ends with all of them gone, whatever happens."""
+    """Starts processes, counts restarts and ends all processes in any case."""
 
     POLL_S = 0.05
     GRACE_S = 3.0
-    """How long a process may take to end after it was asked to."""
+    """Time for a process to exit after SIGTERM, s."""
     RESUMES = True
-    """One that is stopped by a signal is continued to end in order; False: it is killed."""
+    """Whether a process stopped by a signal is continued to exit in order, or killed."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class Supervisor:
         say: Callable[[str], None] = lambda sentence: None,
         poll: Callable[[], None] = lambda: None,
     ) -> None:
-        """`say`: is given what the user should know meanwhile. `poll`: is called while it waits."""
+        """`say`: prints a sentence for the user. `poll`: called while waiting."""
         self._launcher = launcher
         self._policy = policy
         self._say = say
@@ -69,7 +69,7 @@ class Supervisor:
 
     @property
     def programs(self) -> tuple[Program, ...]:
-        """Every program that was started, in order."""
+        """All started programs, in order."""
         return tuple(child.program for child in self._children)
 
     @property
@@ -82,7 +82,7 @@ class Supervisor:
         self._children.extend(self._launcher.start(program) for program in programs)
 
     def count_restart(self, owner: str, name: str, child: ChildProcess) -> None:
-        """Count a restart of `child`, which is called `name`; AcrcError if the policy allows no more."""
+        """Count a restart of `child`, named `name`. Raises AcrcError above the policy's limit."""
         now, policy = time.monotonic(), self._policy
         self._restarts.append(now)
         while self._restarts and self._restarts[0] < now - policy.within_s:
@@ -91,11 +91,11 @@ class Supervisor:
             self.end_all()
             raise AcrcError(
                 f"{owner}: its processes were started {policy.starts} times within {policy.within_s:g} s, "
-                f"and {name} has ended once more {exit_in_words(child)}"
+                f"and {name} has ended again {exit_in_words(child)}"
             )
 
     def end_all(self) -> None:
-        """Ask every process to end, then make it."""
+        """Send SIGTERM to all processes, then SIGKILL."""
         for number in (signal.SIGTERM, signal.SIGKILL):
             running = self.running
             for child in running:
@@ -109,39 +109,39 @@ class Supervisor:
         deadline = time.monotonic() + self.GRACE_S
         left = [child for child in children if child.exit_code is None]
         while left and (time.monotonic() < deadline or self._launcher.arriving):
-            with contextlib.suppress(LaunchError):  # the server's end was told before, or is of no interest
+            with contextlib.suppress(LaunchError):  # its server's exit is reported elsewhere
                 self._launcher.wait(self.POLL_S)
             self._poll()
             left = [child for child in left if child.exit_code is None]
 
 
 def last_words(child: ChildProcess) -> str:
-    """The last line of its log."""
+    """Return the last line of its log."""
     return child.program.outside_text(last_line(child.program.log))
 
 
 def exit_in_words(child: ChildProcess) -> str:
-    """How a process has ended, and its last line."""
+    """Describe how a process has exited, with the last line of its log."""
     code, last = child.exit_code or 0, last_words(child)
     how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     return f"{how}{f': {last}' if last else ''}"
 
 
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
-"""Signals that a process brings upon itself."""
+"""Signals of crashes."""
 
 
 def on_host(children: Iterable[ChildProcess], actor: str) -> str:
-    """On which host it is, to stand behind what is said of it; empty: on this computer."""
+    """Return the actor's host as " (on host …)"; empty: this computer."""
     host = next((child.host for child in children if child.program.actor == actor), "")
     return f" (on host {host})" if host else ""
 
 
 class RunSupervisor(Supervisor):
-    """One run's processes, in which the first failure or stall ends the run."""
+    """Supervisor of one run, which ends at the first failure or stall."""
 
     VIEW_S: Final = 15.0
-    """How long an observer may take to finish its file once the run is over; then it is asked to end."""
+    """Time for the observer to finish its file after the run, s; then it is terminated."""
 
     def __init__(
         self,
@@ -152,19 +152,19 @@ class RunSupervisor(Supervisor):
         resources: ResourceMonitor,
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
-        """`restart`: the program of an ordered restart, from a step on."""
+        """`restart`: returns the program of an ordered restart at a step."""
         super().__init__(launcher, NEVER, say)
         self._restart = restart
         self._on_progress = on_progress
         self._resources = resources
         self._stalls = StallDetector(timeout, say, table=launcher.table, queued_s=launcher.queued_s)
         self._complete: set[int] = set()
-        """Processes that have ended as planned, by id."""
+        """Ids of processes that have exited as planned."""
         self._recorded = -1
-        """Bytes of the world's recording, which grows with every step."""
+        """Size of the world's recording, which grows with every step, bytes."""
         self._paused = self._finished = False
         self._waiting: Progress | None = None
-        """The last report of what the world waits for in this step."""
+        """Last report of what the world awaits in this step."""
         self.rosters = 0
         """Roster messages received."""
 
@@ -175,16 +175,16 @@ class RunSupervisor(Supervisor):
 
     @property
     def notes(self) -> dict[Path, Mapping[str, str]]:
-        """Notes of each recording process, by its recording, once all have exited."""
+        """Notes of each recording process, by path of its recording, once all have exited."""
         return {child.program.record: child.notes() for child in self._children if child.program.record}
 
     @property
     def cpu_s(self) -> float:
-        """CPU time of all that record, once they have ended, s."""
+        """CPU time of all recording processes, once they have exited, s."""
         return sum(child.cpu_s for child in self._children if child.program.record)
 
     def watch(self, bus: Bus) -> None:
-        """Stay until every process has ended as planned; AcrcError at the first that does not."""
+        """Wait until every process has exited as planned. Raises AcrcError for the first that does not."""
         while any(child.program.record for child in self.running):
             self._launcher.wait(self.POLL_S)
             self._take_messages(bus)
@@ -193,16 +193,13 @@ class RunSupervisor(Supervisor):
         self.check()
         deadline = time.monotonic() + self.VIEW_S
         while (running := self.running) and time.monotonic() < deadline:
-            # who is held by a signal finishes nothing; it is let go, and told to end, by `end_all`
+            # processes stopped by a signal do not finish; `end_all` continues and terminates them
             if all((seen := process_state(child.pid)) is not None and seen.stopped for child in running):
                 return
             self._launcher.wait(self.POLL_S)
 
     def await_file(self, path: Path, needed: str) -> bool:
-        """Stay until a process has made the file.
-
-        False if the process `needed`, which was to make it, has ended.
-        """
+        """Wait until the file exists; return False if the process `needed`, which creates it, has exited."""
         while not path.exists():
             if not any(child.program.actor == needed for child in self.running):
                 self.check()
@@ -212,7 +209,7 @@ class RunSupervisor(Supervisor):
         return True
 
     def look(self) -> None:
-        """AcrcError if a process has ended otherwise than planned, or keeps the run from going on."""
+        """Raise AcrcError if a process has failed, stalls the run or exceeds a limit."""
         self.check()
         running = [child for child in self.running if child.program.record]
         world = next((child for child in self._children if child.program.actor == "world"), None)
@@ -220,15 +217,15 @@ class RunSupervisor(Supervisor):
         fault = self._stall(running, world.program.record)
         fault = fault or self._resources.fault(child for child in running if not child.host)
         if fault is not None:
-            self.check()  # what has just ended says more
+            self.check()  # a process that has just exited explains more
             raise AcrcError(fault)
 
     def check(self) -> None:
-        """AcrcError if a process has ended otherwise than planned."""
+        """Raise AcrcError if a process has not exited as planned."""
         self._launcher.wait(0.0)
         ended = [child for child in self._children if child.exit_code is not None and child.program.record]
         failed = [child for child in ended if child.exit_code]
-        if fault := self._launcher.fault():  # its robots have ended only because of that
+        if fault := self._launcher.fault():  # the cause of its robots' exits
             raise AcrcError(fault)
         if failed:
             raise AcrcError(_cause(failed))
@@ -238,7 +235,7 @@ class RunSupervisor(Supervisor):
                 _check_end(child)
 
     def _stall(self, running: Sequence[ChildProcess], recording: Path) -> str | None:
-        """A sentence on who keeps the run from its next step, or from its end; None while all is well."""
+        """Describe which process stalls the next step or the end; None if none does."""
         if self._finished:
             return self._overdue(running, f"{_names(running)} did not end after the last step")
         size = recording.stat().st_size if recording.is_file() else 0
@@ -263,7 +260,7 @@ class RunSupervisor(Supervisor):
         awaited: Sequence[ChildProcess] | None = None,
         phase: Phase = "end",
     ) -> str | None:
-        """A sentence on who of `awaited`, or of all, has used the time up, and where its code stands."""
+        """Describe which of `awaited`, or of all, exceeds its timeout, and its position in the code."""
         everyone = {child.pid: AwaitedProcess(child.program.actor, child.pid) for child in running}
         suspects = [everyone[child.pid] for child in (running if awaited is None else awaited)]
         stall = self._stalls.check([*everyone.values()], suspects, what, phase)
@@ -303,7 +300,7 @@ def _next(bus: Bus, topic: Topic[Progress] | Topic[Roster]) -> Message | None:
 
 
 def _cause(failed: list[ChildProcess]) -> str:
-    """One sentence on what failed first: an actor with a cause of its own before those it dragged down."""
+    """Describe the first failure: an actor's own error rather than its consequences."""
     notes = [note for note in (_failure(child) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
@@ -321,12 +318,11 @@ def _cause(failed: list[ChildProcess]) -> str:
 
 
 def _check_end(child: ChildProcess) -> None:
-    """AcrcError if a process with exit code 0 has ended before its time, or left something running."""
+    """Raise AcrcError if a process exited with code 0 too early, or left something running."""
     program = child.program
     if "final" not in child.notes():
         raise AcrcError(
-            f"{program.actor} ended with exit code 0 in the middle of the run, as by os._exit(0); "
-            f"its log is {program.log}"
+            f"{program.actor} ended with exit code 0 during the run, as by os._exit(0); log: {program.log}"
         )
     if wrong := leftover_fault(child.orphans > 0):
         raise AcrcError(f"{program.actor} failed: {wrong}")

@@ -1,4 +1,4 @@
-"""A whole run: from a scenario to processes over the mesh or cores in memory, and to the result."""
+"""Execution of a run: plan, hosts, preflight, processes or memory, result."""
 
 import contextlib
 import math
@@ -77,14 +77,14 @@ if TYPE_CHECKING:
     from deploy.hosts.run_hosts import RunHosts
 
 _KEYS: Final = "keys"
-"""Folder with this computer's keys of the run, in the world's."""
+"""Folder of this computer's keys, in the world's folder."""
 _MOST_CODE: Final = 64 << 20
-"""Bytes of a strategy's code that a host is sent."""
+"""Maximum size of a strategy's code for hosts, bytes."""
 
 
 @contextmanager
 def allocated_hosts(options: RunOptions) -> Iterator["HostPool | None"]:
-    """The computers that are to have the robots, if the options want any. Raises AcrcError."""
+    """Allocate the hosts of the options; None if the robots run here. Raises AcrcError."""
     if not options.on:
         yield None
         return
@@ -96,7 +96,7 @@ def allocated_hosts(options: RunOptions) -> Iterator["HostPool | None"]:
 
 @contextmanager
 def hosts_of(plan: RunPlan, found: "HostPool | None") -> Iterator["RunHosts | None"]:
-    """The hosts of a run that is laid out, on their way; None: the robots are here. Raises AcrcError."""
+    """Start the agents on the hosts of a run; None if the robots run here. Raises AcrcError."""
     if found is None:
         yield None
         return
@@ -122,7 +122,7 @@ def hosts_of(plan: RunPlan, found: "HostPool | None") -> Iterator["RunHosts | No
 
 
 def _code(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
-    """The files of a folder with a strategy's code, as far as a robot may see them. Raises AcrcError."""
+    """Yield the files of a strategy's folder that a robot may read. Raises AcrcError."""
     left = _MOST_CODE
     for entry in code_entries(folder.absolute(), unseen(hidden)):
         for path in sorted(entry.rglob("*")) if entry.is_dir() else [entry]:
@@ -131,13 +131,13 @@ def _code(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
                 if left < 0:
                     raise AcrcError(
                         f"--modules: {folder}: has more than {_MOST_CODE >> 20} MiB of files for hosts; "
-                        "must be a folder with a strategy's code alone"
+                        "give a folder with the strategy's code only"
                     )
                 yield path.relative_to(folder.absolute()).as_posix(), path
 
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
-"""The position of the main thread in faulthandler's output."""
+"""Position of the main thread in faulthandler's output."""
 
 
 @dataclass(frozen=True)
@@ -145,15 +145,15 @@ class PreflightLimits:
     """Time limits of a preflight."""
 
     patience_s: float = 120.0
-    """Until the robot has been made, kernels included, which are compiled at the first start ever."""
+    """Timeout of making a robot, s, including the first compilation of kernels."""
     grace_s: float = 5.0
-    """Beyond that, for a process that does not heed it."""
+    """Additional time for a process that ignores its timeout, s."""
 
 
 def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = PreflightLimits()) -> None:
-    """Make the first robot in a process of its own, in a folder that is gone afterwards.
+    """Make the first robot in a separate process and a temporary folder.
 
-    Raises AcrcError where that fails, hangs or ends; a bug's traceback is shown first.
+    Raises AcrcError if that fails, hangs or exits; prints the traceback of a bug first.
     """
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
@@ -173,18 +173,17 @@ def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = Prefl
 
 
 def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
-    """Make the first robot's behaviour in this process, and drop it.
+    """Make and discard the first robot's behaviour in this process, for a run in memory.
 
-    For a run in memory, where the strategy runs in this process anyway. Raises an AcrcError for settings,
-    areas or equipment that do not fit, for an entry that leads nowhere, and for an error in the strategy's
-    own code, with its frames.
+    Raises AcrcError for wrong settings, areas or equipment, for a missing entry, and for an error in the
+    strategy's code, with its frames.
     """
     name, robot = settled.scenario.run.strategy, settled.world.robots[0]
     told = robot_setup(settled, robot)
     model = load_model(robot.model, robot.sensor)
     floor = assembly.floor(load_map(settled.world.map), model, told.stack)
     start = assembly.start(told, model, floor)
-    # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
+    # --json allows no other output; modules imported here keep their streams
     set_folders(modules)
     with contextlib.redirect_stdout(sys.stderr), captured_by(None), exits_caught():
         try:
@@ -194,7 +193,7 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
         except Exception as error:
             which = repr(name) if name == settled.behaviour else f"{name!r}, {settled.behaviour!r},"
             cause = failure_note("", 0, error).cause
-            sentence = f"strategy {which.rstrip(',')}, made for {robot.id} before the run: {cause}"
+            sentence = f"strategy {which.rstrip(',')}, preflight for {robot.id}: {cause}"
             raise AcrcError(f"{sentence}\n{own_frames(error)}".rstrip()) from error
 
 
@@ -205,11 +204,11 @@ def _await_end(child: ChildProcess, launched: Launcher, bounds: PreflightLimits)
 
 
 def _judge(plan: RunPlan, child: ChildProcess, bounds: PreflightLimits, *, hung: bool) -> None:
-    """AcrcError unless the robot's process says that the robot could be made.
+    """Raise AcrcError unless the robot's process has made the robot.
 
-    `hung`: it had not ended by itself in time, so the signal that ended it was ours.
+    `hung`: it had not exited in time and was killed.
     """
-    made = f"strategy {plan.behaviour!r}, made for {child.program.actor} before the run"
+    made = f"strategy {plan.behaviour!r}, preflight for {child.program.actor}"
     notes = _notes(child.program)
     if "failure" in notes:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
@@ -223,12 +222,12 @@ def _judge(plan: RunPlan, child: ChildProcess, bounds: PreflightLimits, *, hung:
     place = _HUNG.search(told)
     if place is not None:
         where = f"{Path(place[1]).name}:{place[2]}"
-        raise AcrcError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
-    if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
+        raise AcrcError(f"{made}: not finished after {bounds.patience_s:g} s; it is at {where}")
+    if child.exit_code == 2 and told.strip():  # its error precedes the strategy
         raise AcrcError(told.strip().splitlines()[-1])
     print_output(told)
     if hung:
-        raise AcrcError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
+        raise AcrcError(f"{made}: not finished after {bounds.patience_s + bounds.grace_s:g} s")
     assert child.exit_code is not None
     if child.exit_code < 0:
         number = signal.Signals(-child.exit_code)
@@ -245,15 +244,14 @@ def _notes(program: Program) -> dict[str, bytes]:
 
 
 OPERATOR: Final = "operator"
-"""Name of the parent process on the mesh."""
+"""User name of this process on the mesh."""
 OnProgress = Callable[[Progress], None]
 
 
 def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> RunResult:
-    """Run the scenario; AcrcError if it cannot be run to its end.
+    """Run the scenario; write run.json and places.csv, and seal the folder. Raises AcrcError.
 
-    `launched`: what starts the processes, if that has begun already. The result also stands in run.json, and
-    what became of every place in places.csv; the folder is sealed.
+    `launched`: launcher of processes, if already started.
     """
     with allocated_hosts(options) as pool:
         prepared = plan(scenario, options, None if pool is None else pool.isolation_fault)
@@ -262,7 +260,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
         places = sum(len(robot.places) for robot in prepared.world.robots)
         given = (timed.order for timed in prepared.world.events)
         places += sum(len(order.places) for order in given if isinstance(order, Give))
-        quiet = options.json or prepared.debug is not None  # the terminal is the debugger's
+        quiet = options.json or prepared.debug is not None  # the debugger uses the terminal
         check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
         with (
             progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow,
@@ -282,11 +280,10 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
 
 
 def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) -> RunPlan:
-    """The run that the scenario and the options mean, with everything drawn.
+    """Plan a run: resolve the scenario, choose the isolation, check the strategy.
 
-    `elsewhere`: why robots cannot be isolated on other computers of the run; None if they can.
-    For a run in memory the strategy's code runs once in this process; what it raises, but for AcrcError, is
-    its own.
+    `elsewhere`: why robots cannot be isolated on hosts; None if they can. For a run in memory the strategy's
+    code runs once in this process, and its exceptions pass.
     """
     memory = options.bus == "memory"
     choice = IsolationChoice(False) if memory else choose_isolation(options.isolate, elsewhere=elsewhere)
@@ -327,7 +324,7 @@ def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None
 
 
 def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
-    """Run all actors in this process."""
+    """Run all actors in this process; return the result."""
     began = time.time()
     lay_out(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
@@ -347,10 +344,9 @@ def run_processes(
     launched: Launcher | None = None,
     pool: "HostPool | None" = None,
 ) -> RunResult:
-    """Run every actor as a process of its own; none is left when this returns or raises.
+    """Run every actor in its own process; none is left when this returns or raises.
 
-    `launched`: what starts them, if that has begun already; else it begins here. `pool`: are to have the
-    robots.
+    `launched`: launcher, if already started. `pool`: hosts of the robots.
     """
     began = time.time()
     check_new(plan.out)
@@ -365,7 +361,7 @@ def run_processes(
 def _supervise(
     plan: RunPlan, launched: Launcher, on_progress: OnProgress, away: "RunHosts | None" = None
 ) -> RunSupervisor:
-    """Start the processes, and stay until they have ended."""
+    """Start the processes and wait for their exit."""
     launched.withdraw(router_of(plan))
     issued = issue_credentials(plan, None if away is None else away.gate)
     robots = {robot.id: robot for robot in plan.world.robots}
@@ -396,9 +392,9 @@ def _supervise(
             if plan.options.control:
                 supervisor.start([control_program(plan)])
                 if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):
-                    _say(f"the map page is {(plan.out / CONTROL_ADDRESS).read_text()}")
+                    _say(f"map page: {(plan.out / CONTROL_ADDRESS).read_text()}")
                 else:
-                    _say(f"the map page is not served; {plan.out / 'control.log'} says why")
+                    _say(f"the map page failed to start; see {plan.out / 'control.log'}")
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)

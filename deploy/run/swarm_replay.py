@@ -1,4 +1,4 @@
-"""A whole simulated run made again, in memory, from its scenario, its seed and the orders it was given."""
+"""Replay of a whole simulated run, in memory, and the first difference between two runs."""
 
 import math
 from collections import Counter
@@ -34,27 +34,26 @@ from deploy.scenario.scenario_file import load_scenario, module_folders
 SCENARIO: Final = "scenario.toml"
 INFRA: Final = ("world", "radio")
 CAUSAL_ORDER: Final = tuple(topic.pattern for topic in (RECEIVED, SENSES, TRANSMIT, DRIVE, ROSTER, TRUTH))
-"""In a step, causes before effects: Senses counts what Received brings. So does Aired, a step before."""
+"""Topics of a step, causes before effects: Senses counts Received. Aired precedes by a step."""
 
 
 @dataclass(frozen=True)
 class SwarmReplay:
-    """A run that came out the same."""
+    """Result of a replay that equals its recording."""
 
     digest: str
     messages: int
     orders: int
-    """From outside, given again at the same boundaries."""
+    """Number of replayed external orders."""
     complete: bool
-    """False: the recorded run did not end as planned; all that it has recorded came out the same."""
+    """Whether the recorded run ended as planned; if not, its recorded part is equal."""
 
 
 def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
-    """Make the run in the folder `out` again, and compare everything that anybody sent or took.
+    """Replay the run in the folder `out`, and compare all messages sent and received.
 
-    Raises ReplayError at the first difference, naming step, message and field; AcrcError for a
-    scenario that names code that the permit does not cover, that is not here, or that is not what the robots
-    have recorded.
+    Raises ReplayError at the first difference, with step, message and field; AcrcError for code that the
+    permit does not cover, that is missing, or that differs from the recorded code.
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: contains no {SCENARIO}; give the folder of a simulated run")
@@ -66,14 +65,14 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     files = all_recordings(out)
     missing = [actor for actor in INFRA if actor not in files]
     if missing:
-        raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
+        raise ReplayError(f"{out}: no recording of the {missing[0]} to compare with")
     orders = OrderBus(recorded_orders(files["world"]))
     with scratch_folder() as folder:
         again = folder / "again"
         recorded = _recorded(out, modules, permit)
         level = read_setup(
             files["radio"], RadioSetup, "a radio"
-        ).detail  # what is only recorded is compared, too
+        ).detail  # content that is only recorded is compared as well
         options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded, record=level)
         plan = swarm.plan(scenario, options)
         with printing_new_lines(again, (ALL_ROBOTS,)) as look:
@@ -84,12 +83,12 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
             if first is not None:
                 raise ReplayError(first.words)
             if told.complete:
-                raise ReplayError(f"{out}: its digest is {told.digest}; made again it is {result.digest}")
+                raise ReplayError(f"{out}: recorded digest {told.digest}, replayed {result.digest}")
     return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
 
 
 def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedModules | None:
-    """Return the code that the robots have recorded; None without a record, or where any code is trusted."""
+    """Return the robots' recorded code; None without a record, or if any code is trusted."""
     if permit.trust or not modules:
         return None
     recorded = recorded_code(out)
@@ -105,29 +104,29 @@ class Divergence:
     step: int
     key: str
     words: str
-    """Step, message, field and both values."""
+    """Step, message, field and both values, as text."""
     robots: Mapping[str, float]
-    """When each robot first did otherwise, s; absent: never."""
+    """Time of each robot's first difference, s; absent: none."""
 
 
 class _Difference(NamedTuple):
-    """A message that one run has, and the other has otherwise or not at all; in causal order."""
+    """A message that differs between two runs or is missing in one; sorts in causal order."""
 
     step: int
     rank: int
     key: str
     one: bytes | None
-    """The hash of the message in the first run; None if it is missing."""
+    """Hash of the message in the first run; None: missing."""
     other: bytes | None
 
 
 class _Trails:
-    """The hashes of the messages that world and radio of one run have sent and received, by key."""
+    """Hashes of all messages sent and received by world and radio of one run, by key."""
 
     def __init__(self, out: Path) -> None:
         self._files = recordings(out)
         self.by_key: dict[str, dict[tuple[int, int], bytes]] = {}
-        """By step, and number among the key's messages of that step."""
+        """By step and index among the key's messages of that step."""
         for actor in INFRA:
             for (_, key), trail in read_contents(actor, self._files[actor]).trails.items():
                 numbers: Counter[int] = Counter()
@@ -137,7 +136,7 @@ class _Trails:
                     numbers[step] += 1
 
     def message(self, key: str, sha256: bytes | None) -> Message | None:
-        """Return the message with this hash, as one of its receivers has recorded it."""
+        """Return the message with this hash from a receiver's recording."""
         receivers = (key.split("/")[2], *INFRA)
         for path in (path for actor, path in self._files.items() if actor.split(".")[0] in receivers):
             for item in read_recording(path) if sha256 else ():
@@ -149,10 +148,10 @@ class _Trails:
 def divergence(
     one: Path, other: Path, step_us: int, names: tuple[str, str] = ("run", "branch"), until: float = math.inf
 ) -> Divergence | None:
-    """Return the first difference of the recordings of `other` from those of `one`; `until`: the last step.
+    """Return the first difference between the recordings of two runs; `until`: last step.
 
-    Jammers that are switched on and ordered losses are changes themselves, not their consequences.
-    Of a branch only the topics in CAUSAL_ORDER count: the others also show what was ordered.
+    Ordered jammers and frame losses are not counted: they are changes, not consequences. For a branch only
+    topics in CAUSAL_ORDER count: others also contain the orders.
     """
     first, second = _Trails(one), _Trails(other)
     differences = sorted(
@@ -177,7 +176,7 @@ def divergence(
 def _differences(
     key: str, one: Mapping[tuple[int, int], bytes], other: Mapping[tuple[int, int], bytes]
 ) -> Iterator[_Difference]:
-    """Yield the messages on a key that differ, up to the first that cannot come of what was ordered alone."""
+    """Yield the differences on a key, up to the first that cannot be an order itself."""
     pattern = topic_of(key).pattern
     rank = CAUSAL_ORDER.index(pattern) if pattern in CAUSAL_ORDER else len(CAUSAL_ORDER)
     for place in sorted(one.keys() | other.keys()):
@@ -188,7 +187,7 @@ def _differences(
 
 
 def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: tuple[str, str]) -> str | None:
-    """Describe a difference; None if it is a jammer or an ordered loss alone."""
+    """Describe a difference; None if it is only a jammer or an ordered loss."""
     then = first.message(difference.key, difference.one)
     now = second.message(difference.key, difference.other)
     if difference.one is None:
@@ -201,15 +200,14 @@ def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: t
             return None
     found = None if now is None or then is None else first_difference(now, then)
     if found is None:
-        return "other bytes"
+        return "bytes differ"
     return f"{found.field} is {short_repr(found.one)}; in the {names[0]} it was {short_repr(found.other)}"
 
 
 def replay_otherwise(out: Path, actor: str, behaviour: str, replay_options: ReplayOptions) -> ReplayReport:
-    """Execute a robot again with another behaviour, an entry string, on its own settings.
+    """Replay a robot with another behaviour (an entry string) and that behaviour's default settings.
 
-    Raises ReplayError at the first message that it would have sent otherwise: from there on it would have
-    sensed and heard other things than were recorded.
+    Raises ReplayError at the first different message: afterwards its recorded inputs are no longer valid.
     """
     if actor in {"world", "radio"}:
         raise ReplayError(f"{actor}: has no strategy; must be a robot")

@@ -1,4 +1,4 @@
-"""A run continued from an instant: the same without a change, and otherwise only from the change on."""
+"""Branches of a run: identical without a change, and different only from the change on."""
 
 import json
 import random
@@ -40,7 +40,7 @@ def origin(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def leave(origin: Path, tmp_path: Path) -> Leave:
-    """Carries out a branch of it."""
+    """Return a function that carries out a branch."""
     number = count()
 
     def carry_out(change: Change) -> Branched:
@@ -98,7 +98,7 @@ def test_another_setting_of_the_same_strategy(leave: Leave) -> None:
         control.digest,
         "" if control.divergence is None else control.divergence.words,
     )
-    assert control.digest == other.result.digest, "what differs from the run is that it was made anew"
+    assert control.digest == other.result.digest, "only the restart differs from the run"
     matters = leave(Change(8.0, settings={"reach": 6.0})).control
     assert matters is not None and matters.divergence is not None
     assert "in the control it was" in matters.divergence.words
@@ -109,7 +109,7 @@ def test_another_setting_of_the_same_strategy(leave: Leave) -> None:
     ("change", "fault"),
     [
         (Change(8.0, settings={"speed": 2}), r"strategy\.speed is not known"),
-        (Change(12.0), "ends at 12 s; a branch must leave it before"),
+        (Change(12.0), "ends at 12 s; branch before that"),
     ],
 )
 def test_impossible_changes(leave: Leave, change: Change, fault: str, tmp_path: Path) -> None:
@@ -124,19 +124,19 @@ def test_events_that_do_not_happen_are_named(leave: Leave) -> None:
     assert done.undone == (
         "at 4.1 s: cannot kill 'r9': no such robot",
         "at 5 s: cannot lose a frame of r1 at itself: robot and sender must differ",
-        "at 12 s: the branch was over at 12 s",
+        "at 12 s: the branch ended at 12 s",
     )
     assert done.divergence is None
 
 
-def test_the_command_says_what_came_of_it(origin: Path, tmp_path: Path) -> None:
+def test_the_command_prints_the_result(origin: Path, tmp_path: Path) -> None:
     done = acrc("branch", f"{origin}@11", "--event", "move r1 12.44 3.7 0", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert f"branch of {origin} at 11 s: move r1 12.44 3.7 0 at 11 s; up to there again in " in done.stderr
+    assert f"branch of {origin} at 11 s: move r1 12.44 3.7 0 at 11 s; replayed up to there in " in done.stderr
     assert "\nfirst difference: step 110: " in done.stderr
-    assert "\ndoes or meets otherwise: r1 from 11 s" in done.stderr
+    assert "\nrobots that differ: r1 from 11 s" in done.stderr
     for words, sentence in (
-        ((origin,), f"branch: {origin}; must be a run's folder and an instant above 0 in s"),
+        ((origin,), f"branch: {origin}; must be a run's folder and a time above 0 s"),
         ((f"{origin}@5", "--seed", 3), "--seed: is not an option of acrc branch"),
         ((f"{origin}@5", "--strategy", "x"), "--strategy: unknown strategy 'x'"),
     ):
@@ -160,15 +160,12 @@ def test_other_keys_must_keep_their_value(origin: Path, key: str, had: object, o
     assert strategy_settings([(key, had), ("strategy.reach", 1)], file) == {"reach": 1}
     with pytest.raises(OptionError) as caught:
         strategy_settings([(key, other)], file)
-    assert str(caught.value) == (
-        f"--set: {key}; must be strategy.NAME with --from, or the value that the run had; with another "
-        "one it is no branch"
-    )
+    assert str(caught.value) == (f"--set: {key}; must be strategy.NAME with --from, or the run's own value")
 
 
 class ReceivedFrame(NamedTuple):
     step: int
-    """In which the frame ended."""
+    """Step in which the frame ended."""
     sender: str
     receiver: str
     ended: int
@@ -176,7 +173,7 @@ class ReceivedFrame(NamedTuple):
 
 
 def received(origin: Path, count: int, rng: random.Random, step_us: int) -> list[ReceivedFrame]:
-    """Random frames of the run, each the first of its sender that its receiver received in that step."""
+    """Return random frames, each the first of its sender in a step at its receiver."""
     found: dict[tuple[int, str, str], ReceivedFrame] = {}
     for frame in frame_rows(*frame_outcomes(origin)):
         for copy in frame.copies:

@@ -1,4 +1,4 @@
-"""Changes of a branch as they are typed and ordered; behaviours that follow one another."""
+"""Parsing of changes of a branch, merging of orders, and successive behaviours."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +32,7 @@ def _orders(given: TimedControl) -> tuple[object, ...]:
     return told.orders
 
 
-def test_events_come_before_what_the_run_was_given_at_their_boundary() -> None:
+def test_events_precede_recorded_orders_of_their_step() -> None:
     recorded = [_control(20, Pause()), _control(20, Resume()), _control(50, Thaw("r1"))]
     events = [change.event("kill r2 at 2", 1.0), change.event("freeze r1 at 3.95", 1.0)]
     given = change.with_events(recorded, events, 100_000)
@@ -44,7 +44,7 @@ def test_events_come_before_what_the_run_was_given_at_their_boundary() -> None:
     ]
 
 
-def test_an_event_without_instant_happens_where_the_branch_leaves() -> None:
+def test_an_event_without_instant_happens_at_the_branch() -> None:
     assert change.event("kill r2", 7.5).at_s == 7.5
 
 
@@ -61,7 +61,7 @@ def test_a_branch_point_is_a_run_and_a_positive_instant(text: str) -> None:
         change.place(text)
 
 
-def test_settings_stand_behind_a_name_whatever_characters_are_in_them() -> None:
+def test_settings_after_a_name_may_contain_any_characters() -> None:
     turn = BehaviourChange(60.0, "c:d", {"reach": 0.5, "names": ("a>b@3", "{"), "on": True})
     text = handover.join("a:b", [turn, BehaviourChange(120.0, "e:f")])
     assert handover.split(text) == ("a:b", (turn, BehaviourChange(120.0, "e:f")))
@@ -86,7 +86,7 @@ def test_invalid_successions(text: str, fault: str) -> None:
         handover.split(text)
 
 
-def test_a_cleaning_robot_keeps_what_is_left_in_its_own_order_and_what_it_has_taken_over() -> None:
+def test_a_handover_keeps_remaining_and_adopted_places() -> None:
     a, b, c = (Assignment("r1", index, Point(index, 0.0)) for index in range(3))
     taken = Assignment("r2", 0, Point(9.0, 9.0), 1)
     here = Point(5.0, 5.0)

@@ -1,4 +1,4 @@
-"""What starts a cluster over ssh, by Slurm, on Kubernetes: run with stand-ins, compared with the image."""
+"""Cluster scripts for ssh, Slurm and Kubernetes, run with stand-ins and compared with the image."""
 
 import os
 import re
@@ -32,17 +32,17 @@ STAND_INS = {
     "srun": '#!/bin/sh\n"$@" & "$@" & wait\n',
     "hostname": "#!/bin/sh\necho 127.0.0.1\n",
 }
-"""Of programs, by name: another computer is this one, and has one core; of two nodes both are."""
+"""Stand-ins of programs, by name: remote computers are this one, with one core."""
 SBATCH = {
     "job-name": r"\w+", "nodes": r"\d+", "ntasks-per-node": "1", "cpus-per-task": r"\d+",
     "mem-per-cpu": r"\d+[MG]", "time": r"(\d+-)?\d\d:\d\d:\d\d", "output": r"[\w-]+%j\.log",
 }  # fmt: skip
-"""Options of sbatch(1), and the form of their values."""
+"""Options of sbatch(1) with patterns of their values."""
 
 
 @contextmanager
 def begun(folder: Path, words: list[str], **variables: str) -> Iterator[subprocess.Popen[str]]:
-    """A script in a session of its own, with keys and with stand-ins; what is left of it is ended."""
+    """Run a script in its own session, with keys and stand-ins; kill leftover processes."""
     (folder / "bin").mkdir()
     for name, text in STAND_INS.items():
         (folder / "bin" / name).write_text(text)
@@ -66,7 +66,7 @@ def begun(folder: Path, words: list[str], **variables: str) -> Iterator[subproce
 
 
 def members(session: int) -> list[int]:
-    """The processes of a session that have not ended."""
+    """Return the running processes of a session."""
     listed = subprocess.run(
         ["ps", "-o", "pid=,stat=", "-s", str(session)], capture_output=True, text=True, check=False
     ).stdout
@@ -74,7 +74,7 @@ def members(session: int) -> list[int]:
 
 
 def connect(keys: Path, address: str) -> Client:
-    """A client with these keys, as soon as a scheduler answers."""
+    """Connect with these keys as soon as a scheduler answers."""
     pem, key = str(keys / "cluster.pem"), str(keys / "cluster.key")
     security = Security(tls_ca_file=pem, tls_client_cert=pem, tls_client_key=key, require_encryption=True)
     for _ in range(600):
@@ -87,7 +87,7 @@ def connect(keys: Path, address: str) -> Client:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(240)
-def test_over_ssh_each_host_has_workers_and_all_ends_with_the_script(tmp_path: Path) -> None:
+def test_over_ssh_each_host_has_workers_until_the_script_ends(tmp_path: Path) -> None:
     port = free_port()
     words = [str(FILES / "ssh.sh"), f"127.0.0.1:{port}", "lab1", "lab2"]
     with begun(tmp_path, words) as script:
@@ -114,7 +114,7 @@ def test_ssh_without_an_address_is_one_sentence() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(240)
-def test_a_job_of_slurm_makes_the_campaign_on_all_its_nodes_and_leaves_nothing(tmp_path: Path) -> None:
+def test_a_slurm_job_runs_the_campaign_on_all_nodes_and_cleans_up(tmp_path: Path) -> None:
     campaign = (
         *("campaign", "--strategies", "none", "--seeds", "2", "--robots", "2", "--duration", "1"),
         *("--check-every", "0", "--json", "--out", str(tmp_path / "out")),
@@ -129,7 +129,7 @@ def test_a_job_of_slurm_makes_the_campaign_on_all_its_nodes_and_leaves_nothing(t
         assert said.count("Registered to") == 2
 
 
-def test_what_slurm_is_asked_for_is_in_its_words_and_stands_before_the_first_command() -> None:
+def test_sbatch_options_are_valid_and_precede_commands() -> None:
     lines = (FILES / "slurm.sbatch").read_text().splitlines()
     first = next(number for number, line in enumerate(lines) if line and not line.startswith("#"))
     asked = [line.removeprefix("#SBATCH ") for line in lines[:first] if line.startswith("#SBATCH")]
@@ -140,7 +140,7 @@ def test_what_slurm_is_asked_for_is_in_its_words_and_stands_before_the_first_com
 
 
 def pods() -> dict[str, dict[str, Any]]:
-    """By component, its part of the manifest."""
+    """Return the parts of the manifest, by component."""
     whole = yaml.safe_load((FILES / "kubernetes.yaml").read_text())
     assert (whole["apiVersion"], whole["kind"]) == ("kubernetes.dask.org/v1", "DaskCluster")
     spec: dict[str, dict[str, Any]] = whole["spec"]
@@ -150,7 +150,7 @@ def pods() -> dict[str, dict[str, Any]]:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", ["scheduler", "worker"])
-def test_on_kubernetes_pods_run_what_the_image_has_as_its_user_with_the_keys(name: str) -> None:
+def test_kubernetes_pods_match_the_image_and_have_keys(name: str) -> None:
     image, part = (FILES.parent / "container" / "Dockerfile").read_text(), pods()[name]
     (container,) = part["spec"]["containers"]
     python, module, program, *_ = container["command"]
@@ -177,7 +177,7 @@ def test_on_kubernetes_pods_run_what_the_image_has_as_its_user_with_the_keys(nam
     assert part["metadata"]["annotations"] == {profile: "unconfined"}
 
 
-def test_on_kubernetes_workers_find_the_scheduler_and_are_as_many_as_their_cores() -> None:
+def test_kubernetes_workers_find_the_scheduler_and_match_their_cores() -> None:
     scheduler, worker = pods()["scheduler"], pods()["worker"]
     (at,), (working,) = scheduler["spec"]["containers"], worker["spec"]["containers"]
     ports = {one["name"]: one["containerPort"] for one in at["ports"]}
@@ -188,8 +188,8 @@ def test_on_kubernetes_workers_find_the_scheduler_and_are_as_many_as_their_cores
     assert working["resources"]["requests"] == working["resources"]["limits"]
 
 
-def test_the_growing_cluster_of_the_page_uses_tls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """With a stand-in: dask-jobqueue is none of the packages that are pinned here."""
+def test_the_adaptive_cluster_of_the_page_uses_tls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """With a stand-in, because dask-jobqueue is not installed here."""
     asked: dict[str, Any] = {}
 
     class SLURMCluster:
@@ -254,11 +254,11 @@ with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_addres
     except ClusterError as error:
         print(error)
 """
-"""A process of its own: a cluster within one leaves threads behind, and tests fork."""
+"""Program for a separate process: a cluster in this one would leave threads, and tests fork."""
 
 
 @pytest.mark.nightly
-def test_a_worker_is_waited_for_while_it_is_there_and_whoever_waits_is_told_once() -> None:
+def test_waiting_for_a_worker_is_reported_once() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
     worker, answered, raised, left, lost = done.stdout.splitlines()
     busy = "it is busy, as with another run or a campaign"
@@ -306,10 +306,10 @@ def test_two_commands_make_a_cluster_that_ends_with_them(tmp_path: Path) -> None
     [
         (("start", "here"), "here; must be the address of a scheduler, such as tls://192.168.1.5:8786"),
         (("join", "tcp://192.168.1.5:8786"),
-         "tcp://192.168.1.5:8786; must be tls:// anywhere but on this computer, for without TLS a cluster "
-         "runs whatever comes from whoever reaches it (docs/clusters.md)"),
+         "tcp://192.168.1.5:8786; must be tls://, except on this computer: without TLS anyone who can "
+         "connect can execute code (docs/clusters.md)"),
     ],
 )  # fmt: skip
-def test_what_is_no_address_of_use_is_a_sentence(words: tuple[str, ...], said: str) -> None:
+def test_unusable_addresses_are_refused(words: tuple[str, ...], said: str) -> None:
     done = acrc("cluster", *words)
     assert (done.returncode, done.stderr.strip()) == (2, f"acrc: ADDRESS: {said}")

@@ -45,7 +45,7 @@ def test_a_closed_door_stops_a_robot_and_its_sensor_sees_it() -> None:
     assert play.digest == eastward(13.0, (0.0, CloseDoor(EAST, 11.1)), (9.0, OpenDoor(EAST, 11.1))).digest
 
 
-def test_what_is_put_on_the_floor_is_recorded_with_its_extent() -> None:
+def test_obstacles_are_recorded_with_their_extent() -> None:
     play = eastward(1.0, (0.2, Wall(2.0, 11.5, 2.0, 12.5)), (0.2, Obstacle(4.0, 12.0, 0.3)))
     put = [
         (told.step, one.number, one.kind, one.points, one.radius)
@@ -70,7 +70,7 @@ def test_a_door_closes_when_it_is_unobstructed() -> None:
     assert (waits.kind, shut.kind, shut.points) == ("closing door", "closed door", waits.points)
     assert asked.step == math.ceil(inside * 10) and (closed.gone, opened.gone) == ((0,), (1,))
     gaps = [truth.robots[0].x - EAST for truth in play.truths[asked.step : closed.step + 1]]
-    assert len(gaps) > 2 and gaps[-1] > 0.177 > gaps[-3], "it has closed as soon as the robot was out of it"
+    assert len(gaps) > 2 and gaps[-1] > 0.177 > gaps[-3], "it closes as soon as it is empty"
     assert opened.step == 110
     never = eastward(9.0, (inside, CloseDoor(EAST, 11.1)), (inside + 0.1, OpenDoor(EAST, 11.1)))
     assert end(never) == end(through)

@@ -113,7 +113,7 @@ def test_a_moved_robot_gets_no_earlier_scans() -> None:
     assert scans[6] is not None and scans[6].stamp == 600_000
 
 
-def test_no_sweep_of_a_fast_sensor_is_lost() -> None:
+def test_no_scan_of_a_fast_sensor_is_lost() -> None:
     fast = with_sensor(load_model("turtlebot2"), rate=50.0)
     setup = ScriptedSwarm.setup_of(["r1"])
     with patch("actors.world.body.load_model", lambda *_: fast):

@@ -208,7 +208,7 @@ class DistanceTask:
 def test_a_run_ends_once_another_task_is_settled_or_at_its_limit() -> None:
     task = DistanceTask(distance=0.5)
     play = ScriptedSwarm(20.0, task=task).run()
-    assert play.core.finished and play.core.step == 0, "who is far enough apart has nothing to do"
+    assert play.core.finished and play.core.step == 0, "the robots are far enough apart"
     assert play.core.task_outcome == {"parted_at": 0}
     assert (play.progress[-1].places_left, play.progress[-1].reports) == (0, 1)
     assert task.words == []

@@ -1,4 +1,4 @@
-"""A real Chromium without a screen, driven by its DevTools protocol."""
+"""Headless Chromium, driven by the DevTools protocol."""
 
 import json
 import shutil
@@ -36,11 +36,11 @@ _KEYS: Final[dict[str, dict[str, Any]]] = {
 
 
 class PageLeftError(AssertionError):
-    """The page was left while something was asked of it."""
+    """The browser has left the page during a command."""
 
 
 class Browser:
-    """One page in a browser of its own; a context manager that ends it."""
+    """Context manager for a browser with one page."""
 
     def __init__(self, home: Path, url: str) -> None:
         assert CHROMIUM is not None
@@ -70,7 +70,7 @@ class Browser:
         self._process.wait(20)
 
     def call(self, method: str, **parameters: object) -> dict[str, Any]:
-        """One command of the protocol, and what it gives."""
+        """Send a protocol command; return its result."""
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
         while True:
@@ -83,19 +83,19 @@ class Browser:
                 return result
 
     def value(self, expression: str) -> Any:
-        """What an expression is worth on the page, a promise once it is kept; None where it raises."""
+        """Evaluate an expression on the page, and await promises; None if it raises."""
         told = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         return told["result"].get("value")
 
     def open(self, url: str, *, width: int = 1200, height: int = 800, scheme: str = "light") -> None:
-        """Go to a page on a screen of this size, px, that is light or dark; it is whole afterwards."""
+        """Open a page with this size, px, and colour scheme; wait until it is complete."""
         self.scheme(scheme)
         self.size(width, height)
         self.call("Page.navigate", url=url)
         until(lambda: self.value(f"location.href.startsWith({json.dumps(url)}) && {_WHOLE}"))
 
     def until(self, expression: str) -> None:
-        """Wait until an expression is true on the page, or on the one to which it leads meanwhile."""
+        """Wait until an expression is true, on this page or the one it navigates to."""
 
         def come() -> Any:
             with suppress(PageLeftError):
@@ -105,11 +105,11 @@ class Browser:
         until(come)
 
     def shot(self) -> bytes:
-        """What can be seen of the page, as a PNG."""
+        """Return a screenshot as PNG."""
         return b64decode(self.call("Page.captureScreenshot")["data"])
 
     def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
-        """Press the mouse at one point, and let go at another."""
+        """Drag the mouse from one point to another."""
         middle = ((begin[0] + end[0]) / 2, (begin[1] + end[1]) / 2)
         for kind, (x, y) in (
             ("mouseMoved", begin), ("mousePressed", begin), ("mouseMoved", middle), ("mouseMoved", end),
@@ -118,7 +118,7 @@ class Browser:
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
     def press(self, key: str, *, shift: bool = False) -> None:
-        """Press a key and let it go, as `KeyboardEvent.key` has it."""
+        """Press and release a key, named as in `KeyboardEvent.key`."""
         told: dict[str, Any] = {"key": key, "modifiers": 8 * shift, **_KEYS.get(key, {})}
         if len(key) == 1:
             told |= {"text": key, "windowsVirtualKeyCode": ord(key.upper())}
@@ -126,7 +126,7 @@ class Browser:
         self.call("Input.dispatchKeyEvent", type="keyUp", **told)
 
     def touch(self, *stations: list[tuple[float, float]]) -> None:
-        """Put fingers down at the points of the first station, bring them to the others, take them off."""
+        """Touch the points of the first station, move to the others, release."""
         for number, points in enumerate(stations):
             told = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(points)]
             self.call(
@@ -135,7 +135,7 @@ class Browser:
         self.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
 
     def size(self, width: int, height: int, *, mobile: bool = False) -> None:
-        """Make the window so large."""
+        """Set the window size, px."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width, height=height, deviceScaleFactor=1, mobile=mobile,
@@ -143,12 +143,12 @@ class Browser:
         self.call("Emulation.setTouchEmulationEnabled", enabled=mobile)
 
     def scheme(self, name: str) -> None:
-        """Let the reader's screen be `light` or `dark`."""
+        """Set the preferred colour scheme, `light` or `dark`."""
         told = [{"name": "prefers-color-scheme", "value": name}]
         self.call("Emulation.setEmulatedMedia", features=told)
 
     def picture(self, file: Path) -> None:
-        """Keep what is seen, as a PNG."""
+        """Write a screenshot to a PNG file."""
         file.write_bytes(self.shot())
 
     def click(self, selector: str) -> None:
@@ -161,10 +161,10 @@ class Browser:
 
 
 def until(come: Callable[[], Any], patience_s: float = 30.0) -> Any:
-    """What `come` gives once that is true."""
+    """Wait until `come` returns a true value; return it."""
     deadline = time.monotonic() + patience_s
     while not (found := come()):
-        assert time.monotonic() < deadline, "it has not come to that"
+        assert time.monotonic() < deadline, "timeout"
         time.sleep(0.02)
     return found
 

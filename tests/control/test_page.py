@@ -1,4 +1,4 @@
-"""The map page in a real browser, beside a real run: a robot is dragged, the run paused, stepped, resumed."""
+"""The map page in a real browser with a real run."""
 
 import json
 from collections.abc import Iterator
@@ -48,8 +48,8 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(tmp_path: 
 
         _, x, y, *_ = page.value("state.robots[0]")
         page.drag(there(x, y), there(x, y - 1.0))
-        line = "$('said').firstChild.textContent"
-        browser.until(lambda: page.value(f"{line}.startsWith('move r1') && !{line}.endsWith('waits')"))
+        line = "$('orders').firstChild.textContent"
+        browser.until(lambda: page.value(f"{line}.startsWith('move r1') && !{line}.endsWith('pending')"))
         assert page.value(f"{line}.endsWith('carried out')")
         moved = page.value("state.robots[0]")
         assert abs(moved[2] - (y - 1.0)) < 0.05
@@ -68,11 +68,11 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(tmp_path: 
             assert page.value(_COLOURS) > 20, f"the map is blank in {scheme}"
             page.picture(tmp_path / f"{scheme}.png")
         page.click("#stop")
-        browser.until(lambda: page.value("$('stop').textContent == 'Stop: sure?'"))
+        browser.until(lambda: page.value("$('stop').textContent == 'Stop: confirm'"))
         before = page.value("state.step")
         browser.until(lambda: page.value(f"state.step > {before}"))
         page.click("#stop")
-        browser.until(lambda: page.value("!$('lost').hidden && $('lost').textContent == 'The run is over.'"))
+        browser.until(lambda: page.value("$('lost').textContent == 'The run has ended.'"))
         process.communicate(timeout=60)
         assert process.returncode == 0
     assert processes_of(out) == [] and leftovers(out) == [] and not (out / "control.url").exists()
@@ -97,7 +97,7 @@ _COLOURS = """(() => {
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Of the page of a run that goes on for as long as the tests here do."""
+    """Address of the page of a run that lasts for all tests of this module."""
     out = tmp_path_factory.mktemp("run") / "out"
     with begun(out):
         yield (out / "control.url").read_text()
@@ -111,7 +111,7 @@ def window(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[A
 
 @pytest.fixture
 def page(window: Any, address: str) -> Any:
-    """The page, loaded anew, of the paused run; at the end of a test nothing of it is left but its orders."""
+    """Reload the page of the paused run, with all robots running."""
     load(window, address)
     if not window.value("state.paused"):
         window.click("#pause")
@@ -131,7 +131,7 @@ def load(window: Any, address: str) -> None:
 
 
 def there(page: Any, x: float, y: float) -> tuple[float, float]:
-    """Where a point of the floor is in the window."""
+    """Return the window position of a point on the floor, px."""
     px, py, left, top = page.value(
         f"(() => {{ fit(); const b = canvas.getBoundingClientRect(); "
         f"return [...toScreen({x}, {y}), b.x, b.y]; }})()"
@@ -144,14 +144,14 @@ def robot(page: Any, index: int = 0) -> Any:
 
 
 @pytest.mark.nightly
-def test_by_keys_alone_a_robot_is_moved_a_wall_put_the_run_stepped_and_gone_on_with(page: Any) -> None:
+def test_keyboard_control(page: Any) -> None:
     _, x, y, *_ = robot(page)
     page.press("n")
     assert page.value("chosen") == "r1"
     for key in ("ArrowLeft", "ArrowLeft", "ArrowDown"):
         page.press(key)
     browser.until(lambda: robot(page)[1:3] == pytest.approx([x - 0.2, y - 0.1], abs=2e-3))
-    line = "$('said').firstChild.textContent"
+    line = "$('orders').firstChild.textContent"
     browser.until(lambda: page.value(f"{line}.startsWith('move r1') && {line}.endsWith('carried out')"))
 
     walls = len(things(page, "wall"))
@@ -176,7 +176,7 @@ def test_by_keys_alone_a_robot_is_moved_a_wall_put_the_run_stepped_and_gone_on_w
     page.press("]")
     browser.until(lambda: page.value("state.speed") == 4 and page.value("$('speed').value") == "4")
     page.press("x")
-    assert page.value("$('stop').textContent") == "Stop: sure?"
+    assert page.value("$('stop').textContent") == "Stop: confirm"
     page.press("Escape")
     assert page.value("$('stop').textContent") == "Stop"
     page.press(" ")
@@ -184,7 +184,7 @@ def test_by_keys_alone_a_robot_is_moved_a_wall_put_the_run_stepped_and_gone_on_w
 
 
 @pytest.mark.nightly
-def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any) -> None:
+def test_doors_and_new_obstacles_are_drawn(page: Any) -> None:
     assert page.value("floor.doors.length") == 5
     (x, y), (to_x, to_y) = page.value("floor.doors[2]")
     beside = there(page, (x + to_x) / 2 + 0.6, (y + to_y) / 2)
@@ -226,8 +226,8 @@ def test_doors_are_there_before_they_are_hit_and_what_is_put_is_drawn(page: Any)
 def test_reload_and_two_tabs_show_the_same(page: Any, address: str, tmp_path: Path) -> None:
     for _ in range(3):
         page.value("order('step')")
-    texts = "[...$('said').children].map((one) => one.textContent)"
-    browser.until(lambda: page.value("$('said').firstChild.textContent == 'step \\u00d73: carried out'"))
+    texts = "[...$('orders').children].map((one) => one.textContent)"
+    browser.until(lambda: page.value("$('orders').firstChild.textContent == 'step \\u00d73: carried out'"))
     told = page.value(texts)
     trail = page.value("trails.get('r1').slice(0, 5)")
     load(page, address)
@@ -236,9 +236,9 @@ def test_reload_and_two_tabs_show_the_same(page: Any, address: str, tmp_path: Pa
     with browser.Browser(tmp_path / "home", address) as other:
         browser.until(lambda: other.value("state && true") and other.value(texts) == told)
         other.value("order('thaw r1')")
-        refused = "thaw r1: not done: "
+        refused = "thaw r1: refused: "
         for one in (page, other):
-            browser.until(lambda one=one: one.value("$('said').firstChild.textContent").startswith(refused))
+            browser.until(lambda one=one: one.value("$('orders').firstChild.textContent").startswith(refused))
         assert page.value(texts) == other.value(texts)
 
 
@@ -257,13 +257,13 @@ def test_touch_on_a_phone_moves_robots_and_the_view(page: Any, tmp_path: Path) -
     browser.until(lambda: robot(page)[2] == pytest.approx(y - 1.0, abs=0.1))
     fit = page.value("fit() || scale")
     cx, cy = there(page, x, y)
-    said = page.value("$('said').children.length")
+    said = page.value("$('orders').children.length")
     page.touch([(cx - 30, cy), (cx + 30, cy)], [(cx - 60, cy), (cx + 60, cy)])
     assert page.value("fit() || scale") == pytest.approx(2 * fit, rel=0.05)
     at = page.value("fit() || left")
     page.touch([(cx - 60, cy), (cx + 60, cy)], [(cx - 40, cy), (cx + 80, cy)])
     assert page.value("fit() || left") == pytest.approx(at + 20, abs=2)
-    assert page.value("$('said').children.length") == said
+    assert page.value("$('orders').children.length") == said
     page.click("#whole")
     assert page.value("fit() || scale") == pytest.approx(fit)
 
@@ -278,7 +278,7 @@ def test_axe_finds_nothing_wrong(page: Any, width: int, scheme: str) -> None:
     page.click("[data-tool=wall]")
     page.value("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     page.value("order('thaw r1')")
-    browser.until(lambda: page.value("document.querySelector('#said .no') && $('note').textContent != ''"))
+    browser.until(lambda: page.value("document.querySelector('#orders .no') && $('note').textContent != ''"))
     page.call(
         "Runtime.evaluate", expression=resources.files(axe).joinpath("axe.min.js").read_text(encoding="utf-8")
     )

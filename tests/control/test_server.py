@@ -1,4 +1,4 @@
-"""The page's server and what it sends of a run, without a browser."""
+"""Server and scene of the map page, without a browser."""
 
 import asyncio
 import json
@@ -48,7 +48,7 @@ MAP = REPOSITORY / "maps" / "corridor.yaml"
 
 
 class Mesh:
-    """A bus on which the test is the run."""
+    """Bus between server and test, which plays the run."""
 
     def __init__(self) -> None:
         self.given: list[Control] = []
@@ -60,7 +60,7 @@ class Mesh:
         self.given.append(told)
 
     def answer(self, link: Any, refusal: str) -> None:
-        """The run answers the last order."""
+        """Answer the last order on behalf of the run."""
         told = Answered(0, self.given[-1].ticket, (refusal,) if refusal else ())
         self.says[ANSWERED.pattern] = [encode(told, ANSWERED.key())]
         link.poll()
@@ -141,7 +141,7 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     assert stage.state()["over"]
 
 
-def test_who_stands_and_who_is_blocked() -> None:
+def test_standing_and_blocked_robots() -> None:
     stage = scene()
 
     def states(second: int, *robots: RobotTruth) -> list[tuple[str, str]]:
@@ -157,7 +157,7 @@ def test_who_stands_and_who_is_blocked() -> None:
     assert states(6, truth_of("r1", 12.2, 13.0), *beside)[0] == ("driving", "")
 
 
-def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
+def test_repeated_orders_share_a_line_and_old_lines_are_dropped() -> None:
     mesh = Mesh()
     link = server.RunLink(scene(), mesh, mesh)
     for order, refusal in (
@@ -175,7 +175,7 @@ def test_orders_in_a_row_are_one_line_and_old_lines_are_forgotten() -> None:
     assert [line.number for line in link.lines] == list(range(5, server.LINES + 5))
 
 
-def test_a_line_says_when_the_run_says_nothing() -> None:
+def test_a_line_shows_a_missing_answer() -> None:
     now, mesh = [0.0], Mesh()
     link = server.RunLink(scene(), mesh, mesh, lambda: now[0])
     link.give("pause")
@@ -185,7 +185,7 @@ def test_a_line_says_when_the_run_says_nothing() -> None:
     assert (link.lines[0].waiting, link.lines[0].refusal) == (0, server.UNANSWERED)
 
 
-def test_the_word_of_every_state_can_be_read() -> None:
+def test_state_labels_have_sufficient_contrast() -> None:
     for state in STATES:
         (red, green, blue), (ink, *_) = (bytes.fromhex(colour[1:]) for colour in state_colours(state))
         assert contrast((red, green, blue), (ink, ink, ink)) >= 4.5
@@ -195,7 +195,7 @@ Trial = Callable[[Any, Mesh, Any], Awaitable[None]]
 
 
 def served(trial: Trial) -> Callable[[], None]:
-    """Make a test of a trial that talks to the server of a scene whose run is a Mesh."""
+    """Turn a coroutine with a server, its bus and link into a test."""
 
     def test() -> None:
         async def play() -> None:
@@ -224,17 +224,17 @@ async def heard(connection: Any, kind: str) -> dict[str, Any]:
 
 
 async def told_line(pages: Any, connection: Any, number: int) -> dict[str, Any]:
-    """A line of the list of orders that the run has answered."""
+    """Return a line of the list of orders after its answer."""
     while True:
         await asyncio.sleep(0.01)
         pages.renew()
-        told = await heard(connection, "said")
+        told = await heard(connection, "order")
         if told["number"] == number and not told["waiting"]:
             return told
 
 
 @served
-async def test_only_the_page_with_the_token_gets_in(pages: Any, mesh: Mesh, link: Any) -> None:
+async def test_the_page_requires_its_token(pages: Any, mesh: Mesh, link: Any) -> None:
     token = pages.url.rsplit("/", 2)[1]
     assert len(token) == 32
     wrong = pages.url.replace(token, "A" * 32)
@@ -266,7 +266,7 @@ async def _status(pages: Any, path: str, host: str | None) -> int:
 
 
 @served
-async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, mesh: Mesh, link: Any) -> None:
+async def test_an_order_of_a_page_is_sent_to_the_run_and_answered(pages: Any, mesh: Mesh, link: Any) -> None:
     async with socket(pages) as page:
         assert list((await heard(page, "floor"))["robots"]) == ["r1", "r2", "r3"]
         await page.send("move r1 1 2 0")
@@ -279,17 +279,17 @@ async def test_an_order_of_a_page_is_given_to_the_run_and_answered(pages: Any, m
         mesh.says[ANSWERED.pattern] = [answer]
         link.poll()
         refused = {
-            "kind": "said", "number": 1, "order": "move r1 1 2 0", "times": 1, "waiting": 0, "refused": 1,
+            "kind": "order", "number": 1, "order": "move r1 1 2 0", "times": 1, "waiting": 0, "refused": 1,
             "refusal": "at 3 s: no", "version": 4,
         }  # fmt: skip
         assert await told_line(pages, page, 1) == refused
         async with socket(pages) as later:
-            assert await heard(later, "said") == refused
-            assert (await heard(later, "said"))["order"] == "dance"
+            assert await heard(later, "order") == refused
+            assert (await heard(later, "order"))["order"] == "dance"
 
 
 @served
-async def test_junk_is_counted_and_ends_the_page_that_sends_it(pages: Any, mesh: Mesh, link: Any) -> None:
+async def test_invalid_messages_are_counted_and_close_their_page(pages: Any, mesh: Mesh, link: Any) -> None:
     async with socket(pages) as other, socket(pages) as page:
         for _, junk in zip(range(server.JUNK), cycle((b"\xff\x00[[[", b"pause", "")), strict=False):
             await page.send(junk)
@@ -324,7 +324,7 @@ async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh,
 
 
 @served
-async def test_the_ninth_page_is_told_why_it_is_closed(pages: Any, mesh: Mesh, link: Any) -> None:
+async def test_the_ninth_page_is_closed_with_a_reason(pages: Any, mesh: Mesh, link: Any) -> None:
     opened = [await socket(pages) for _ in range(server.PAGES)]
     async with socket(pages) as ninth:
         with pytest.raises(exceptions.ConnectionClosed) as closed:

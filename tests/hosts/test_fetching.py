@@ -1,4 +1,4 @@
-"""What has stayed on a host of a run: what a worker gives away, and what is taken from one that lies."""
+"""Files left on a run's host: what a worker serves, and rejection of invalid answers."""
 
 import hashlib
 import tempfile
@@ -42,7 +42,7 @@ def told(folder: Path, name: str = "r1/r1.mcap", data: bytes = FILES["r1/r1.mcap
 
 @pytest.fixture
 def out(there: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The run's folder where it was typed, beside a cluster whose worker does what it is asked."""
+    """Return the run's folder on this computer, with a cluster whose worker answers correctly."""
     answers(monkeypatch, lambda function, *words: function(*words))
     folder = tmp_path / "runs" / "one"
     folder.mkdir(parents=True)
@@ -61,10 +61,10 @@ def answers(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any]) -> None
 
 
 def quiet(sentence: str) -> None:
-    """For who listens to nothing."""
+    """Ignore a progress sentence."""
 
 
-def test_recordings_and_logs_come_and_nothing_else_and_nothing_is_left(there: Path, out: Path) -> None:
+def test_only_recordings_and_logs_are_fetched_and_all_is_removed(there: Path, out: Path) -> None:
     (out / "r2").mkdir()
     (out / "r2" / "r2.mcap").write_bytes(b"r")  # is here already
     assert fetch(out, "", quiet) == Fetched(3, sum(map(len, FILES.values())) - 1)
@@ -74,13 +74,13 @@ def test_recordings_and_logs_come_and_nothing_else_and_nothing_is_left(there: Pa
     assert fetch(out, "", quiet) == Fetched(0, 0)
 
 
-def test_what_is_gone_there_and_not_here_is_said(there: Path, out: Path) -> None:
+def test_a_missing_recording_is_named(there: Path, out: Path) -> None:
     (there / "run" / "r1" / "r1.mcap").unlink()
-    with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap; it is not here either"):
+    with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap, and there is no copy here"):
         fetch(out, "", quiet)
     assert (there / "run" / "r2" / "r2.mcap").is_file()  # nothing is removed
     fetching.remove(str(there), RUN)
-    with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap; it is not here either"):
+    with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap, and there is no copy here"):
         fetch(out, "", quiet)
 
 
@@ -93,15 +93,15 @@ def test_more_files_than_are_fetched_are_not_removed(
     assert there.exists()
 
 
-def test_a_worker_gives_recordings_and_logs_of_its_own_run_only(there: Path, tmp_path: Path) -> None:
+def test_a_worker_serves_recordings_and_logs_of_its_run_only(there: Path, tmp_path: Path) -> None:
     for folder in ("/etc", "acrc-y/../../acrc-x"):
         for ask in (fetching.listed, fetching.remove):
-            with pytest.raises(AcrcError, match="is no folder of a run"):
+            with pytest.raises(AcrcError, match="is not a run's folder"):
                 ask(str(tmp_path / folder), RUN)
     for name in ("r1/setup.json", "r1/../../x", ".router/passwords"):
-        with pytest.raises(AcrcError, match="is no recording"):
+        with pytest.raises(AcrcError, match="is not a recording"):
             fetching.piece(str(there), RUN, name, 0)
-    with pytest.raises(AcrcError, match="is another run's"):
+    with pytest.raises(AcrcError, match="belongs to another run"):
         fetching.remove(str(there), "fedcba9876543210")
     (tmp_path / "acrc-link").symlink_to(there)
     fetching.remove(str(tmp_path / "acrc-link"), RUN)
@@ -113,18 +113,16 @@ def test_a_worker_gives_recordings_and_logs_of_its_own_run_only(there: Path, tmp
 
 SUM = hashlib.sha256(FILES["r1/r1.mcap"]).hexdigest()
 LIES: list[tuple[Any, str]] = [
-    (b"[", "no list of files"),
-    ([Listed("r3/r3.mcap", 1, SUM)], "'r3/r3.mcap', which is none of its own"),
-    ([Listed("r2/r2.mcap", 1 << 60, SUM)], "no list of files: Expected `int` <= "),
-    ([Listed("r2/r2.mcap", 1, "0")], "no list of files: Expected `str` matching"),
-    ([Listed("r1/r1.mcap", 1, SUM)], "another r1/r1.mcap than it had at the run's end"),
+    (b"[", "an invalid list of files"),
+    ([Listed("r3/r3.mcap", 1, SUM)], "'r3/r3.mcap', which is not its own"),
+    ([Listed("r2/r2.mcap", 1 << 60, SUM)], "an invalid list of files: Expected `int` <= "),
+    ([Listed("r2/r2.mcap", 1, "0")], "an invalid list of files: Expected `str` matching"),
+    ([Listed("r1/r1.mcap", 1, SUM)], "a different r1/r1.mcap than at the run's end"),
 ]
 
 
 @pytest.mark.parametrize(("lie", "said"), LIES)
-def test_a_list_that_cannot_be_is_refused(
-    out: Path, monkeypatch: pytest.MonkeyPatch, lie: Any, said: str
-) -> None:
+def test_invalid_lists_are_refused(out: Path, monkeypatch: pytest.MonkeyPatch, lie: Any, said: str) -> None:
     answers(monkeypatch, lambda function, *words: msgspec.json.encode(lie) if isinstance(lie, list) else lie)
     with pytest.raises(AcrcError) as caught:
         fetch(out, "", quiet)
@@ -133,7 +131,7 @@ def test_a_list_that_cannot_be_is_refused(
 
 
 @pytest.mark.parametrize("lie", [b"", b"x" * (5 << 20), 3])
-def test_a_piece_that_cannot_be_is_refused_and_what_was_here_stays(
+def test_an_invalid_part_is_refused_and_the_existing_file_kept(
     there: Path, out: Path, monkeypatch: pytest.MonkeyPatch, lie: Any
 ) -> None:
     (out / "r1").mkdir()
@@ -147,7 +145,7 @@ def test_a_piece_that_cannot_be_is_refused_and_what_was_here_stays(
     assert there.exists()
 
 
-def test_a_worker_that_dies_or_is_not_there_is_named(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dead_or_missing_worker_is_named(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def dies(*words: Any) -> None:
         raise RuntimeError("the worker is gone")
 
@@ -164,5 +162,5 @@ def test_a_folder_without_hosts_and_a_damaged_list_are_named(out: Path) -> None:
     with pytest.raises(AcrcError, match=r"hosts.json: no list of a run's hosts: cluster is 3, but must be"):
         fetch(out, "", quiet)
     (out / seal.HOSTS_FILE).unlink()
-    with pytest.raises(AcrcError, match=r"no run over several computers: there is no hosts\.json in it"):
+    with pytest.raises(AcrcError, match=r"not a run on several computers: no hosts\.json"):
         fetch(out, "", quiet)

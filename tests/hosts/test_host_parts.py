@@ -1,4 +1,4 @@
-"""Parts of a run over several computers: allocation, limits on what hosts send, load, files left there."""
+"""Parts of a run on several computers: allocation, limits of hosts' output, load, remote files."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,7 +39,7 @@ def test_every_robot_is_on_one_host_and_no_core_has_two_more_than_another(
 @pytest.mark.parametrize(
     "path", ["r1.mcap", "r2/r2.mcap", "../r1/x", "r1/../r2/x", "r1//x", "r1/./x", "/r1/x", "r1/a\0b", "r1/"]
 )
-def test_nothing_is_taken_beside_the_robots_own_folders(tmp_path: Path, path: str) -> None:
+def test_files_outside_the_robots_folders_are_refused(tmp_path: Path, path: str) -> None:
     incoming = IncomingFiles(tmp_path, {"r1"}.__contains__, 100, "")
     with pytest.raises(FilePartError):
         incoming.take(FilePart(path, b"x"))
@@ -101,15 +101,15 @@ OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, 
         (OFFER, None),
         (msgspec.structs.replace(OFFER, versions={"python": "3.11.7", "more": "1"}, cores=2), None),
         (msgspec.structs.replace(OFFER, commit="def"),
-         "has def, this is abc; must be the same: git -C /opt/acrc fetch && git -C /opt/acrc checkout "
+         "has def, this computer abc; update it: git -C /opt/acrc fetch && git -C /opt/acrc checkout "
          "abc, and restart its worker"),
         (msgspec.structs.replace(OFFER, versions={"python": "3.12.1"}),
-         "has python 3.12.1, this is 3.11.7; must be the same"),
+         "has python 3.12.1, this computer 3.11.7; install the same version"),
         (msgspec.structs.replace(OFFER, kernels={"arrays": "2" * 64}),
-         "computes other bits than this computer: in arrays"),
+         "computes different bits than this computer: in arrays"),
     ],
 )  # fmt: skip
-def test_who_is_no_fit_host_is_told_why(there: HostOffer, fault: str | None) -> None:
+def test_unsuitable_hosts_are_refused_with_a_reason(there: HostOffer, fault: str | None) -> None:
     assert unfit(there, OFFER) == fault
 
 
@@ -122,7 +122,7 @@ def test_hosts_connect_to_an_address_with_a_port_or_without(word: str, place: tu
 
 
 @pytest.mark.parametrize("word", ["", ":7450", "10.0.0.5:", "10.0.0.5:65536", "a b", "10.0.0.5:7450:1"])
-def test_what_is_none_is_refused(word: str) -> None:
+def test_invalid_listen_addresses_are_refused(word: str) -> None:
     with pytest.raises(OptionError, match="must be an address of this computer"):
         place_of(word)
 
@@ -140,7 +140,7 @@ def test_addresses_are_bound_and_schemes_are_equal() -> None:
 
 
 class FakeHost:
-    """The actor of a host, and the future of it, whose reports are given."""
+    """Agent of a host, and its future, with prepared reports."""
 
     status = "finished"
 
@@ -188,7 +188,7 @@ def packed(*, done: bool = False, **events: object) -> bytes:
 
 
 def link_to(host: FakeHost, folder: Path) -> HostLink:
-    files = IncomingFiles(folder, {"r1"}.__contains__, 5, "what its robots may write (disk_mb)")
+    files = IncomingFiles(folder, {"r1"}.__contains__, 5, "the limit of its robots (disk_mb)")
     return HostLink("h1", 1, ("r1",), files, host)  # type: ignore[arg-type]
 
 
@@ -212,14 +212,14 @@ def test_files_are_sent_before_a_host_begins_and_its_folder_is_removed_at_the_en
     [
         (b"\xc1", "it has sent an invalid report: "),
         (packed(refused={3: "x" * 3000}), "it has sent an invalid report: Expected `str` of length <= 2000"),
-        (b"0" * ((1 << 23) + 1), "it has sent something that is not a report"),
-        ("text", "it has sent something that is not a report"),
+        (b"0" * ((1 << 23) + 1), "it has sent an answer that is not a report"),
+        ("text", "it has sent an answer that is not a report"),
         (packed(ending=[7]), "it reports process 7, which was not requested"),
         (
             packed(files=[FilePart("r1/x", b"123456")]),
-            "it has sent more than 5 B of files, what its robots may write (disk_mb)",
+            "it has sent more than 5 B of files, the limit of its robots (disk_mb)",
         ),
-        (packed(files=[FilePart("r2/x", b"1")]), "it has sent a file 'r2/x', which is none of its own"),
+        (packed(files=[FilePart("r2/x", b"1")]), "it has sent a file 'r2/x', which is not its own"),
         (OSError("Unable to contact Actor's worker"), "its worker has ended, or left the cluster"),
         (AcrcError("no space\x1b[2J"), "no space\\x1b[2J"),
     ],
@@ -237,7 +237,7 @@ def process(pid: int, cpu_s: float, queued_s: float | None) -> ProcessStatus:
     return ProcessStatus(pid, 1, pid, "S", cpu_s, queued_s)
 
 
-def test_the_load_is_what_processes_did_between_two_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_load_is_measured_between_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimpleNamespace(now_s=100.0)
     clock.monotonic = lambda: clock.now_s
     monkeypatch.setattr(host_link, "time", clock)
@@ -257,7 +257,7 @@ def test_the_load_is_what_processes_did_between_two_answers(monkeypatch: pytest.
     assert meter.load == HostLoad(worked=1.5, waited=0.25, answer_s=0.025, slowest_s=0.04)
 
 
-def test_a_run_says_what_is_elsewhere_until_it_is_here(tmp_path: Path) -> None:
+def test_a_run_names_remote_files_until_they_are_fetched(tmp_path: Path) -> None:
     assert seal.read_hosts(tmp_path) is None
     assert seal.remote_recordings(tmp_path) == {}
     part = HostPart("10.0.0.2", 2, ("r1", "r2"), "/tmp/acrc-x")

@@ -133,7 +133,7 @@ def test_only_a_run_is_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         acrc.run("head_on", "mine", duration=1, bus="memory", overwrite=True)
     there = tmp_path / "mine"
     assert str(caught.value) == (
-        f"out: {there} has other content, and no world/world.mcap; must be what can be replaced, or new"
+        f"out: {there} has no world/world.mcap and is not replaced; choose a new folder"
     )
     acrc.run("head_on", "runs/a", duration=1, bus="memory", overwrite=True)
     with pytest.raises(acrc.AcrcError, match=r"out: .* is not empty; choose a new folder"):
@@ -160,7 +160,7 @@ def test_a_campaign_is_overwritten_on_request(tmp_path: Path, monkeypatch: pytes
     assert sorted(path.name for path in tmp_path.iterdir()) == ["c", "s.toml"]
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "text.tex").touch()
-    with pytest.raises(acrc.AcrcError, match=r"out: .* has other content, and no study.json"):
+    with pytest.raises(acrc.AcrcError, match=r"out: .* has no study.json and is not replaced"):
         acrc.campaign(tmp_path / "s.toml", tmp_path / "thesis", overwrite=True)
 
 

@@ -373,7 +373,7 @@ def test_the_cause_of_each_exit_is_reported(
             watch.look(0.0)
     assert launcher.said == [f"r1 exited with exit code 1: {TAKEN}"] * 6
     assert str(caught.value).endswith(
-        f"started 5 times within 60 s, and r1 has ended once more with exit code 1: {TAKEN}"
+        f"started 5 times within 60 s, and r1 has ended again with exit code 1: {TAKEN}"
     )
 
 

@@ -44,7 +44,7 @@ def test_another_start_is_found_and_named(copy: Path) -> None:
         replay_swarm(copy, permit=INSTALLED)
     shutil.rmtree(copy / "world")
     (copy / "run.json").unlink()
-    with pytest.raises(ReplayError, match="there is no recording of the world, with which to compare"):
+    with pytest.raises(ReplayError, match="no recording of the world to compare with"):
         replay_swarm(copy, permit=INSTALLED)
 
 

@@ -1,4 +1,4 @@
-"""A run whose r2 does what the saboteur says, as a program: how it ends, and what is left of it."""
+"""Program of a run whose r2 has a behaviour of `saboteur`: prints the run's error."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 
 
 class Doom(msgspec.Struct, frozen=True):
-    """What r2 does, and how the run is made."""
+    """Behaviour of r2 and options of the run."""
 
     out: str
     behaviour: str

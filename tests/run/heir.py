@@ -1,4 +1,4 @@
-"""A program that says what it has found in the memory of the server that forked it."""
+"""Program that prints which data its forkserver had loaded before the fork."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,6 @@ from actors.floor.map_file import load_map
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print of each map of `argv` whether its clearance was known before this process began."""
+    """Print for each map in `argv` whether its clearance was computed before the fork."""
     print(*("clearance" in vars(load_map(name)) for name in argv))
     return 0

@@ -27,8 +27,8 @@ from tests.helpers import on_small_disk
 from tests.in_process import acrc
 from tests.swarm.command import ACRC, ROOT, processes_of
 
-SPEED = 'must be "max" or a number from 0.01 on, such as 1 or 4'
-NEW = "must be a folder that is new or empty"
+SPEED = 'must be "max" or a number of at least 0.01, such as 1 or 4'
+NEW = "choose a new or empty folder"
 FULL = errno.ENOSPC, "No space left on device"
 SCRATCH = (
     "{}: temporary files cannot be written: no space left on device; make room there, or set TMPDIR to "
@@ -72,7 +72,7 @@ def test_wrong_options_are_refused(tmp_path: Path, options: dict[str, Any], sent
     assert str(caught.value) == sentence
 
 
-def test_runs_that_begin_in_the_same_second_get_a_folder_each(tmp_path: Path) -> None:
+def test_runs_started_in_the_same_second_get_separate_folders(tmp_path: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         folders = list(pool.map(lambda _: claim(tmp_path / "runs", "corridor-1"), range(8)))
     names = {"corridor-1", *(f"corridor-1-{number}" for number in range(2, 9))}
@@ -101,13 +101,13 @@ def test_marks_that_end_a_sockets_address_are_refused_over_the_mesh_only(tmp_pat
     with pytest.raises(OptionError) as caught:
         checked(RunOptions(out))
     assert str(caught.value) == (
-        f'--out: {out} has a "{mark}", which cannot be part of a socket\'s address; '
-        "must be a folder without one, or stand with --bus memory"
+        f'--out: {out} contains "{mark}", which a socket address cannot; '
+        "choose another folder, or use --bus memory"
     )
     assert checked(RunOptions(out, bus="memory")).out == out
 
 
-def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path: Path) -> None:
+def test_links_and_parent_steps_in_a_path_are_resolved(tmp_path: Path) -> None:
     (tmp_path / "far").mkdir()
     (tmp_path / "link").symlink_to("far")
     for number, way in enumerate(("link", "far/../link", "link/../far")):
@@ -122,12 +122,12 @@ def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path
     ("below", "sentence"),
     [
         ("file", f"is a file; {NEW}"),
-        ("file/x/y", "cannot be made: not a directory; choose another place"),
+        ("file/x/y", "cannot be created: not a directory; choose another folder"),
         ("loop/x", f"cannot be used: too many levels of symbolic links; {NEW}"),
         ("x" * 300, f"cannot be used: file name too long; {NEW}"),
     ],
 )
-def test_what_can_be_no_folder_is_refused_before_anything_starts(
+def test_invalid_output_folders_are_refused_before_the_start(
     tmp_path: Path, below: str, sentence: str
 ) -> None:
     (tmp_path / "file").touch()
@@ -140,7 +140,7 @@ def test_what_can_be_no_folder_is_refused_before_anything_starts(
     assert str(caught.value).startswith(f"--out: {shown} ")
     assert str(caught.value).removeprefix(f"--out: {shown} ") in (
         sentence,
-        f"{sentence.partition(';')[0].replace('used', 'made')}; choose another place",
+        f"{sentence.partition(';')[0].replace('used', 'created')}; choose another folder",
     )
 
 
@@ -233,7 +233,7 @@ def scenario_file(folder: Path) -> Path:
     return file
 
 
-def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: Path) -> None:
+def test_a_result_has_its_origin_and_can_be_reproduced_elsewhere(tmp_path: Path) -> None:
     study = scenario_file(tmp_path / "study")
     first = run(tmp_path / "one" / "out", study, "--trust", "--bus", "memory")
     origin = first["origin"]

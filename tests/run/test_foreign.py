@@ -1,4 +1,4 @@
-"""Only installed modules and those in folders that the command line names are run."""
+"""Only modules that are installed or in folders on the command line are run."""
 
 import hashlib
 import sys
@@ -22,7 +22,7 @@ NOT_IMPORTED = "raise AssertionError('nothing is imported')"
 
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a strategy, a package and a namespace; the working directory is another one."""
+    """Return a folder with a strategy, a package and a namespace, outside the working directory."""
     folder = tmp_path / "study"
     (folder / "package").mkdir(parents=True)
     (folder / "namespace").mkdir()
@@ -71,14 +71,14 @@ def foreign_sentence(name: str, file: Path, folder: object) -> str:
         ('cleaning.strategies.none:behaviour>strategy:behaviour{"reach":0.5}@60', "strategy.py"),
     ],
 )
-def test_code_from_where_a_file_says_is_named(study: Path, entry: str, file: str) -> None:
+def test_foreign_code_is_named(study: Path, entry: str, file: str) -> None:
     name = "strategy:behaviour" if ">" in entry else entry
     assert refusal(entry, [study], INSTALLED) == foreign_sentence(name, study / file, study)
     assert permitted_folders(SOURCE, entry, [study], Permit((study,))) == (study,)
     assert permitted_folders(SOURCE, entry, [study], Permit(trust=True)) == (study,)
 
 
-def test_a_typed_strategy_is_found_in_the_working_directory_and_lets_no_other_in(
+def test_a_typed_strategy_is_found_in_the_working_directory_and_admits_no_other(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(study)
@@ -91,7 +91,7 @@ def test_a_typed_strategy_is_found_in_the_working_directory_and_lets_no_other_in
         refusal(entry, [], typed)
 
 
-def test_what_is_installed_needs_no_folder_and_nothing_takes_its_place(study: Path, looked: None) -> None:
+def test_installed_modules_need_no_folder_and_cannot_be_replaced(study: Path, looked: None) -> None:
     for name in ("json", "numpy", "actors", "cleaning", "tomllib"):
         (study / name).mkdir()
         (study / name / "__init__.py").write_text(NOT_IMPORTED)
@@ -147,7 +147,7 @@ def test_a_link_to_a_library_is_not_installed(study: Path) -> None:
         )
 
 
-def test_a_folder_for_modules_must_be_one(study: Path) -> None:
+def test_a_folder_for_modules_must_be_a_directory(study: Path) -> None:
     with pytest.raises(OptionError) as caught:
         code_permit.permit_of([study / "strategy.py"])
     assert (
@@ -196,7 +196,7 @@ def test_bytecode_is_neither_used_nor_written(
     assert sorted(path.name for path in study.rglob("*.pyc")) == [cached.name, "only.pyc", "only.pyc"]
 
 
-def test_a_module_that_is_no_file_is_none(study: Path, looked: None) -> None:
+def test_a_module_that_is_not_a_file_is_missing(study: Path, looked: None) -> None:
     import os  # noqa: PLC0415
 
     os.mkfifo(study / "pipe.py")
@@ -209,7 +209,7 @@ def test_a_module_that_is_no_file_is_none(study: Path, looked: None) -> None:
         __import__("large")
 
 
-def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, looked: None) -> None:
+def test_loaded_code_equals_hashed_and_recorded_code(study: Path, looked: None) -> None:
     (study / "mine.py").write_text("from namespace import help\nfrom package import part\n")
     (study / "namespace" / "help.py").write_text("")
     (study / "package" / "__init__.py").write_text("")

@@ -55,7 +55,7 @@ def planned(folder: Path, name: str, text: str, function: str = "behaviour") -> 
     return swarm.plan(scenario(head + text), RunOptions(folder / "out", bus="memory", modules=(folder,)))
 
 
-def test_the_first_robot_is_made_as_it_will_be(
+def test_preflight_makes_the_first_robot(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path.parent)
@@ -86,7 +86,7 @@ PORT = "Robot.drive needs a Wings ('wings'); this node provides Navigation"
         ("port", "", "undeployed", "behaviour 'port:undeployed': " + PORT),
         ("entry", "", "behavior", "behaviour 'entry:behavior': module 'entry' has no 'behavior'"),
         ("gone", "", "gone", "behaviour 'gone:gone': its code called os._exit(0) (gone.py:31)"),
-        ("bug", "", "buggy", "strategy 'bug:buggy', made for r1 before the run: ZeroDivisionError: "
+        ("bug", "", "buggy", "strategy 'bug:buggy', preflight for r1: ZeroDivisionError: "
          "division by zero (bug.py:28)"),
     ],
 )  # fmt: skip
@@ -151,7 +151,7 @@ def hostile(folder: Path, function: str) -> RunPlan:
     return swarm.plan(scenario(text), RunOptions(folder / "out", isolate=True, modules=(folder,)))
 
 
-MADE = "strategy 'hostile:{}', made for r1 before the run: "
+MADE = "strategy 'hostile:{}', preflight for r1: "
 
 
 @pytest.mark.parametrize(
@@ -159,8 +159,8 @@ MADE = "strategy 'hostile:{}', made for r1 before the run: "
     [
         ("leaves", 5.0, "behaviour 'hostile:leaves': its code called sys.exit(0) (hostile.py:10)"),
         ("dies", 5.0, MADE + "its process was killed by SIGKILL"),
-        ("hangs", 5.0, MADE + "is not done after 2 s; it is at hostile.py:16"),
-        ("hangs_unseen", 0.5, MADE + "is not done after 2.5 s"),
+        ("hangs", 5.0, MADE + "not finished after 2 s; it is at hostile.py:16"),
+        ("hangs_unseen", 0.5, MADE + "not finished after 2.5 s"),
     ],
 )
 def test_a_robot_that_cannot_be_made_is_one_sentence(
@@ -172,7 +172,7 @@ def test_a_robot_that_cannot_be_made_is_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
+def test_a_bug_shows_its_traceback_without_control_characters(
     tmp_path: Path, launched: Launcher, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(AcrcError) as caught:
@@ -184,9 +184,7 @@ def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
     assert "Traceback (most recent call last):" in said and "\x1b" not in said
 
 
-def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
-    tmp_path: Path, launched: Launcher
-) -> None:
+def test_processes_started_in_preflight_are_ended(tmp_path: Path, launched: Launcher) -> None:
     for robot in ("r1", "r2"):
         (tmp_path / "out1" / robot / "own").mkdir(parents=True)
         (tmp_path / "out1" / robot / "setup.json").write_text("where r1 has to go")

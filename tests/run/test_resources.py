@@ -25,14 +25,14 @@ from actors.runtime.process import report_failure
 from actors.runtime.recording import Entry, Recorder, decode_note, read_notes, read_recording
 from actors.runtime.recording.format import LARGE
 
-PlaceEvent = Callable[[], object]
+Action = Callable[[], object]
 LEFT_KB = {"robot": (300, 2752), "replay": (300,)}
-"""The distance to the limit decides in which call the last byte goes."""
+"""Free memory before the limit, which determines the call that fails."""
 PLENTY = 1 << 40
 
 
-def in_child(work: PlaceEvent) -> int:
-    """Return the exit code of a forked child that does the work; 70 after an exception."""
+def in_child(work: Action) -> int:
+    """Run `work` in a forked child; return its exit code, 70 after an exception."""
     pid = os.fork()
     if pid:
         return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
@@ -46,7 +46,7 @@ def in_child(work: PlaceEvent) -> int:
     os._exit(code)
 
 
-def hoard_of(piece: PlaceEvent) -> PlaceEvent:
+def hoard_of(piece: Action) -> Action:
     def take() -> None:
         hoard = []
         while True:
@@ -56,7 +56,7 @@ def hoard_of(piece: PlaceEvent) -> PlaceEvent:
 
 
 def hoard_all() -> None:
-    """Take the last byte, so that nothing is left between the pieces."""
+    """Allocate down to the last byte, without gaps between pieces."""
     hoard = []
     for size in (1 << 20, 1 << 16, 4096, 512, 64, 1):
         with suppress(MemoryError):
@@ -73,7 +73,7 @@ def hoard_frames() -> None:
     down()
 
 
-HOARDS: dict[str, PlaceEvent] = {
+HOARDS: dict[str, Action] = {
     "64 KB": hoard_of(lambda: bytearray(1 << 16)),
     "all sizes": hoard_all,
     "frames": hoard_frames,
@@ -87,33 +87,33 @@ def hoarding(left_kb: int, name: str) -> None:
     HOARDS[name]()
 
 
-def robot(folder: Path, deed: PlaceEvent) -> None:
+def robot(folder: Path, action: Action) -> None:
     with Recorder(folder / "r2.mcap", 100_000) as recorder:
         failure.hold_reserve(folder)
         try:
-            deed()
+            action()
         except BaseException as error:
             failure.release_reserve()
             report_failure(recorder, "r2", 20, error)
 
 
-def replay(folder: Path, deed: PlaceEvent) -> None:
+def replay(folder: Path, action: Action) -> None:
     failure.hold_reserve(folder)
     try:
-        deed()
+        action()
     except Exception as error:
         fault = sandboxed_replay.describe_failure("r2", error)
     (folder / "said").write_text(fault)
 
 
-def told(folder: Path) -> str:
+def failure_of(folder: Path) -> str:
     path = folder / "r2.mcap"
     return failure_sentence(decode_note(path, "failure", read_notes(path)["failure"], FailureNote))
 
 
 @pytest.fixture(scope="module")
 def hoarded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The results of children of a process that, unlike one that has run tests, has no memory to spare."""
+    """Run the children of a fresh process, which has no spare memory; return the results' folder."""
     folder = tmp_path_factory.mktemp("hoarded")
     words = [sys.executable, "-m", "tests.run.test_resources", str(folder)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -134,7 +134,7 @@ def main(folder: Path) -> int:
 @pytest.mark.parametrize("name", HOARDS)
 def test_a_strategy_that_uses_up_memory_is_named(hoarded: Path, name: str) -> None:
     for left_kb in LEFT_KB["robot"]:
-        said = told(hoarded / "robot" / name / str(left_kb))
+        said = failure_of(hoarded / "robot" / name / str(left_kb))
         # Python notes the lines of an exception one by one, each with memory of its own; and it loses one
         # that it raises for want of a frame
         error = "SystemError: error return without exception set" if "System" in said else "MemoryError"
@@ -147,30 +147,30 @@ def test_a_strategy_that_uses_up_memory_is_named(hoarded: Path, name: str) -> No
 def test_a_strategy_that_opens_all_files_is_named_and_the_process_table_can_be_read(tmp_path: Path) -> None:
     open_all = hoard_of(lambda: os.open(os.devnull, os.O_RDONLY))
 
-    def deed() -> None:
+    def action() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
         open_all()
 
     def ends_well() -> None:
         failure.hold_reserve(tmp_path)
         with suppress(OSError):
-            deed()
+            action()
         with suppress(OSError):
             process_table.processes()
             os._exit(71)
         failure.release_reserve()
         assert os.getpid() in process_table.processes()
 
-    assert in_child(lambda: robot(tmp_path, deed)) == 0
+    assert in_child(lambda: robot(tmp_path, action)) == 0
     assert re.fullmatch(
         r"r2 failed in step 20: OSError: \[Errno 24\] Too many open files: '/dev/null' "
         r"\(test_resources\.py:\d+\)",
-        told(tmp_path),
+        failure_of(tmp_path),
     )
     assert in_child(ends_well) == 0
 
 
-def fill(folder: Path, limit: PlaceEvent) -> None:
+def fill(folder: Path, limit: Action) -> None:
     """Record until the disk or the limit refuses more; report the failure."""
     recorder = Recorder(folder / "r2.mcap", 100_000)
     failure.hold_reserve(folder)
@@ -191,7 +191,9 @@ def messages(path: Path) -> int:
 def test_a_recording_that_may_not_grow_has_its_last_record(tmp_path: Path) -> None:
     limits = ProcessLimits(file_mb=1)
     assert in_child(lambda: fill(tmp_path, lambda: enforce_limits(limits, isolated=False))) == 0
-    assert told(tmp_path) == f"r2 failed in step 20: {tmp_path}/r2.mcap: cannot be written: file too large"
+    assert (
+        failure_of(tmp_path) == f"r2 failed in step 20: {tmp_path}/r2.mcap: cannot be written: file too large"
+    )
     assert messages(tmp_path / "r2.mcap") > 7000
 
 
@@ -207,7 +209,7 @@ def test_a_recording_on_a_disk_that_is_full_has_its_last_record(tmp_path: Path) 
         Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
         linux.mount("tmpfs", disk, "tmpfs", 0, "size=1m")
         fill(disk, lambda: None)
-        (tmp_path / "said").write_text(f"{told(disk)} {messages(disk / 'r2.mcap') > 7000}")
+        (tmp_path / "said").write_text(f"{failure_of(disk)} {messages(disk / 'r2.mcap') > 7000}")
 
     assert in_child(work) == 0
     assert (tmp_path / "said").read_text() == (
@@ -239,7 +241,7 @@ def child(
     return ChildProcess(Program(folder.name, module, (), folder / "r1.log", folder / "r1.mcap", names), pid)
 
 
-def test_use_counts_blocks_below_a_folder_and_follows_no_link(tmp_path: Path) -> None:
+def test_disk_use_counts_blocks_below_a_folder_and_follows_no_link(tmp_path: Path) -> None:
     outside, folder = tmp_path / "outside", tmp_path / "r1"
     outside.write_bytes(bytes(10_000_000))
     deep = folder / "a" / "b" / "c"
@@ -281,7 +283,7 @@ def test_a_robot_that_writes_too_much_is_named_and_the_world_is_not(tmp_path: Pa
 
 
 @pytest.mark.parametrize(("look_s", "pause_s"), [(0.001, 0.5), (1.0, 2.0)])
-def test_slow_looks_are_put_off_and_not_for_long(tmp_path: Path, look_s: float, pause_s: float) -> None:
+def test_slow_checks_are_postponed_briefly(tmp_path: Path, look_s: float, pause_s: float) -> None:
     done_s = 10.0 + look_s
     times = iter([0.0, 10.0, done_s, done_s + pause_s - 0.01, done_s + pause_s + 0.01, done_s + 2 * pause_s])
     watch = ResourceMonitor(ProcessLimits(disk_files=1), lambda: next(times))

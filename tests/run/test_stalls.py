@@ -1,4 +1,4 @@
-"""Stalled steps: which robot is named, after which time, and what a person is told meanwhile."""
+"""Stalled steps: the robot named, its timeout and progress notices."""
 
 import pytest
 
@@ -21,7 +21,7 @@ WORKED = Stall(R2, "no Drive from r2 after 30 s of CPU time")
 
 
 class Machine:
-    """A clock and a table of processes that the test sets."""
+    """A simulated clock and process table."""
 
     def __init__(self, queued_s: float | None = None) -> None:
         self.now_s = 100.0
@@ -42,7 +42,7 @@ class Machine:
     def pass_by(
         self, seconds: float, *, working: float = 0.0, every: float = 0.5, starting: bool = False
     ) -> Stall | None:
-        """Look while r2 works for a share of the time; return the first verdict."""
+        """Check while r2 works for a share of the time; return the first verdict."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             self.now_s += every
@@ -91,7 +91,7 @@ def test_a_process_that_waits_for_a_processor_or_a_disk_is_not_idle(
 
 
 def test_a_process_that_waits_for_its_child_is_idle(machine: Machine) -> None:
-    """As by vfork(2): it sleeps as if for a disk until the child ends."""
+    """As after vfork(2): the parent is in disk sleep until the child exits."""
     machine.state |= {WORKER: "D", CHILD: "S"}
     machine.cpu_s[CHILD] = 0.0
     assert machine.pass_by(28.0) is None
@@ -100,7 +100,7 @@ def test_a_process_that_waits_for_its_child_is_idle(machine: Machine) -> None:
 
 
 @pytest.mark.parametrize("pid", [11, KEEPER, WORKER])
-def test_nobody_is_named_while_a_process_of_the_run_is_stopped(machine: Machine, pid: int) -> None:
+def test_no_process_is_named_while_one_of_the_run_is_stopped(machine: Machine, pid: int) -> None:
     assert machine.pass_by(25.0) is None
     machine.state[pid] = "T"
     assert machine.pass_by(3600.0) is None
@@ -111,7 +111,7 @@ def test_nobody_is_named_while_a_process_of_the_run_is_stopped(machine: Machine,
     assert machine.pass_by(2.0) == IDLE
 
 
-def test_a_suspended_computer_counts_as_two_looks(machine: Machine) -> None:
+def test_a_suspended_computer_counts_as_two_checks(machine: Machine) -> None:
     assert machine.pass_by(28.0) is None
     assert machine.pass_by(36_000.0, every=36_000.0) is None
     assert machine.pass_by(2.0) == IDLE
@@ -132,7 +132,7 @@ def test_a_step_restarts_the_timeout_and_only_awaited_living_robots_are_named(ma
 
 
 @pytest.mark.parametrize("working", [0.3, 0.7])
-def test_a_robot_that_works_and_sleeps_by_turns_has_no_more_time(working: float) -> None:
+def test_a_robot_that_alternates_work_and_sleep_gets_no_extra_time(working: float) -> None:
     machine = Machine(queued_s=0.0)
     assert machine.pass_by(29.5, working=working) is None
     assert machine.pass_by(1.0, working=working) == Stall(

@@ -1,4 +1,4 @@
-"""The start of a run: kernels are compiled once and shared data is made once; progress without a terminal."""
+"""Start of a run: kernels and shared data are made once; progress without a terminal."""
 
 import io
 import shutil
@@ -98,7 +98,7 @@ def test_a_run_compiles_every_module_once_and_a_robots_computer_nothing_of_the_w
 
 
 @pytest.mark.nightly
-def test_what_a_robot_compiles_does_not_count_for_a_run(
+def test_compilation_by_a_robot_does_not_count_for_a_run(
     cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kernel_compilation.compile_kernels(onboard=True)
@@ -152,7 +152,7 @@ def test_a_campaign_reports_the_progress_of_its_runs(
     ]
 
 
-def test_a_forked_process_finds_what_its_server_was_told_to_share(
+def test_a_forked_process_has_the_shared_data_of_its_server(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(REPOSITORY))  # of the package `tests`

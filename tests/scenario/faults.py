@@ -1,4 +1,4 @@
-"""Scenario texts for the tests."""
+"""Scenarios and their errors, from texts."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ AS_IT_IS = Overrides()
 
 
 def scenario(text: str, overrides: Overrides = AS_IT_IS, head: str = MAP) -> Scenario:
-    """The scenario with the text behind the line that names the map, as if it lay beside the maps."""
+    """Return the scenario of the text after a map line, with paths relative to the repository."""
     return parse(head + text, Path(__file__).parents[2] / "some.toml", overrides)
 
 

@@ -1,4 +1,4 @@
-"""Named areas and maps: where starts and places are drawn, drawn floors, copies in runs."""
+"""Areas and maps: random starts and places, drawn floors, copies in runs."""
 
 import re
 from pathlib import Path
@@ -50,7 +50,7 @@ def refusal(text: str) -> str:
     return str(caught.value)
 
 
-def test_robots_beyond_the_listed_starts_are_put_in_their_areas() -> None:
+def test_robots_without_a_listed_start_are_placed_in_their_areas() -> None:
     text = f'[robots]\ncount = 8\nstart = [[26, 11, 0]]\nareas = ["Office2"]\n{OFFICES}'
     first, *others = robots(text)
     assert first.start == (26.0, 11.0, 0.0)
@@ -65,7 +65,7 @@ def test_robots_beyond_the_listed_starts_are_put_in_their_areas() -> None:
     assert not all(within(FIRST, start) or within(SECOND, start) for start in starts)
 
 
-def test_places_are_drawn_in_all_areas_or_in_those_that_are_named() -> None:
+def test_places_are_drawn_in_all_or_in_named_areas() -> None:
     absent, asked, named = (
         robots(f"[places]\nper_robot = 9\n{line}\n{OFFICES}")
         for line in ("", 'preset = "areas"', 'areas = ["Office1"]')
@@ -79,7 +79,7 @@ def test_places_are_drawn_in_all_areas_or_in_those_that_are_named() -> None:
     assert robots("") == robots(free) == robots(free + OFFICES), "without areas: on all free floor"
 
 
-def test_an_area_must_hold_free_floor_also_if_nobody_uses_it() -> None:
+def test_an_area_must_contain_free_floor_even_if_unused() -> None:
     walled = '[places]\npreset = "free"\n[[area]]\nname = "void"\nx = [4.9, 5.1]\ny = [12.4, 12.6]\n'
     assert refusal(walled).startswith('area[0] "void" spans x 4.9 to 5.1 and y 12.4 to 12.6 m, where nothing')
     outside = f'{OFFICES}[[area]]\nname = "Moon"\nx = [100, 101]\ny = [-5, 1]\n'
@@ -103,7 +103,7 @@ def test_a_drawn_floor_has_its_rooms_as_areas_unless_the_scenario_has_its_own() 
     assert [area.name for area in parse(own, ELSEWHERE).area] == ["mine"]
 
 
-def test_what_a_run_on_a_drawn_floor_writes_down_gives_the_same_run(tmp_path: Path) -> None:
+def test_the_copied_scenario_of_a_drawn_floor_gives_the_same_run(tmp_path: Path) -> None:
     first = resolve(parse(DRAWN, ELSEWHERE))
     copy_map(Path(first.world.map), tmp_path)
     text = to_toml(msgspec.structs.replace(first.scenario, map="map.yaml"))
@@ -113,7 +113,7 @@ def test_what_a_run_on_a_drawn_floor_writes_down_gives_the_same_run(tmp_path: Pa
     assert parse(to_toml(parse(DRAWN, ELSEWHERE)), ELSEWHERE) == parse(DRAWN, ELSEWHERE)
 
 
-def test_of_another_map_the_areas_of_the_scenario_are_none() -> None:
+def test_another_map_drops_the_areas_of_the_scenario() -> None:
     maze = chapter(("map", "../maps/maze.yaml"), *FREE)
     assert maze.area == () and resolve(maze).world.robots
     drawn = chapter(("map", "offices:3"), ("robots.start", []), ("places.preset", "areas"))
@@ -140,7 +140,7 @@ def test_starts_and_places_of_the_own_map(tmp_path: Path) -> None:
     assert load_scenario(file, Overrides(settings=(("map", "offices:7"), ("robot", [])))).robot == ()
 
 
-def test_a_floor_that_cannot_be_drawn_is_told_where_it_stands() -> None:
+def test_invalid_drawn_floors_are_reported_with_their_key() -> None:
     with pytest.raises(AcrcError, match=r"count=50': count is '50', but must be a whole number from 1 to 20"):
         parse('map = "offices:7,count=50"\n', ELSEWHERE)
     with pytest.raises(OptionError, match=r"^--set map: 'offices:x': the seed is 'x'"):

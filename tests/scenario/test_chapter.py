@@ -1,4 +1,4 @@
-"""The scenario of the original experiment against its figures; its places, computed again."""
+"""The scenario of the original experiment: its numbers, and its places recomputed."""
 
 import tomllib
 from collections.abc import Iterator
@@ -53,9 +53,9 @@ def test_the_strategys_settings_are_those_of_the_original() -> None:
     assert told == AdaptationParameters()  # so that --strategy chapter is the same in every other scenario
 
 
-def test_every_value_stands_in_the_file_and_none_is_left_to_a_default() -> None:
+def test_every_key_is_set_in_the_file() -> None:
     content = tomllib.loads(CHAPTER.read_text())
-    absent = {"modules", "areas", "key"}  # where one's own code and further starts would lie; a secret
+    absent = {"modules", "areas", "key"}  # not used by the original
     for name, table in asdict(load_scenario(CHAPTER)).items():
         if isinstance(table, Settings):
             assert set(table.__struct_fields__) - absent == set(content[name]), name
@@ -75,7 +75,7 @@ def java_doubles(seed: int) -> Iterator[float]:
         yield ((bits[0] << 27) + bits[1]) / 2**53
 
 
-def test_the_golden_places_are_what_the_testbed_drew() -> None:
+def test_the_golden_places_equal_the_draws_of_the_original() -> None:
     assert next(java_doubles(42)) == 0.7275636800328681, "as Java prints it"
     numbers, areas = java_doubles(42), place_areas(load_scenario()) or ()
     total = sum(area.surface for area in areas)

@@ -1,4 +1,4 @@
-"""Faults of a scenario file: each is one sentence that names the key, its value and what it must be."""
+"""Errors of a scenario file: each names the key, its value and the valid values."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ VALUES = {
     "local_map.size = 0.1": "local_map.size is 0.1, but must be 4 to 400 cells of 0.05 m",
     "dwa.sim_tme = 1": "dwa.sim_tme is not known; did you mean dwa.sim_time?",
 }  # fmt: skip
-"""Values of keys with words or rules of their own; what the checker says of others, its tests show."""
+"""Keys with their own descriptions or rules; others are tested with the checker."""
 KEYS = {
     "run.sed = 1": "run.sed is not known; did you mean run.seed?",
     "[robot_s]": "robot_s is not known; did you mean robots?",
@@ -121,7 +121,7 @@ def test_events_that_follow_one_another() -> None:
         'at = 5\nthaw = "r1"', 'at = 1\nfreeze = "r1"', 'at = 6\nkill = "r1"', 'at = 7\nrestart = "r1"',
         'at = 7.1\nfreeze = "r1"', 'at = 59.9\nrestart = "r1"',
     )  # fmt: skip
-    assert fault(MINUTE + "\n[[event]]\n".join(lines)) == "nothing was wrong"
+    assert fault(MINUTE + "\n[[event]]\n".join(lines)) == "valid"
 
 
 def test_a_missing_map_several_maps_and_text_that_is_not_toml() -> None:
@@ -154,7 +154,7 @@ def test_a_wrong_option(overrides: Overrides, sentence: str) -> None:
 
 
 def test_an_option_replaces_a_wrong_value_but_is_checked_with_the_rest() -> None:
-    assert fault("[robots]\ncount = 0", Overrides(robots=2)) == "nothing was wrong"
+    assert fault("[robots]\ncount = 0", Overrides(robots=2)) == "valid"
     text = f'{MINUTE}at = 50\nkill = "r4"'
     assert fault(text, Overrides(duration="30")) == (
         "some.toml: event[0].at is 50, but must be from 0 to 29.9 s, where the last step begins"

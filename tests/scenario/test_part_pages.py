@@ -1,4 +1,4 @@
-"""docs/own-map.md and docs/own-robot.md are true: every field, with its default and its range."""
+"""Fields, defaults and ranges in docs/own-map.md and docs/own-robot.md."""
 
 import re
 from dataclasses import fields
@@ -25,7 +25,7 @@ TABLES: dict[str, type] = {
 
 
 def rows(text: str) -> dict[str, list[str]]:
-    """The cells of each row that begins with a name in backticks, by that name."""
+    """Return the cells of each row that begins with a name in backticks, by name."""
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
     return {row[0].strip("`"): row[1:] for row in cells if re.fullmatch(r"`\w+`", row[0])}
 
@@ -37,7 +37,7 @@ def default(field: Any) -> str:
 
 
 def span(field: Any) -> str:
-    """As the page says it; empty where there are no bounds."""
+    """Return the range as on the page; empty without bounds."""
     bounds = {
         name: getattr(one, name)
         for part in (field.hint, *get_args(field.hint))
@@ -53,21 +53,21 @@ def span(field: Any) -> str:
 
 
 @pytest.mark.parametrize("heading", TABLES)
-def test_every_field_of_a_robot_model_stands_there_with_default_and_range(heading: str) -> None:
+def test_every_field_of_a_robot_model_is_documented_with_default_and_range(heading: str) -> None:
     part = ROBOT.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     kind = TABLES[heading]
     told = {name: (cells[1], cells[2]) for name, cells in rows(part).items()}
     assert told == {name: (default(field), span(field)) for name, field in fields_of(kind).items()}
 
 
-def test_every_key_and_limit_of_a_map_stands_there() -> None:
+def test_every_key_and_limit_of_a_map_is_documented() -> None:
     yaml, _, image = MAP.partition("## Drawn office floors")[0].partition("## The image")
     assert set(rows(yaml)) == {*KEYS}
     limits = {one.name: str(one.default) for one in fields(MapLimits)}
     assert {name: cells[0] for name, cells in rows(image).items()} == limits
 
 
-def test_everything_that_an_office_floor_can_have_stands_there() -> None:
+def test_every_parameter_of_an_office_floor_is_documented() -> None:
     told = rows(MAP.partition("## Drawn office floors")[2])
     assert list(told) == list(PARAMETERS)
     for key, allowed in PARAMETERS.items():

@@ -1,4 +1,4 @@
-"""From a scenario to robots that stand somewhere and have something to do."""
+"""Resolution of scenarios: starts, places, orders and errors."""
 
 import math
 from itertools import pairwise
@@ -32,7 +32,7 @@ from tests.scenario.faults import MAP, scenario
 CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"
 AREAS = place_areas(load_scenario(CORRIDOR)) or ()
 MOST_ROUNDING = 0.001
-"""Drawn points are given to the millimetre, m."""
+"""Drawn points are rounded to 1 mm, m."""
 
 
 def shipped(**wishes: int) -> ResolvedScenario:
@@ -65,7 +65,7 @@ def test_drawn_starts_and_places_keep_their_distances() -> None:
         assert all(a.distance_to(b) > 0.6 - MOST_ROUNDING for a, b in pairwise(places))
 
 
-def test_the_golden_places_go_to_the_first_four_and_the_rest_is_drawn() -> None:
+def test_the_first_four_robots_get_golden_places_and_others_random_ones() -> None:
     text = '[robots]\ncount = 5\n[places]\npreset = "golden"\n[run]\nseed = '
     robots, others = resolve(scenario(f"{text}1")).world.robots, resolve(scenario(f"{text}2")).world.robots
     assert [robot.places for robot in robots[:4]] == [tuple(map(tuple, places)) for places in GOLDEN]
@@ -74,7 +74,7 @@ def test_the_golden_places_go_to_the_first_four_and_the_rest_is_drawn() -> None:
     assert short == GOLDEN[1][:3]
 
 
-def test_a_robots_own_table_goes_before_what_holds_for_all() -> None:
+def test_a_robots_table_overrides_common_values() -> None:
     text = (
         '[robots]\ncount = 2\nsensor = "chapter"\nstart = [[12, 5, 0], [17.5, 5, 7]]\n'
         '[[robot]]\nid = "r1"\nmodel = "omnibox"\nodometry = "exact"\n'
@@ -142,7 +142,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_what_does_not_fit_or_exist_is_refused(text: str) -> None:
+def test_unknown_or_conflicting_values_are_refused(text: str) -> None:
     assert refusal(text).startswith(REFUSED[text])
 
 
@@ -153,7 +153,7 @@ def test_golden_places_are_of_one_map() -> None:
 
 
 def room(folder: Path, side: float) -> str:
-    """The first line of a scenario in a square room."""
+    """Write the map of a square room; return the first line of its scenario."""
     pixels = b"\xff" * round(side / 0.1) ** 2
     header = f"P5 {round(side / 0.1)} {round(side / 0.1)} 255\n"
     (folder / "room.pgm").write_bytes(header.encode() + pixels)

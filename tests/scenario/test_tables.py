@@ -1,4 +1,4 @@
-"""Tables of a scenario: what actors are told of them, and the text that a run writes of them."""
+"""Tables of a scenario: set-ups made of them, and the copied text."""
 
 import re
 from dataclasses import asdict
@@ -113,7 +113,7 @@ def test_every_key_of_adaptation() -> None:
     assert ExchangeSettings() == ExchangeSettings(seconds(1), False, 3, seconds(1), 0.0, seconds(30))
 
 
-def test_the_behaviour_is_told() -> None:
+def test_the_start_of_a_behaviour() -> None:
     floor_plan = load_map(REPOSITORY / "maps" / "corridor.yaml")
     model = load_model("turtlebot2", "chapter")
     robot = assembly.RobotSetup(
@@ -136,7 +136,7 @@ def test_the_behaviour_is_told() -> None:
     assert start.generator.random() == twin.random()  # the floor draws from the behaviour's own stream
 
 
-def test_the_radio_is_told_what_the_tables_say() -> None:
+def test_the_radio_setup_has_the_values_of_the_tables() -> None:
     told = resolve(scenario(AIR)).radio
     assert (told.preset, told.channel, told.walls) == ("beeclick", 15, "concrete")
     assert (told.shadowing_db, told.correlation_distance) == (4.0, 1.5)
@@ -167,7 +167,7 @@ def test_a_file_that_names_no_preset_gets_robust() -> None:
     assert stacked('navigation.preset = "robust"\nlocalisation.preset = "robust"') == Stack()
 
 
-def test_who_names_improved_is_told_the_keys_that_drive_as_it_did() -> None:
+def test_the_removed_preset_improved_is_reported_with_equivalent_keys() -> None:
     with pytest.raises(AcrcError, match=r'navigation.preset is "improved", which was removed') as raised:
         stacked('navigation.preset = "improved"')
     keys = re.findall(r'(\w+\.\w+ = (?:"\w+"|[\w.]+))', str(raised.value))
@@ -206,7 +206,7 @@ def maybe(value: some.SearchStrategy[Any]) -> some.SearchStrategy[Any]:
 
 
 def tables(**fields: some.SearchStrategy[Any]) -> some.SearchStrategy[dict[str, Any]]:
-    """A table in which what may be absent is absent or there."""
+    """Generate a table whose optional keys may be absent."""
     filled = some.fixed_dictionaries(fields)
     return filled.map(lambda table: {name: value for name, value in table.items() if value is not None})
 
@@ -271,7 +271,7 @@ scenarios = some.fixed_dictionaries(
 
 @given(scenarios)
 @settings(max_examples=40, deadline=None, derandomize=True)
-def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
+def test_every_scenario_loads_as_it_was_written(content: dict[str, Any]) -> None:
     written = decode(Scenario, _as_lists(content))
     assert parse(to_toml(written), Path("/some.toml")) == written
     told = written.adaptation
@@ -284,7 +284,7 @@ def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) ->
     assert [area.name for area in told.areas] == NAMES
 
 
-def test_what_a_run_writes_down_gives_the_same_run() -> None:
+def test_the_copied_scenario_gives_the_same_run() -> None:
     first = resolve(load_scenario(None, Overrides(robots=11, seed=7)))
     written = to_toml(first.scenario)
     second = resolve(parse(written, Path("/elsewhere/scenario.toml")))
@@ -295,7 +295,7 @@ def test_what_a_run_writes_down_gives_the_same_run() -> None:
     assert to_toml(second.scenario) == written
 
 
-def test_robots_are_told_the_areas_of_their_places_alone() -> None:
+def test_robots_get_only_the_areas_of_their_places() -> None:
     text = "[strategy]\nlease = 3\n[places]\nareas = ['hall']\n"
     text += "".join(
         f"[[area]]\nname = '{name}'\nx = [8, 12]\ny = [10.5, 13.8]\n" for name in ("yard", "hall")
@@ -307,7 +307,7 @@ def test_robots_are_told_the_areas_of_their_places_alone() -> None:
     assert free.adaptation == Adaptation({"lease": 3})
 
 
-def test_paths_are_relative_to_the_file_they_stand_in() -> None:
+def test_paths_are_relative_to_their_file() -> None:
     text = (
         'map = "../maps/a.yaml"\n[robots]\nmodel = "kinds/tall.toml"\n'
         '[[robot]]\nid = "r1"\nmodel = "/flat.toml"\n[[robot]]\nid = "r2"\nmodel = "omnibox"\n'
@@ -320,7 +320,7 @@ def test_paths_are_relative_to_the_file_they_stand_in() -> None:
 
 
 def _as_lists(value: Any) -> Any:
-    """Tuples as the lists that a TOML file would give."""
+    """Convert tuples to lists, as in a TOML file."""
     if isinstance(value, dict):
         return {name: _as_lists(item) for name, item in value.items()}
     return [_as_lists(item) for item in value] if isinstance(value, list | tuple) else value

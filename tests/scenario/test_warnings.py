@@ -1,4 +1,4 @@
-"""What will fail in a scenario, known before it runs; some of it beside runs in memory."""
+"""Warnings about scenarios before a run; some compared with runs in memory."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ Points = Sequence[Sequence[tuple[float, float]]]
 
 
 def rooms(folder: Path, cell: float = 0.05, door: float | None = None, thick: float = 0.2) -> None:
-    """Draw a room of 6 m by 4 m; with a wall from x = 3 m on that has a door from y = 1.5 m on."""
+    """Draw a room of 6 m by 4 m, with an optional wall at x = 3 m with a door at y = 1.5 m."""
     walls = np.ones((round(4 / cell) + 2, round(6 / cell) + 2), np.bool_)
     walls[1:-1, 1:-1] = False
     if door is not None:
@@ -72,7 +72,7 @@ def test_a_start_that_the_local_planner_cannot_leave(
     ) if needed else ())  # fmt: skip
 
 
-def test_a_place_that_the_robot_only_comes_near_or_not_even_that(tmp_path: Path) -> None:
+def test_places_near_walls(tmp_path: Path) -> None:
     rooms(tmp_path)
     settled = scenario(tmp_path, [(1.0, 1.0, 0.0)], [[(5.85, 2.0)]])
     assert warned(settled) == (
@@ -110,7 +110,7 @@ def test_narrow_doors(preset: str, cell: float, width: float, needed: str | None
         )
 
 
-def test_rooms_that_no_way_and_no_frame_joins(tmp_path: Path) -> None:
+def test_rooms_without_a_path_or_a_radio_link(tmp_path: Path) -> None:
     rooms(tmp_path, door=0.0)
     apart = [(1.5, 2.0, 0.0), (5.0, 1.0, 0.0)]
     settled = scenario(tmp_path, apart, [[(5.0, 2.0)], [(4.0, 1.0)]], strategy="chapter")
@@ -127,7 +127,7 @@ def test_rooms_that_no_way_and_no_frame_joins(tmp_path: Path) -> None:
     )
 
 
-def test_a_door_that_an_event_closes_for_good(tmp_path: Path) -> None:
+def test_a_door_that_is_never_reopened(tmp_path: Path) -> None:
     rooms(tmp_path, door=1.0)
     closes = "[[event]]\nat = 5.0\nclose = [3.1, 2.0]\n"
     places = [[(5.0, 2.0), (1.0, 3.0)]]
@@ -141,5 +141,5 @@ def test_a_door_that_an_event_closes_for_good(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (SHIPPED / "scenarios").glob("*.toml")))
-def test_of_no_shipped_scenario_anything_is_known_to_fail(name: str) -> None:
+def test_shipped_scenarios_have_no_warnings(name: str) -> None:
     assert warned(load_scenario(SHIPPED / "scenarios" / f"{name}.toml", Overrides())) == ()

@@ -168,5 +168,5 @@ def test_errors_of_a_strategy_are_reported_before_anything_is_written(tmp_path: 
     *traceback, cause, last = done.stderr.splitlines()
     assert traceback[0] == "Traceback (most recent call last):"
     assert cause == "ZeroDivisionError: my strategy divides by the number of its friends"
-    assert last == f"acrc: strategy 'wanderer:buggy', made for r1 before the run: {cause} (wanderer.py:35)"
+    assert last == f"acrc: strategy 'wanderer:buggy', preflight for r1: {cause} (wanderer.py:35)"
     assert not (tmp_path / "out").exists()
