@@ -179,7 +179,7 @@ def test_pipes_devices_and_huge_files_are_refused(copy: Path, tmp_path: Path, na
         (last,) = done.stderr.splitlines()[-1:]
         assert str(copy) in last or "/dev/zero" in last, last
     for reader in (load_scenario, load_map):
-        with pytest.raises(AcrcError, match="larger than|has more"):
+        with pytest.raises(AcrcError, match=r"larger than|has more"):
             reader(copy / name)
 
 
