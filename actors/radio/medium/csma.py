@@ -168,14 +168,15 @@ def assess(st: MediumState, number: int) -> None:
     """The back-off is over: the clear channel assessment begins."""
     medium, transceiver = st.medium, st.transceivers[number]
     mac, receiver = transceiver.mac, transceiver.receiver
-    if transceiver.settings.cca == Cca.NEVER.value:
+    # While it sends an acknowledgement, or changes over for one, the channel is not clear.
+    is_acknowledging = receiver.ready_ns > medium.now_ns
+    if transceiver.settings.cca == Cca.NEVER.value and not is_acknowledging:
         _turn_around(st, number)
         return
     mac.assessed_ns = medium.now_ns
     mac.peak = 0.0
     mac.carrier = receiver.lock >= 0
-    # While it sends an acknowledgement, or changes over for one, the channel is not clear.
-    mac.energy = math.inf if receiver.ready_ns > medium.now_ns else 0.0
+    mac.energy = math.inf if is_acknowledging else 0.0
     st.rosters[medium.assessing].assessing = number
     medium.assessing += 1
     schedule(st, number, Due.CCA_END.value, CCA_NS, mac.ticket)
