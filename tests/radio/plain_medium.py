@@ -129,7 +129,7 @@ class PlainMedium:
     def cca_begin(self, i: int, _: object) -> None:
         own = self.state[i]
         own.cca_deaf = own.ready > self.now
-        if self.t[i].cca == Cca.NEVER:
+        if self.t[i].cca == Cca.NEVER and not own.cca_deaf:
             self.turn_around(i)
         else:
             self.at(self.now + 8 * SYMBOL, CCA_ENDS, i)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -88,7 +88,20 @@ def said(events: NDArray[np.void]) -> list[EventRow]:
     ]
 
 
+NO_SENSING = [Transceiver(100 + i, cca=Cca.NEVER if i == 0 else Cca.ENERGY, queue=2) for i in range(COUNT)]
+"""The first one could begin a frame of its own while it acknowledges one."""
+
+
 @quick
+@example(
+    spots=[(0.0, 0.0)] * COUNT,
+    phy=PhyParameters(noise_dbm=-95.5, capture_us=0, cochannel_penalty_db=0.0),
+    transceivers=[
+        replace(one, min_be=3 if i == 0 else 0, max_backoffs=0) for i, one in enumerate(NO_SENSING)
+    ],
+    frames=[Request(0, 0, 37, tag=0), Request(0, 1, 10, 0, ack=True, tag=1), Request(0, 0, 10, tag=2)],
+    burst=None,
+)
 @given(
     spots=places, phy=phys, transceivers=transceivers, frames=requests,
     burst=st.none() | st.tuples(st.integers(0, 40_000), st.integers(1, 20_000), st.floats(-100, -50)),

@@ -180,14 +180,15 @@ def begin_assessment(st: MediumState, number: int) -> None:
     """Begin the clear channel assessment after a back-off."""
     medium, transceiver = st.medium, st.transceivers[number]
     mac, receiver = transceiver.mac, transceiver.receiver
-    if transceiver.settings.cca == Cca.NEVER.value:
+    # The channel is not clear during an acknowledgement of its own or the turnaround for one.
+    is_acknowledging = receiver.ready_ns > medium.now_ns
+    if transceiver.settings.cca == Cca.NEVER.value and not is_acknowledging:
         _turn_around(st, number)
         return
     mac.assessed_ns = medium.now_ns
     mac.peak = 0.0
     mac.carrier = receiver.lock >= 0
-    # The channel is not clear during an acknowledgement of its own or the turnaround for one.
-    mac.energy = math.inf if receiver.ready_ns > medium.now_ns else 0.0
+    mac.energy = math.inf if is_acknowledging else 0.0
     st.rosters[medium.assessing].assessing = number
     medium.assessing += 1
     schedule(st, number, ActionKind.CCA_END.value, CCA_NS, mac.ticket)
