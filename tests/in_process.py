@@ -12,7 +12,7 @@ import pytest
 
 from acrc_testbed.command_line import app
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.loading import set_folders
+from actors.robot.behaviour.loading import expect_hashes, set_folders
 
 
 def acrc(
@@ -38,6 +38,7 @@ def acrc(
         finally:
             gc.set_threshold(*threshold)
             set_folders(())  # reset the search path of modules
+            expect_hashes(None)
             _unload_foreign(loaded)
     return subprocess.CompletedProcess([*map(str, words)], code, out.getvalue(), err.getvalue())
 

@@ -137,7 +137,7 @@ def test_the_command_prints_the_result(origin: Path, tmp_path: Path) -> None:
     assert "\nrobots that differ: r1 from 11 s" in done.stderr
     for words, sentence in (
         ((origin,), f"branch: {origin}; must be a run's folder and a time above 0 s"),
-        ((f"{origin}@5", "--seed", 3), "--seed: is not an option of acrc branch"),
+        ((f"{origin}@5", "--seed", 3), "--seed: unknown option of acrc branch"),
         ((f"{origin}@5", "--strategy", "x"), "--strategy: unknown strategy 'x'"),
     ):
         refused = acrc("branch", *words, "--out", tmp_path / "none")

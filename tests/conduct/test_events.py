@@ -154,7 +154,7 @@ def test_an_obstacle_and_a_wall_stop_a_robot() -> None:
 def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
     play = ScriptedSwarm(1.0)
     ordered(play, Pause())
-    with pytest.raises(AcrcError, match=r"world \(step 0\) for swarm/infra/control"):
+    with pytest.raises(AcrcError, match=r"world \(step 0\) waits for swarm/infra/control"):
         play.run()
     assert play.core.paused
     ordered(play, Resume())

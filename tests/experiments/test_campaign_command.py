@@ -49,7 +49,7 @@ def test_a_complete_campaign_prints_its_results(plain: RunResult, tmp_path: Path
     )
     assert lines[2].startswith("none: all places in 0 of 10 runs, 255 of ")
     assert lines[3].startswith("chapter: all places in 10 of 10 runs, 400 of ")
-    assert lines[-1].startswith("20 of 20 runs, 0 failed, in ")
+    assert lines[-1].startswith("20 of 20 runs done, 0 failed")
     assert "golden places: r2 ends 0.25 m from place 1 of r3" in err
     assert (tmp_path / "out" / "results.parquet").stat().st_size > 1000
     with (tmp_path / "out" / "results.csv").open() as file:
@@ -75,7 +75,7 @@ def test_the_primary_comparison_comes_first_in_declared_order(plain: RunResult, 
     assert told["estimates"][0]["difference"][0] == 14.5
     code, out, _ = acrc("study", "plan", "--pilot", str(tmp_path / "out"))
     assert code == 0
-    assert "Share of campaigns that tell them apart, by 2 tests" in out
+    assert "Power: share of campaigns that detect the difference, by 2 tests" in out
     assert "6 pairs detect each difference with probability 0.9." in out
     assert "10 of 20 runs completed all places (ceiling effect)." in out
 
@@ -93,7 +93,7 @@ def test_until_decided_starts_no_further_run(plain: RunResult, tmp_path: Path) -
     assert code == 0, err
     assert "interim looks after 10, 20, 30, 40, 50, 60 pairs; thresholds of p for a difference" in out
     assert "chapter and none: decided after 20 pairs; at 10 chapter ahead by places, p = " in out
-    assert "60 of 120 runs, 0 failed, in " in out
+    assert "60 of 120 runs done, 0 failed" in out
     _, out, _ = acrc("compare", str(kept.folder))
     assert "chapter and none: decided after 20 pairs; at 10 chapter ahead by places, p = " in out
 
@@ -143,7 +143,7 @@ def test_a_scenario_given_as_a_study_becomes_one(plain: RunResult, tmp_path: Pat
     assert resolve_study(StudyOptions(study=study)) == (StudyOptions(study=study), ())
     words = over(tmp_path / "out", plain, digest=plain.digest)
     code, out, err = acrc("campaign", "scenarios/chapter.toml", *words[1:])
-    assert code == 0 and "20 of 20 runs, 0 failed, in " in out
+    assert code == 0 and "20 of 20 runs done, 0 failed" in out
     assert err.startswith("scenarios/chapter.toml is a scenario: comparing none and chapter, each with ")
 
 

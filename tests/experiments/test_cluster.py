@@ -209,7 +209,9 @@ def test_faults_of_a_certificate_are_one_sentence(tmp_path: Path) -> None:
     configure(mixed, own / "cluster.pem", own / "cluster.pem", other / "cluster.key")
     assert "cannot be used as authority, certificate and its key: " in reason(mixed, own)
     configure(mixed, own / "cluster.pem", own / "cluster.pem", mixed / "nothing")
-    assert f"client.key in Dask's configuration is {mixed / 'nothing'}; must be a file" in reason(mixed, own)
+    assert f"client.key in Dask's configuration is {mixed / 'nothing'}, which is not a file" in reason(
+        mixed, own
+    )
 
 
 def test_answers_of_a_worker_are_validated_and_bounded() -> None:

@@ -67,7 +67,7 @@ class SimulatedComputer:
             (doctor, "read_certificate", self._certificate),
             (doctor, "compiled_kernels", lambda: self.compiled),
             (doctor, "cache_folder", lambda: CACHE),
-            (sandbox, "available", lambda: self.isolation),
+            (sandbox, "isolation_fault", lambda: self.isolation),
             (shutil, "disk_usage", lambda path: SimpleNamespace(free=self.free)),
             (grp, "getgrnam", self._group),
             (pwd, "getpwnam", lambda name: SimpleNamespace(pw_gid=1000)),

@@ -159,7 +159,9 @@ def test_a_dead_or_missing_worker_is_named(out: Path, monkeypatch: pytest.Monkey
 
 def test_a_folder_without_hosts_and_a_damaged_list_are_named(out: Path) -> None:
     (out / seal.HOSTS_FILE).write_text('{"cluster": 3}')
-    with pytest.raises(AcrcError, match=r"hosts.json: no list of a run's hosts: cluster is 3, but must be"):
+    with pytest.raises(
+        AcrcError, match=r"hosts.json: invalid list of a run's hosts: cluster is 3, but must be"
+    ):
         fetch(out, "", quiet)
     (out / seal.HOSTS_FILE).unlink()
     with pytest.raises(AcrcError, match=r"not a run on several computers: no hosts\.json"):

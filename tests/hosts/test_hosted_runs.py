@@ -127,14 +127,14 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     for robot in ("r1", "r4"):
         assert f"{robot}       0.000 s  step 0  here I am" in errors
     assert (out / "r2" / "own" / "diary").read_text() == "kept"
-    assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; `" in errors
+    assert f"{out}/r1/r1.mcap and 3 more are still on hosts h1, h2; fetch with `" in errors
     assert list(out.glob("r[0-9]/*.mcap")) == [] and len(run.folders_left()) == 2
     assert run.secrets_left() == []
     told = seal.read_hosts(out)
     assert told is not None
     assert [part.robots for part in told.hosts.values()] == [("r1", "r2"), ("r3", "r4")]
     for wants_robots in (account_time, record_check.check, check_seal, recheck):
-        with pytest.raises(AcrcError, match=r"still on hosts h1, h2; `\S+ cluster fetch"):
+        with pytest.raises(AcrcError, match=r"still on hosts h1, h2; fetch with `\S+ cluster fetch"):
             wants_robots(out)
     fetched = acrc(hosts, cluster, "cluster", "fetch", out, "--json")
     assert fetched.returncode == 0, fetched.stderr

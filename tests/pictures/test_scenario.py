@@ -83,7 +83,7 @@ def test_options_override_the_file_and_wrong_ones_are_reported(tmp_path: Path) -
     assert more[0] == "6 robots, 60 places, 600 s at most, strategy chapter, seed 3"
     for words, told in (
         ((CHAPTER, "--png", tmp_path / "a.gif"), "must be a file in an existing folder, with the suffix"),
-        ((CHAPTER, "--png", tmp_path / "no" / "a.png"), "must be a file in a folder that exists"),
+        ((CHAPTER, "--png", tmp_path / "no" / "a.png"), "must be a file in an existing folder"),
         ((CHAPTER, "--robots", "none"), "--robots: none; must be a whole number from 1 to 500"),
         ((tmp_path / "no.toml",), "the scenario file cannot be read"),
     ):

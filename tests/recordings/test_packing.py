@@ -154,7 +154,7 @@ def test_invalid_packed_scans_are_rejected() -> None:
         noise = rng.bytes(int(rng.integers(0, 60))) + rng.choice([b"", b"\xfe" * 40, b"\x7f" * 40])
         with suppress(ValueError):
             assert len(buffers.unpacked(noise, int(rng.integers(0, 60)))) < 2 * 60
-    with pytest.raises(ValueError, match="which is more than may be"):
+    with pytest.raises(ValueError, match="is too large"):
         buffers.unpacked(bytes(LARGEST + 1), 1)
     for name, lie in lies.items():
         with pytest.raises(FAULTS):
@@ -167,13 +167,13 @@ def test_decompression_bomb_is_limited() -> None:
     bomb = b"".join(parts) + deflate.flush(zlib.Z_SYNC_FLUSH)[:-4]
     tracemalloc.start()
     try:
-        with pytest.raises(ValueError, match="has no end where it should have one"):
+        with pytest.raises(ValueError, match="is incomplete"):
             MessageUnpacker().unpacked(DEFLATED, bomb)
         assert tracemalloc.get_traced_memory()[1] < 2.5 * LARGEST_RECORD
     finally:
         tracemalloc.stop()
     ended = zlib.compressobj(1, zlib.DEFLATED, -15)
-    with pytest.raises(ValueError, match="has no end"):
+    with pytest.raises(ValueError, match="is incomplete"):
         MessageUnpacker().unpacked(DEFLATED, ended.compress(bytes(500)) + ended.flush())
 
 

@@ -120,7 +120,7 @@ def test_outputs_replace_links_and_are_not_written_through_them(copy: Path, vict
     shutil.rmtree(copy / "tables")
     (copy / "tables").symlink_to(victim.parent)
     done = acrc("export", copy)
-    assert done.stderr.startswith(f"acrc: {copy / 'tables'}: cannot be written: is a link, through which")
+    assert done.stderr.startswith(f"acrc: {copy / 'tables'}: cannot be written: is a symbolic link")
     assert [path.name for path in victim.parent.iterdir()] == [victim.name]
 
 

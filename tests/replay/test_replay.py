@@ -55,7 +55,7 @@ def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> Non
         ((recorded, "--robot", "r1", "--from", 1), 2, "--from: requires --pdb or --debugpy"),
         ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; choose from r1, r2, radio, "),
         ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: has no strategy; must be a robot"),
-        ((recorded, "--robot", "r1", "--debugpy", 5678), 1, "--debugpy 5678: the Python package"),
+        ((recorded, "--robot", "r1", "--debugpy", 5678), 1, "--debugpy 5678: debugpy is not installed"),
         ((recorded, "--robot", "r2", "--from", 100, "--pdb"), 1, "--from: 100 is after the end of r2's"),
     ):  # fmt: skip
         done = acrc("replay", *words)

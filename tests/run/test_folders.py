@@ -30,10 +30,7 @@ from tests.swarm.command import ACRC, ROOT, processes_of
 SPEED = 'must be "max" or a number of at least 0.01, such as 1 or 4'
 NEW = "choose a new or empty folder"
 FULL = errno.ENOSPC, "No space left on device"
-SCRATCH = (
-    "{}: temporary files cannot be written: no space left on device; make room there, or set TMPDIR to "
-    "another folder"
-)
+SCRATCH = "{}: temporary files cannot be written: no space left on device; free space there, or set TMPDIR"
 STUDY = """
 from tests.swarm.reporting import behaviour as plain
 
@@ -196,7 +193,7 @@ def test_a_full_or_missing_scratch_folder_is_named(monkeypatch: pytest.MonkeyPat
         raise AssertionError
     assert str(caught.value) == (
         "/somewhere: temporary files cannot be written: no usable temporary directory found in ['/tmp']; "
-        "make room there, or set TMPDIR to another folder"
+        "free space there, or set TMPDIR"
     )
 
 

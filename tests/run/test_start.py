@@ -51,7 +51,7 @@ def test_compiling_is_announced_until_the_cache_is_complete(
     kernel_compilation.compile_kernels()
     first, second = capsys.readouterr().err.splitlines()
     assert first == (
-        "acrc: compiling numeric kernels (once after an installation or a source change):  1 modules"
+        "acrc: compiling numeric kernels (once after an installation or a source change): 1 modules"
     )
     assert second.startswith("acrc: compiled in ")
     kernel_compilation.compile_kernels()

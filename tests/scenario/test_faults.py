@@ -121,7 +121,7 @@ def test_events_that_follow_one_another() -> None:
         'at = 5\nthaw = "r1"', 'at = 1\nfreeze = "r1"', 'at = 6\nkill = "r1"', 'at = 7\nrestart = "r1"',
         'at = 7.1\nfreeze = "r1"', 'at = 59.9\nrestart = "r1"',
     )  # fmt: skip
-    assert fault(MINUTE + "\n[[event]]\n".join(lines)) == "valid"
+    assert fault(MINUTE + "\n[[event]]\n".join(lines)) == "nothing was wrong"
 
 
 def test_a_missing_map_several_maps_and_text_that_is_not_toml() -> None:
@@ -154,7 +154,7 @@ def test_a_wrong_option(overrides: Overrides, sentence: str) -> None:
 
 
 def test_an_option_replaces_a_wrong_value_but_is_checked_with_the_rest() -> None:
-    assert fault("[robots]\ncount = 0", Overrides(robots=2)) == "valid"
+    assert fault("[robots]\ncount = 0", Overrides(robots=2)) == "nothing was wrong"
     text = f'{MINUTE}at = 50\nkill = "r4"'
     assert fault(text, Overrides(duration="30")) == (
         "some.toml: event[0].at is 50, but must be from 0 to 29.9 s, where the last step begins"

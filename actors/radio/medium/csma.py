@@ -230,7 +230,7 @@ def _is_clear(st: MediumState, number: int) -> bool:
 def end_assessment(st: MediumState, number: int) -> None:
     """End the clear channel assessment."""
     transceiver = st.transceivers[number]
-    settings, mac, counters = transceiver.settings, transceiver.mac, transceiver.counters
+    settings, mac = transceiver.settings, transceiver.mac
     add_energy(st.medium, transceiver)
     cancel_assessment(st, number)
     if _is_clear(st, number):
@@ -241,7 +241,7 @@ def end_assessment(st: MediumState, number: int) -> None:
     if mac.nb <= settings.max_backoffs:
         _begin_backoff(st, number)
         return
-    counters.access_failures += 1
+    transceiver.counters.access_failures += 1
     mac.state = MacState.IDLE.value
     _finish(st, number, EventKind.ACCESS_FAILURE.value)
 
@@ -261,7 +261,7 @@ def _turn_around(st: MediumState, number: int) -> None:
 def begin_frame(st: MediumState, number: int) -> None:
     """Begin the frame at the head of the queue."""
     transceiver = st.transceivers[number]
-    mac, flight, counters = transceiver.mac, transceiver.flight, transceiver.counters
+    mac, flight = transceiver.mac, transceiver.flight
     frame = st.queue[number, mac.head]
     flight.octets = frame.octets
     flight.to = frame.to
@@ -271,7 +271,7 @@ def begin_frame(st: MediumState, number: int) -> None:
     flight.draw = frame.number * 16 + mac.tries
     flight.tag = frame.tag
     flight.asked_ns = frame.asked_ns
-    counters.overlapping += st.medium.in_air > 0
+    transceiver.counters.overlapping += st.medium.in_air > 0
     mac.state = MacState.SENDING.value
     begin(st, number)
     schedule(st, number, ActionKind.FRAME_END.value, _airtime_ns(frame.octets), mac.ticket)
