@@ -218,7 +218,7 @@ def _is_clear(st: MediumState, number: int) -> bool:
 def assessed(st: MediumState, number: int) -> None:
     """The clear channel assessment is over."""
     transceiver = st.transceivers[number]
-    settings, mac, counters = transceiver.settings, transceiver.mac, transceiver.counters
+    settings, mac = transceiver.settings, transceiver.mac
     sense(st.medium, transceiver)
     forget_assessment(st, number)
     if _is_clear(st, number):
@@ -229,7 +229,7 @@ def assessed(st: MediumState, number: int) -> None:
     if mac.nb <= settings.max_backoffs:
         _back_off(st, number)
         return
-    counters.access_failures += 1
+    transceiver.counters.access_failures += 1
     mac.state = MacState.IDLE.value
     _finish(st, number, Kind.ACCESS_FAILURE.value)
 
@@ -249,7 +249,7 @@ def _turn_around(st: MediumState, number: int) -> None:
 def transmit(st: MediumState, number: int) -> None:
     """The frame at the head of the queue begins."""
     transceiver = st.transceivers[number]
-    mac, flight, counters = transceiver.mac, transceiver.flight, transceiver.counters
+    mac, flight = transceiver.mac, transceiver.flight
     frame = st.queue[number, mac.head]
     flight.octets = frame.octets
     flight.to = frame.to
@@ -259,7 +259,7 @@ def transmit(st: MediumState, number: int) -> None:
     flight.draw = frame.number * 16 + mac.tries
     flight.tag = frame.tag
     flight.asked_ns = frame.asked_ns
-    counters.overlapping += st.medium.in_air > 0
+    transceiver.counters.overlapping += st.medium.in_air > 0
     mac.state = MacState.SENDING.value
     begin(st, number)
     schedule(st, number, Due.FRAME_END.value, _airtime_ns(frame.octets), mac.ticket)
