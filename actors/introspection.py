@@ -1,7 +1,7 @@
 """Introspection messages: a robot's internal state, only in its own recording, every PERIOD and at the end.
 
 Only changes are recorded; arrays are little-endian bytes. The estimated pose is in Drive; ranges and instants
-of steps are in Senses.
+of steps are in SensorData.
 """
 
 from typing import Final

@@ -9,8 +9,8 @@ from typing import Final
 
 from actors import portable
 from actors.instant import in_seconds
-from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, Drive, Outgoing, Transmit
-from actors.orders import Give, Obstacle, Order, Speed, StartJam, Step, Wall
+from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, Drive, OutgoingFrame, Transmit
+from actors.orders import AssignPlaces, Obstacle, Order, Speed, StartJam, Step, Wall
 from actors.task.task import TaskLimits, task_reports_fault
 from actors.wording import bounds_text, short_repr
 
@@ -69,7 +69,7 @@ def _bounds(order: Order, limits: OrderLimits) -> Iterator[tuple[str, float, flo
         case Wall():
             length = portable.hypot(order.to_x - order.x, order.to_y - order.y)
             yield "length", length, 0, limits.wall
-        case Give():
+        case AssignPlaces():
             yield "places", len(order.places), 1, limits.places
             for place in order.places:
                 yield from (("places", coordinate, -far, far) for coordinate in place)
@@ -96,7 +96,7 @@ LIMITS: Final = MessageLimits()
 
 
 def drive_fault(drive: Drive, step: int, begin: int, end: int) -> str | None:
-    """Return the fault in a Drive that answers the Senses of the step from `begin` to `end`, µs, or None."""
+    """Return the fault in a Drive, or None; the step that it answers lasts from `begin` to `end`, µs."""
     if drive.step != step:
         return f"sent a Drive of step {drive.step}, expected step {step}"
     if drive.reports or drive.given_up or drive.route is not None:
@@ -119,15 +119,15 @@ def frames_fault(frames: Sequence[object], begin: int, end: int, limits: Message
         return f"sends {len(frames)} frames in one step; the limit is {limits.frames}"
     earliest = begin
     for frame in frames:
-        if not isinstance(frame, Outgoing) or not isinstance(frame.data, bytes):
-            return f"sends {short_repr(frame)}; a frame must be an Outgoing with bytes"
+        if not isinstance(frame, OutgoingFrame) or not isinstance(frame.data, bytes):
+            return f"sends {short_repr(frame)}; a frame must be an OutgoingFrame with bytes"
         if wrong := _frame_fault(frame, earliest, end):
             return wrong
         earliest = frame.instant
     return None
 
 
-def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:
+def _frame_fault(frame: OutgoingFrame, earliest: int, end: int) -> str | None:
     if len(frame.data) > FRAME_DATA_LIMIT:
         return f"sends a frame of {len(frame.data)} bytes; the limit is {FRAME_DATA_LIMIT}"
     if type(frame.instant) is not int:

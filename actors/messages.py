@@ -56,13 +56,13 @@ class Scan(MessagePart, frozen=True):
     """uint16 little-endian, one per ray, mm; NO_ECHO_MM: no echo within range."""
 
 
-class Senses(Message, frozen=True):
+class SensorData(Message, frozen=True):
     """Sensor data of one robot's base at the start of the step."""
 
     omissible: ClassVar[int] = 1
     instant: int
     events: int
-    """Number of events in this step's Received for this robot; 0: no Received is sent."""
+    """Number of events in this step's RadioEvents for this robot; 0: no RadioEvents is sent."""
     odometry: Odometry
     bumper: int
     """Pressed bumpers: bit 0 right, 1 centre, 2 left."""
@@ -78,7 +78,7 @@ class Senses(Message, frozen=True):
 
 
 class Drive(Message, frozen=True):
-    """One robot's answer to Senses: commanded velocity and progress of its work."""
+    """One robot's answer to SensorData: commanded velocity and progress of its work."""
 
     vx: Coordinate
     vy: Coordinate
@@ -94,11 +94,11 @@ class Drive(Message, frozen=True):
     measurements only. None: unknown."""
 
 
-class Outgoing(MessagePart, frozen=True):
+class OutgoingFrame(MessagePart, frozen=True):
     """One frame to be broadcast."""
 
     tag: int
-    """Chosen by the robot, unique across its epochs; repeated in Sent, AccessFailure or Overflow."""
+    """Chosen by the robot, unique across its epochs; repeated in the event that ends the transmission."""
     instant: int
     """Time at which the robot passes the frame to its transceiver; within the step."""
     data: bytes
@@ -108,10 +108,10 @@ class Outgoing(MessagePart, frozen=True):
 class Transmit(Message, frozen=True):
     """All frames that one robot passes to its transceiver during the step, in order."""
 
-    frames: tuple[Outgoing, ...]
+    frames: tuple[OutgoingFrame, ...]
 
 
-class Heard(MessagePart, frozen=True, tag="heard"):
+class FrameReceived(MessagePart, frozen=True, tag="heard"):
     """A frame received by the robot's transceiver; `instant` is the end of its last symbol."""
 
     instant: int
@@ -122,7 +122,7 @@ class Heard(MessagePart, frozen=True, tag="heard"):
     data: bytes
 
 
-class Sent(MessagePart, frozen=True, tag="sent"):
+class FrameSent(MessagePart, frozen=True, tag="sent"):
     """The frame `tag` was sent."""
 
     instant: int
@@ -136,14 +136,14 @@ class AccessFailure(MessagePart, frozen=True, tag="access_failure"):
     tag: int
 
 
-class Overflow(MessagePart, frozen=True, tag="overflow"):
+class FrameOverflow(MessagePart, frozen=True, tag="overflow"):
     """The frame `tag` was dropped because the transceiver's transmit queue was full."""
 
     instant: int
     tag: int
 
 
-class Refused(MessagePart, frozen=True, tag="refused"):
+class FrameRefused(MessagePart, frozen=True, tag="refused"):
     """The frame `tag` was rejected; `reason` is one sentence."""
 
     instant: int
@@ -151,17 +151,17 @@ class Refused(MessagePart, frozen=True, tag="refused"):
     reason: str
 
 
-class Unconfirmed(MessagePart, frozen=True, tag="unconfirmed"):
+class FrameUnconfirmed(MessagePart, frozen=True, tag="unconfirmed"):
     """The frame `tag` was passed to a radio board that did not confirm it. Hardware only."""
 
     instant: int
     tag: int
 
 
-RadioEvent = Heard | Sent | AccessFailure | Overflow | Refused | Unconfirmed
+RadioEvent = FrameReceived | FrameSent | AccessFailure | FrameOverflow | FrameRefused | FrameUnconfirmed
 
 
-class Received(Message, frozen=True):
+class RadioEvents(Message, frozen=True):
     """All events of a robot's transceiver up to the start of the step, in order of time."""
 
     events: tuple[RadioEvent, ...]
@@ -219,13 +219,13 @@ class Truth(Message, frozen=True):
 
 
 class EventCount(MessagePart, frozen=True):
-    """Number of events in one robot's next Received."""
+    """Number of events in one robot's next RadioEvents."""
 
     id: str
     events: int
 
 
-class Aired(Message, frozen=True):
+class RadioAdvanced(Message, frozen=True):
     """The radio has simulated the medium up to the end of the step."""
 
     counts: tuple[EventCount, ...]
@@ -237,10 +237,10 @@ class Control(Message, frozen=True):
 
     orders: tuple[Order, ...]
     ticket: str = ""
-    """Chosen by the sender, repeated in Answered."""
+    """Chosen by the sender, repeated in OrderOutcomes."""
 
 
-class Answered(Message, frozen=True):
+class OrderOutcomes(Message, frozen=True):
     """Outcome of the orders of one Control; for display, outside barrier and digest."""
 
     ticket: str
@@ -288,7 +288,7 @@ class LinkState(MessagePart, frozen=True, tag="link"):
     cause: str
 
 
-class Fix(MessagePart, frozen=True, tag="fix"):
+class GpsFix(MessagePart, frozen=True, tag="fix"):
     """Position from the board's GPS module, degrees, north and east positive; None: unknown."""
 
     instant: int
@@ -313,14 +313,14 @@ class Humidity(MessagePart, frozen=True, tag="humidity"):
     valid: bool
 
 
-class Info(MessagePart, frozen=True, tag="info"):
+class BoardText(MessagePart, frozen=True, tag="info"):
     """Text that the board sent when its button was pressed."""
 
     instant: int
     text: str
 
 
-BoardNote = LinkState | Fix | Temperature | Humidity | Info
+BoardNote = LinkState | GpsFix | Temperature | Humidity | BoardText
 """Reports of a radio board other than radio events."""
 
 
@@ -339,7 +339,7 @@ class FrameOutcome(MessagePart, frozen=True):
 
     sender: int
     tag: int
-    """As in Outgoing."""
+    """As in OutgoingFrame."""
     handed: int
     """Time at which the transceiver got the frame."""
     ended: int
@@ -362,7 +362,7 @@ class FrameOutcomes(Message, frozen=True):
     frames: tuple[FrameOutcome, ...]
 
 
-class FloorThing(MessagePart, frozen=True):
+class UnmappedObstacle(MessagePart, frozen=True):
     """An obstacle that is not on the map, as bodies and rays meet it."""
 
     number: int
@@ -378,24 +378,24 @@ class FloorThing(MessagePart, frozen=True):
 class FloorChanged(Message, frozen=True):
     """Obstacles placed and removed at the start of the step; sent in step 0 even without changes."""
 
-    put: tuple[FloorThing, ...] = ()
+    put: tuple[UnmappedObstacle, ...] = ()
     gone: tuple[int, ...] = ()
     """Numbers of removed obstacles."""
 
 
 READY: Final = Topic("swarm/up/{id}/ready", Ready)
-SENSES: Final = Topic("swarm/down/{id}/senses", Senses, is_digested=True)
+SENSES: Final = Topic("swarm/down/{id}/senses", SensorData, is_digested=True)
 DRIVE: Final = Topic("swarm/up/{id}/drive", Drive, is_digested=True)
 TRANSMIT: Final = Topic("swarm/up/{id}/transmit", Transmit, is_digested=True)
-RECEIVED: Final = Topic("swarm/down/{id}/received", Received, is_digested=True)
+RECEIVED: Final = Topic("swarm/down/{id}/received", RadioEvents, is_digested=True)
 RADIO_READY: Final = Topic("swarm/infra/ready", Ready)
 TRUTH: Final = Topic("swarm/infra/truth", Truth, is_digested=True)
-AIRED: Final = Topic("swarm/infra/aired", Aired, is_digested=True)
+AIRED: Final = Topic("swarm/infra/aired", RadioAdvanced, is_digested=True)
 CONTROL: Final = Topic("swarm/infra/control", Control, is_from_outside=True)
 ROSTER: Final = Topic("swarm/infra/roster", Roster, is_digested=True)
 PROGRESS: Final = Topic("swarm/infra/progress", Progress, is_telemetry=True)
 FLOOR_NEWS: Final = Topic("swarm/infra/floor", FloorChanged, is_telemetry=True)
-ANSWERED: Final = Topic("swarm/infra/answered", Answered, is_telemetry=True)
+ANSWERED: Final = Topic("swarm/infra/answered", OrderOutcomes, is_telemetry=True)
 BOARD: Final = Topic("swarm/infra/board", Board)
 INTROSPECTION: Final = Topic(
     "swarm/up/{id}/introspection", Introspection, is_recorded_only=True, is_packed=False

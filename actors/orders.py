@@ -48,7 +48,7 @@ class StartJam(MessagePart, frozen=True, tag="jam"):
     duration: int
 
 
-class Lose(MessagePart, frozen=True, tag="lose"):
+class LoseFrame(MessagePart, frozen=True, tag="lose"):
     """Drop the next frame of `sender` that the robot would receive."""
 
     robot: str
@@ -72,7 +72,7 @@ class Wall(MessagePart, frozen=True, tag="wall"):
     to_y: float
 
 
-class Give(MessagePart, frozen=True, tag="give"):
+class AssignPlaces(MessagePart, frozen=True, tag="give"):
     """Assign further places to the robot, m, map frame."""
 
     robot: str
@@ -118,6 +118,6 @@ class Stop(MessagePart, frozen=True, tag="stop"):
 
 
 Order = (
-    Kill | Freeze | Thaw | Restart | Move | StartJam | Lose | Obstacle | Wall
-    | Give | CloseDoor | OpenDoor | Pause | Resume | Step | Speed | Stop
+    Kill | Freeze | Thaw | Restart | Move | StartJam | LoseFrame | Obstacle | Wall
+    | AssignPlaces | CloseDoor | OpenDoor | Pause | Resume | Step | Speed | Stop
 )  # fmt: skip

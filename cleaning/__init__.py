@@ -6,7 +6,7 @@ Strategies that extend it import these names, and those of a shipped strategy th
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay
 from cleaning.cleaner import Cleaner, State
-from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
+from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, UnblockTarget
 from cleaning.place import Assignment, Takeover, assignments, assignments_since
 from cleaning.robot import CleaningRobot
 from cleaning.settings import SettingsError, from_settings
@@ -25,7 +25,7 @@ __all__ = [
     "SettingsError",
     "State",
     "Takeover",
-    "Unblock",
+    "UnblockTarget",
     "assignments",
     "assignments_since",
     "from_settings",

@@ -8,7 +8,7 @@ from actors.geometry import Point
 from actors.robot.behaviour import FloorPlan, PlaceMonitor, Positioning
 from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner, State
-from cleaning.parameters import AdaptationParameters, Unblock
+from cleaning.parameters import AdaptationParameters, UnblockTarget
 from cleaning.place import LAST_TERM, Assignment, Takeover
 from cleaning.robot import CleaningRobot
 from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, replace, seconds
@@ -146,7 +146,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     def _turned(self, floor: FloorPlan, generator: Generator) -> Self:
         """Return the robot with another target, or with a new attempt."""
         left = len(self.route)
-        if self.parameters.unblock is Unblock.FLOOR and generator.random() * (left + 1) < max(left, 1):
+        if self.parameters.unblock is UnblockTarget.FLOOR and generator.random() * (left + 1) < max(left, 1):
             return self.sent_to(floor.random_place())
         if not left:
             return replace(self, attempt=self.attempt + 1)

@@ -13,7 +13,7 @@ from deeco import Duration, seconds
 from deeco.link import LinkParameters
 
 
-class Unblock(Enum):
+class UnblockTarget(Enum):
     """Target of a robot that unblocks itself."""
 
     QUEUE = "queue"
@@ -61,7 +61,7 @@ class AdaptationParameters(CleaningParameters):
     blocked_checks: int = 6
     """A robot unblocks itself after being blocked for more seconds than this. Default: the code,
     BLOCKED_AUTORECOVERY_THRESHOLD_S."""
-    unblock: Unblock = Unblock.QUEUE
+    unblock: UnblockTarget = UnblockTarget.QUEUE
     """Target chosen when a robot unblocks itself."""
     recount: bool = True
     """Reset the count of still seconds with a new destination. The text monitors the outcome of a new
@@ -99,7 +99,7 @@ class ReleasedParameters(AdaptationParameters):
 
     retry: bool = False
     """As in the code."""
-    unblock: Unblock = Unblock.FLOOR
+    unblock: UnblockTarget = UnblockTarget.FLOOR
     """As in the code."""
     recount: bool = False
     """As in the code."""

@@ -41,13 +41,13 @@ class Periodic:
 
 
 @dataclass(frozen=True)
-class OnChange:
+class ChangeTrigger:
     """Schedule after each commit that changes the value of one of the facts."""
 
     facts: tuple[Fact, ...]
 
 
-Schedule = Periodic | OnChange
+Schedule = Periodic | ChangeTrigger
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def on_change(*facts: Fact) -> Callable[[F], F]:
     """Run the method immediately after a commit that changes a fact, such as `Cleaner.is_blocked`."""
     if not facts:
         raise DefinitionError("@on_change() has no fact; name one, such as Cleaner.is_blocked")
-    return _tag(OnChange(facts))
+    return _tag(ChangeTrigger(facts))
 
 
 def adaptation(process: F) -> F:
@@ -123,7 +123,7 @@ def _process(cls: type, name: str, schedule: Schedule) -> Process:
         raise DefinitionError(
             f"{cls.__name__}.{name} is {function!r} and overrides a process; define a method"
         )
-    for fact in schedule.facts if isinstance(schedule, OnChange) else ():
+    for fact in schedule.facts if isinstance(schedule, ChangeTrigger) else ():
         if not has_fact(cls, fact):
             of = getattr(fact, "__qualname__", repr(fact))
             raise DefinitionError(

@@ -10,7 +10,7 @@ from contextvars import ContextVar
 from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
-from deeco.component import Fact, OnChange, has_fact
+from deeco.component import ChangeTrigger, Fact, has_fact
 from deeco.ensemble import Binding
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, Task, in_seconds
@@ -237,7 +237,7 @@ class Node:
         for component in self._locals:
             for process in component.processes:
                 schedule = process.schedule
-                if isinstance(schedule, OnChange):
+                if isinstance(schedule, ChangeTrigger):
                     component.watch(schedule.facts, partial(self._trigger, process))
                     continue
                 task, first = partial(self._activate, component, process), Instant(start + schedule.offset)

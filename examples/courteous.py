@@ -31,14 +31,14 @@ class CourteousParameters(AdaptationParameters):
 
 
 @role
-class Offering(Cleaner):
+class OfferingCleaner(Cleaner):
     """A cleaner that also publishes a place for other robots."""
 
     offered: Assignment | None = None
 
 
 @component
-class CourteousRobot(AdaptiveCleaningRobot, Offering):
+class CourteousRobot(AdaptiveCleaningRobot, OfferingCleaner):
     """A robot that gives way and helps others."""
 
     parameters: CourteousParameters = CourteousParameters()
@@ -106,11 +106,11 @@ class GivingWay:
 class HandOver:
     """A finished robot adopts an offered place, which the other robot then drops."""
 
-    def membership(self, coordinator: Offering, member: CourteousRobot) -> bool:
+    def membership(self, coordinator: OfferingCleaner, member: CourteousRobot) -> bool:
         """Return True if the coordinator offers a place and the member has none."""
         return coordinator.offered is not None and not member.route
 
-    def at_member(self, coordinator: Offering, member: CourteousRobot, now: Instant) -> CourteousRobot:
+    def at_member(self, coordinator: OfferingCleaner, member: CourteousRobot, now: Instant) -> CourteousRobot:
         """Adopt the offered place."""
         return member if coordinator.offered is None else member.adopting(coordinator.offered, now)
 

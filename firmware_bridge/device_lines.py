@@ -17,7 +17,16 @@ import numpy as np
 from numpy.random import Generator
 
 from actors.instant import Instant
-from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Refused, Transmit, Unconfirmed
+from actors.messages import (
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameUnconfirmed,
+    OutgoingFrame,
+    RadioEvent,
+    RadioEvents,
+    Transmit,
+)
 from actors.radio.frame import DataFrame, rssi_dbm, size_fault
 from actors.runtime.errors import AcrcError
 from firmware_bridge.beeclick.answer_decoder import FIRST_CHANNEL, BoardEvent, BoardSettings
@@ -241,7 +250,7 @@ class EmulatedLines:
 
 _LONGEST: Final = 1 << 16
 """Maximum length of a line, bytes; far above 32 frames."""
-M = TypeVar("M", Transmit, Received)
+M = TypeVar("M", Transmit, RadioEvents)
 
 
 class _Messages(Generic[M]):
@@ -287,7 +296,7 @@ class SimulatedTransceiver:
                 self._radio.silence(self)
             for frame in message.frames:
                 if wrong := size_fault(len(frame.data)):
-                    self._said.append(Refused(now, frame.tag, wrong))
+                    self._said.append(FrameRefused(now, frame.tag, wrong))
                 else:
                     self._radio.transmit(self, now, frame.tag, frame.data)
 
@@ -296,7 +305,7 @@ class SimulatedTransceiver:
         if self._session is None or not self._said:
             return b""
         said, self._said = tuple(self._said), []
-        return msgspec.json.encode(Received(self._session, said)) + b"\n"
+        return msgspec.json.encode(RadioEvents(self._session, said)) + b"\n"
 
     def settle(self, now: Instant) -> None:
         """Do nothing: it has no timed actions."""
@@ -311,7 +320,7 @@ class SimulatedTransceiver:
     def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
         """Queue a received frame for the host, if one is connected."""
         if self._session is not None:
-            self._said.append(Heard(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
+            self._said.append(FrameReceived(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
 
 
 class TransceiverLink:
@@ -320,10 +329,10 @@ class TransceiverLink:
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
         """Number of events by type, and of invalid lines."""
-        self._messages = _Messages(Received)
+        self._messages = _Messages(RadioEvents)
         self._session: int | None = None
         self._greeted = False
-        self._waiting: list[Outgoing] = []
+        self._waiting: list[OutgoingFrame] = []
         self._flying: list[int] = []
 
     def connect(self, now: Instant) -> None:
@@ -336,15 +345,15 @@ class TransceiverLink:
         tags = [*self._flying, *(frame.tag for frame in self._waiting)]
         self.forget()
         self._flying.clear()
-        return [Unconfirmed(now, tag) for tag in tags]
+        return [FrameUnconfirmed(now, tag) for tag in tags]
 
     def send(self, now: Instant, tag: int, data: bytes) -> Sequence[BoardEvent]:
         """Queue a frame for `due`."""
         if wrong := size_fault(len(data)):
-            return [Refused(now, tag, wrong)]
+            return [FrameRefused(now, tag, wrong)]
         if self._session is None:
-            return [Overflow(now, tag)]
-        self._waiting.append(Outgoing(tag, now, data))
+            return [FrameOverflow(now, tag)]
+        self._waiting.append(OutgoingFrame(tag, now, data))
         return ()
 
     def due(self, now: Instant) -> bytes:
@@ -363,7 +372,7 @@ class TransceiverLink:
             msgspec.structs.replace(event, instant=now)
             for message in told
             for event in message.events
-            if not isinstance(event, Unconfirmed) and self._is_news(event)
+            if not isinstance(event, FrameUnconfirmed) and self._is_news(event)
         ]
 
     def wake(self) -> None:
@@ -378,7 +387,7 @@ class TransceiverLink:
     def _is_news(self, event: RadioEvent) -> bool:
         """Count an event; return False for the outcome of a frame not in flight."""
         self.counters[type(event).__name__.lower()] += 1
-        if isinstance(event, Heard):
+        if isinstance(event, FrameReceived):
             return True
         if event.tag not in self._flying:
             return False

@@ -299,7 +299,7 @@ _ENDLESS_S: Final = 36_000.0
 
 
 @dataclass(frozen=True)
-class Memory:
+class MemoryUsage:
     """Memory of all processes of one kind, MB."""
 
     processes: int
@@ -328,7 +328,7 @@ class MeshFigures:
     """CPU before the first step, of all processes but the forkserver, s."""
     by_actor: dict[str, float]
     """`ms` by kind of process; medians."""
-    memory: dict[str, Memory]
+    memory: dict[str, MemoryUsage]
 
 
 @dataclass(frozen=True)
@@ -381,9 +381,9 @@ class _MemoryRead(Exception):  # noqa: N818  # ends a run early
     """Signal that memory has been read."""
 
 
-def _memory_of_run(count: int, task: SwarmTask) -> dict[str, Memory]:
+def _memory_of_run(count: int, task: SwarmTask) -> dict[str, MemoryUsage]:
     """Read memory by kind of process during the run, at the task's simulated time."""
-    memory: dict[str, Memory] = {}
+    memory: dict[str, MemoryUsage] = {}
 
     def read_memory(progress: Progress) -> None:
         if in_seconds(progress.instant) < task.simulated_s(count):
@@ -419,11 +419,11 @@ def _stat(pid: int) -> list[str]:
     return (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
 
 
-def memory_of(pids: Sequence[int]) -> Memory:
+def memory_of(pids: Sequence[int]) -> MemoryUsage:
     """Return the memory of these processes, from their files smaps_rollup (proc_pid_smaps(5))."""
     kib: Counter[str] = Counter()
     for pid in pids:
         rows = (line.split() for line in (_PROC / str(pid) / "smaps_rollup").read_text().splitlines()[1:])
         kib.update({row[0].removesuffix(":"): int(row[1]) for row in rows})
     private = kib["Private_Clean"] + kib["Private_Dirty"]
-    return Memory(len(pids), kib["Rss"] / 1024, kib["Pss"] / 1024, private / 1024)
+    return MemoryUsage(len(pids), kib["Rss"] / 1024, kib["Pss"] / 1024, private / 1024)

@@ -19,7 +19,7 @@ from acrc_testbed.command_line.lists import app as listing
 from acrc_testbed.command_line.record import app as record
 from actors.console import create_console
 from actors.installation.usage import OptionError, missing_extra_named
-from actors.processes.signals import Interrupted, signals_as_interrupts
+from actors.processes.signals import Interruption, signals_as_interrupts
 from actors.runtime.errors import AcrcError, printable
 
 
@@ -213,7 +213,7 @@ def main() -> None:
     try:
         with signals_as_interrupts(), missing_extra_named():
             sys.exit(app(_arguments(sys.argv[1:]), prog_name="acrc", standalone_mode=False))
-    except Interrupted as interrupt:
+    except Interruption as interrupt:
         recorded = f"; recordings are in {interrupt.recorded}" if interrupt.recorded else ""
         sentence, code = f"acrc: interrupted{recorded}", interrupt.exit_code
     except AcrcError as error:

@@ -52,7 +52,7 @@ from acrc_testbed.results.seal import seal
 from actors.console import create_console
 from actors.installation.usage import OptionError, command_line, wrong_value
 from actors.installation.version import software_version
-from actors.processes.signals import Interrupted
+from actors.processes.signals import Interruption
 from actors.robot.behaviour.code_permit import Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
@@ -97,7 +97,7 @@ def campaign(
     try:
         with progress_display(quiet=json_output) as follow:
             progress = campaigns.carry_out(kept, options, follow, enough)
-    except Interrupted as interrupt:
+    except Interruption as interrupt:
         say.print(f"acrc: interrupted; the same command resumes from {folder}")
         raise typer.Exit(interrupt.exit_code) from None
     finally:

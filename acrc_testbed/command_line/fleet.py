@@ -24,7 +24,7 @@ from acrc_testbed.command_line.shared_options import (
 )
 from actors.console import create_console
 from actors.installation.repository import clone
-from actors.processes.signals import Interrupted
+from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def watch(
     """Watch robots from a laptop until Ctrl-C."""
     from deploy.fleet import operator_station
 
-    with contextlib.suppress(Interrupted):
+    with contextlib.suppress(Interruption):
         if view is None:
             operator_station.watch(endpoints, keys)
         else:

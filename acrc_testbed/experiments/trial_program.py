@@ -29,7 +29,7 @@ from acrc_testbed.explanation.time_accounting import account_time
 from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.results.result import RunResult
 from actors.processes.robot_logs import ALL_ROBOTS
-from actors.processes.signals import Interrupted
+from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.linux import die_with_parent
 from deploy.run.options import RunOptions
@@ -74,7 +74,7 @@ def attempt(work: Callable[[], T]) -> tuple[T | None, str | None]:
     """Return the result of `work`, or None and a sentence on its failure."""
     try:
         return work(), None
-    except (Interrupted, KeyboardInterrupt):
+    except (Interruption, KeyboardInterrupt):
         raise
     except AcrcError as error:
         return None, printable(str(error))

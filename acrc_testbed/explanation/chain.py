@@ -23,7 +23,7 @@ from acrc_testbed.run_model.frame_outcomes import FrameRow, frame_rows
 from acrc_testbed.run_model.recording_readers import frame_outcomes, messages_on
 from actors.instant import Instant, in_seconds
 from actors.introspection import GoalState
-from actors.messages import RECEIVED, Heard
+from actors.messages import RECEIVED, FrameReceived
 from actors.radio.frame import airtime_us
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.ports import GoalStatus
@@ -120,15 +120,15 @@ class RadioTraffic:
         return frame_rows(*frame_outcomes(self.out)) if self.simulated else []
 
     @cached_property
-    def _heard(self) -> list[Heard]:
+    def _heard(self) -> list[FrameReceived]:
         received = (message for _, message in messages_on(self._files[self.actor], RECEIVED))
-        return [event for message in received for event in message.events if isinstance(event, Heard)]
+        return [event for message in received for event in message.events if isinstance(event, FrameReceived)]
 
     @cached_property
     def _handed(self) -> dict[tuple[str, int], Instant]:
         return {(frame.robot, frame.ended): Instant(frame.handed) for frame in self._sent}
 
-    def _frame(self, heard: Heard) -> ReceivedFrame:
+    def _frame(self, heard: FrameReceived) -> ReceivedFrame:
         sender, size = self.robot(heard.sender), len(heard.data)
         handed = self._handed.get((sender, heard.instant))
         instant = Instant(heard.instant)

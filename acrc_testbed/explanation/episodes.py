@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.run_model.data import Route, RunData, Trajectory
-from actors.robot.navigation.navigation_counts import GivenGoal
+from actors.robot.navigation.navigation_counts import GoalRecord
 
 NO_GOAL: Final = -1
 REACHED: Final = "succeeded"
@@ -18,7 +18,7 @@ ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
 """Results of aborted goals."""
 
 
-def pursued_goals(goals: Sequence[GivenGoal], run: RunData) -> NDArray[np.int64]:
+def pursued_goals(goals: Sequence[GoalRecord], run: RunData) -> NDArray[np.int64]:
     """Return the number of the robot's current goal, (steps,); NO_GOAL: none.
 
     An aborted goal counts until the next one or the end of the run, as the strategy has not cancelled it.

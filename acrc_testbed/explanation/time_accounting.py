@@ -29,7 +29,7 @@ from acrc_testbed.explanation.time_spent import (
     ChainRoot,
     DecisionEvent,
     DiagnosisScore,
-    KnowledgeUsed,
+    KnowledgeUse,
     TimeSpent,
 )
 from acrc_testbed.explanation.true_floor import TrueFloor
@@ -74,7 +74,7 @@ def _of_robot(
             instant_s=in_seconds(decision.instant),
             trigger=decision.by,
             words=decision.words,
-            knowledge=(KnowledgeUsed(decision.source, in_seconds(decision.age)),),
+            knowledge=(KnowledgeUse(decision.source, in_seconds(decision.age)),),
             old_goal=decision.old,
             new_goal=decision.new,
             outcome=outcome,

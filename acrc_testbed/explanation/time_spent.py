@@ -70,7 +70,7 @@ class BlockingEvent(msgspec.Struct, frozen=True):
     """It lasted to the end of the run."""
 
 
-class KnowledgeUsed(msgspec.Struct, frozen=True):
+class KnowledgeUse(msgspec.Struct, frozen=True):
     """Knowledge on which a decision is based."""
 
     source: str
@@ -88,7 +88,7 @@ class DecisionEvent(msgspec.Struct, frozen=True):
     """Component process or ensemble that decided, such as `AdaptiveCleaningRobot.auto_unblock`."""
     words: str
     """Description of the decision, such as `turns elsewhere`."""
-    knowledge: tuple[KnowledgeUsed, ...]
+    knowledge: tuple[KnowledgeUse, ...]
     old_goal: tuple[float, float] | None
     """m, map frame; None: none."""
     new_goal: tuple[float, float] | None

@@ -19,7 +19,7 @@ from acrc_testbed.explanation.causal_trace import (
 from actors.geometry import Point, Pose
 from actors.instant import Duration, Instant
 from actors.introspection import ValueChange
-from actors.messages import Heard, Received
+from actors.messages import FrameReceived, RadioEvents
 from actors.robot.behaviour.node_host import ensembles_of
 from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, View
 from actors.robot.core import RobotCore
@@ -269,9 +269,9 @@ class Tracer:
 
     def _take(self, step: int, inputs: Inputs) -> None:
         self._step = max([step, *(message.step for message in inputs.values())])  # after a gap it is behind
-        received = [message for message in inputs.values() if isinstance(message, Received)]
+        received = [message for message in inputs.values() if isinstance(message, RadioEvents)]
         for event in (event for message in received for event in message.events):
-            if isinstance(event, Heard):
+            if isinstance(event, FrameReceived):
                 instant = Instant(event.instant)
                 self._arrivals[instant] = Arrival(
                     self._step, instant, event.sender, event.rssi_dbm, event.lqi

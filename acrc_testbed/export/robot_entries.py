@@ -31,7 +31,7 @@ from acrc_testbed.run_model.recording_readers import messages_on
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST
-from actors.messages import NO_ECHO_MM, SENSES, Scan, Senses
+from actors.messages import NO_ECHO_MM, SENSES, Scan, SensorData
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS
 from actors.robot_model import RobotModel
@@ -105,7 +105,7 @@ def _is_of(scan: Scan, model: RobotModel) -> bool:
     return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= LATEST
 
 
-def _moved(robot: str, senses: Senses, second: float, held: Pose | None) -> Iterator[LogEntry]:
+def _moved(robot: str, senses: SensorData, second: float, held: Pose | None) -> Iterator[LogEntry]:
     told = senses.odometry
     odometry, odom, base = Pose(told.x, told.y, told.heading), f"{robot}/odom", f"{robot}/base_link"
     frames = [Transform(odom, base, odometry)]

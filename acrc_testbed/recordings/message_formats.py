@@ -33,7 +33,7 @@ from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 
 TAG: Final = "kind"
-"""Field that names the variant of a union, such as `heard` in the events of Received."""
+"""Field that names the variant of a union, such as `heard` in the events of RadioEvents."""
 
 
 def to_json_types(value: object) -> Any:

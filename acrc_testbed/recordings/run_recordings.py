@@ -54,7 +54,7 @@ def _place(path: Path) -> tuple[str, int, str]:
     return (path.parent.name, len(path.stem), path.stem)
 
 
-class GivenOrder(NamedTuple):
+class RecordedOrder(NamedTuple):
     """An order of an operator, a tool or the scenario."""
 
     step: int

@@ -21,7 +21,7 @@ from acrc_testbed.results.clock_alignment import (
 )
 from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, Moment, RobotLog, Tick
 from acrc_testbed.results.result import ClockReport
-from actors.messages import Heard, Received
+from actors.messages import FrameReceived, RadioEvents
 
 _STEADY_US: Final = 50_000
 """A larger jump against the step count begins a new clock segment."""
@@ -206,7 +206,7 @@ def _shifts(log: RobotLog) -> dict[int, int]:
     """
     lags = {
         tick: log.ticks[tick].instant - max(event.instant for event in received.events)
-        for tick, received in log.of(Received)
+        for tick, received in log.of(RadioEvents)
         if received.events
     }
     runs: list[list[int]] = [[]]
@@ -241,9 +241,9 @@ def shared_frames(trial: FieldTrial, stamp: StampFunction) -> list[StampedFrame]
             seen.append((robot, stamp(log, sent.handed, StampKind.HANDED)))
             if sent.sent is not None:
                 seen.append((robot, stamp(log, sent.sent, StampKind.SENT)))
-        for tick, received in log.of(Received):
+        for tick, received in log.of(RadioEvents):
             for event in received.events:
-                if isinstance(event, Heard):
+                if isinstance(event, FrameReceived):
                     seen = found.setdefault((event.sender, event.data), [])
                     seen.append((robot, stamp(log, Moment(tick, event.instant), StampKind.HEARD)))
     return [frame for seen in found.values() if (frame := _frame(seen)) is not None]

@@ -18,14 +18,14 @@ from actors.messages import (
     TRANSMIT,
     AccessFailure,
     Drive,
-    Heard,
-    Overflow,
-    Received,
-    Refused,
-    Senses,
-    Sent,
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameSent,
+    FrameUnconfirmed,
+    RadioEvents,
+    SensorData,
     Transmit,
-    Unconfirmed,
 )
 from actors.runtime import typed_json
 from actors.runtime.codec import decode
@@ -47,12 +47,12 @@ from actors.topic import Message, Topic
 from firmware_bridge.onboard.base_core import BaseReport
 
 FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
-    Sent: "frames_sent",
+    FrameSent: "frames_sent",
     AccessFailure: "frames_access_failure",
-    Overflow: "frames_overflowed",
-    Refused: "frames_refused",
-    Unconfirmed: "frames_unconfirmed",
-    Heard: "copies_heard",
+    FrameOverflow: "frames_overflowed",
+    FrameRefused: "frames_refused",
+    FrameUnconfirmed: "frames_unconfirmed",
+    FrameReceived: "copies_heard",
 }
 """Counter of each kind of event, named as in simulated runs."""
 
@@ -135,10 +135,10 @@ class RobotLog:
                 for outgoing in message.frames:
                     pending[outgoing.tag] = SentFrame(Moment(tick, outgoing.instant), outgoing.data)
                     frames.append(pending[outgoing.tag])
-            elif isinstance(message, Received):
+            elif isinstance(message, RadioEvents):
                 for event in message.events:
-                    frame = None if isinstance(event, Heard) else pending.pop(event.tag, None)
-                    if frame is not None and isinstance(event, Sent):
+                    frame = None if isinstance(event, FrameReceived) else pending.pop(event.tag, None)
+                    if frame is not None and isinstance(event, FrameSent):
                         frame.sent = Moment(tick, event.instant)
         return frames
 
@@ -184,7 +184,7 @@ def _take_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[
     for instant in _instants(message):
         if abs(instant) > _LATEST_US:
             raise RecordingError(f"{log.path}: damaged: implausible instant {instant} µs")
-    if isinstance(message, Senses):
+    if isinstance(message, SensorData):
         log.ticks.append(Tick(message.step, message.instant))
     elif log.ticks:
         log.messages.append(RecordedMessage(len(log.ticks) - 1, entry.key, message))
@@ -194,11 +194,11 @@ def _take_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[
 
 def _instants(message: Message) -> Iterator[int]:
     match message:
-        case Senses():
+        case SensorData():
             yield message.instant
         case Transmit():
             yield from (frame.instant for frame in message.frames)
-        case Received():
+        case RadioEvents():
             yield from (event.instant for event in message.events)
 
 
@@ -374,9 +374,9 @@ def _unknown_senders(trial: FieldTrial) -> Iterator[str]:
     heard = Counter(
         event.sender
         for log in trial.all_logs()
-        for _, received in log.of(Received)
+        for _, received in log.of(RadioEvents)
         for event in received.events
-        if isinstance(event, Heard)
+        if isinstance(event, FrameReceived)
     )
     for sender in sorted(heard.keys() - known):
         yield (

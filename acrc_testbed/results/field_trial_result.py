@@ -31,7 +31,7 @@ from acrc_testbed.results.result import (
     robot_reports,
 )
 from actors.instant import Duration, in_seconds, seconds
-from actors.messages import Drive, Received
+from actors.messages import Drive, RadioEvents
 from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome, PlaceVerdict, Referee
@@ -207,7 +207,7 @@ def _frames(logs: Sequence[RobotLog]) -> dict[str, int]:
     frames = dict.fromkeys(("frames_handed", *FRAME_OUTCOMES.values(), "bytes_sent"), 0)
     for log in logs:
         frames["frames_handed"] += sum(drive.transmits for _, drive in log.of(Drive))
-        for _, received in log.of(Received):
+        for _, received in log.of(RadioEvents):
             for event in received.events:
                 frames[FRAME_OUTCOMES[type(event)]] += 1
         confirmed = (frame for frame in log.sent_frames() if frame.sent is not None)

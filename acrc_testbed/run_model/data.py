@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.recordings.run_recordings import GivenOrder
+from acrc_testbed.recordings.run_recordings import RecordedOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
 from acrc_testbed.run_model.frame_outcomes import NO_COPIES, FrameCopies
@@ -21,9 +21,9 @@ from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotI
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import Jam
-from actors.orders import CloseDoor, Give, Lose, Move, Obstacle, OpenDoor, Order, StartJam, Wall
+from actors.orders import AssignPlaces, CloseDoor, LoseFrame, Move, Obstacle, OpenDoor, Order, StartJam, Wall
 from actors.robot.behaviour.decisions import AdaptationDecision
-from actors.robot.navigation.navigation_counts import GivenGoal
+from actors.robot.navigation.navigation_counts import GoalRecord
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.task.task import PlaceKey
@@ -107,7 +107,7 @@ class Trajectory:
 class RobotReport:
     """Final records of one robot's processes; instants in µs."""
 
-    goals: tuple[GivenGoal, ...] | None = ()
+    goals: tuple[GoalRecord, ...] | None = ()
     """None: no process wrote a final record, as in a truncated run."""
     planless: tuple[tuple[int, int], ...] = ()
     """Intervals in which navigation found no path."""
@@ -181,7 +181,7 @@ class RunData:
     """In order of time; before its first route each robot intends to visit its own places."""
     jams: tuple[tuple[float, Jam], ...] = ()
     """Jammers, each with its switch-on time, s."""
-    orders: tuple[GivenOrder, ...] = ()
+    orders: tuple[RecordedOrder, ...] = ()
     """Orders of the scenario and of operators, by step, including rejected ones."""
     floor: tuple[tuple[float, FloorState], ...] = ()
     """Changes of the floor: time, s, and all objects not on the map from then on."""
@@ -245,7 +245,7 @@ _THERE: Final = 0.1
 """Distance between a carried robot and the ordered point at that step, at most, m."""
 
 
-class OrderedChange(NamedTuple):
+class AppliedOrder(NamedTuple):
     """An order that changed the world."""
 
     second: float
@@ -254,7 +254,7 @@ class OrderedChange(NamedTuple):
     words: str
 
 
-def ordered_changes(run: RunData) -> list[OrderedChange]:
+def ordered_changes(run: RunData) -> list[AppliedOrder]:
     """Return the orders that took effect and have no other mark, by step.
 
     A move is listed only if the robot arrived: the world may have rejected the order.
@@ -262,9 +262,9 @@ def ordered_changes(run: RunData) -> list[OrderedChange]:
     found = []
     for step, order in run.orders:
         if words := _words(order):
-            robot = order.robot if isinstance(order, Give | Move | Lose) else ""
+            robot = order.robot if isinstance(order, AssignPlaces | Move | LoseFrame) else ""
             if not isinstance(order, Move) or _carried(run, step, order):
-                found.append(OrderedChange(in_seconds(step * run.step_us), robot, words))
+                found.append(AppliedOrder(in_seconds(step * run.step_us), robot, words))
     return found
 
 
@@ -290,10 +290,10 @@ def _words(order: Order) -> str:
             words = f"door at ({x:.1f}, {y:.1f}) opens"
         case StartJam(x, y, radius, duration):
             words = f"jammer of {radius:g} m at ({x:.1f}, {y:.1f}) for {in_seconds(duration):g} s"
-        case Give(_, places):
+        case AssignPlaces(_, places):
             words = f"receives {len(places)} more place{'' if len(places) == 1 else 's'}"
         case Move(_, x, y, _):
             words = f"is carried to ({x:.1f}, {y:.1f})"
-        case Lose(_, sender):
+        case LoseFrame(_, sender):
             words = f"loses the next frame of {sender}"
     return words

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from actors.floor.doors import Doorways
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
-from actors.messages import FloorChanged, FloorThing, Jam
+from actors.messages import FloorChanged, Jam, UnmappedObstacle
 from actors.orders import CloseDoor, Obstacle, OpenDoor, Wall
 
 Cells = NDArray[np.bool_]
@@ -53,7 +53,7 @@ class FloorHistory:
         self._step_us = step_us
         self._changes: list[FloorChanged] = []
         """Changes that `advance` has not returned yet."""
-        self._things: dict[int, FloorThing] = {}
+        self._things: dict[int, UnmappedObstacle] = {}
         self._jams: list[tuple[float, Jam]] = []
         """Active jammers."""
         self._state: FloorState = ()

@@ -23,7 +23,7 @@ from actors.introspection import (
     StepRecord,
     ValueChange,
 )
-from actors.messages import NO_ECHO_MM, Drive, Heard, Received, Scan, Senses
+from actors.messages import NO_ECHO_MM, Drive, FrameReceived, RadioEvents, Scan, SensorData
 from actors.portable import arrays
 from actors.robot.introspection import cell_type
 from actors.robot.navigation.cost_map import CostMap, CostMapParameters
@@ -235,15 +235,17 @@ class ProcessModel:
     def extend(self, message: Message) -> None:
         """Add one message that the process received or recorded."""
         match message:
-            case Senses():
+            case SensorData():
                 scans = (*message.earlier_scans, message.scan)
                 self._scan = next((one for one in reversed(scans) if one is not None), self._scan)
                 if not message.halt:
                     told = message.odometry
                     odometry = geometry.Pose(told.x, told.y, told.heading)
                     self._steps.append(_SensedStep(message.step, message.instant, odometry, self._scan))
-            case Received():
-                self._senders |= {one.instant: one.sender for one in message.events if isinstance(one, Heard)}
+            case RadioEvents():
+                self._senders |= {
+                    one.instant: one.sender for one in message.events if isinstance(one, FrameReceived)
+                }
             case Introspection():
                 self._records |= {one.step: one for one in message.steps}
                 self._samples[message.step] = message

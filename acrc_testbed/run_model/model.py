@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from acrc_testbed.recordings.run_recordings import GivenOrder
+from acrc_testbed.recordings.run_recordings import RecordedOrder
 from acrc_testbed.run_model.data import (
     Points,
     RunData,
@@ -23,15 +23,15 @@ from acrc_testbed.run_model.place_reports import PlaceReports
 from actors.instant import in_seconds
 from actors.message_limits import OrderLimits, order_fault
 from actors.messages import (
-    Aired,
     Control,
     Drive,
     FloorChanged,
     FrameOutcomes,
-    Heard,
+    FrameReceived,
+    RadioAdvanced,
+    RadioEvents,
     Ready,
-    Received,
-    Senses,
+    SensorData,
     Truth,
 )
 from actors.topic import Message
@@ -55,7 +55,7 @@ def with_instants(message: Message, convert: Callable[[int], int]) -> Message:
         case Drive():
             reports, given_up = converted(message.reports), converted(message.given_up)
             return msgspec.structs.replace(message, reports=reports, given_up=given_up)
-        case Received():
+        case RadioEvents():
             return msgspec.structs.replace(message, events=converted(message.events))
     return message
 
@@ -67,7 +67,7 @@ class RunModel:
     it is complete. Without ground truth each report of a robot is a row.
     """
 
-    def __init__(self, description: RunDescription, scheduled: Sequence[GivenOrder] = ()) -> None:
+    def __init__(self, description: RunDescription, scheduled: Sequence[RecordedOrder] = ()) -> None:
         """`scheduled`: orders of the scenario."""
         self.description = description
         self._index = {robot: number for number, robot in enumerate(description.robots)}
@@ -113,19 +113,19 @@ class RunModel:
                     self._drives.append((robot, message))
                 else:
                     self._reported(robot, message, second)
-            case Received() if robot in self._index:
+            case RadioEvents() if robot in self._index:
                 self._receive(robot, message)
-            case Senses() if robot in self._index and message.places:
+            case SensorData() if robot in self._index and message.places:
                 self._given[robot] = (*self._given.get(robot, ()), *message.places)
             case Ready() if robot in self._index:  # a new process receives all places again
                 self._given[robot] = ()
             case FloorChanged() | FrameOutcomes():
                 self._extend_recorded(message)
-            case Aired():
+            case RadioAdvanced():
                 self._boundary = message.step + 1
             case Control():
                 valid = (order for order in message.orders if order_fault(order, OrderLimits()) is None)
-                self._orders += [GivenOrder(self._boundary, order) for order in valid]
+                self._orders += [RecordedOrder(self._boundary, order) for order in valid]
 
     def _extend_recorded(self, message: FloorChanged | FrameOutcomes) -> None:
         if isinstance(message, FloorChanged):
@@ -240,10 +240,10 @@ class RunModel:
         row = (second, *(drive.pose or (np.nan,) * 3), drive.vx, drive.vy, drive.omega)
         self._rows.setdefault(robot, []).append(row)
 
-    def _receive(self, robot: str, received: Received) -> None:
+    def _receive(self, robot: str, received: RadioEvents) -> None:
         addresses, own = self.description.addresses, self._index[robot]
         for event in received.events:
-            if isinstance(event, Heard):
+            if isinstance(event, FrameReceived):
                 sender = self._index.get(addresses.get(event.sender, ""), -1)
                 row = (received.step, in_seconds(event.instant), sender, own, event.rssi_dbm)
                 self._heard.append(row)
@@ -257,7 +257,7 @@ class RunModel:
         self._heard = [] if until is None else [one for one in self._heard if one[0] > until]
         return np.array(sorted(one[1:] for one in now if one[2] >= 0), np.float64).reshape(-1, 4)
 
-    def _ordered(self) -> tuple[GivenOrder, ...]:
+    def _ordered(self) -> tuple[RecordedOrder, ...]:
         """Remove and return the orders up to the current step; those of the scenario come first."""
         now = sorted((one for one in self._orders if one.step <= self.step), key=attrgetter("step"))
         self._orders = [one for one in self._orders if one.step > self.step]

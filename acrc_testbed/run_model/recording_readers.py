@@ -13,7 +13,7 @@ from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
 from actors.messages import FRAME_OUTCOMES, FrameOutcomes
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.decisions import AdaptationDecision, AdaptationReport
-from actors.robot.navigation.navigation_counts import GivenGoal, NavigationReport
+from actors.robot.navigation.navigation_counts import GoalRecord, NavigationReport
 from actors.robot_model import load_model
 from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
@@ -74,7 +74,7 @@ def robot_report(records: Iterable[Path]) -> RobotReport:
 
     Raises RecordingError or OutcomeError for invalid records.
     """
-    goals: list[GivenGoal] | None = None
+    goals: list[GoalRecord] | None = None
     blocked: list[tuple[int, int | None]] | None = None
     planless: list[tuple[int, int]] = []
     paused: list[tuple[int, int | None]] = []

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
-from acrc_testbed.recordings.run_recordings import GivenOrder, read_setup, recordings
+from acrc_testbed.recordings.run_recordings import RecordedOrder, read_setup, recordings
 from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
 from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, process_model, seconds_of
@@ -61,7 +61,7 @@ def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
         records_frames=radio.detail == "full",
         seed=setup.seed,
     )
-    return RunModel(description, [GivenOrder(one.step(setup.step_us), one.order) for one in setup.events])
+    return RunModel(description, [RecordedOrder(one.step(setup.step_us), one.order) for one in setup.events])
 
 
 class RunReader:

@@ -21,7 +21,7 @@ from actors.observer.canvas import Canvas
 from actors.observer.layout import ViewerContents, ViewFile
 from actors.observer.viewer import OpenViewer
 from actors.processes.launcher import scratch_folder
-from actors.processes.signals import Interrupted
+from actors.processes.signals import Interruption
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import read_notes
@@ -69,7 +69,7 @@ def picture(
 def show(folders: Sequence[Path], robots: Sequence[str], say: Say) -> bool:
     """Draw runs into a view file and show them; a single running run is followed to its end.
 
-    Opens a window if there is a display, else serves a page to a local browser until Interrupted.
+    Opens a window if there is a display, else serves a page to a local browser until Interruption.
     """
     began = time.monotonic()
     is_running = len(folders) == 1 and run_state(folders[0]) is RunState.GOING_ON
@@ -162,7 +162,7 @@ def follow(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer | No
             try:
                 _follow(out, view, sheet, opened, say)
             finally:
-                steps = 0 if isinstance(sys.exception(), Interrupted) else reader.unread()
+                steps = 0 if isinstance(sys.exception(), Interruption) else reader.unread()
                 if steps:
                     say(f"the view ends at {view.end:g} s; {steps} later steps are not included")
 
@@ -243,6 +243,6 @@ def _rest(shown: OpenViewer | None, path: Path, say: Say) -> None:
         return
     try:
         shown.process.wait()
-    except Interrupted:
+    except Interruption:
         return
     raise AcrcError(f"the viewer exited with code {shown.process.returncode}")

@@ -64,7 +64,7 @@ _PIN: Final = re.compile(
 )
 
 
-class Pin(NamedTuple):
+class PinnedPackage(NamedTuple):
     """One package pinned to its tested version."""
 
     name: str
@@ -78,15 +78,15 @@ class Pin(NamedTuple):
         return " ".join([f"{self.name}=={self.version}", *(f"--hash={one}" for one in self.hashes)])
 
 
-def sections(constraints: str, minor: int) -> dict[str, list[Pin]]:
+def sections(constraints: str, minor: int) -> dict[str, list[PinnedPackage]]:
     """Return the pins in the text of constraints.txt for Python 3.`minor`, by section."""
-    found: dict[str, list[Pin]] = {}
+    found: dict[str, list[PinnedPackage]] = {}
     for line in constraints.replace("\\\n", " ").splitlines():
         if header := re.fullmatch(r"# \[(\w+)\]", line):
             pins = found.setdefault(header[1], [])
         elif (pin := _PIN.fullmatch(line)) and _applies(pin, minor):
             hashes = (word.removeprefix("--hash=") for word in pin["hashes"].split())
-            pins.append(Pin(pin["name"], pin["version"], tuple(hashes)))
+            pins.append(PinnedPackage(pin["name"], pin["version"], tuple(hashes)))
     return found
 
 

@@ -115,7 +115,7 @@ def set_radio_style(canvas: Canvas) -> None:
     canvas.still("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))
 
 
-class _HeardLink(NamedTuple):
+class _RecentLink(NamedTuple):
     """Link between two robots with a recent reception."""
 
     rssi_dbm: float
@@ -133,7 +133,7 @@ def draw_links(
     `heard`: (k, 4), instant, s, index of sender and of receiver, RSSI, dBm, in order of time. Among many
     robots only the strongest links of each are drawn, except for `chosen` ones.
     """
-    links: list[list[_HeardLink]] = [[] for _ in seconds]
+    links: list[list[_RecentLink]] = [[] for _ in seconds]
     pairs = np.sort(heard[:, 1:3].astype(np.int64), axis=1)
     codes = pairs[:, 0] * (pairs.max(initial=0) + 1) + pairs[:, 1]
     for code in np.unique(codes).tolist():
@@ -142,7 +142,7 @@ def draw_links(
         last = np.searchsorted(mine[:, 0], seconds, side="right") - 1
         since = np.where(last >= 0, seconds - mine[last, 0], np.inf)
         for k in np.flatnonzero(since < LASTING).tolist():
-            links[k].append(_HeardLink(float(mine[last[k], 3]), float(since[k]), one, other))
+            links[k].append(_RecentLink(float(mine[last[k], 3]), float(since[k]), one, other))
     if not canvas.has_few:
         whole = {number for number, robot in enumerate(canvas.robots) if robot in chosen}
         links = [_strongest(some, whole) for some in links]
@@ -154,7 +154,7 @@ def draw_links(
     canvas.strips("world/radio/links", seconds, rows, colours)
 
 
-def _strongest(links: Sequence[_HeardLink], whole: Collection[int]) -> list[_HeardLink]:
+def _strongest(links: Sequence[_RecentLink], whole: Collection[int]) -> list[_RecentLink]:
     """Return the strongest links of each robot, and all links of robots in `whole`."""
     drawn: Counter[int] = Counter()
     kept = []

@@ -21,7 +21,7 @@ _AGAIN_S: Final = 0.05
 """Delay before a lost signal is sent again, s."""
 
 
-class Interrupted(BaseException):  # not an error
+class Interruption(BaseException):  # not an error
     """The command was interrupted by a signal; `exit_code` is 128 + the signal's number.
 
     Not an Exception, because a strategy in this process may catch those.
@@ -36,7 +36,7 @@ class Interrupted(BaseException):  # not an error
 
 @contextmanager
 def signals_as_interrupts() -> Iterator[None]:
-    """Raise Interrupted on Ctrl-C, SIGTERM and SIGHUP, so that child processes and files are cleaned up.
+    """Raise Interruption on Ctrl-C, SIGTERM and SIGHUP, so that child processes and files are cleaned up.
 
     A second signal does not interrupt the clean-up, and no signal is lost. Signals ignored at the start of
     this process, as with nohup, stay ignored.
@@ -52,7 +52,7 @@ def signals_as_interrupts() -> Iterator[None]:
         heeding.raise_lost()
     except RuntimeError as error:
         # Until Python 3.11, exceptions in __set_name__, so during imports, are wrapped in a RuntimeError.
-        if isinstance(error.__cause__, Interrupted):
+        if isinstance(error.__cause__, Interruption):
             raise error.__cause__ from None
         raise
     except ImportError:
@@ -68,26 +68,26 @@ def signals_as_interrupts() -> Iterator[None]:
 
 
 class _InterruptHandler:
-    """Handler that raises Interrupted on a signal, and again if the exception was lost."""
+    """Handler that raises Interruption on a signal, and again if the exception was lost."""
 
     def __init__(self) -> None:
         self.tell = sys.unraisablehook
-        self.raised: Interrupted | None = None
+        self.raised: Interruption | None = None
         """Exception of the last signal."""
         self._raised_s = -math.inf
-        self._lost: Interrupted | None = None
+        self._lost: Interruption | None = None
         self._sending: list[threading.Timer] = []
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
-        """Raise Interrupted, unless the clean-up after an earlier signal is in progress."""
+        """Raise Interruption, unless the clean-up after an earlier signal is in progress."""
         if time.monotonic() > self._raised_s + _CLEARANCE_S:
             self._raised_s, self._lost = time.monotonic(), None
-            self.raised = Interrupted(128 + number)
+            self.raised = Interruption(128 + number)
             raise self.raised
 
     def send_again(self, what: "UnraisableHookArgs") -> None:
         """Send a signal again if C code swallowed its exception, for example while a kernel is loaded."""
-        if not isinstance(what.exc_value, Interrupted):
+        if not isinstance(what.exc_value, Interruption):
             self.tell(what)
             return
         self._raised_s, self._lost = -math.inf, what.exc_value
@@ -97,7 +97,7 @@ class _InterruptHandler:
         self._sending.append(again)
 
     def raise_lost(self) -> None:
-        """Raise Interrupted if one was lost and has not been raised again."""
+        """Raise Interruption if one was lost and has not been raised again."""
         if self._lost is not None:
             raise self._lost.with_traceback(None)
 

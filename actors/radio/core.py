@@ -10,13 +10,13 @@ from actors.messages import (
     RECEIVED,
     TRANSMIT,
     TRUTH,
-    Aired,
     EventCount,
     FrameOutcomes,
-    Outgoing,
+    FrameRefused,
+    OutgoingFrame,
+    RadioAdvanced,
     RadioEvent,
-    Received,
-    Refused,
+    RadioEvents,
     RobotTruth,
     Truth,
 )
@@ -68,8 +68,8 @@ class RadioCore:
     """Core of the radio's process (see `actors.runtime.core.Core`).
 
     In step k it waits for Truth(k) and the Transmit(k) of each stepping robot that has frames. It returns
-    Received(k+1) of each stepping robot that has events, then Aired(k) with their counts. The events are
-    before the end of the step.
+    RadioEvents(k+1) of each stepping robot that has events, then RadioAdvanced(k) with their counts. The
+    events are before the end of the step.
     """
 
     def __init__(
@@ -128,12 +128,12 @@ class RadioCore:
             )
         given = self._delivered(truth, self._events(truth, inputs))
         outputs = [
-            to(RECEIVED, Received(self._step + 1, tuple(some)), robot) for robot, some in given.items()
+            to(RECEIVED, RadioEvents(self._step + 1, tuple(some)), robot) for robot, some in given.items()
         ]
         if self._records_outcomes and self._step * self._step_us % PERIOD < self._step_us:
             outputs.append(to(FRAME_OUTCOMES, FrameOutcomes(self._step, self._medium.take_outcomes())))
         counts = tuple([EventCount(robot, len(some)) for robot, some in given.items()])
-        outputs.append(to(AIRED, Aired(self._step, counts)))
+        outputs.append(to(AIRED, RadioAdvanced(self._step, counts)))
         self._step += 1
         return outputs
 
@@ -193,10 +193,10 @@ class RadioCore:
 
     def _requests(
         self, truth: Truth, inputs: Inputs
-    ) -> tuple[list[SubmittedFrame], list[tuple[str, Refused]]]:
+    ) -> tuple[list[SubmittedFrame], list[tuple[str, FrameRefused]]]:
         """Return the frames for the medium, and the refused ones."""
         requests: list[SubmittedFrame] = []
-        refusals: list[tuple[str, Refused]] = []
+        refusals: list[tuple[str, FrameRefused]] = []
         for robot in _senders(truth):
             transmit = read(inputs, TRANSMIT, robot.id)
             if wrong := transmit_fault(transmit, self._step, robot.transmits):
@@ -205,7 +205,7 @@ class RadioCore:
                 fault = self._refusal(robot.id, frame, truth.instant)
                 if fault:
                     nearest = min(max(frame.instant, truth.instant), truth.instant + self._step_us - 1)
-                    refusals.append((robot.id, Refused(nearest, frame.tag, fault)))
+                    refusals.append((robot.id, FrameRefused(nearest, frame.tag, fault)))
                 elif robot.powered:
                     requests.append(
                         SubmittedFrame(frame.instant, self._number[robot.id], frame.tag, frame.data)
@@ -215,7 +215,7 @@ class RadioCore:
         self._outcomes.refused += len(refusals)
         return requests, refusals
 
-    def _refusal(self, robot: str, frame: Outgoing, start: int) -> str:
+    def _refusal(self, robot: str, frame: OutgoingFrame, start: int) -> str:
         """Return why the frame is refused, as a sentence; empty if it is accepted."""
         if robot not in self._number:
             return f"Robot {robot} has no transceiver; it is not in the radio's set-up."

@@ -12,12 +12,12 @@ from actors.messages import (
     TOO_WEAK,
     AccessFailure,
     FrameOutcome,
-    Heard,
+    FrameOverflow,
+    FrameReceived,
+    FrameSent,
     Jam,
-    Overflow,
     RadioEvent,
     RobotTruth,
-    Sent,
 )
 from actors.portable import arrays, exp10
 from actors.portable.compiled import cos, sin
@@ -146,9 +146,9 @@ def fingerprint() -> bytes:
 
 _HEARD: Final = int(EventKind.HEARD)
 _END_EVENTS: Final = {
-    int(EventKind.SENT): (Sent, "sent"),
+    int(EventKind.SENT): (FrameSent, "sent"),
     int(EventKind.ACCESS_FAILURE): (AccessFailure, "access_failure"),
-    int(EventKind.OVERFLOW): (Overflow, "overflow"),
+    int(EventKind.OVERFLOW): (FrameOverflow, "overflow"),
 }
 
 
@@ -298,7 +298,7 @@ class RobotMedium:
             instant = instant_ns // 1000
             if kind == _HEARD:
                 data = frames[sender][serial].data
-                notices[number] += (Heard(instant, addresses[sender], strength, quality, data),)
+                notices[number] += (FrameReceived(instant, addresses[sender], strength, quality, data),)
             else:
                 event_type, end = _END_EVENTS[kind]
                 frame = frames[number].pop(serial)

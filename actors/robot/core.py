@@ -1,7 +1,7 @@
 """The robot without I/O: localisation, navigation and behaviour, step by step.
 
-Inputs of a step: Senses, and Received if Senses counts events; outputs: Transmit if there are frames, and
-Drive. Transmit is sent first, so that it precedes the Drive that lets world and radio continue. Order in a
+Inputs of a step: SensorData, and RadioEvents if SensorData counts events; outputs: Transmit if there are
+frames, and Drive. Transmit is sent first: the Drive lets world and radio continue. Order in a
 step: localisation, navigation, behaviour; a new goal moves the base from the next step on.
 """
 
@@ -19,8 +19,8 @@ from actors.messages import (
     TRANSMIT,
     Drive,
     RadioEvent,
-    Received,
-    Senses,
+    RadioEvents,
+    SensorData,
     Transmit,
 )
 from actors.robot.behaviour.decisions import RobotLimits, fault, outcome_fault
@@ -80,7 +80,7 @@ class RobotCore:
         self.step = first_step
         """Number of the current step."""
         self.finished = False
-        """True after Senses with `halt`."""
+        """True after SensorData with `halt`."""
         self._robot, self._entry, self._limits = robot, entry, limits
         self._step_us = step_us
         self._sweeps, self._introspector = parts.sweeps, parts.introspector
@@ -93,21 +93,21 @@ class RobotCore:
         return (self._senses, self._received)
 
     def missing(self, have: Inputs) -> Sequence[Address]:
-        """Return the addresses of missing inputs: Senses, then Received if Senses counts events."""
+        """Return the addresses of missing inputs: SensorData, then RadioEvents if it counts any."""
         if self._senses.key not in have:
             return (self._senses,)
-        senses: Senses = have[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
+        senses: SensorData = have[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
         if senses.events > 0 and self._received.key not in have:
             return (self._received,)
         return ()
 
     def advance(self, inputs: Inputs) -> Sequence[Output]:
         """Process one step."""
-        senses: Senses = inputs[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
+        senses: SensorData = inputs[self._senses.key]  # type: ignore[assignment]  # as `read` gives it
         self._catch_up(senses)
         events: tuple[RadioEvent, ...] = ()
         if senses.events > 0:
-            received: Received = inputs[self._received.key]  # type: ignore[assignment]
+            received: RadioEvents = inputs[self._received.key]  # type: ignore[assignment]
             self._check_received(received, senses.events)
             events = received.events
         if senses.halt:
@@ -138,7 +138,7 @@ class RobotCore:
             raise BehaviourError(f"step {self.step}: behaviour {self._entry!r} of {self._robot} {wrong}")
         return own | cast(dict[str, object], outcome)
 
-    def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose | None]:
+    def _act(self, senses: SensorData, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose | None]:
         odometry, instant = senses.odometry, Instant(senses.instant)
         localisation, navigation = self.localisation, self.navigation
         here = new_tuple(Pose, (odometry.x, odometry.y, odometry.heading))
@@ -200,23 +200,23 @@ class RobotCore:
             return [Output(self._drive, drive)]
         return [Output(self._transmit, Transmit(self.step, decision.frames)), Output(self._drive, drive)]
 
-    def _catch_up(self, senses: Senses) -> None:
+    def _catch_up(self, senses: SensorData) -> None:
         """Take the step number from the world: a frozen robot misses steps."""
         if senses.step < self.step:
             raise AcrcError(
-                f"step {self.step}: {self._robot} received Senses of step {senses.step}; "
+                f"step {self.step}: {self._robot} received SensorData of step {senses.step}; "
                 f"it should be of step {self.step} or later"
             )
         self.step = senses.step
 
-    def _check_received(self, received: Received, events: int) -> None:
+    def _check_received(self, received: RadioEvents, events: int) -> None:
         if received.step > self.step:  # earlier ones were queued while the robot was frozen
             raise AcrcError(
-                f"step {self.step}: {self._robot} received Received of step {received.step}; "
+                f"step {self.step}: {self._robot} received RadioEvents of step {received.step}; "
                 f"it should be of step {self.step} or earlier"
             )
         if len(received.events) != events:
             raise AcrcError(
                 f"step {self.step}: {self._robot} received {len(received.events)} radio events; "
-                f"Senses counts {events}"
+                f"SensorData counts {events}"
             )

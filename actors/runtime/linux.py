@@ -182,7 +182,7 @@ def redirect_output(log: int) -> None:
     os.close(log)
 
 
-class Terminated(SystemExit):
+class Termination(SystemExit):
     """Exit on SIGTERM."""
 
 
@@ -203,7 +203,7 @@ def exit_on_sigterm() -> None:
     """Raise Ended on SIGTERM, so that sockets, files and sessions are closed."""
 
     def leave(number: int, frame: FrameType | None) -> None:
-        raise Terminated(128 + number)
+        raise Termination(128 + number)
 
     signal.signal(signal.SIGTERM, leave)
 

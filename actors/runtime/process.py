@@ -19,7 +19,7 @@ from actors.runtime.captured_output import CapturedOutput, captured_by
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.failure import failure_note, failure_sentence, print_traceback
-from actors.runtime.linux import Terminated, cpu_s
+from actors.runtime.linux import Termination, cpu_s
 from actors.runtime.process_table import has_descendants, leftover_fault
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
@@ -163,7 +163,7 @@ def run_actor(
             if threads is not None and (wrong := leftover_fault(has_descendants(), threads)):
                 raise AcrcError(wrong)
             recorder.note("final", final_note(shell, part, cpu_s()))
-        except Terminated:
+        except Termination:
             raise
         except BaseException as error:  # a strategy may call sys.exit, which is not an Exception
             failure.release_reserve()  # first of all: without memory no call may succeed

@@ -20,14 +20,14 @@ from actors.runtime.shell import Shell, run_shell
 from actors.topic import Message, Topic
 
 
-class _Absent:
+class _Placeholder:
     """Placeholder beyond the end of the shorter sequence."""
 
     def __repr__(self) -> str:
         return "absent"
 
 
-_ABSENT: Final = _Absent()
+_ABSENT: Final = _Placeholder()
 
 
 class Difference(NamedTuple):

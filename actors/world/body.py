@@ -16,7 +16,7 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
-from actors.messages import Drive, FloorChanged, FloorThing, Scan, Senses
+from actors.messages import Drive, FloorChanged, Scan, SensorData, UnmappedObstacle
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
@@ -39,7 +39,7 @@ class FloorRecord:
 
     def __init__(self) -> None:
         self._count = 0
-        self._put: list[FloorThing] = []
+        self._put: list[UnmappedObstacle] = []
         self._gone: list[int] = []
         self._doors: dict[int, int] = {}
         """Numbers of closed or closing doors, by index."""
@@ -47,7 +47,7 @@ class FloorRecord:
     def put(self, kind: str, points: Sequence[Point], radius: float) -> None:
         """Add an obstacle, wall or door."""
         ends = tuple((point.x, point.y) for point in points)
-        self._put.append(FloorThing(self._count, kind, ends, radius))
+        self._put.append(UnmappedObstacle(self._count, kind, ends, radius))
         self._count += 1
 
     def change_door(self, door: int, kind: str = "", ends: Sequence[Point] = ()) -> None:
@@ -199,7 +199,7 @@ class Bodies:
 
     def senses(
         self, index: int, step: int, instant: Instant, events: int, halt: bool, places: Places = ()
-    ) -> Senses:
+    ) -> SensorData:
         """Return the base's report, with new places. Each scan is returned once."""
         scans = self._scans[index]
         scan = scans.pop() if scans else None
@@ -207,7 +207,7 @@ class Bodies:
         odometry, earlier = self._odometers.read(index), tuple(scans)
         if scans:
             scans.clear()
-        return Senses(
+        return SensorData(
             step, instant, events, odometry, bumper, scan, halt=halt, earlier_scans=earlier, places=places
         )
 

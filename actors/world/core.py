@@ -1,8 +1,8 @@
 """The world: conductor of simulated time and source of ground truth.
 
-A step has three phases. OPEN: at its start, carry out due orders and send Senses. CLOSE: when every robot has
-answered, send Truth. MOVE: run the physics to the end of the step. A roll call precedes the first step and
-each restart.
+A step has three phases. OPEN: at its start, carry out due orders and send SensorData. CLOSE: when every robot
+has answered, send Truth. MOVE: run the physics to the end of the step. A roll call precedes the first step
+and each restart.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,12 +25,12 @@ from actors.messages import (
     READY,
     ROSTER,
     TRUTH,
-    Aired,
-    Answered,
     Control,
     Drive,
     FloorChanged,
+    OrderOutcomes,
     Progress,
+    RadioAdvanced,
     Ready,
     RobotTruth,
     Roster,
@@ -229,9 +229,9 @@ class WorldCore:
             return []
         control: Control = read(inputs, CONTROL)
         refusals = self._orders.take(control.orders)
-        return [to(ANSWERED, Answered(self._step, control.ticket, refusals))] if control.ticket else []
+        return [to(ANSWERED, OrderOutcomes(self._step, control.ticket, refusals))] if control.ticket else []
 
-    def _add_event_counts(self, aired: Aired) -> None:
+    def _add_event_counts(self, aired: RadioAdvanced) -> None:
         if aired.step != self._step - 1:
             raise AcrcError(
                 f"{self._when()}: the radio reports step {aired.step}; expected step {self._step - 1}"

@@ -9,11 +9,11 @@ from actors.instant import Instant, in_seconds
 from actors.message_limits import OrderLimits, order_fault
 from actors.messages import Jam, Loss, ProcessOrder
 from actors.orders import (
+    AssignPlaces,
     CloseDoor,
     Freeze,
-    Give,
     Kill,
-    Lose,
+    LoseFrame,
     Move,
     Obstacle,
     OpenDoor,
@@ -109,16 +109,16 @@ class Orders:
         if wrong := order_fault(order, self._limits):
             raise AcrcError(wrong)
         match order:
-            case Kill() | Freeze() | Thaw() | Restart() | Move() | Give():
+            case Kill() | Freeze() | Thaw() | Restart() | Move() | AssignPlaces():
                 self._to_robot(order)
-            case StartJam() | Lose():
+            case StartJam() | LoseFrame():
                 self._to_radio(order)
             case Obstacle() | Wall() | CloseDoor() | OpenDoor():
                 self._to_floor(order)
             case Pause() | Resume() | Step() | Speed() | Stop():
                 self._to_run(order)
 
-    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | Give) -> None:
+    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | AssignPlaces) -> None:
         if order.robot not in self._roster:
             raise AcrcError(f"cannot {_verb(order)} {order.robot!r}: no such robot")
         member = self._roster[order.robot]
@@ -135,7 +135,7 @@ class Orders:
                 self.effects.starts.append(ProcessOrder(member.id, member.epoch))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
-            case Give():
+            case AssignPlaces():
                 self._give(member, order)
             case _:
                 raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.state.value}")
@@ -148,8 +148,8 @@ class Orders:
             effects.ends.append(member.id)
         member.state = BarrierState.ENDED
 
-    def _give(self, member: Member, order: Give) -> None:
-        """Add places; the robot's process receives them with its next Senses."""
+    def _give(self, member: Member, order: AssignPlaces) -> None:
+        """Add places; the robot's process receives them with its next SensorData."""
         if len(member.added_places) + len(order.places) > self._limits.places:
             raise AcrcError(
                 f"{member.id} has been given {len(member.added_places)} places since the start; "
@@ -159,7 +159,7 @@ class Orders:
         member.added_places += order.places
         self._task.give(self._now, member.id, order.places)
 
-    def _to_radio(self, order: StartJam | Lose) -> None:
+    def _to_radio(self, order: StartJam | LoseFrame) -> None:
         if isinstance(order, StartJam):
             self.effects.jams.append(Jam(order.x, order.y, order.radius, self._now + order.duration))
             return
@@ -211,4 +211,4 @@ class Orders:
 
 
 def _verb(order: Order) -> str:
-    return type(order).__name__.lower()
+    return str(order.__struct_config__.tag)

@@ -109,7 +109,7 @@ class Member:
     sent_places: int = 0
     """Number of these sent to the current process."""
     senses: Address = field(init=False)
-    """Address of its Senses."""
+    """Address of its SensorData."""
     drive: Address = field(init=False)
     """Address of its Drive."""
 

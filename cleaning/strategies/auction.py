@@ -158,7 +158,7 @@ class Auction:
 
 
 @ensemble(every=seconds(1))
-class Outbid:
+class HigherBid:
     """A robot drops places that another robot holds with a higher term; knowledge of any age is used."""
 
     def membership(self, coordinator: Bidder, member: BiddingRobot) -> bool:
@@ -175,4 +175,4 @@ def behaviour(start: Start) -> Behaviour:
     p = from_settings(BiddingParameters, start.settings)
     yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks)
     further = [SteppingAside(p.yield_distance)] if p.make_way else []
-    return host(start, BiddingRobot.at_start(start, p), Auction(), Outbid(), yielding, *further)
+    return host(start, BiddingRobot.at_start(start, p), Auction(), HigherBid(), yielding, *further)

@@ -172,7 +172,7 @@ class LeasingRobot(YieldingRobot, Lessee):
 
 
 @ensemble(every=milliseconds(500), max_age=seconds(4))
-class DoorRivals:
+class RivalClaims:
     """A robot stores the claims of other robots."""
 
     def membership(self, coordinator: Lessee, member: LeasingRobot) -> bool:
@@ -185,7 +185,7 @@ class DoorRivals:
 
 
 @ensemble(every=seconds(1), max_age=seconds(4))
-class DoorsCleared:
+class DoorClearing:
     """The robot without priority backs out if two meet in a door."""
 
     max_distance: float
@@ -212,5 +212,5 @@ def behaviour(start: Start) -> Behaviour:
     """Extend `chapter`: a door is leased by one direction at a time, and blocked robots back out."""
     p = from_settings(LeasingParameters, start.settings)
     yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks), SteppingAside(p.yield_distance)
-    doors = DoorRivals(), DoorsCleared(p.yield_distance)
+    doors = RivalClaims(), DoorClearing(p.yield_distance)
     return host(start, LeasingRobot.at_start(start, p), *exchanges(p), *doors, *yielding)

@@ -13,7 +13,7 @@ from typing import Self
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
 from actors.runtime.errors import AcrcError
 from cleaning.settings import from_settings
-from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, Outbid
+from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, HigherBid
 from cleaning.strategies.chapter import SilentBehaviour
 from cleaning.yielding import SteppingAside, Yielding
 from deeco import Instant, adaptation, component, periodic, replace, seconds
@@ -61,7 +61,7 @@ class OracleRobot(BiddingRobot):
             peer = board.known[name]
             if name == self.id:
                 continue
-            if Outbid().membership(peer, robot):
+            if HigherBid().membership(peer, robot):
                 robot = robot.leaving_to(peer, now, exchange=False)
             if Auction().membership(peer, robot):
                 robot = robot.bidding(peer, floor, now)

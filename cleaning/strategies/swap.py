@@ -124,7 +124,7 @@ class Offers:
 
 
 @ensemble(every=seconds(1), max_age=seconds(3))
-class Accepts:
+class OfferAcceptance:
     """A robot accepts an offer that is worth it."""
 
     def membership(self, coordinator: Swapper, member: Cleaner) -> bool:
@@ -139,7 +139,7 @@ class Accepts:
 
 
 @ensemble(every=seconds(1))
-class Concludes:
+class OfferConclusion:
     """A robot whose offer was accepted adopts the wanted place, at any time while the offer is current."""
 
     def membership(self, coordinator: Swapper, member: Swapper) -> bool:
@@ -158,4 +158,4 @@ def behaviour(start: Start) -> Behaviour:
     p = from_settings(SwapParameters, start.settings)
     robot = SwappingRobot.at_start(start, p)
     remove = AdoptedDestinationRemove(exchange=False)
-    return host(start, robot, Offers(p.adoption_distance), Accepts(), Concludes(), remove)
+    return host(start, robot, Offers(p.adoption_distance), OfferAcceptance(), OfferConclusion(), remove)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from deeco.component import Fact, OnChange, Periodic, Process, has_fact, processes_of
+from deeco.component import ChangeTrigger, Fact, Periodic, Process, has_fact, processes_of
 from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType, ensemble_type
 from deeco.explain.dataflow import Flow, analyse_flow
 from deeco.instant import in_seconds
@@ -57,7 +57,7 @@ def _process(cls: type[Knowledge], process: Process) -> ComponentPart:
     own = next(iter(inspect.signature(function).parameters))
     found = analyse_flow(function, {own: cls}, returns_knowledge=True)
     schedule = process.schedule
-    facts = schedule.facts if isinstance(schedule, OnChange) else ()
+    facts = schedule.facts if isinstance(schedule, ChangeTrigger) else ()
     watched = [_fact_flow(fact, cls) for fact in facts]
     return ComponentPart(
         name=process.name,

@@ -18,10 +18,10 @@ from acrc_testbed.run_model.simulated_runs import run_model
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
-from actors.messages import Answered, Control, FloorChanged, FloorThing, Jam, Progress, Truth
+from actors.messages import Control, FloorChanged, Jam, OrderOutcomes, Progress, Truth, UnmappedObstacle
 from actors.observer import glyphs
 from actors.observer.glyphs import ACTIVITY_GLYPHS, MARKS, Mark, contrast, hexadecimal
-from actors.orders import Freeze, Give, Kill, Move, Order, Restart, Speed, Thaw
+from actors.orders import AssignPlaces, Freeze, Kill, Move, Order, Restart, Speed, Thaw
 from actors.radio.radio_model import RadioSetup
 from actors.robot_model import load_model
 from actors.task.task import PlaceKey
@@ -107,7 +107,7 @@ class Scene:
         self._trail: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
         """Times, s, and poses of all robots, (robots, 3)."""
         self._pending: OrderedDict[str, tuple[Order, ...]] = OrderedDict()
-        self._things: dict[int, FloorThing] = {}
+        self._things: dict[int, UnmappedObstacle] = {}
         self._jams: list[Jam] = []
         self._heard: dict[tuple[int, int], float] = {}
         self._instant, self._step, self._missed, self._paused_at = 0, -1, 0, -1
@@ -128,7 +128,7 @@ class Scene:
                 self._pending[message.ticket] = message.orders
                 while len(self._pending) > PENDING:
                     self._pending.popitem(last=False)
-            case Answered():
+            case OrderOutcomes():
                 orders = self._pending.pop(message.ticket, ())
                 self._apply(() if message.refusals else orders)
             case Truth(halt=True):
@@ -142,7 +142,7 @@ class Scene:
                     self._extend(self._model.advance(message.step))
 
     def _extend(self, run: RunData) -> None:
-        self._apply(one.order for one in run.orders if isinstance(one.order, Give | Speed))
+        self._apply(one.order for one in run.orders if isinstance(one.order, AssignPlaces | Speed))
         self._routes |= {route.robot: list(route.places) for route in run.routes}
         for what, events in (("given up", run.given_up), ("done", run.reported)):
             for event in events:
@@ -169,7 +169,7 @@ class Scene:
                     self._states[robot] = "off" if isinstance(order, Kill) else "frozen"
                 case Thaw(robot) | Restart(robot):
                     self._states[robot] = "driving"
-                case Give(robot, places):
+                case AssignPlaces(robot, places):
                     begin = sum(key.owner == robot for key in self._places)
                     self._places |= {PlaceKey(robot, n): at for n, at in enumerate(places, begin)}
                 case Speed(factor):

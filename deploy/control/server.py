@@ -19,7 +19,17 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from actors.messages import ANSWERED, CONTROL, DRIVE, FLOOR_NEWS, PROGRESS, RECEIVED, TRUTH, Answered, Control
+from actors.messages import (
+    ANSWERED,
+    CONTROL,
+    DRIVE,
+    FLOOR_NEWS,
+    PROGRESS,
+    RECEIVED,
+    TRUTH,
+    Control,
+    OrderOutcomes,
+)
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Bus, at
 from actors.runtime.errors import AcrcError
@@ -97,13 +107,13 @@ class RunLink:
         self._orders.publish(CONTROL.key(), encode(Control(0, (order,), ticket), CONTROL.key()))
 
     def poll(self) -> None:
-        """Process all messages; of `Received` only the newest per transceiver."""
+        """Process all messages; of `RadioEvents` only the newest per transceiver."""
         for address in LISTENS:
             came = list(iter(partial(self._messages.poll, address.topic), None))
             for one in {one.key: one for one in came}.values() if address.topic is RECEIVED else came:
                 message = decode(one.topic, one.key, one.payload)
                 self._scene.take(one.key, message)
-                if isinstance(message, Answered):
+                if isinstance(message, OrderOutcomes):
                     self._answer(message.ticket, "; ".join(message.refusals))
         oldest = self._clock() - ANSWER_TIMEOUT_S
         for ticket in [ticket for ticket, (_, since) in self._waiting.items() if since < oldest]:

@@ -92,7 +92,7 @@ def check_packages(
             yield run_check(f"packages {extra}", _check_extra, pinned, extra, extra in needed)
 
 
-def _check_extra(pinned: Sequence[version.Pin], extra: str, needed: bool) -> str:
+def _check_extra(pinned: Sequence[version.PinnedPackage], extra: str, needed: bool) -> str:
     found = {pin: version_of(pin.name) for pin in pinned}
     for pin, release in found.items():
         if release not in {None, pin.version}:

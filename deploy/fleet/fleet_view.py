@@ -19,7 +19,7 @@ from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
 from acrc_testbed.view.run_drawing import RunDrawing
 from acrc_testbed.view.run_view import say_at_once
 from actors.floor.map_file import load_map
-from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, Received
+from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, RadioEvents
 from actors.observer import panels, viewer
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import GREY, OUTCOME_COLOURS
@@ -108,8 +108,8 @@ class FleetView:
             self._endpoints[endpoint] = robot
             self._last[robot] = second
         match message:
-            case Drive() | Received() if robot in self.robots:
-                if isinstance(message, Received):
+            case Drive() | RadioEvents() if robot in self.robots:
+                if isinstance(message, RadioEvents):
                     self._counts.update(FRAME_OUTCOMES[type(event)] for event in message.events)
                 self._model.extend(key, with_instants(message, lambda _: round(second * 1e6)), second)
             case Progress():

@@ -275,7 +275,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
 
 
 def run(prepared: OnboardRobot, say: Callable[[str], None]) -> None:
-    """Run until the operator's stop, a signal (Interrupted), or an exhausted restart budget (AcrcError)."""
+    """Run until the operator's stop, a signal (Interruption), or an exhausted restart budget (AcrcError)."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
     with writing(prepared.plan.out), signals_as_interrupts(), create_launcher("exec", reap=False) as launched:

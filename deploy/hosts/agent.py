@@ -111,10 +111,10 @@ class EndedProcess(msgspec.Struct, frozen=True):
     code: Annotated[int, msgspec.Meta(ge=-64, le=255)]
     orphans: Annotated[int, msgspec.Meta(ge=0)]
     cpu_s: Seconds
-    left: "LeftRecording | None" = None
+    left: "HostRecording | None" = None
 
 
-class LeftRecording(msgspec.Struct, frozen=True):
+class HostRecording(msgspec.Struct, frozen=True):
     """A recording left on its host."""
 
     bytes: Size
@@ -488,7 +488,7 @@ class RobotProcesses:
         assert program.record is not None
         return (program.log,) if self._task.leave else (program.record, program.log)
 
-    def _left(self, program: Program) -> LeftRecording | None:
+    def _left(self, program: Program) -> HostRecording | None:
         if not self._task.leave or program.record is None:
             return None
         try:
@@ -498,7 +498,7 @@ class RobotProcesses:
         notes: dict[str, str] = {}
         with suppress(RecordingError):  # truncated, as after a full disk
             notes = {name: text for name, text in read_notes(program.record).items() if name in _ENDS}
-        return LeftRecording(size, digest, notes)
+        return HostRecording(size, digest, notes)
 
     def _read(self, program: Program, parts: list[FilePart], room: int) -> int:
         """Read new output of a process; return the remaining room, bytes."""

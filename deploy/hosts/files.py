@@ -51,7 +51,7 @@ class _RunId(msgspec.Struct, frozen=True):
     run: str
 
 
-class Listed(msgspec.Struct, frozen=True):
+class HostFile(msgspec.Struct, frozen=True):
     """A file on a host."""
 
     name: str
@@ -62,13 +62,13 @@ class Listed(msgspec.Struct, frozen=True):
 
 def listed(folder: str, run: str) -> bytes:
     """Return the files in a run's folder, as JSON; none if the folder is gone. Raises AcrcError."""
-    found: list[Listed] = []
+    found: list[HostFile] = []
     if (place := _place(folder, run)) is None:
         return msgspec.json.encode(found)
     for path in sorted(place.glob("*/*")):
         name = path.relative_to(place).as_posix()
         if is_name(name) and path.is_file() and not path.is_symlink():
-            found.append(Listed(name, *regular_file.size_and_sha256(path)))
+            found.append(HostFile(name, *regular_file.size_and_sha256(path)))
     if len(found) > MOST:
         raise AcrcError(f"{place} has {len(found)} recordings and logs; at most {MOST} are fetched")
     return msgspec.json.encode(found)
@@ -108,14 +108,14 @@ def _place(folder: str, run: str) -> Path | None:
 
 
 @dataclass(frozen=True)
-class Fetched:
+class FetchedFiles:
     """Number and size of fetched files."""
 
     files: int
     bytes: int
 
 
-def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
+def fetch(out: Path, address: str, say: Callable[[str], None]) -> FetchedFiles:
     """Fetch the files that a run has left on its hosts, then remove them there.
 
     `address`: of the scheduler, in Dask's form; empty: the run's. Complete files are kept after an error.
@@ -135,7 +135,7 @@ def fetch(out: Path, address: str, say: Callable[[str], None]) -> Fetched:
             host.remove()
             files, size = files + len(came), size + sum(came)
             say(f"host {host.name}: {len(came)} {'file' if len(came) == 1 else 'files'}, {sum(came)} B")
-        return Fetched(files, size)
+        return FetchedFiles(files, size)
     finally:
         with suppress(Exception):  # any error of the library about a lost cluster
             client.close(timeout=PATIENCE_S)
@@ -158,11 +158,11 @@ class _Host:
             )
         self._worker = ways[part.address]
 
-    def listed(self) -> Iterable[Listed]:
+    def listed(self) -> Iterable[HostFile]:
         """Return the files of its robots. Raises ClusterError."""
         answer = self._ask(listed)
         try:
-            files = msgspec.json.decode(answer, type=list[Listed])
+            files = msgspec.json.decode(answer, type=list[HostFile])
         except (msgspec.MsgspecError, TypeError) as error:
             raise self._lie(f"an invalid list of files: {error}") from None
         for one in files:
@@ -174,7 +174,7 @@ class _Host:
                 raise self._lie(f"a different {one.name} than at the run's end")
         return files
 
-    def bring(self, out: Path, one: Listed) -> bool:
+    def bring(self, out: Path, one: HostFile) -> bool:
         """Fetch a file; return False if it is here already. Raises ClusterError and AcrcError."""
         path = out / one.name
         try:

@@ -21,8 +21,8 @@ from actors.runtime.process_table import ProcessState
 from deploy.hosts.agent import (
     HostEvents,
     HostOrders,
+    HostRecording,
     HostReport,
-    LeftRecording,
     ProcessList,
     ProcessStatus,
     StartRobot,
@@ -49,7 +49,7 @@ class RemoteChild(ChildProcess):
     number: int
     ending: bool = False
     """Whether it has exited with output still to be received."""
-    left: LeftRecording | None = None
+    left: HostRecording | None = None
     """Its recording, if left on the host."""
 
     @property
@@ -120,7 +120,7 @@ class HostLink:
         return time.monotonic() - self._progress_s
 
     @property
-    def left(self) -> dict[Path, LeftRecording]:
+    def left(self) -> dict[Path, HostRecording]:
         """Recordings left there, by path here."""
         children = self._children.values()
         return {one.program.record: one.left for one in children if one.left and one.program.record}

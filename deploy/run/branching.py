@@ -43,7 +43,7 @@ from deploy.scenario.tables import Scenario
 
 
 @dataclass(frozen=True)
-class BranchedControl:
+class BranchControl:
     """Control of a branch with changed settings: the same strategy, restarted with its old settings."""
 
     digest: str
@@ -52,7 +52,7 @@ class BranchedControl:
 
 
 @dataclass(frozen=True)
-class Branched:
+class BranchResult:
     """Result of a branch."""
 
     result: RunResult
@@ -62,11 +62,11 @@ class Branched:
     """Wall time up to the branch, s."""
     undone: tuple[str, ...] = ()
     """Sentences about events that the world refused, or after the end."""
-    control: BranchedControl | None = None
+    control: BranchControl | None = None
     """None: no setting was changed, or the strategy was replaced."""
 
 
-def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit) -> Branched:
+def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit) -> BranchResult:
     """Repeat the simulated run (or branch) in `origin` with a change, into `options.out`.
 
     Before the change everything is equal; later orders of the run are repeated. Raises AcrcError for an
@@ -110,7 +110,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
             f"{origin}: the repeated run differs before {change.at_s:g} s: {parted.words}; for details: "
             f"`{command_line('replay', origin, modules=permit.modules)}`"
         )
-    control: BranchedControl | None = None
+    control: BranchControl | None = None
     if anew is not None:
         with TemporaryDirectory(prefix="acrc-") as name:
             into = replace(options, out=Path(name) / "control")
@@ -120,7 +120,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
                 if digest == result.digest
                 else divergence(into.out, options.out, step_us, ("control", "branch"))
             )
-            control = BranchedControl(digest, apart)
+            control = BranchControl(digest, apart)
     about = BranchOrigin(
         str(origin.absolute()),
         told.digest,
@@ -134,7 +134,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     (options.out / "run.json").write_bytes(typed_json.dump(result))
     seal(options.out)
     undone = _undone(change, step_us, result, done)
-    return Branched(result, parted, again_s, undone, control)
+    return BranchResult(result, parted, again_s, undone, control)
 
 
 class _RunOutcome(msgspec.Struct):
@@ -200,7 +200,7 @@ def continue_run(
         raise AcrcError(f"{branched.result.out}: not all events took effect: {undone}")
 
 
-def _print_control(console: Console, branched: Branched, at_s: float) -> None:
+def _print_control(console: Console, branched: BranchResult, at_s: float) -> None:
     """Print the difference between the branch and its control."""
     control = branched.control
     if control is None:

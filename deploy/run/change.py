@@ -215,7 +215,7 @@ class OrderBus(MemoryBus):
 
 
 def recorded_orders(world: Path) -> Iterator[TimedControl]:
-    """Yield the external orders in the world's recording; an order's step follows the last `Aired`."""
+    """Yield the external orders in the world's recording; each follows the last RadioAdvanced."""
     boundary = 0
     for item in read_recording(world):
         if isinstance(item, Note) or item.direction != "in":

@@ -11,7 +11,7 @@ from actors import orders
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.message_limits import OrderLimits, order_fault
-from actors.messages import ANSWERED, CONTROL, Answered, Control
+from actors.messages import ANSWERED, CONTROL, Control, OrderOutcomes
 from actors.orders import Order
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Bus, at
@@ -47,7 +47,7 @@ def _speed(word: str) -> float:
 
 def _lose(words: Sequence[str]) -> Order:
     robot, sender = words
-    return orders.Lose(robot, sender)
+    return orders.LoseFrame(robot, sender)
 
 
 def _move(words: Sequence[str]) -> Order:
@@ -57,7 +57,7 @@ def _move(words: Sequence[str]) -> Order:
 
 def _give(words: Sequence[str]) -> Order:
     robot, *place = words
-    return _numbers(lambda x, y: orders.Give(robot, ((x, y),)), 2)(place)
+    return _numbers(lambda x, y: orders.AssignPlaces(robot, ((x, y),)), 2)(place)
 
 
 _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
@@ -126,12 +126,12 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     return "; ".join(answer.refusals) or None
 
 
-def _await_answer(bus: Bus, ticket: str, deadline: float) -> Answered | None:
+def _await_answer(bus: Bus, ticket: str, deadline: float) -> OrderOutcomes | None:
     topic = at(ANSWERED).topic
     while time.monotonic() < deadline:
         while (delivery := bus.poll(topic)) is not None:
             answer = decode(topic, delivery.key, delivery.payload)
-            assert isinstance(answer, Answered)
+            assert isinstance(answer, OrderOutcomes)
             if answer.ticket == ticket:
                 return answer
         time.sleep(0.005)

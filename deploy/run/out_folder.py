@@ -11,7 +11,7 @@ from typing import Final
 
 from actors.installation.usage import OptionError
 from actors.processes.launcher import reason, write_fault
-from actors.processes.signals import Interrupted
+from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError
 
 _OF_THE_MACHINE: Final = frozenset({
@@ -50,14 +50,14 @@ def newest(parent: Path) -> Path | None:
 def dropped_if_empty(folder: Path) -> Iterator[None]:
     """Remove the folder after an error if it is empty.
 
-    If it is not, Interrupted gets its path.
+    If it is not, Interruption gets its path.
     """
     try:
         yield
     except BaseException as error:
         with suppress(OSError):
             folder.rmdir()
-        if isinstance(error, Interrupted) and folder.is_dir():
+        if isinstance(error, Interruption) and folder.is_dir():
             error.recorded = folder
         raise
 

@@ -96,7 +96,7 @@ _MAP: Final = f"../{MAP}/map.yaml"
 """Path of the map, relative to the folders of world and radio."""
 
 
-class Debugged(NamedTuple):
+class DebuggedRobot(NamedTuple):
     """A robot to debug during the run."""
 
     robot: str
@@ -119,7 +119,7 @@ class RunPlan(Swarm):
     """Missing parts of the robots' isolation; empty if complete."""
     warnings: tuple[str, ...] = ()
     """Expected failures of the scenario, one sentence each."""
-    debug: Debugged | None = None
+    debug: DebuggedRobot | None = None
     """Robot whose breakpoints stop the run; None: Python's default."""
     timeout: Timeout = field(default=Timeout())
     """Stall timeouts."""

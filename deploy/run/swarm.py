@@ -23,12 +23,12 @@ from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
 from actors.installation.version import software_version
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
-from actors.orders import Give
+from actors.orders import AssignPlaces
 from actors.processes import monitor
 from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher, scratch_folder
 from actors.processes.monitor import ResourceMonitor, StepDelays, Timeout
 from actors.processes.robot_logs import check_names, print_output, printing_new_lines, program_output
-from actors.processes.signals import Interrupted, signals_as_interrupts
+from actors.processes.signals import Interruption, signals_as_interrupts
 from actors.processes.watchdog import run_watchdog
 from actors.robot import assembly
 from actors.robot.behaviour.handover import dry_run
@@ -52,7 +52,7 @@ from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
     CONTROL_ADDRESS,
-    Debugged,
+    DebuggedRobot,
     RunPlan,
     control_program,
     copied_scenario,
@@ -158,7 +158,7 @@ def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = Prefl
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
         options = replace(plan.options, out=folder)
-        stage = replace(plan, options=options, debug=plan.debug and Debugged("", ""))
+        stage = replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
@@ -259,7 +259,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
             print_warning(sentence)
         places = sum(len(robot.places) for robot in prepared.world.robots)
         given = (timed.order for timed in prepared.world.events)
-        places += sum(len(order.places) for order in given if isinstance(order, Give))
+        places += sum(len(order.places) for order in given if isinstance(order, AssignPlaces))
         quiet = options.json or prepared.debug is not None  # the debugger uses the terminal
         check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
         with (
@@ -314,13 +314,13 @@ def _check_followed(settled: ResolvedScenario, options: RunOptions) -> None:
             raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
 
 
-def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None:
+def _debugged(settled: ResolvedScenario, options: RunOptions) -> DebuggedRobot | None:
     if options.debug is None:
         return None
     robots = [robot.id for robot in settled.world.robots]
     if options.debug not in robots:
         raise wrong_value("--debug", options.debug, f"one of {', '.join(robots)}")
-    return Debugged(options.debug, "" if options.bus == "memory" else os.ttyname(0))
+    return DebuggedRobot(options.debug, "" if options.bus == "memory" else os.ttyname(0))
 
 
 def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
@@ -331,7 +331,7 @@ def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None 
     try:
         with signals_as_interrupts():
             swarm.run()
-    except Interrupted:
+    except Interruption:
         _tell(swarm.held_up)
         raise
     return _finish(plan, swarm, began, "memory", time.process_time())
@@ -400,7 +400,7 @@ def _supervise(
             supervisor.watch(bus)
             if away is not None and (loads := away.loads):
                 _say(loads)
-    except Interrupted:
+    except Interruption:
         _tell(supervisor.held_up)
         raise
     finally:

@@ -34,7 +34,7 @@ from deploy.scenario.scenario_file import load_scenario, module_folders
 SCENARIO: Final = "scenario.toml"
 INFRA: Final = ("world", "radio")
 CAUSAL_ORDER: Final = tuple(topic.pattern for topic in (RECEIVED, SENSES, TRANSMIT, DRIVE, ROSTER, TRUTH))
-"""Topics of a step, causes before effects: Senses counts Received. Aired precedes by a step."""
+"""Topics of a step, causes before effects: SensorData counts RadioEvents. RadioAdvanced is a step earlier."""
 
 
 @dataclass(frozen=True)

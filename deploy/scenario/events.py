@@ -135,9 +135,9 @@ _ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
     "restart": ((), orders.Restart),
     "move": (("to",), lambda robot, to: orders.Move(robot, to[0], to[1], wrap(to[2]))),
     "jam": (("radius", "duration"), lambda at, radius, s: orders.StartJam(at[0], at[1], radius, seconds(s))),
-    "lose": (("of",), orders.Lose),
+    "lose": (("of",), orders.LoseFrame),
     "obstacle": (("radius",), lambda at, radius: orders.Obstacle(at[0], at[1], radius)),
-    "give": (("places",), orders.Give),
+    "give": (("places",), orders.AssignPlaces),
     "close": ((), lambda at: orders.CloseDoor(*at)),
     "open": ((), lambda at: orders.OpenDoor(*at)),
 }

@@ -20,15 +20,15 @@ from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import (
     AccessFailure,
     BoardNote,
-    Fix,
-    Heard,
+    BoardText,
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameSent,
+    FrameUnconfirmed,
+    GpsFix,
     Humidity,
-    Info,
-    Overflow,
-    Refused,
-    Sent,
     Temperature,
-    Unconfirmed,
 )
 from actors.radio.frame import DataFrame, rssi_dbm
 from actors.settings import ParameterError, Settings
@@ -281,7 +281,7 @@ _LEAST_FIELDS: Final = 10
 """Fields: type, time, status, latitude, N or S, longitude, E or W, speed, course, date."""
 
 
-def parse_rmc(now: Instant, text: bytes) -> Fix | None:
+def parse_rmc(now: Instant, text: bytes) -> GpsFix | None:
     """Return the position in an RMC sentence; None for a wrong checksum, field, range or digit."""
     frame = _FRAME.fullmatch(text)
     if frame is None or reduce(xor, frame[1]) != int(frame[2], 16):
@@ -295,7 +295,9 @@ def parse_rmc(now: Instant, text: bytes) -> Fix | None:
     except ValueError:
         return None
     valid = fields[2] == "A"  # status A: the position is valid and present
-    return None if valid and (latitude is None or longitude is None) else Fix(now, valid, latitude, longitude)
+    return (
+        None if valid and (latitude is None or longitude is None) else GpsFix(now, valid, latitude, longitude)
+    )
 
 
 def _degrees(angle: str, side: str, digits: int, sides: str, most: float) -> float | None:
@@ -336,9 +338,9 @@ COUNTER_NAMES: Final = (
 """Counters of a link, in the order of output."""
 
 
-PacketOutcome = Sent | AccessFailure | Unconfirmed | Overflow | Refused
+PacketOutcome = FrameSent | AccessFailure | FrameUnconfirmed | FrameOverflow | FrameRefused
 """Outcome of a packet; each packet has exactly one."""
-BoardEvent = PacketOutcome | Heard | BoardNote
+BoardEvent = PacketOutcome | FrameReceived | BoardNote
 
 
 _NO_SENSOR: Final = -397
@@ -370,7 +372,7 @@ def board_events(
             return [Humidity(now, tenths / 10, valid)]
         case BoardInfo(text):
             counters["infos"] += 1
-            return [Info(now, text.decode())]
+            return [BoardText(now, text.decode())]
         case _:
             raise AssertionError(answer)
 
@@ -387,4 +389,4 @@ def _heard(
         return []
     counters["own_address"] += packet.address == settings.address  # duplicate address
     counters["heard"] += 1
-    return [Heard(now, packet.address, rssi_dbm(packet.rssi_code), packet.lqi, packet.data)]
+    return [FrameReceived(now, packet.address, rssi_dbm(packet.rssi_code), packet.lqi, packet.data)]

@@ -6,7 +6,7 @@ command, SYNC, and after its answer address, channel and power, each confirmed b
 
 The board answers strictly in order. Hence each answer settles all earlier requests: those without an answer
 will never get one. The answer to a SYNC settles all packets in flight, as their confirmations precede it. A
-packet settled without confirmation is `Unconfirmed`. If a command is overdue, a SYNC is sent early: the
+packet settled without confirmation is `FrameUnconfirmed`. If a command is overdue, a SYNC is sent early: the
 answer of a busy board follows the others; lost bytes become visible.
 """
 
@@ -16,7 +16,7 @@ from enum import Enum
 from typing import Final
 
 from actors.instant import Duration, Instant
-from actors.messages import AccessFailure, LinkState, Overflow, Refused, Sent, Unconfirmed
+from actors.messages import AccessFailure, FrameOverflow, FrameRefused, FrameSent, FrameUnconfirmed, LinkState
 from actors.radio.frame import size_fault
 from firmware_bridge.beeclick.answer_decoder import (
     COUNTER_NAMES,
@@ -130,9 +130,9 @@ class BoardLink:
         Returned immediately: Refused for more than 118 bytes, Overflow for a full queue.
         """
         if fault := size_fault(len(data)):
-            self._end(Refused(now, tag, fault), "refused")
+            self._end(FrameRefused(now, tag, fault), "refused")
         elif len(self._waiting) + self.in_flight > self._p.transmit_queue:
-            self._end(Overflow(now, tag), "overflowed")
+            self._end(FrameOverflow(now, tag), "overflowed")
         else:
             self._waiting.append(_Packet(tag, data))
         return self._given()
@@ -244,7 +244,7 @@ class BoardLink:
             self._standing.ready(now)
 
     def _confirmed(self, now: Instant, tag: int, failed: bool) -> None:
-        self._end(AccessFailure(now, tag) if failed else Sent(now, tag), "failed" if failed else "sent")
+        self._end(AccessFailure(now, tag) if failed else FrameSent(now, tag), "failed" if failed else "sent")
         self._standing.confirmed(now, self.phase is LinkPhase.READY)
 
     def _synchronised(self, now: Instant, skipped: bool) -> None:
@@ -362,7 +362,7 @@ class BoardLink:
         for _ in range(count):
             pending = self._pending.popleft()
             if pending.answer is None:
-                self._end(Unconfirmed(now, pending.tag), "unconfirmed")
+                self._end(FrameUnconfirmed(now, pending.tag), "unconfirmed")
 
     def _end(self, end: PacketOutcome, counter: str) -> None:
         self.counters[counter] += 1

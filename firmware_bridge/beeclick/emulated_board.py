@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
+from actors.messages import FRAME_DATA_LIMIT, FrameSent, RadioEvent
 from actors.radio.frame import DataFrame
 from firmware_bridge.beeclick.answer_decoder import actual_power
 from firmware_bridge.beeclick.board_messages import (
@@ -155,7 +155,7 @@ class EmulatedBoard:
 
     def finished(self, now: Instant, end: RadioEvent) -> None:
         """Accept the outcome of the frame being sent."""
-        succeeded = isinstance(end, Sent)
+        succeeded = isinstance(end, FrameSent)
         if self._busy:
             self._held.append(succeeded)
             return

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from actors.instant import START, Instant
-from actors.messages import Heard, Jam, RadioEvent, RobotTruth
+from actors.messages import FrameReceived, Jam, RadioEvent, RobotTruth
 from actors.radio.frame import DataFrame, rssi_codes
 from actors.radio.radio_model import RadioModel, RadioSetup, preset, radio_model
 from actors.radio.robot_medium import FrameCounters, RobotMedium, SubmittedFrame, TransceiverTruth
@@ -198,7 +198,7 @@ class EmulatedMedium:
         sources = dict(zip(self._addresses, self.devices, strict=True))
         for device, events in zip(self.devices, said, strict=True):
             for event in events:
-                if isinstance(event, Heard):
+                if isinstance(event, FrameReceived):
                     source = sources[event.sender]
                     frame = DataFrame(source.pan, source.address, event.data)
                     rssi = int(rssi_codes(np.array([event.rssi_dbm]))[0])

@@ -17,7 +17,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,
     RECHARGE_MELODY,
     BaseFeedback,
-    Basic,
+    BasicSensorData,
     Command,
     FrameReader,
     GeneralOutput,
@@ -66,7 +66,7 @@ class StateChange(NamedTuple):
 
 
 _FIELDS: Final = ("bumper", "wheel_drop", "cliff", "buttons", "charger", "overcurrent")
-"""Fields of Basic with reported changes."""
+"""Fields of BasicSensorData with reported changes."""
 _OVERDUE: Final[Duration] = milliseconds(40)
 """Maximum interval of base controls without feedback; own choice, two feedbacks."""
 _INSIST: Final[Duration] = milliseconds(7)
@@ -120,7 +120,7 @@ class KobukiDriver:
         """Process bytes read (or none) and the passing of time; return the completed feedbacks."""
         feedbacks = []
         for packets in self._reader.take(data):
-            basic = next((packet for packet in packets if isinstance(packet, Basic)), None)
+            basic = next((packet for packet in packets if isinstance(packet, BasicSensorData)), None)
             inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
             if basic is not None:
                 feedbacks.append(BaseFeedback(now, basic, inertial))
@@ -138,7 +138,7 @@ class KobukiDriver:
         return changes
 
     def pressed(self) -> int:
-        """Return the bumper bits set at any time since the last call, as in Senses.bumper."""
+        """Return the bumper bits set at any time since the last call, as in SensorData.bumper."""
         bits = self._pressed
         self._pressed = self._fields["bumper"] if self.found else 0
         return bits

@@ -21,13 +21,13 @@ from firmware_bridge.kobuki import kobuki_motion
 from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,
     BaseControl,
-    Basic,
+    BasicSensorData,
     Command,
     FeedbackPacket,
     FrameReader,
     GeneralOutput,
     Inertial,
-    Unknown,
+    UnknownPacket,
     WireCounts,
     decode_commands,
     encode_feedback,
@@ -235,7 +235,7 @@ class EmulatedKobuki:
 
     def _packets(self, at: Instant) -> list[FeedbackPacket]:
         per_tick = self._p.errors.tick_um * 1e-6
-        basic = Basic(
+        basic = BasicSensorData(
             stamp_ms=self._stamp(at),
             bumper=self._body.bumper() | self.faults.bumper,
             wheel_drop=self.faults.wheel_drop,
@@ -251,12 +251,16 @@ class EmulatedKobuki:
         )
         inertial, raw = self._gyro()
         floor = [200 if self.faults.cliff & bit else 2000 for bit in (1, 2, 4)]
-        docking, currents, inputs = Unknown(3, bytes(3)), Unknown(6, bytes(2)), Unknown(16, bytes(16))
+        docking, currents, inputs = (
+            UnknownPacket(3, bytes(3)),
+            UnknownPacket(6, bytes(2)),
+            UnknownPacket(16, bytes(16)),
+        )
         packets: list[FeedbackPacket] = [
             basic,
             docking,
             inertial,
-            Unknown(5, _FLOOR.pack(*floor)),
+            UnknownPacket(5, _FLOOR.pack(*floor)),
             currents,
             raw,
             inputs,
@@ -273,7 +277,7 @@ class EmulatedKobuki:
             self._last_stamp += {"frozen": 0, "backward": -20, "jumping": 20_000}[self.faults.stamp]
         return self._last_stamp & 0xFFFF
 
-    def _gyro(self) -> tuple[Inertial, Unknown]:
+    def _gyro(self) -> tuple[Inertial, UnknownPacket]:
         resolution = math.radians(self._p.errors.gyro_resolution_deg)
         angle = math.remainder(self._p.angle + self._wheels.angle, math.tau)
         rate = math.degrees(self._wheels.rate)
@@ -283,7 +287,7 @@ class EmulatedKobuki:
         else:
             self._frozen = None
         z = _within(rate / 0.00875)
-        return inertial, Unknown(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
+        return inertial, UnknownPacket(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
 
     def _left(self, now: Instant) -> bytes:
         """Return the bytes sent completely by `now`."""

@@ -12,7 +12,7 @@ from actors.geometry import wrap
 from actors.instant import in_seconds
 from actors.messages import Odometry
 from actors.portable import cos, sin
-from firmware_bridge.kobuki.kobuki_packets import BaseControl, BaseFeedback, Basic, WireMisuseError
+from firmware_bridge.kobuki.kobuki_packets import BaseControl, BaseFeedback, BasicSensorData, WireMisuseError
 
 TRACK: Final = 0.230
 """Distance between the wheels, m."""
@@ -58,13 +58,13 @@ def velocity(control: BaseControl) -> tuple[float, float]:
     return control.radius * omega / 1000, omega
 
 
-def ticks_between(before: Basic, after: Basic) -> tuple[int, int]:
+def ticks_between(before: BasicSensorData, after: BasicSensorData) -> tuple[int, int]:
     """Return the encoder ticks of left and right wheel between two feedbacks; uint16, which wrap."""
     left, right = after.left_ticks - before.left_ticks, after.right_ticks - before.right_ticks
     return ((left + 0x8000) & 0xFFFF) - 0x8000, ((right + 0x8000) & 0xFFFF) - 0x8000
 
 
-def distances_between(before: Basic, after: Basic) -> tuple[float, float]:
+def distances_between(before: BasicSensorData, after: BasicSensorData) -> tuple[float, float]:
     """Return the distances travelled by left and right wheel, m."""
     left, right = ticks_between(before, after)
     return left * METRES_PER_TICK, right * METRES_PER_TICK

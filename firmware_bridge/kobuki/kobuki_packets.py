@@ -57,7 +57,7 @@ Command = BaseControl | SoundSequence | GeneralOutput
 
 
 @dataclass(frozen=True)
-class Basic:
+class BasicSensorData:
     """First packet of every feedback."""
 
     stamp_ms: int
@@ -94,21 +94,21 @@ class Inertial:
 
 
 @dataclass(frozen=True)
-class Unknown:
+class UnknownPacket:
     """A packet of an unused kind: docking, currents, raw sensors, versions."""
 
     kind: int
     data: bytes
 
 
-FeedbackPacket = Basic | Inertial | Unknown
+FeedbackPacket = BasicSensorData | Inertial | UnknownPacket
 
 
 class BaseFeedback(NamedTuple):
     """One feedback of a base, with its time of arrival."""
 
     instant: Instant
-    basic: Basic
+    basic: BasicSensorData
     inertial: Inertial | None
     """None without a gyro or with a faulty one."""
 
@@ -127,7 +127,7 @@ _COMMANDS: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     GeneralOutput: (12, struct.Struct("<H")),
 }
 _FEEDBACK: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
-    Basic: (1, struct.Struct("<HBBBHHbbBBBB")),
+    BasicSensorData: (1, struct.Struct("<HBBBHHbbBBBB")),
     Inertial: (4, struct.Struct("<hh3x")),
 }
 _UNREAD: Final = {3: 3, 5: 6, 6: 2, 16: 16, 19: 12, 21: 13}
@@ -143,7 +143,7 @@ def encode_command(command: Command) -> bytes:
 
 def encode_feedback(packet: FeedbackPacket) -> bytes:
     """Encode a feedback packet. Raises WireMisuseError for a number beyond its field's range."""
-    if isinstance(packet, Unknown):
+    if isinstance(packet, UnknownPacket):
         return bytes((packet.kind, len(packet.data))) + packet.data
     return _packet(packet, *_FEEDBACK[type(packet)])
 
@@ -166,14 +166,14 @@ def decode_commands(payload: bytes) -> list[Command]:
 
 
 def decode_feedback(payload: bytes) -> list[FeedbackPacket]:
-    """Decode the packets of a payload, in order; unused kinds as Unknown. Raises MalformedError."""
+    """Decode the packets of a payload, in order; unused kinds as UnknownPacket. Raises MalformedError."""
     packets: list[FeedbackPacket] = []
     for kind, data in _packets(payload):
         if kind in _FEEDBACK_KINDS:
             packets.append(_decoded(kind, data, *_FEEDBACK_KINDS[kind]))
         else:
             _check_size(kind, data, _UNREAD.get(kind, len(data)))
-            packets.append(Unknown(kind, data))
+            packets.append(UnknownPacket(kind, data))
     return packets
 
 

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 from firmware_bridge.kobuki.kobuki_motion import TRACK, ticks_between
-from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, Basic, Inertial
+from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, Inertial
 
 FEEDBACK_SILENCE: Final[Duration] = milliseconds(100)
 """Timeout of feedback; kobuki_driver: 100 ms."""
@@ -52,7 +52,7 @@ _EDGE: Final = TRACK / 2 + 0.002
 """Minimum radius of backing off, m: half the track plus rounding to whole mm."""
 
 
-class Ramp:
+class VelocityRamp:
     """Acceleration-limited velocity."""
 
     def __init__(self) -> None:
@@ -154,7 +154,7 @@ class SafetyStop:
 
     def __init__(self, started: Instant) -> None:
         self._started = started
-        self._basic: Basic | None = None
+        self._basic: BasicSensorData | None = None
         self._heard = started
         self._silent_until: Instant | None = None
         """Time of the first feedback after a silence; None before the first one."""
@@ -166,7 +166,7 @@ class SafetyStop:
         self._held: set[HoldCause] = set()
         self._command: _Command | None = None
         self._since: dict[HoldCause, Instant] = {}
-        self._ramp = Ramp()
+        self._ramp = VelocityRamp()
         self.late_commands = 0
         """Number of ignored commands that were older than their predecessor."""
 
@@ -241,7 +241,7 @@ class SafetyStop:
             causes[HoldCause.BAD_COMMAND] = 0
         return causes
 
-    def _sensed(self, now: Instant, basic: Basic) -> dict[HoldCause, int]:
+    def _sensed(self, now: Instant, basic: BasicSensorData) -> dict[HoldCause, int]:
         causes = {}
         if basic.wheel_drop:
             causes[HoldCause.WHEEL_DROP] = basic.wheel_drop
@@ -258,7 +258,7 @@ class SafetyStop:
             causes[HoldCause.CLIFF] = basic.cliff
         return causes
 
-    def _still(self, basic: Basic, inertial: Inertial | None) -> bool:
+    def _still(self, basic: BasicSensorData, inertial: Inertial | None) -> bool:
         """Return whether the base has not moved since the last feedback."""
         if self._basic is None:
             return False

@@ -21,15 +21,15 @@ from actors.messages import (
     READY,
     SENSES,
     TRUTH,
-    Aired,
     Control,
     Drive,
     Odometry,
     Progress,
+    RadioAdvanced,
     Ready,
     RobotTruth,
     Scan,
-    Senses,
+    SensorData,
     Truth,
 )
 from actors.orders import Pause, Resume, Stop
@@ -65,7 +65,7 @@ class Vehicle(Protocol):
         """Return the pose since the start, and the velocity."""
 
     def bumper(self) -> int:
-        """Return the bits set since the last call, as in Senses."""
+        """Return the bits set since the last call, as in SensorData."""
 
     def scan(self) -> Scan | None:
         """Return the latest scan, once."""
@@ -100,7 +100,7 @@ class BaseCore(TimedCore):
         self._start = start
         self._vehicle = vehicle
         self._sensed: int | None = None
-        """Last step whose Senses were sent."""
+        """Last step whose SensorData were sent."""
         self._robot_there = self._radio_there = self._busy = self._asked = self._paused = False
         self._opening: int | None = None
         """Step that waits for the bridge."""
@@ -116,7 +116,7 @@ class BaseCore(TimedCore):
         self._asked_at = begin
         """Time of the unanswered request to the bridge."""
         self._odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        """Odometry in the last Senses."""
+        """Odometry in the last SensorData."""
         self.held: tuple[Pose, Odometry] | None = None
         """Latest pose estimate of the robot, map frame, with its odometry; None before the first."""
         self._stopping = False
@@ -148,7 +148,7 @@ class BaseCore(TimedCore):
         match message:
             case Drive():
                 return self._drive(message)
-            case Aired():
+            case RadioAdvanced():
                 return self._aired(message)
             case Ready():
                 return self._ready(message)
@@ -224,13 +224,13 @@ class BaseCore(TimedCore):
             outputs.append(to(PROGRESS, self._progress()))
         return outputs
 
-    def _senses_of(self, step: int, halt: bool = False) -> Senses:
+    def _senses_of(self, step: int, halt: bool = False) -> SensorData:
         vehicle, events = self._vehicle, self._events
         self._events = 0
         scan = None if halt else vehicle.scan()
         instant = self._instant(step)
         self._odometry = vehicle.odometry()
-        return Senses(step, instant, events, self._odometry, vehicle.bumper(), scan, halt)
+        return SensorData(step, instant, events, self._odometry, vehicle.bumper(), scan, halt)
 
     def _drive(self, drive: Drive) -> Sequence[Output]:
         if drive.step != self._sensed or not self._busy:
@@ -248,7 +248,7 @@ class BaseCore(TimedCore):
         self._left = self._left if drive.route is None else len(drive.route)
         return ()
 
-    def _aired(self, aired: Aired) -> Sequence[Output]:
+    def _aired(self, aired: RadioAdvanced) -> Sequence[Output]:
         self._unanswered = max(0, self._unanswered - 1)
         if self._void:
             self._void -= 1

@@ -2,8 +2,8 @@
 
 It replaces the simulated radio for one robot. Frames of the robot are sent to the board at their instants.
 When the base opens a step with Truth, the board's events since the last step are sent to the robot as
-Received, and their number to the base. When the robot restarts, events and frames of its previous epoch are
-dropped, except frames already on the board.
+RadioEvents, and their number to the base. When the robot restarts, events and frames of its previous epoch
+are dropped, except frames already on the board.
 """
 
 import functools
@@ -24,20 +24,20 @@ from actors.messages import (
     TRANSMIT,
     TRUTH,
     AccessFailure,
-    Aired,
     Board,
     BoardNote,
     EventCount,
-    Heard,
-    Overflow,
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameSent,
+    FrameUnconfirmed,
+    RadioAdvanced,
     RadioEvent,
+    RadioEvents,
     Ready,
-    Received,
-    Refused,
-    Sent,
     Transmit,
     Truth,
-    Unconfirmed,
 )
 from actors.runtime.background import LossyRecorder, write_stderr
 from actors.runtime.core import Address, Inputs, Output, at, to
@@ -146,7 +146,7 @@ class BridgeCore(TimedCore):
         for frame in transmit.frames:
             if len(self._planned) >= MOST_PLANNED:
                 self.dropped_frames += 1
-                self._hold(Overflow(self.now, frame.tag))
+                self._hold(FrameOverflow(self.now, frame.tag))
                 continue
             self._added += 1
             heapq.heappush(self._planned, (frame.instant, self._added, frame.tag, frame.data))
@@ -160,9 +160,9 @@ class BridgeCore(TimedCore):
         self.step = truth.step + 1
         held, self._held = tuple(self._held), []
         if not held:
-            return (to(AIRED, Aired(truth.step, ())),)
-        received = to(RECEIVED, Received(truth.step + 1, held), self._robot)
-        return (received, to(AIRED, Aired(truth.step, (EventCount(self._robot, len(held)),))))
+            return (to(AIRED, RadioAdvanced(truth.step, ())),)
+        received = to(RECEIVED, RadioEvents(truth.step + 1, held), self._robot)
+        return (received, to(AIRED, RadioAdvanced(truth.step, (EventCount(self._robot, len(held)),))))
 
     def _follow(self, epoch: int) -> None:
         """Drop events and frames of an earlier epoch."""
@@ -177,9 +177,9 @@ class BridgeCore(TimedCore):
     def _note(self, told: Sequence[BoardEvent]) -> None:
         for event in told:
             match event:
-                case Heard():
+                case FrameReceived():
                     self._hold(event)
-                case Sent() | AccessFailure() | Overflow() | Refused() | Unconfirmed():
+                case FrameSent() | AccessFailure() | FrameOverflow() | FrameRefused() | FrameUnconfirmed():
                     self._ended(event)
                 case _:
                     self._notes.append(event)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.portable import arrays
 from firmware_bridge.kobuki.kobuki_motion import TRACK
-from firmware_bridge.kobuki.kobuki_packets import Basic
+from firmware_bridge.kobuki.kobuki_packets import BasicSensorData
 from firmware_bridge.kobuki.safety import HoldCause
 
 
@@ -113,7 +113,7 @@ class MotionChecks:
         self._stamp: tuple[Instant, int] | None = None
         self._odd_stamps = 0
 
-    def take(self, move: Movement, basic: Basic) -> HoldCause | None:
+    def take(self, move: Movement, basic: BasicSensorData) -> HoldCause | None:
         """Add one feedback and return a detected fault."""
         cause = self._clock(move.instant, basic.stamp_ms) or self._bumper(move, basic)
         if cause is not None:
@@ -144,7 +144,7 @@ class MotionChecks:
         self._odd_stamps = self._odd_stamps + 1 if odd else 0
         return HoldCause.BASE_CLOCK if self._odd_stamps >= _STAMPS else None
 
-    def _bumper(self, move: Movement, basic: Basic) -> HoldCause | None:
+    def _bumper(self, move: Movement, basic: BasicSensorData) -> HoldCause | None:
         self._backed = self._backed - min(0.0, (move.left + move.right) / 2) if basic.bumper else 0.0
         return HoldCause.BUMPER_STUCK if self._backed > _BACKED else None
 

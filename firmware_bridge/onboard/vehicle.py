@@ -267,7 +267,7 @@ class TurtleBot:
             )
 
     def bumper(self) -> int:
-        """Return the bits set since the last call, as in Senses."""
+        """Return the bits set since the last call, as in SensorData."""
         return self._kobuki.pressed()
 
     def scan(self) -> Scan | None:

@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import (
     AccessFailure,
-    Fix,
-    Heard,
+    BoardText,
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameSent,
+    FrameUnconfirmed,
+    GpsFix,
     Humidity,
-    Info,
     LinkState,
-    Overflow,
-    Refused,
-    Sent,
     Temperature,
-    Unconfirmed,
 )
 from actors.radio.frame import DataFrame, octets
 from actors.radio.medium import Medium, SaturatedTraffic
@@ -82,28 +82,28 @@ def test_at_most_four_packets_are_in_flight() -> None:
     numbers = host.send(0, 1, 2, 3, 4, 5)
     assert len(set(numbers)) == 4
     assert (host.link.in_flight, host.link.waiting) == (4, 2)
-    assert host.hear(confirm(numbers[0])) == [Sent(host.now, 0)]
+    assert host.hear(confirm(numbers[0])) == [FrameSent(host.now, 0)]
     (fifth,) = host.send()
     assert host.hear(*(confirm(n) for n in [*numbers[1:], fifth])) == [
-        Sent(host.now, t) for t in (1, 2, 3, 4)
+        FrameSent(host.now, t) for t in (1, 2, 3, 4)
     ]
 
 
 def test_a_packet_of_the_wrong_size_or_beyond_the_queue_is_dropped() -> None:
     host = Host().get_ready()
     (refused,) = host.link.send(host.now, 1, bytes(119))
-    assert isinstance(refused, Refused) and host.due() == b"" and host.link.counters["refused"] == 1
+    assert isinstance(refused, FrameRefused) and host.due() == b"" and host.link.counters["refused"] == 1
     events = [event for tag in range(10) for event in host.link.send(host.now, tag, b"x")]
-    assert events == [Overflow(host.now, 8), Overflow(host.now, 9)]
+    assert events == [FrameOverflow(host.now, 8), FrameOverflow(host.now, 9)]
     assert len(host.send()) == 4
-    assert host.link.send(host.now, 10, b"x") == [Overflow(host.now, 10)]
+    assert host.link.send(host.now, 10, b"x") == [FrameOverflow(host.now, 10)]
     assert host.link.counters["overflowed"] == 3
 
 
 def test_a_later_confirmation_settles_the_earlier_packets() -> None:
     host = Host().get_ready()
     first, second = host.send(1, 2)
-    assert host.hear(confirm(second)) == [Unconfirmed(host.now, 1), Sent(host.now, 2)]
+    assert host.hear(confirm(second)) == [FrameUnconfirmed(host.now, 1), FrameSent(host.now, 2)]
     assert host.hear(confirm(first), confirm(second)) == []  # never twice
     assert host.link.counters["late_confirmation"] == 2
     assert host.link.phase is LinkPhase.READY
@@ -129,8 +129,8 @@ def test_an_answer_that_contains_the_sync_answer_is_discarded() -> None:
     assert host.due() == SYNC
     assert host.hear(confirm(numbers[0], failed=True), HEAD, confirm(numbers[1]), SYNC_PATTERN) == [
         AccessFailure(host.now, 1),
-        Sent(host.now, 2),
-        Unconfirmed(host.now, 3),
+        FrameSent(host.now, 2),
+        FrameUnconfirmed(host.now, 3),
     ]
     assert host.link.counters["swallowed_sync"] == 1
     assert len(host.commands()) == 3
@@ -141,7 +141,10 @@ def test_a_truncated_answer_is_discarded() -> None:
     (number,) = host.send(1)
     assert host.hear(HEAD, confirm(number), after=10) == []
     assert host.link.wake() == host.now + milliseconds(50)
-    assert host.hear(after=milliseconds(50)) == [LinkState(host.now, False, "stalled"), Sent(host.now, 1)]
+    assert host.hear(after=milliseconds(50)) == [
+        LinkState(host.now, False, "stalled"),
+        FrameSent(host.now, 1),
+    ]
 
 
 def test_a_board_that_lost_synchronisation_is_found_by_probing() -> None:
@@ -171,7 +174,7 @@ def test_a_slow_board_is_not_down_and_loses_no_packets() -> None:
             syncs.append(host.now)
     assert syncs == [250_000, 500_000], "with four packets six commands, the limit of the board's ring"
     assert host.hear(*map(confirm, numbers), SYNC_PATTERN, SYNC_PATTERN) == [
-        Sent(host.now, tag) for tag in (1, 2, 3, 4)
+        FrameSent(host.now, tag) for tag in (1, 2, 3, 4)
     ]
     assert host.link.phase is LinkPhase.READY and host.link.counters["late_sync"] == 1
     assert len(host.send()) == 1
@@ -190,15 +193,15 @@ def test_a_silent_board_is_reported_once_and_probed_further() -> None:
     assert events == [
         LinkState(Instant(1_000_000), False, "no_confirmation"),
         LinkState(Instant(2_000_000), False, "silent"),
-        Unconfirmed(Instant(2_000_000), 1),
-        Unconfirmed(Instant(2_000_000), 9),
+        FrameUnconfirmed(Instant(2_000_000), 1),
+        FrameUnconfirmed(Instant(2_000_000), 9),
     ]
     assert syncs == [250_000, 500_000, 750_000, 1_000_000, 1_800_000, 2_600_000, 3_400_000]
     host.hear(SYNC_PATTERN)
     assert len(host.commands()) == 3
     assert host.hear(*ECHOES) == [], "its radio is not confirmed yet"
     (number,) = host.send(10, 11)
-    assert host.hear(confirm(number)) == [Sent(host.now, 10), LinkState(host.now, True, "")]
+    assert host.hear(confirm(number)) == [FrameSent(host.now, 10), LinkState(host.now, True, "")]
 
 
 def test_without_a_port_packets_in_flight_are_unconfirmed_and_the_others_stay_queued() -> None:
@@ -206,7 +209,7 @@ def test_without_a_port_packets_in_flight_are_unconfirmed_and_the_others_stay_qu
     numbers = host.send(1, 2, 3, 4, 5)
     assert host.link.lost(host.now) == [
         LinkState(host.now, False, "lost"),
-        *(Unconfirmed(host.now, tag) for tag in (1, 2, 3, 4)),
+        *(FrameUnconfirmed(host.now, tag) for tag in (1, 2, 3, 4)),
     ]
     assert host.hear(confirm(numbers[0])) == []
     assert (host.due(), host.link.wake(), host.link.waiting) == (b"", None, 1)
@@ -216,18 +219,20 @@ def test_without_a_port_packets_in_flight_are_unconfirmed_and_the_others_stay_qu
     host.due()
     host.hear(*ECHOES)
     (fifth,) = host.send()
-    assert host.hear(confirm(fifth)) == [Sent(host.now, 5)]
+    assert host.hear(confirm(fifth)) == [FrameSent(host.now, 5)]
 
 
 def test_packets_with_signal_strength_and_info_are_passed_on() -> None:
     host = Host().get_ready()
-    assert host.hear(packet(b"hello", address=0x0A0B)) == [Heard(host.now, 0x0A0B, -60.0, 200, b"hello")]
+    assert host.hear(packet(b"hello", address=0x0A0B)) == [
+        FrameReceived(host.now, 0x0A0B, -60.0, 200, b"hello")
+    ]
     assert host.link.counters["bad_fcs"] == 0
     assert host.hear(packet(b"hello", pan=1)) == []
     assert len(host.hear(packet(b"hello", address=0x0103))) == 1
     assert (host.link.counters["other_pan"], host.link.counters["own_address"]) == (1, 1)
     text = "txCount: 1\ntemperature: 21 °C\n"
-    assert host.hear(BoardInfo(text.encode())) == [Info(host.now, text)]
+    assert host.hear(BoardInfo(text.encode())) == [BoardText(host.now, text)]
     damaged = ReceivedPacket(0xBABA, 7, 138, 200, packet(b"hello").fcs, b"hellp")
     for drop in (False, True):
         host = Host(BeeClickParameters(drop_bad_fcs=drop)).get_ready()
@@ -259,7 +264,7 @@ def test_damaged_positions_are_dropped() -> None:
     host = Host().get_ready()
     text = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A"
     (fix,) = host.hear(GpsSentence(text))
-    assert isinstance(fix, Fix)
+    assert isinstance(fix, GpsFix)
     assert fix.valid
     assert fix.latitude == pytest.approx(48.1173)
     assert host.hear(GpsSentence(text.replace(b"4807", b"4808"))) == []
@@ -314,9 +319,9 @@ WHOLE = conversation([])
 
 def test_each_packet_of_a_long_conversation_is_reported_once() -> None:
     events, counters, _ = WHOLE
-    assert [e.tag for e in events if isinstance(e, Sent)] == [1, 2, 5, 6]
-    assert [e.tag for e in events if isinstance(e, Unconfirmed)] == [3, 4]
-    assert len([e for e in events if isinstance(e, Heard)]) == 3
+    assert [e.tag for e in events if isinstance(e, FrameSent)] == [1, 2, 5, 6]
+    assert [e.tag for e in events if isinstance(e, FrameUnconfirmed)] == [3, 4]
+    assert len([e for e in events if isinstance(e, FrameReceived)]) == 3
     assert 21.5 not in [e.celsius for e in events if isinstance(e, Temperature)], "received before the SYNC"
     assert (counters["ups"], counters["unknown_type"], counters["swallowed_sync"]) == (3, 1, 1)
 
@@ -331,7 +336,7 @@ def test_boundaries_of_reads_do_not_matter(data: st.DataObject) -> None:
     assert conversation(pieces)[:2] == WHOLE[:2]
 
 
-ENDS = (Sent, AccessFailure, Unconfirmed, Overflow, Refused)
+ENDS = (FrameSent, AccessFailure, FrameUnconfirmed, FrameOverflow, FrameRefused)
 SET_UP = (0xBABA, 2, 15)
 """PAN, address and channel code set by a link with default settings."""
 
@@ -449,7 +454,7 @@ class Soak:
             if isinstance(event, ENDS):
                 self.reported[event.tag] += 1
                 self.ends[type(event).__name__] += 1
-                if isinstance(event, Sent | AccessFailure):
+                if isinstance(event, FrameSent | AccessFailure):
                     self.false += not self.board.reports[self.link.numbers[event.tag]]
         self.host.events.clear()
         assert len(self.link._reader._bytes) < 300
@@ -465,7 +470,7 @@ def test_each_packet_is_reported_once_with_the_boards_outcome(
     soak.end()
     record_property("packets", {"all": soak.packets, **soak.ends})
     record_property("ready again at most after, ms", {one.name: ms for one, ms in soak.back_ms.items()})
-    assert soak.ends["Sent"] > 250 and soak.ends["Unconfirmed"] > 50
+    assert soak.ends["FrameSent"] > 250 and soak.ends["FrameUnconfirmed"] > 50
     assert max(soak.reported.values()) == 1
     assert soak.packets == len(soak.reported) + soak.link.waiting
     assert soak.false == 0

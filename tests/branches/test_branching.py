@@ -16,10 +16,10 @@ from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.instant import in_seconds, milliseconds
 from actors.messages import RECEIVED
-from actors.orders import Lose
+from actors.orders import LoseFrame
 from actors.robot.behaviour.code_permit import INSTALLED
 from actors.runtime.errors import AcrcError
-from deploy.run.branching import Branched, branch
+from deploy.run.branching import BranchResult, branch
 from deploy.run.change import BranchEvent, Change, event, strategy_settings
 from deploy.run.options import RunOptions
 from deploy.run.swarm_replay import SCENARIO, replay_swarm
@@ -27,7 +27,7 @@ from tests.in_process import acrc
 from tests.recorded_runs import record
 
 STEP_US = milliseconds(100)
-Leave = Callable[[Change], Branched]
+Leave = Callable[[Change], BranchResult]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def leave(origin: Path, tmp_path: Path) -> Leave:
     """Return a function that carries out a branch."""
     number = count()
 
-    def carry_out(change: Change) -> Branched:
+    def carry_out(change: Change) -> BranchResult:
         out = tmp_path / f"branch-{next(number)}"
         return branch(origin, change, RunOptions(out, bus="memory"), permit=INSTALLED)
 
@@ -80,7 +80,7 @@ def test_an_event_is_an_order_that_is_recorded_and_can_be_replayed(leave: Leave)
     assert ended.divergence is not None
     assert (
         ended.divergence.words
-        == "step 60: swarm/down/r2/senses: Senses.halt is True; in the run it was False"
+        == "step 60: swarm/down/r2/senses: SensorData.halt is True; in the run it was False"
     )
     assert ended.divergence.robots["r2"] == 6.0
     assert replay_swarm(Path(str(ended.result.out)), permit=INSTALLED).orders == 1
@@ -199,7 +199,9 @@ def test_random_branches(full: bool, origin: Path, tmp_path: Path) -> None:
         assert (made.result.digest, made.divergence) == (_digest(origin), None)
     for number, frame in enumerate(received(origin, count, rng, STEP_US)):
         at_s = in_seconds(frame.step * STEP_US)
-        order = BranchEvent(Lose(frame.receiver, frame.sender), at_s, f"lose {frame.receiver} {frame.sender}")
+        order = BranchEvent(
+            LoseFrame(frame.receiver, frame.sender), at_s, f"lose {frame.receiver} {frame.sender}"
+        )
         options = RunOptions(tmp_path / f"frame-{number}", bus="memory")
         lost = branch(origin, Change(at_s, events=(order,)), options, permit=INSTALLED)
         assert lost.divergence is not None and lost.undone == ()

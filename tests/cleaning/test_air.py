@@ -12,7 +12,7 @@ from actors import robot as robots
 from actors.geometry import Point, Pose
 from actors.installation.repository import REPOSITORY
 from actors.instant import Instant
-from actors.messages import FRAME_DATA_LIMIT, Heard, Outgoing
+from actors.messages import FRAME_DATA_LIMIT, FrameReceived, OutgoingFrame
 from actors.randomness import generator
 from actors.robot.behaviour import (
     Behaviour,
@@ -154,7 +154,7 @@ def test_a_restarted_robot_does_not_reuse_packet_numbers() -> None:
     assert min(min(one, 2**16 - one) for one in apart) > 2_000
 
 
-def _first_frame(epoch: int) -> Outgoing:
+def _first_frame(epoch: int) -> OutgoingFrame:
     start = Start("r1", 1, epoch, Pose(1.0, 2.0, 0.0), (LONGEST.point,), np.random.default_rng(1))
     view = View(Instant(0), start.pose, False, None, ())
     return behaviour(start).advance(view, Instant(2_000_000)).frames[0]
@@ -171,7 +171,7 @@ def test_relay_settings_of_the_scenario_reach_the_node(rssi_dbm: float, relays: 
 
     still, second = Pose(1.0, 2.0, 0.0), Instant(1_000_000)
     sent = hosted("r1", 1).advance(View(Instant(0), still, False, None, ()), second).frames
-    heard = tuple(Heard(second, 1, rssi_dbm, 200, frame.data) for frame in sent)
+    heard = tuple(FrameReceived(second, 1, rssi_dbm, 200, frame.data) for frame in sent)
     listener = hosted("r2", 2)
     listener.advance(View(Instant(0), still, False, None, ()), second)
     listener.advance(View(second, still, False, None, heard), Instant(3_000_000))

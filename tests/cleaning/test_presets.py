@@ -12,7 +12,7 @@ from hypothesis import strategies as some
 
 from actors.geometry import Point, Pose
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import Heard
+from actors.messages import FrameReceived
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason, Goal, GoalStatus, Setting, Start, View, host
 from actors.robot.behaviour.decisions import AdaptationDecision, DecisionLog
@@ -20,7 +20,7 @@ from actors.robot.behaviour.loading import load_behaviour
 from actors.runtime.errors import AcrcError
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import State
-from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
+from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, UnblockTarget
 from cleaning.place import RESTART_TERM, Assignment, assignments
 from cleaning.robot import CleaningRobot
 from cleaning.settings import SettingsError, from_settings
@@ -54,7 +54,7 @@ def test_presets_differ_as_text_and_code_do() -> None:
     }
     assert differing == {
         "retry": (True, False),
-        "unblock": (Unblock.QUEUE, Unblock.FLOOR),
+        "unblock": (UnblockTarget.QUEUE, UnblockTarget.FLOOR),
         "recount": (True, False),
         "adoption_distance": (1.5, 3.0),
         "exchange": (True, False),
@@ -106,7 +106,7 @@ def test_a_robot_without_radio_neither_sends_nor_receives() -> None:
     view, until = View(Instant(0), Pose(1.0, 2.0, 0.0), False, None, ()), Instant(2_000_000)
     frames = loud.advance(view, until).frames
     assert frames and not mute.advance(view, until).frames
-    heard = tuple(Heard(1_000_000, 7, -60.0, 200, frame.data) for frame in frames)
+    heard = tuple(FrameReceived(1_000_000, 7, -60.0, 200, frame.data) for frame in frames)
     later = view._replace(instant=until, radio=heard)
     assert mute.advance(later, Instant(3_000_000)).frames == ()
 

@@ -14,7 +14,7 @@ from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot, PeerPosition
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay, PeerMask
 from cleaning.cleaner import Cleaner, State
-from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
+from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, UnblockTarget
 from cleaning.place import RESTART_TERM, Takeover
 from cleaning.robot import CleaningRobot
 from tests.cleaning.fakes import (
@@ -243,13 +243,13 @@ def test_released_code_mostly_chooses_a_random_point_and_is_blocked_within_a_sec
     assert set(turns) == {SOMEWHERE, None}
 
 
-@pytest.mark.parametrize("unblock", Unblock)
-def test_an_empty_route_does_not_crash(unblock: Unblock) -> None:
+@pytest.mark.parametrize("unblock", UnblockTarget)
+def test_an_empty_route_does_not_crash(unblock: UnblockTarget) -> None:
     robot = replace(
         adaptive("r1", 0.0).sent_to(Point(5.0, 5.0)), parameters=AdaptationParameters(unblock=unblock)
     )
     turned = checked(checked(robot, 10), 1)
-    there = {Unblock.FLOOR: SOMEWHERE, Unblock.QUEUE: Point(5.0, 5.0)}[unblock]
+    there = {UnblockTarget.FLOOR: SOMEWHERE, UnblockTarget.QUEUE: Point(5.0, 5.0)}[unblock]
     assert (turned.waypoint, turned.attempt, turned.state) == (there, 2, State.FREE)
 
 

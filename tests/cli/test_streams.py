@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.processes.signals import Interrupted, signals_as_interrupts
+from actors.processes.signals import Interruption, signals_as_interrupts
 from tests.swarm.command import ACRC, ROOT
 
 LIST = " ".join((*ACRC, "list", "strategies"))
@@ -57,10 +57,10 @@ def test_ctrl_c_at_any_moment_is_one_sentence(tmp_path: Path, event: int, words:
 
 
 def test_ctrl_c_while_a_package_written_in_c_is_imported() -> None:
-    with pytest.raises(Interrupted), signals_as_interrupts():
+    with pytest.raises(Interruption), signals_as_interrupts():
         try:
             os.kill(os.getpid(), signal.SIGINT)
-        except Interrupted:
+        except Interruption:
             raise ImportError("numpy._core.multiarray failed to import") from None
 
 
@@ -99,7 +99,7 @@ def test_a_signal_ends_a_run_unless_it_is_ignored_as_under_nohup(number: signal.
             os.kill(os.getpid(), number)
         assert signal.getsignal(number) is signal.SIG_IGN
         signal.signal(number, signal.SIG_DFL)
-        with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+        with pytest.raises(Interruption) as caught, signals_as_interrupts():
             os.kill(os.getpid(), number)
         assert caught.value.exit_code == 128 + number
     finally:
@@ -111,7 +111,7 @@ def test_a_signal_during_class_creation_is_not_lost() -> None:
         def __set_name__(self, owner: type, name: str) -> None:
             os.kill(os.getpid(), signal.SIGTERM)
 
-    with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+    with pytest.raises(Interruption) as caught, signals_as_interrupts():
         type("Made", (), {"attribute": Interrupting()})
     assert caught.value.exit_code == 128 + signal.SIGTERM
 
@@ -125,7 +125,7 @@ def test_a_signal_during_a_callback_from_c_is_not_lost() -> None:
 
     called = ctypes.CFUNCTYPE(None)(call)
     before = sys.unraisablehook
-    with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+    with pytest.raises(Interruption) as caught, signals_as_interrupts():
         called()
         called()
         time.sleep(10.0)
@@ -139,7 +139,7 @@ def test_a_lost_signal_is_repeated_before_the_end_of_the_block_and_not_later() -
     before = signal.signal(signal.SIGTERM, lambda number, frame: late.append(number))
     try:
         for _ in range(3):
-            with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+            with pytest.raises(Interruption) as caught, signals_as_interrupts():
                 called()
             assert caught.value.exit_code == 128 + signal.SIGTERM
         time.sleep(0.3)  # six times the delay of a repetition

@@ -17,12 +17,12 @@ from actors.messages import (
     TRUTH,
     Drive,
     FloorChanged,
-    Outgoing,
+    OutgoingFrame,
     Progress,
+    RadioEvents,
     Ready,
-    Received,
     Roster,
-    Senses,
+    SensorData,
     Transmit,
     Truth,
 )
@@ -52,11 +52,13 @@ class ScriptedAnswer:
 
 
 class ScriptedRobot:
-    def __init__(self, robot: str, first_step: int, drive: Callable[[Senses], tuple[float, float]]) -> None:
+    def __init__(
+        self, robot: str, first_step: int, drive: Callable[[SensorData], tuple[float, float]]
+    ) -> None:
         self.step = first_step
         self.finished = False
-        self.senses: list[Senses] = []
-        self.received: list[Received] = []
+        self.senses: list[SensorData] = []
+        self.received: list[RadioEvents] = []
         self.talks = False
         self.says: dict[int, ScriptedAnswer] = {}
         self.lies: dict[int, Drive] = {}
@@ -83,7 +85,7 @@ class ScriptedRobot:
             self.finished = True
             return ()
         v, omega = self._drive(senses)
-        frames = (Outgoing(senses.step, senses.instant, b"x" * 20),) if self.talks else ()
+        frames = (OutgoingFrame(senses.step, senses.instant, b"x" * 20),) if self.talks else ()
         outputs = [to(TRANSMIT, Transmit(senses.step, frames), self._robot)] if frames else []
         says = self.says.get(senses.step, ScriptedAnswer())
         drive = Drive(senses.step, v, 0.0, omega, len(frames), says.reports, says.given_up, says.route)
@@ -111,7 +113,7 @@ class ScriptedSwarm:
         seconds: float,
         events: Sequence[tuple[float, Order]] = (),
         robots: Sequence[str] = ("r1", "r2"),
-        drive: Callable[[Senses], tuple[float, float]] = lambda senses: (0.2, 0.0),
+        drive: Callable[[SensorData], tuple[float, float]] = lambda senses: (0.2, 0.0),
         talks: Sequence[str] = (),
         kernels: Mapping[str, str] | None = None,
         places: tuple[tuple[float, float], ...] = ((15.0, 12.5),),

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from actors.messages import AIRED, DRIVE, Aired, Drive, EventCount
+from actors.messages import AIRED, DRIVE, Drive, EventCount, RadioAdvanced
 from actors.orders import CloseDoor, Move, Obstacle, OpenDoor, Wall
 from actors.runtime.codec import encode
 from actors.runtime.errors import AcrcError
@@ -108,17 +108,17 @@ def test_an_invalid_drive_ends_the_run(changes: dict[str, object], sentence: str
 @pytest.mark.parametrize(
     ("aired", "sentence"),
     [
-        (Aired(5, ()), "the radio reports step 5; expected step 0"),
+        (RadioAdvanced(5, ()), "the radio reports step 5; expected step 0"),
         *[
             (
-                Aired(0, (EventCount(robot, count),)),
+                RadioAdvanced(0, (EventCount(robot, count),)),
                 f"the radio reports {count} events for '{robot}'; {COUNT}",
             )
             for robot, count in (("r9", 1), ("r1", -1))
         ],
     ],
 )
-def test_wrong_counts_of_the_radio_are_refused(aired: Aired, sentence: str) -> None:
+def test_wrong_counts_of_the_radio_are_refused(aired: RadioAdvanced, sentence: str) -> None:
     play = ScriptedSwarm(2.0)
     play.bus.publish(AIRED.key(), encode(aired))
     with refused(f"step 1 (0.1 s): {sentence}"):

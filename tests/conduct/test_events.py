@@ -6,11 +6,11 @@ from unittest.mock import patch
 import pytest
 
 from actors.instant import Instant
-from actors.messages import ANSWERED, CONTROL, Answered, Control
+from actors.messages import ANSWERED, CONTROL, Control, OrderOutcomes
 from actors.orders import (
+    AssignPlaces,
     CloseDoor,
     Freeze,
-    Give,
     Kill,
     Move,
     Obstacle,
@@ -37,9 +37,9 @@ from tests.refusals import refused
 from tests.world.scenery import with_sensor
 
 
-def ordered(play: ScriptedSwarm, *given: Order, ticket: str = "") -> list[Answered]:
-    answers: list[Answered] = []
-    play.bus.listen(at(ANSWERED), lambda d: answers.append(told(d, Answered)))
+def ordered(play: ScriptedSwarm, *given: Order, ticket: str = "") -> list[OrderOutcomes]:
+    answers: list[OrderOutcomes] = []
+    play.bus.listen(at(ANSWERED), lambda d: answers.append(told(d, OrderOutcomes)))
     payload = encode(Control(0, given, ticket))
     play.world.deliver(Delivery(at(CONTROL).topic, CONTROL.key(), payload))
     return answers
@@ -223,7 +223,7 @@ def test_invalid_orders_are_refused_and_the_run_continues(order: Order, sentence
     answers = ordered(play, order, ticket="t1")
     assert play.run().digest == ScriptedSwarm(1.0).run().digest
     assert list(play.core.report().refused_orders) == [f"at 0 s: {sentence}"]
-    assert answers == [Answered(0, "t1", (f"at 0 s: {sentence}",))]
+    assert answers == [OrderOutcomes(0, "t1", (f"at 0 s: {sentence}",))]
 
 
 def test_only_orders_with_a_ticket_are_answered() -> None:
@@ -231,7 +231,7 @@ def test_only_orders_with_a_ticket_are_answered() -> None:
     assert ordered(play, Obstacle(20.0, 12.0, 0.3), ticket="t2") == []
     answers = ordered(play, Kill("r9"))
     play.run()
-    assert answers == [Answered(0, "t2", ())]
+    assert answers == [OrderOutcomes(0, "t2", ())]
     assert play.undelivered == 0
 
 
@@ -262,10 +262,10 @@ SHUT = (0.4, CloseDoor(24.0, 11.1))
         (OpenDoor(12.45, 9.4), "the door at (12.45, 9.4) is already open"),
         (CloseDoor(24.0, 11.2), "the door at (24, 11.2) is already closed"),
         (CloseDoor(nan, 11.1), f"close.x is nan, {FAR}"),
-        (Give("r1", ((-3.0, 12.0),)), "(-3, 12) is not on free floor; choose another place"),
-        (Give("r9", ((15.5, 12.5),)), "cannot give 'r9': no such robot"),
-        (Give("r1", ()), "give.places is 0, but must be from 1 to 1000"),
-        (Give("r1", ((inf, 0.0),)), f"give.places is inf, {FAR}"),
+        (AssignPlaces("r1", ((-3.0, 12.0),)), "(-3, 12) is not on free floor; choose another place"),
+        (AssignPlaces("r9", ((15.5, 12.5),)), "cannot give 'r9': no such robot"),
+        (AssignPlaces("r1", ()), "give.places is 0, but must be from 1 to 1000"),
+        (AssignPlaces("r1", ((inf, 0.0),)), f"give.places is inf, {FAR}"),
     ],
 )
 def test_an_invalid_event_ends_the_run(order: Order, sentence: str) -> None:

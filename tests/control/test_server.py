@@ -12,20 +12,20 @@ from actors.installation.repository import REPOSITORY
 from actors.messages import (
     ANSWERED,
     CONTROL,
-    Answered,
     Control,
     Drive,
     FloorChanged,
-    FloorThing,
-    Heard,
+    FrameReceived,
     Jam,
+    OrderOutcomes,
     Progress,
-    Received,
+    RadioEvents,
     RobotTruth,
     Truth,
+    UnmappedObstacle,
 )
 from actors.observer.glyphs import contrast
-from actors.orders import Freeze, Give, Move, Speed
+from actors.orders import AssignPlaces, Freeze, Move, Speed
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
@@ -61,7 +61,7 @@ class Mesh:
 
     def answer(self, link: Any, refusal: str) -> None:
         """Answer the last order on behalf of the run."""
-        told = Answered(0, self.given[-1].ticket, (refusal,) if refusal else ())
+        told = OrderOutcomes(0, self.given[-1].ticket, (refusal,) if refusal else ())
         self.says[ANSWERED.pattern] = [encode(told, ANSWERED.key())]
         link.poll()
 
@@ -101,20 +101,20 @@ def truth(step: int, *robots: RobotTruth, jams: tuple[Jam, ...] = ()) -> Truth:
 
 
 def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
-    stage = scene(TimedOrder(200_000, Give("r2", ((5.0, 5.0),))))
+    stage = scene(TimedOrder(200_000, AssignPlaces("r2", ((5.0, 5.0),))))
     assert len(stage.floor()["doors"]) == 5
     said(stage, Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))))
-    said(stage, Received(0, (Heard(0, 2, -70.0, 255, b""),)))
+    said(stage, RadioEvents(0, (FrameReceived(0, 2, -70.0, 255, b""),)))
     said(stage, truth(0, jams=(Jam(1.0, 1.0, 3.0, 250_000),)))
     said(stage, Control(0, (Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
     said(stage, Control(0, (Freeze("r1"), Speed(7.0)), "b"))
     assert stage.state()["speed"] == 2.0
-    said(stage, Answered(1, "a", ()))
-    said(stage, Answered(1, "b", ("no",)))
+    said(stage, OrderOutcomes(1, "a", ()))
+    said(stage, OrderOutcomes(1, "b", ("no",)))
     said(stage, Progress(1, 100_000, 1, 1, finished=False, paused=True))
     wall, door = (
-        FloorThing(0, "wall", ((1.0, 1.0), (2.0, 1.0)), 0.05),
-        FloorThing(1, "closed door", ((5.0, 2.0), (5.0, 3.0)), 0.05),
+        UnmappedObstacle(0, "wall", ((1.0, 1.0), (2.0, 1.0)), 0.05),
+        UnmappedObstacle(1, "closed door", ((5.0, 2.0), (5.0, 3.0)), 0.05),
     )
     said(stage, FloorChanged(1, (wall, door)))
     state = stage.state()
@@ -131,8 +131,8 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     assert [one[0] for one in state["things"]] == ["wall"] and state["missed"] == 2
     assert (state["paused"], state["t"], state["over"]) == (False, 0.3, False)
     assert state["places"][2] == ("r2", 5.0, 5.0, "given")
-    said(stage, Control(0, (Give("r1", ((7.0, 7.0),)),), "c"))
-    said(stage, Answered(3, "c", ()))
+    said(stage, Control(0, (AssignPlaces("r1", ((7.0, 7.0),)),), "c"))
+    said(stage, OrderOutcomes(3, "c", ()))
     said(stage, Drive(4, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),), (), (PlaceKey("r1", 2),)))
     said(stage, truth(4))
     state = stage.state()
@@ -275,7 +275,7 @@ async def test_an_order_of_a_page_is_sent_to_the_run_and_answered(pages: Any, me
         assert told["refused"] == 1 and told["refusal"].startswith("VERB: dance; must be one of")
         (given,) = mesh.given
         assert given.orders == (Move("r1", 1.0, 2.0, 0.0),)
-        answer = encode(Answered(0, given.ticket, ("at 3 s: no",)), ANSWERED.key())
+        answer = encode(OrderOutcomes(0, given.ticket, ("at 3 s: no",)), ANSWERED.key())
         mesh.says[ANSWERED.pattern] = [answer]
         link.poll()
         refused = {

@@ -15,7 +15,7 @@ from cleaning.cleaner import Cleaner, State
 from deeco.knowledge import role_view
 from examples.contention import contend
 from examples.convoy import drive
-from examples.courteous import CourteousRobot, GivingWay, HandOver, Offering
+from examples.courteous import CourteousRobot, GivingWay, HandOver, OfferingCleaner
 from tests.cleaning.fakes import (
     NOW,
     SOMEWHERE,
@@ -112,13 +112,13 @@ def test_a_blocked_robot_waits_or_drives_to_a_random_place() -> None:
 def test_it_hands_a_place_over_to_a_finished_robot() -> None:
     r1, r2 = robot("r1", 0.0, 9.0, 2.0).reorder(), robot("r2", 30.0)
     hand_over, remove = HandOver(), AdoptedDestinationRemove(exchange=False)
-    offering = role_view(r1, Offering)
-    assert isinstance(offering, Offering) and hand_over.membership(offering, r2)
+    offering = role_view(r1, OfferingCleaner)
+    assert isinstance(offering, OfferingCleaner) and hand_over.membership(offering, r2)
     r2 = hand_over.at_member(offering, r2, NOW)
     assert r2.destination == assignment(9.0, term=1) and r1.holds(PlaceKey("r1", 0))
     assert not hand_over.membership(offering, r2), "it has one now"
-    heard = role_view(r2, Offering)
-    assert isinstance(heard, Offering) and remove.membership(heard, r1)
+    heard = role_view(r2, OfferingCleaner)
+    assert isinstance(heard, OfferingCleaner) and remove.membership(heard, r1)
     left = remove.at_member(heard, r1, NOW)
     assert not left.holds(PlaceKey("r1", 0)) and left.destination == assignment(2.0, 1)
 

@@ -32,7 +32,7 @@ from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.randomness import generator
 from actors.robot.behaviour.decisions import AdaptationDecision
-from actors.robot.navigation.navigation_counts import GivenGoal
+from actors.robot.navigation.navigation_counts import GoalRecord
 from actors.runtime.recording import RecordingError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -141,10 +141,10 @@ def test_robots_that_back_off_come_apart(full: bool, record_property: Record) ->
 
 STEP = 100_000
 STEPS = 300
-GOAL = (GivenGoal(0, 9.0, 3.0),)
+GOAL = (GoalRecord(0, 9.0, 3.0),)
 WANTS = RobotReport(goals=GOAL)
-BACK = RobotReport(goals=(GivenGoal(0, 1.0, 0.5),))
-WEST = RobotReport(goals=(GivenGoal(0, 0.4, 3.0),))
+BACK = RobotReport(goals=(GoalRecord(0, 1.0, 0.5),))
+WEST = RobotReport(goals=(GoalRecord(0, 0.4, 3.0),))
 IDLE = RobotReport()
 SLEEPS = RobotReport(goals=())
 

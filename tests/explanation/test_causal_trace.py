@@ -10,7 +10,7 @@ from acrc_testbed.explanation.trace_replay import traced
 from acrc_testbed.explanation.tracer import KnownPoints, root
 from acrc_testbed.run_model.recording_readers import messages_on
 from actors.geometry import Point
-from actors.messages import RECEIVED, Heard
+from actors.messages import RECEIVED, FrameReceived
 from actors.robot.introspection import ABSENT, PathDifference, differences
 
 
@@ -45,7 +45,7 @@ def test_an_adoption_names_its_replica_and_frame(recorded_run: Path, trace: Caus
         (received.step, event.instant, event.sender, event.rssi_dbm, event.lqi)
         for _, received in messages_on(recorded_run / "r2" / "r2.mcap", RECEIVED)
         for event in received.events
-        if isinstance(event, Heard)
+        if isinstance(event, FrameReceived)
     }
     arrival = read.arrival
     assert (arrival.step, arrival.instant, arrival.sender, arrival.rssi_dbm, arrival.lqi) in frames

@@ -36,7 +36,7 @@ def process_of(out: Path, actor: str) -> int:
 
 
 def last_step(path: Path) -> int:
-    """Return the step of the last message in a recording, except Received, which is of the next step."""
+    """Return the step of the last message in a recording, except RadioEvents, which is of the next step."""
     entries = [item for item in read_recording(path) if isinstance(item, Entry)]
     return max(item.step for item in entries if not item.key.endswith("/received"))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from acrc_testbed.results.result import RunResult
 from actors.installation.repository import REPOSITORY
-from actors.messages import Drive, Heard, RadioEvent, Received, Senses, Sent, Transmit
+from actors.messages import Drive, FrameReceived, FrameSent, RadioEvent, RadioEvents, SensorData, Transmit
 from actors.runtime.codec import decode, encode
 from actors.runtime.failure import FailureNote
 from actors.runtime.process import FinalNote, RunNote
@@ -76,7 +76,7 @@ def rewrite(
 def _moved(message: Message, own: Clock, bridge: Clock, late: Callable[[], int]) -> Message:
     replace = msgspec.structs.replace
     match message:
-        case Senses():
+        case SensorData():
             return replace(message, instant=own(message.instant))
         case Drive():
             return replace(
@@ -88,14 +88,14 @@ def _moved(message: Message, own: Clock, bridge: Clock, late: Callable[[], int])
             return replace(
                 message, frames=tuple(replace(one, instant=own(one.instant)) for one in message.frames)
             )
-        case Received():
+        case RadioEvents():
             return replace(message, events=tuple(_stamped(one, bridge, late) for one in message.events))
         case _:
             return message
 
 
 def _stamped(event: RadioEvent, bridge: Clock, late: Callable[[], int]) -> RadioEvent:
-    more = late() if isinstance(event, Heard | Sent) else 0
+    more = late() if isinstance(event, FrameReceived | FrameSent) else 0
     return msgspec.structs.replace(event, instant=bridge(event.instant) + more)
 
 

@@ -14,7 +14,7 @@ from acrc_testbed.results import seal
 from acrc_testbed.results.seal import HostPart, HostsFile, RemoteFile
 from actors.runtime.errors import AcrcError
 from deploy.hosts import files as fetching
-from deploy.hosts.files import TASK, Fetched, Listed, fetch
+from deploy.hosts.files import TASK, FetchedFiles, HostFile, fetch
 
 RUN = "0123456789abcdef"
 FILES = {"r1/r1.mcap": b"recorded" * 700_000, "r1/r1.log": b"said\n", "r1/r1.1.mcap": b"", "r2/r2.mcap": b"r"}
@@ -67,11 +67,11 @@ def quiet(sentence: str) -> None:
 def test_only_recordings_and_logs_are_fetched_and_all_is_removed(there: Path, out: Path) -> None:
     (out / "r2").mkdir()
     (out / "r2" / "r2.mcap").write_bytes(b"r")  # is here already
-    assert fetch(out, "", quiet) == Fetched(3, sum(map(len, FILES.values())) - 1)
+    assert fetch(out, "", quiet) == FetchedFiles(3, sum(map(len, FILES.values())) - 1)
     found = {path.relative_to(out).as_posix(): path.read_bytes() for path in out.glob("*/*")}
     assert found == FILES
     assert not there.exists()
-    assert fetch(out, "", quiet) == Fetched(0, 0)
+    assert fetch(out, "", quiet) == FetchedFiles(0, 0)
 
 
 def test_a_missing_recording_is_named(there: Path, out: Path) -> None:
@@ -114,10 +114,10 @@ def test_a_worker_serves_recordings_and_logs_of_its_run_only(there: Path, tmp_pa
 SUM = hashlib.sha256(FILES["r1/r1.mcap"]).hexdigest()
 LIES: list[tuple[Any, str]] = [
     (b"[", "an invalid list of files"),
-    ([Listed("r3/r3.mcap", 1, SUM)], "'r3/r3.mcap', which is not its own"),
-    ([Listed("r2/r2.mcap", 1 << 60, SUM)], "an invalid list of files: Expected `int` <= "),
-    ([Listed("r2/r2.mcap", 1, "0")], "an invalid list of files: Expected `str` matching"),
-    ([Listed("r1/r1.mcap", 1, SUM)], "a different r1/r1.mcap than at the run's end"),
+    ([HostFile("r3/r3.mcap", 1, SUM)], "'r3/r3.mcap', which is not its own"),
+    ([HostFile("r2/r2.mcap", 1 << 60, SUM)], "an invalid list of files: Expected `int` <= "),
+    ([HostFile("r2/r2.mcap", 1, "0")], "an invalid list of files: Expected `str` matching"),
+    ([HostFile("r1/r1.mcap", 1, SUM)], "a different r1/r1.mcap than at the run's end"),
 ]
 
 

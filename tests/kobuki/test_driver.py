@@ -24,7 +24,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,
     BaseControl,
     BaseFeedback,
-    Basic,
+    BasicSensorData,
     Command,
     GeneralOutput,
     Inertial,
@@ -60,7 +60,7 @@ class SafetyScenario:
             self.now = Instant(self.now + 20_000)
             if not self.silent:
                 bits = (self.bumper, self.drop, self.cliff, self.ticks & 0xFFFF)
-                basic = Basic(0, *bits, *5 * (0,), 160, self.overcurrent)
+                basic = BasicSensorData(0, *bits, *5 * (0,), 160, self.overcurrent)
                 self.safety.sense(BaseFeedback(self.now, basic, Inertial(0, self.rate)))
             if v is not None:
                 self.safety.command(self.now, Instant(self.now - 1000 * self.late_ms), v, omega)
@@ -220,7 +220,7 @@ def test_the_rules_hold_for_any_inputs(
         now = Instant(now + 1000 * ms)
         if feedback is not None:
             heard, bits = now, feedback
-            safety.sense(BaseFeedback(now, Basic(0, *bits, 0, 0, 0, 0, 0, 0, 160, 0), None))
+            safety.sense(BaseFeedback(now, BasicSensorData(0, *bits, 0, 0, 0, 0, 0, 0, 160, 0), None))
         if command is not None:
             issued = Instant(now - 1000 * command[2])
             newest = max(newest, min(issued, now))

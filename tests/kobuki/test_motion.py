@@ -21,7 +21,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     LONGEST,
     BaseControl,
     BaseFeedback,
-    Basic,
+    BasicSensorData,
     Command,
     FeedbackPacket,
     FrameReader,
@@ -29,7 +29,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     Inertial,
     MalformedError,
     SoundSequence,
-    Unknown,
+    UnknownPacket,
     WireMisuseError,
     decode_commands,
     decode_feedback,
@@ -50,15 +50,15 @@ COMMANDS = [
 ]
 FEEDBACK = [
     (
-        Basic(0x1234, 1, 2, 4, 0xFFFE, 3, -5, 6, 1, 6, 164, 2),
+        BasicSensorData(0x1234, 1, 2, 4, 0xFFFE, 3, -5, 6, 1, 6, 164, 2),
         "01 0f 34 12 01 02 04 fe ff 03 00 fb 06 01 06 a4 02",
     ),
-    (Unknown(3, b"\x01\x02\x10"), "03 03 01 02 10"),
+    (UnknownPacket(3, b"\x01\x02\x10"), "03 03 01 02 10"),
     (Inertial(-9000, 250), "04 07 d8 dc fa 00 00 00 00"),
-    (Unknown(5, bytes.fromhex("d0 07 d1 07 ff 0f")), "05 06 d0 07 d1 07 ff 0f"),
-    (Unknown(6, b"\x07\xff"), "06 02 07 ff"),
-    (Unknown(10, b"\x04\x00\x01\x00"), "0a 04 04 00 01 00"),
-    (Unknown(99, b"\x07"), "63 01 07"),
+    (UnknownPacket(5, bytes.fromhex("d0 07 d1 07 ff 0f")), "05 06 d0 07 d1 07 ff 0f"),
+    (UnknownPacket(6, b"\x07\xff"), "06 02 07 ff"),
+    (UnknownPacket(10, b"\x04\x00\x01\x00"), "0a 04 04 00 01 00"),
+    (UnknownPacket(99, b"\x07"), "63 01 07"),
 ]
 
 
@@ -87,10 +87,18 @@ UINT16 = st.integers(0, 0xFFFF)
 UINT8 = st.integers(0, 0xFF)
 ANY_FEEDBACK: st.SearchStrategy[FeedbackPacket] = st.one_of(
     st.builds(
-        Basic, UINT16, UINT8, UINT8, UINT8, UINT16, UINT16, *[st.integers(-128, 127)] * 2, *[UINT8] * 4
+        BasicSensorData,
+        UINT16,
+        UINT8,
+        UINT8,
+        UINT8,
+        UINT16,
+        UINT16,
+        *[st.integers(-128, 127)] * 2,
+        *[UINT8] * 4,
     ),
     st.builds(Inertial, INT16, INT16),
-    st.builds(Unknown, st.integers(30, 255), st.binary(min_size=1, max_size=20)),
+    st.builds(UnknownPacket, st.integers(30, 255), st.binary(min_size=1, max_size=20)),
 )
 ANY_COMMAND: st.SearchStrategy[Command] = st.one_of(
     st.builds(BaseControl, INT16, INT16), st.builds(SoundSequence, UINT8), st.builds(GeneralOutput, UINT16)
@@ -182,11 +190,15 @@ class Stream:
 
     def _frame(self) -> bytes:
         numbers = self._rng.integers(0, 256, 8).tolist()
-        basic = Basic(
+        basic = BasicSensorData(
             self._next & 0xFFFF, 0, 0, 0, *numbers[:2], *(n - 128 for n in numbers[2:4]), *numbers[4:]
         )
         inertial = Inertial(*self._rng.integers(-0x8000, 0x8000, 2).tolist())
-        packets: list[FeedbackPacket] = [basic, inertial, Unknown(MARK, self._next.to_bytes(12, "little"))]
+        packets: list[FeedbackPacket] = [
+            basic,
+            inertial,
+            UnknownPacket(MARK, self._next.to_bytes(12, "little")),
+        ]
         self._next += 1
         return encode_frame(b"".join(map(encode_feedback, packets)))
 
@@ -203,7 +215,11 @@ class Stream:
 def number(packets: list[FeedbackPacket]) -> int:
     """Return the number of a received frame; -1 if it was never generated."""
     kinds, last = [type(packet) for packet in packets], packets[-1]
-    if kinds == [Basic, Inertial, Unknown] and isinstance(last, Unknown) and last.kind == MARK:
+    if (
+        kinds == [BasicSensorData, Inertial, UnknownPacket]
+        and isinstance(last, UnknownPacket)
+        and last.kind == MARK
+    ):
         return int.from_bytes(last.data, "little")
     return -1
 
@@ -338,7 +354,7 @@ def test_a_noise_free_gyro_is_trusted_despite_drift_of_the_wheels() -> None:
 
 
 def feedback(at_us: int, stamp_ms: int, left: int, right: int, angle: int) -> BaseFeedback:
-    basic = Basic(stamp_ms, 0, 0, 0, left, right, 0, 0, 0, 0, 160, 0)
+    basic = BasicSensorData(stamp_ms, 0, 0, 0, left, right, 0, 0, 0, 0, 160, 0)
     return BaseFeedback(Instant(at_us), basic, Inertial(angle, 0))
 
 

@@ -11,18 +11,18 @@ from actors.messages import (
     RECEIVED,
     TRANSMIT,
     TRUTH,
-    Heard,
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameSent,
+    FrameUnconfirmed,
     Jam,
     Loss,
-    Outgoing,
-    Overflow,
-    Received,
-    Refused,
+    OutgoingFrame,
+    RadioEvents,
     RobotTruth,
-    Sent,
     Transmit,
     Truth,
-    Unconfirmed,
 )
 from actors.radio.program import build
 from actors.radio.radio_model import RadioSetup, WifiParameters, radio_model
@@ -70,11 +70,11 @@ class WatchedAir:
 
     def __init__(self, inner: EmulatedMedium) -> None:
         self._inner = inner
-        self.handed: dict[tuple[int, int], list[Outgoing]] = {}
+        self.handed: dict[tuple[int, int], list[OutgoingFrame]] = {}
 
     def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
         number = self._inner._number(device)
-        self.handed.setdefault((now // STEP, number), []).append(Outgoing(tag, now, data))
+        self.handed.setdefault((now // STEP, number), []).append(OutgoingFrame(tag, now, data))
         self._inner.transmit(device, now, tag, data)
 
     def silence(self, device: RadioDevice) -> None:
@@ -127,16 +127,16 @@ class Room:
 
     def heard(self, number: int) -> list[tuple[int, float, int, bytes]]:
         """Return the received packets of a host: sender, strength, quality, data."""
-        events = (event for event in self.events[number] if isinstance(event, Heard))
+        events = (event for event in self.events[number] if isinstance(event, FrameReceived))
         return [(event.sender, event.rssi_dbm, event.lqi, event.data) for event in events]
 
 
 def simulated(
-    setup: RadioSetup, handed: Mapping[tuple[int, int], Sequence[Outgoing]], jam_at: int, lose_at: int
-) -> tuple[list[list[Heard]], dict[str, dict[str, int]]]:
+    setup: RadioSetup, handed: Mapping[tuple[int, int], Sequence[OutgoingFrame]], jam_at: int, lose_at: int
+) -> tuple[list[list[FrameReceived]], dict[str, dict[str, int]]]:
     """Return what a simulated run's radio does with the frames: receptions by robot, and counters."""
     core = build(setup)
-    heard: list[list[Heard]] = [[] for _ in ROBOTS]
+    heard: list[list[FrameReceived]] = [[] for _ in ROBOTS]
     for step in range(STEPS):
         frames = [tuple(handed.get((step, number), ())) for number in range(len(ROBOTS))]
         robots = tuple(
@@ -150,9 +150,11 @@ def simulated(
             if sent
         }
         for output in core.advance(inputs):
-            if isinstance(output.message, Received):
+            if isinstance(output.message, RadioEvents):
                 number = [RECEIVED.key(robot) for robot in ROBOTS].index(output.address.key)
-                heard[number] += [event for event in output.message.events if isinstance(event, Heard)]
+                heard[number] += [
+                    event for event in output.message.events if isinstance(event, FrameReceived)
+                ]
     return heard, core.counters_by_robot()
 
 
@@ -239,9 +241,13 @@ def test_frames_that_cannot_be_sent_are_reported_at_once() -> None:
         pair.first.send(pair.now, tag, bytes(size))
     pair.run(milliseconds(100))
     ends = pair.ends()
-    assert ends[0] == (Refused, 2)  # empty frames are valid
+    assert ends[0] == (FrameRefused, 2)  # empty frames are valid
     assert sorted(tag for _, tag in ends) == list(range(1, 13))
-    assert [tag for end, tag in ends if end is Overflow] == [10, 11, 12]  # the preset's queue holds eight
+    assert [tag for end, tag in ends if end is FrameOverflow] == [
+        10,
+        11,
+        12,
+    ]  # the preset's queue holds eight
 
 
 def test_all_frames_are_settled_when_the_line_is_lost() -> None:
@@ -252,15 +258,15 @@ def test_all_frames_are_settled_when_the_line_is_lost() -> None:
     pair.first.send(pair.now, 3, b"not written yet")
     pair.first.unplug(pair.now)
     pair.first.send(pair.now, 4, b"nowhere")
-    assert pair.ends() == [*((Unconfirmed, tag) for tag in range(4)), (Overflow, 4)]
+    assert pair.ends() == [*((FrameUnconfirmed, tag) for tag in range(4)), (FrameOverflow, 4)]
     assert pair.first.link.due(pair.now) == b""
     pair.first.link.connect(pair.now)
     pair.first.plugged = True
     pair.run(milliseconds(50))
     pair.first.send(pair.now, 0, b"again")
     pair.run(milliseconds(20))
-    assert pair.ends()[5:] == [(Sent, 0)]
-    heard = [event.data for event in pair.second.events if isinstance(event, Heard)]
+    assert pair.ends()[5:] == [(FrameSent, 0)]
+    heard = [event.data for event in pair.second.events if isinstance(event, FrameReceived)]
     assert heard == [b"again"], "a new session resets the transceiver"
 
 
@@ -273,5 +279,5 @@ def test_noise_is_counted_and_ignored() -> None:
         assert link.take(pair.now, noise) == []
     pair.first.send(pair.now, 1, b"through")
     pair.run(milliseconds(20))
-    assert (Sent, 1) in pair.ends()
+    assert (FrameSent, 1) in pair.ends()
     assert link.counters["bad_lines"] >= 10

@@ -16,27 +16,27 @@ from actors.messages import (
     READY,
     TRANSMIT,
     TRUTH,
-    Aired,
     Board,
     Control,
     Drive,
     EventCount,
-    Heard,
+    FrameOverflow,
+    FrameReceived,
+    FrameSent,
+    FrameUnconfirmed,
     LinkState,
     Odometry,
-    Outgoing,
-    Overflow,
+    OutgoingFrame,
     Progress,
+    RadioAdvanced,
+    RadioEvents,
     Ready,
-    Received,
     RobotTruth,
     Scan,
-    Senses,
-    Sent,
+    SensorData,
     Temperature,
     Transmit,
     Truth,
-    Unconfirmed,
 )
 from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.core import Address, Output, at
@@ -108,11 +108,11 @@ class BaseHarness:
 
     def aired(self, time_us: int, step: int, events: int = 0) -> list[Message]:
         counts = (EventCount("r1", events),) if events else ()
-        return self.at(time_us, at(AIRED), Aired(step, counts))
+        return self.at(time_us, at(AIRED), RadioAdvanced(step, counts))
 
 
 def shown(outputs: Sequence[Output]) -> list[Message]:
-    return [output.message for output in outputs if isinstance(output.message, Senses | Truth)]
+    return [output.message for output in outputs if isinstance(output.message, SensorData | Truth)]
 
 
 def first_step(stage: BaseHarness) -> None:
@@ -120,7 +120,7 @@ def first_step(stage: BaseHarness) -> None:
     stage.ready()
     sweep = stage.vehicle.sweep
     (senses,) = stage.at(STEP)
-    assert senses == Senses(1, BEGIN + STEP, 0, Odometry(1.0, 2.0, 0.5, 0.1, 0.0, 0.2), 2, sweep)
+    assert senses == SensorData(1, BEGIN + STEP, 0, Odometry(1.0, 2.0, 0.5, 0.1, 0.0, 0.2), 2, sweep)
     assert stage.drive(STEP + 4_000, 1, transmits=3) == []
 
 
@@ -157,7 +157,7 @@ def test_steps_begin_at_their_instants_and_answers_are_executed_at_once() -> Non
     assert robot.heading == pytest.approx(math.pi / 2 + 0.5)
     assert math.hypot(robot.vx, robot.vy) == pytest.approx(0.1)
     (senses,) = stage.aired(2 * STEP + 1_000, 1, events=2)
-    assert isinstance(senses, Senses)
+    assert isinstance(senses, SensorData)
     assert (senses.step, senses.instant, senses.events) == (2, BEGIN + 2 * STEP, 2)
     assert stage.core.report().lateness_ms == {4: 1}
 
@@ -176,7 +176,7 @@ def test_steps_of_a_late_robot_are_skipped() -> None:
     stage.drive(4 * STEP + 1_000, 4)
     stage.at(9 * STEP + 30_000)
     (senses,) = stage.aired(9 * STEP + 31_000, 4)
-    assert isinstance(senses, Senses) and (senses.step, senses.instant) == (9, BEGIN + 9 * STEP), (
+    assert isinstance(senses, SensorData) and (senses.step, senses.instant) == (9, BEGIN + 9 * STEP), (
         "at fixed intervals"
     )
 
@@ -187,12 +187,12 @@ def test_a_late_report_of_the_bridge_counts_for_the_next_step() -> None:
     assert len(stage.at(2 * STEP)) == 1
     assert stage.core.wake == BEGIN + 2 * STEP + AIR_PATIENCE
     (senses,) = stage.at(2 * STEP + AIR_PATIENCE)
-    assert isinstance(senses, Senses) and senses.events == 0
+    assert isinstance(senses, SensorData) and senses.events == 0
     assert stage.core.counts.late_air == 1
     stage.drive(2 * STEP + 30_000, 2)
     assert stage.aired(2 * STEP + 40_000, 1, events=3) == [], "used in the next step"
     (senses,) = stage.at(3 * STEP)
-    assert isinstance(senses, Senses) and (senses.step, senses.events) == (3, 3)
+    assert isinstance(senses, SensorData) and (senses.step, senses.events) == (3, 3)
     stage.drive(3 * STEP + 2_000, 3)
     assert [type(message) for message in stage.at(4 * STEP)] == [Truth], "all events have been passed on"
 
@@ -203,7 +203,7 @@ def test_steps_continue_without_answers_of_the_bridge() -> None:
     stage.at(2 * STEP)
     for step in range(2, 6):
         (senses,) = stage.at(step * STEP + AIR_PATIENCE)
-        assert isinstance(senses, Senses) and (senses.step, senses.events) == (step, 0)
+        assert isinstance(senses, SensorData) and (senses.step, senses.events) == (step, 0)
         stage.drive(step * STEP + AIR_PATIENCE + 1_000, step)
         assert stage.at((step + 1) * STEP) == []
     stage.at(6 * STEP + 1_000, at(RADIO_READY), Ready(0, "radio", 1, ""))
@@ -224,7 +224,7 @@ def test_a_restarted_robot_gets_the_next_step() -> None:
 
 
 def test_a_late_report_for_an_exited_robot_does_not_count_for_its_successor() -> None:
-    """Otherwise it would wait forever for a Received that was sent to its predecessor."""
+    """Otherwise it would wait forever for RadioEvents that was sent to its predecessor."""
     stage = BaseHarness()
     first_step(stage)
     assert len(stage.at(2 * STEP)) == 1
@@ -233,7 +233,7 @@ def test_a_late_report_for_an_exited_robot_does_not_count_for_its_successor() ->
     assert isinstance(truth, Truth) and truth.robots[0].epoch == 1, "new request for the new robot"
     assert stage.aired(3 * STEP + 100, 1, events=4) == [], "answer to the first request"
     (senses,) = stage.aired(3 * STEP + 200, 1)
-    assert isinstance(senses, Senses) and senses.events == 0
+    assert isinstance(senses, SensorData) and senses.events == 0
 
 
 @pytest.mark.parametrize("how", ["order", "signal"])
@@ -245,8 +245,8 @@ def test_the_last_messages_halt_robot_and_bridge_and_stop_the_vehicle(how: str) 
         last = stage.at(150_000)
     else:
         last = stage.at(150_000, at(CONTROL), Control(0, (Stop(),)))
-    assert [(type(message), message.step) for message in last] == [(Senses, 2), (Truth, 2)]
-    assert all(isinstance(message, Senses | Truth) and message.halt for message in last)
+    assert [(type(message), message.step) for message in last] == [(SensorData, 2), (Truth, 2)]
+    assert all(isinstance(message, SensorData | Truth) and message.halt for message in last)
     assert stage.core.finished and stage.vehicle.commands[-1] == (150_000, 0.0, 0.0)
 
 
@@ -370,7 +370,9 @@ class Room:
         return [output.message for output in bridge.advance({address.key: message})]
 
     def transmit(self, robot: int, *frames: tuple[int, float, bytes]) -> None:
-        planned = tuple(Outgoing(tag, self.now + milliseconds(later), data) for tag, later, data in frames)
+        planned = tuple(
+            OutgoingFrame(tag, self.now + milliseconds(later), data) for tag, later, data in frames
+        )
         assert self.give(robot, at(TRANSMIT, f"r{robot + 1}"), Transmit(1, planned)) == []
 
     def step(self, robot: int, step: int, epoch: int = 0) -> Sequence[Message]:
@@ -384,17 +386,17 @@ def test_frames_are_sent_at_their_instants_and_received() -> None:
     room.transmit(0, (7, 30, b"hello"))
     room.run(milliseconds(100))
     received, aired = room.step(0, 4)
-    assert isinstance(received, Received) and received.step == 5
+    assert isinstance(received, RadioEvents) and received.step == 5
     (sent,) = received.events
-    assert isinstance(sent, Sent) and sent.tag == 7
+    assert isinstance(sent, FrameSent) and sent.tag == 7
     assert 30_000 <= sent.instant - begun < 45_000
-    assert aired == Aired(4, (EventCount("r1", 1),))
+    assert aired == RadioAdvanced(4, (EventCount("r1", 1),))
     received, aired = room.step(1, 4)
-    assert isinstance(received, Received)
+    assert isinstance(received, RadioEvents)
     (heard,) = received.events
-    assert isinstance(heard, Heard) and (heard.sender, heard.data) == (1, b"hello")
+    assert isinstance(heard, FrameReceived) and (heard.sender, heard.data) == (1, b"hello")
     assert -90 < heard.rssi_dbm < -35 and 0 <= heard.lqi <= 255
-    assert room.step(1, 5) == [Aired(5, ())]
+    assert room.step(1, 5) == [RadioAdvanced(5, ())]
     assert room.give(0, at(TRUTH), Truth(5, room.now, (), halt=True)) == []
     assert room.bridges[0].finished
 
@@ -406,17 +408,17 @@ def test_frames_on_an_unplugged_board_are_unconfirmed() -> None:
     room.bridges[0].now = room.now
     room.bridges[0].lost()
     received, _ = room.step(0, 1)
-    assert isinstance(received, Received)
-    assert {type(event) for event in received.events} == {Unconfirmed}
-    assert [event.tag for event in received.events if isinstance(event, Unconfirmed)] == [1, 2]
+    assert isinstance(received, RadioEvents)
+    assert {type(event) for event in received.events} == {FrameUnconfirmed}
+    assert [event.tag for event in received.events if isinstance(event, FrameUnconfirmed)] == [1, 2]
 
 
 def test_too_many_planned_frames_overflow() -> None:
     room = Room()
     room.transmit(0, *((tag, 1000.0 + tag, b"x") for tag in range(MOST_PLANNED + 2)))
     received, _ = room.step(0, 1)
-    assert isinstance(received, Received)
-    assert [event.tag for event in received.events if isinstance(event, Overflow)] == [
+    assert isinstance(received, RadioEvents)
+    assert [event.tag for event in received.events if isinstance(event, FrameOverflow)] == [
         MOST_PLANNED,
         MOST_PLANNED + 1,
     ]
@@ -446,17 +448,17 @@ def test_a_new_epoch_drops_frames_and_tags_of_the_previous_one() -> None:
     room.run(milliseconds(50))
     room.transmit(0, *((tag, 0, bytes(118)) for tag in range(2, 8)), (8, 40, b"later"))
     room.run(milliseconds(2))
-    assert room.step(0, 1, epoch=4) == [Aired(1, ())], "no events for the successor"
+    assert room.step(0, 1, epoch=4) == [RadioAdvanced(1, ())], "no events for the successor"
     room.transmit(0, (1, 0, b"the successor's first"))
     room.run(milliseconds(100))
     received, _ = room.step(0, 2, epoch=4)
-    assert isinstance(received, Received)
-    assert [(type(event), event.tag) for event in received.events if not isinstance(event, Heard)] == [
-        (Sent, 1)
-    ]
+    assert isinstance(received, RadioEvents)
+    assert [
+        (type(event), event.tag) for event in received.events if not isinstance(event, FrameReceived)
+    ] == [(FrameSent, 1)]
     received, _ = room.step(1, 2)
-    assert isinstance(received, Received)
-    heard = [event.data for event in received.events if isinstance(event, Heard)]
+    assert isinstance(received, RadioEvents)
+    heard = [event.data for event in received.events if isinstance(event, FrameReceived)]
     assert heard == [b"sent", *[bytes(118)] * 4, b"the successor's first"]
     frames = room.bridges[0].outcome()["frames"]
     assert frames == {"events_dropped": 0, "events_forgotten": 5, "frames_dropped": 0, "frames_forgotten": 3}
@@ -467,14 +469,14 @@ def test_without_a_board_frames_overflow_and_nothing_is_due(capsys: pytest.Captu
     core, now = bridge.core, Instant(10_000_000)
     core.now = now
     core.expect(TRANSMIT.key("r1"))
-    frames = tuple(Outgoing(tag, now, b"x") for tag in range(20))
+    frames = tuple(OutgoingFrame(tag, now, b"x") for tag in range(20))
     core.advance({at(TRANSMIT, "r1").key: Transmit(1, frames)})
     bridge.serve(now)
     bridge.serve(Instant(now + 5_000_000))
     assert bridge.wake is None, "it waits for the mesh, and retries the port periodically"
     core.expect(TRUTH.key())
     received = core.advance({at(TRUTH).key: Truth(1, now, ())})[0].message
-    assert isinstance(received, Received)
-    overflown = [event.tag for event in received.events if isinstance(event, Overflow)]
+    assert isinstance(received, RadioEvents)
+    overflown = [event.tag for event in received.events if isinstance(event, FrameOverflow)]
     assert overflown == list(range(8, 20)), "one frame in transmission and seven queued"
     assert capsys.readouterr().err.count("/nowhere/beeclick: no such port") == 1

@@ -24,7 +24,7 @@ from firmware_bridge.kobuki.emulated_kobuki import EmulatedKobuki
 from firmware_bridge.kobuki.guardian import Standstill
 from firmware_bridge.kobuki.kobuki_packets import (
     BaseControl,
-    Basic,
+    BasicSensorData,
     encode_command,
     encode_feedback,
     encode_frame,
@@ -236,7 +236,7 @@ def test_missing_standstill_is_reported() -> None:
 
 
 def feedback(stamp: int, left: int, right: int) -> bytes:
-    basic = Basic(stamp & 0xFFFF, 0, 0, 0, left & 0xFFFF, right & 0xFFFF, 0, 0, 0, 0, 160, 0)
+    basic = BasicSensorData(stamp & 0xFFFF, 0, 0, 0, left & 0xFFFF, right & 0xFFFF, 0, 0, 0, 0, 160, 0)
     return encode_frame(encode_feedback(basic))
 
 

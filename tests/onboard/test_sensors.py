@@ -11,7 +11,7 @@ import pytest
 from actors.geometry import Pose
 from actors.instant import Instant, milliseconds
 from firmware_bridge.kobuki.kobuki_motion import METRES_PER_TICK
-from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, Basic, Inertial
+from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, Inertial
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.onboard.contradictions import REST, ContradictionMonitor, ScanChecks, large_objects
 from firmware_bridge.onboard.motion_checks import Movement
@@ -208,7 +208,7 @@ class Wheels:
             right_ticks = int(self.right / METRES_PER_TICK) & 0xFFFF
             pressed, dropped = basic.get("bumper", 0), basic.get("wheel_drop", 0)
             stamp = self.now // 1000 & 0xFFFF
-            said = Basic(stamp, pressed, dropped, 0, left_ticks, right_ticks, 0, 0, 0, 0, 160, 0)
+            said = BasicSensorData(stamp, pressed, dropped, 0, left_ticks, right_ticks, 0, 0, 0, 0, 160, 0)
             self.judge.commanded(*told)
             gyro = Inertial(round(np.degrees(self.angle) * 100), 0)
             self.judge.feedback(BaseFeedback(self.now, said, gyro))

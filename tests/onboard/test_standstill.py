@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.messages import SENSES, Senses
+from actors.messages import SENSES, SensorData
 from actors.runtime.codec import decode
 from actors.runtime.recording import Note, RecordingError, read_notes, read_recording
 from firmware_bridge.device_lines import RADIO, RANGE
@@ -52,7 +52,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
         yield rig
 
 
-def senses(path: Path) -> list[Senses]:
+def senses(path: Path) -> list[SensorData]:
     if not path.exists():
         return []
     key, found = SENSES.key("r1"), []

@@ -24,7 +24,7 @@ from acrc_testbed.explanation.time_accounting import account_time, cause_interva
 from acrc_testbed.explanation.time_spent import BY_ROBOTS, Cause
 from acrc_testbed.picture import marks, run_html, run_movie, run_page, style
 from acrc_testbed.picture.floor_picture import blocked_positions
-from acrc_testbed.recordings.run_recordings import GivenOrder
+from acrc_testbed.recordings.run_recordings import RecordedOrder
 from acrc_testbed.recordings.topics import LoggedMessage
 from acrc_testbed.run_model import recording_readers as recorded_contents
 from acrc_testbed.run_model import simulated_runs
@@ -159,7 +159,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 @pytest.fixture(scope="module")
 def ordered_run(recorded: RunData) -> RunData:
     """Return the run with a wall, which only an operator can order."""
-    wall = GivenOrder(50, Wall(7.0, 11.0, 7.0, 12.0))
+    wall = RecordedOrder(50, Wall(7.0, 11.0, 7.0, 12.0))
     orders = tuple(sorted((*recorded.orders, wall), key=lambda one: one.step))
     own = FloorObject("wall", ((7.0, 11.0), (7.0, 12.0)), 0.05)
     floor = [(second, (*state, *((own,) if second > 5.0 else ()))) for second, state in recorded.floor]

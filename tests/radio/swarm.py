@@ -9,13 +9,13 @@ from actors.messages import (
     RECEIVED,
     TRANSMIT,
     TRUTH,
-    Aired,
     FrameOutcomes,
     Jam,
     Loss,
-    Outgoing,
+    OutgoingFrame,
+    RadioAdvanced,
     RadioEvent,
-    Received,
+    RadioEvents,
     RobotTruth,
     Transmit,
     Truth,
@@ -116,20 +116,22 @@ class Swarm:
         senders = [i for i, r in self.robots.items() if r.stepping and any(f.robot == i for f in frames)]
         assert [address.key for address in self.core.missing(have)] == [TRANSMIT.key(i) for i in senders]
         for robot in senders:
-            mine = tuple(Outgoing(f.tag, f.instant, f.data) for f in frames if f.robot == robot)
+            mine = tuple(OutgoingFrame(f.tag, f.instant, f.data) for f in frames if f.robot == robot)
             have[TRANSMIT.key(robot)] = Transmit(step, mine)
         assert self.core.missing(have) == []
         outputs = self.core.advance(have)
         assert self.core.step == step + 1
         aired = outputs[-1].message
-        assert outputs[-1].address.key == AIRED.key() and isinstance(aired, Aired) and aired.step == step
+        assert (
+            outputs[-1].address.key == AIRED.key() and isinstance(aired, RadioAdvanced) and aired.step == step
+        )
         events: dict[str, list[RadioEvent]] = {}
         for output in outputs[:-1]:
             address, message = output.address, output.message
             if isinstance(message, FrameOutcomes):
                 self.recorded.append(message)
                 continue
-            assert address.topic is RECEIVED and isinstance(message, Received) and message.step == step + 1
+            assert address.topic is RECEIVED and isinstance(message, RadioEvents) and message.step == step + 1
             events[address.robot] = list(message.events)
         assert [(c.id, c.events) for c in aired.counts] == [(i, len(e)) for i, e in events.items()]
         for robot, some in events.items():

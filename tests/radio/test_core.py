@@ -13,14 +13,14 @@ from actors.messages import (
     TRANSMIT,
     TRUTH,
     AccessFailure,
-    Heard,
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameSent,
     Jam,
     Loss,
-    Outgoing,
-    Overflow,
-    Refused,
+    OutgoingFrame,
     RobotTruth,
-    Sent,
     Transmit,
     Truth,
 )
@@ -46,9 +46,9 @@ def test_a_frame_is_received_when_its_last_symbol_ends() -> None:
     assert swarm.run() == {}
     assert {name for name, count in swarm.core.counters().items() if count} == {"pairs", "pairs_in_reach"}
     events = swarm.run([Frame(STEP + 5, "a", tag=7)])
-    assert events["a"] == [Sent(STEP + 1029, 7)]
-    assert events["b"] == [Heard(STEP + 1029, 100, -72.8, 255, b"12345678901")]
-    assert events["c"] == [Heard(STEP + 1029, 100, -90.0, 53, b"12345678901")]
+    assert events["a"] == [FrameSent(STEP + 1029, 7)]
+    assert events["b"] == [FrameReceived(STEP + 1029, 100, -72.8, 255, b"12345678901")]
+    assert events["c"] == [FrameReceived(STEP + 1029, 100, -90.0, 53, b"12345678901")]
     assert swarm.core.counters()["copies_heard"] == 2
 
 
@@ -58,12 +58,12 @@ def test_an_ordered_loss_drops_the_next_receivable_frame() -> None:
     assert silence == {}
     first, second = Frame(STEP + 5, "b", 1), Frame(STEP + 20_000, "a", 2)
     events = swarm.run([first, second])
-    assert [event.sender for event in events["c"] if isinstance(event, Heard)] == [101]
+    assert [event.sender for event in events["c"] if isinstance(event, FrameReceived)] == [101]
     assert len(events["b"]) == 2
     counters = swarm.core.counters()
     assert (counters["copies_heard"], counters["copies_lost_withheld"]) == (3, 1)
     again = swarm.run([Frame(2 * STEP + 5, "a", 3)])
-    assert [event.sender for event in again["c"] if isinstance(event, Heard)] == [100]
+    assert [event.sender for event in again["c"] if isinstance(event, FrameReceived)] == [100]
     assert swarm.core.counters()["copies_lost_withheld"] == 1, "far never hears a, and so loses nothing"
 
 
@@ -111,7 +111,7 @@ def test_a_channel_that_is_never_clear_is_an_access_failure() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, model=around(polite))
     events = swarm.run([Frame(0, "a", 1), Frame(400, "b", 2)])
     # The assessment takes 8 symbols; a's turned and sends from 320 µs on.
-    assert events["b"] == [AccessFailure(528, 2), Heard(1152, 100, -72.8, 255, b"12345678901")]
+    assert events["b"] == [AccessFailure(528, 2), FrameReceived(1152, 100, -72.8, 255, b"12345678901")]
     assert swarm.core.counters()["frames_access_failure"] == 1
 
 
@@ -121,11 +121,13 @@ def test_a_frame_crosses_the_step_border() -> None:
     assert swarm.run([Frame(start, "a", 3)]) == {}
     assert swarm.core.counters()["frames_pending"] == 1
     events = swarm.run()
-    assert events["a"] == [Sent(start + 1024, 3)]
+    assert events["a"] == [FrameSent(start + 1024, 3)]
     assert [event.instant for event in events["b"]] == [start + 1024]
     assert swarm.core.counters()["frames_pending"] == 0
     assert swarm.run([Frame(3 * STEP - 1024, "a")]) == {}
-    assert swarm.run()["a"] == [Sent(3 * STEP, 0)], "one that ends at the border belongs to the next step"
+    assert swarm.run()["a"] == [FrameSent(3 * STEP, 0)], (
+        "one that ends at the border belongs to the next step"
+    )
 
 
 def test_a_jammer_blocks_its_surroundings_until_it_ends() -> None:
@@ -168,7 +170,7 @@ def test_a_kill_cuts_the_frame_and_clears_the_queue() -> None:
     swarm.change("a", powered=False, stepping=False)
     assert swarm.run() == {}
     swarm.change("a", powered=True, stepping=True)
-    assert swarm.run([Frame(2 * STEP, "a", 9)])["a"] == [Sent(2 * STEP + 1024, 9)]
+    assert swarm.run([Frame(2 * STEP, "a", 9)])["a"] == [FrameSent(2 * STEP + 1024, 9)]
     counters = swarm.core.counters()
     assert (counters["frames_cut_off"], counters["frames_discarded"], counters["frames_sent"]) == (1, 1, 1)
     assert counters["bytes_sent"] == 11 + 9  # nothing of the one that was cut off
@@ -182,7 +184,7 @@ def test_a_robot_restarted_within_a_frame_does_not_receive_it() -> None:
     swarm.run()
     swarm.change("b", powered=True, stepping=True)
     assert swarm.run() == {}
-    assert swarm.run() == {"a": [Sent(1024, 0)]}
+    assert swarm.run() == {"a": [FrameSent(1024, 0)]}
     assert swarm.core.counters()["copies_lost_powered_off"] == 1
 
 
@@ -191,7 +193,7 @@ def test_a_robot_in_a_new_epoch_has_an_empty_transceiver() -> None:
     swarm.run([Frame(STEP - 1024, "a", 1), Frame(STEP - 1024, "a", 2)])  # the first one ends at the border
     swarm.change("a", epoch=1)
     events = swarm.run([Frame(STEP + 5000, "a", 7)])
-    assert events["a"] == [Sent(STEP + 5000 + 1024, 7)]
+    assert events["a"] == [FrameSent(STEP + 5000 + 1024, 7)]
     assert [event.instant for event in events["b"]] == [STEP, STEP + 5000 + 1024]
     counters = swarm.core.counters()
     assert (counters["frames_sent"], counters["frames_discarded"], counters["events_discarded"]) == (2, 1, 1)
@@ -230,7 +232,7 @@ def test_a_frozen_robots_queue_empties_by_itself() -> None:
     swarm.change("a", stepping=False)
     assert len(swarm.run()["b"]) == 2
     swarm.change("a", stepping=True)
-    assert swarm.run() == {"a": [Sent(STEP + 1014, 1), Sent(STEP + 1014 + NEXT, 2)]}
+    assert swarm.run() == {"a": [FrameSent(STEP + 1014, 1), FrameSent(STEP + 1014 + NEXT, 2)]}
 
 
 def test_invalid_frames_are_refused() -> None:
@@ -238,26 +240,26 @@ def test_invalid_frames_are_refused() -> None:
     frames = [Frame(10, "a", 1, bytes(120)), Frame(20, "a", 2, bytes(119))]
     frames += [Frame(instant, "a", tag) for tag, instant in ((3, STEP), (4, -1), (5, 15))]
     assert swarm.run(frames)["a"] == [
-        Refused(0, 4, "The frame's instant -1 µs is outside step 0; it must be 0 to 99999 µs."),
-        Refused(10, 1, "The frame has 120 data bytes; it must have 0 to 118."),
-        Refused(20, 2, "The frame has 119 data bytes; it must have 0 to 118."),
-        Sent(1039, 5),
-        Refused(99_999, 3, "The frame's instant 100000 µs is outside step 0; it must be 0 to 99999 µs."),
+        FrameRefused(0, 4, "The frame's instant -1 µs is outside step 0; it must be 0 to 99999 µs."),
+        FrameRefused(10, 1, "The frame has 120 data bytes; it must have 0 to 118."),
+        FrameRefused(20, 2, "The frame has 119 data bytes; it must have 0 to 118."),
+        FrameSent(1039, 5),
+        FrameRefused(99_999, 3, "The frame's instant 100000 µs is outside step 0; it must be 0 to 99999 µs."),
     ]
     assert swarm.core.counters()["frames_refused"] == 4
     swarm.robots["x"] = Robot(0.0)
     events = swarm.run([Frame(STEP + 10, "x", 1)])
     sentence = "Robot x has no transceiver; it is not in the radio's set-up."
-    assert events == {"x": [Refused(STEP + 10, 1, sentence)]}
+    assert events == {"x": [FrameRefused(STEP + 10, 1, sentence)]}
 
 
 def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
     swarm = three()
     truth = swarm.truth([Frame(0, "a"), Frame(1, "a")])
     with refused("Step 0: a announced 2 frames, but its Transmit carries 1."):
-        swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(0, (Outgoing(0, 0, b"x"),))})
+        swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(0, (OutgoingFrame(0, 0, b"x"),))})
     with refused("Step 0: a sent a Transmit of step 3, expected step 0."):
-        swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(3, (Outgoing(0, 0, b"x"),))})
+        swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(3, (OutgoingFrame(0, 0, b"x"),))})
 
 
 def test_a_truth_of_another_step_ends_the_run() -> None:
@@ -302,7 +304,7 @@ def test_a_much_stronger_frame_captures_the_receiver_within_the_preamble() -> No
     def heard(later: int) -> list[int]:
         swarm = Swarm({"near": Robot(1.0), "far": Robot(-8.0), "c": Robot(0.0)})
         events = swarm.run([Frame(0, "far", data=bytes(50)), Frame(later, "near")])
-        return [event.sender for event in events.get("c", []) if isinstance(event, Heard)]
+        return [event.sender for event in events.get("c", []) if isinstance(event, FrameReceived)]
 
     assert heard(127) == [100]
     assert heard(128) == []
@@ -312,7 +314,7 @@ def test_a_much_stronger_frame_captures_the_receiver_within_the_preamble() -> No
 def test_a_frame_frees_its_queue_slot_when_it_ends() -> None:
     swarm = three()
     events = swarm.run([*(Frame(0, "a", tag) for tag in range(8)), Frame(1023, "a", 8), Frame(1024, "a", 9)])
-    assert [event for event in events["a"] if isinstance(event, Overflow)] == [Overflow(1023, 8)]
+    assert [event for event in events["a"] if isinstance(event, FrameOverflow)] == [FrameOverflow(1023, 8)]
 
 
 def test_a_frame_that_ends_at_a_kill_is_complete() -> None:
@@ -322,4 +324,4 @@ def test_a_frame_that_ends_at_a_kill_is_complete() -> None:
     assert set(swarm.run()) == {"b", "c"}
     counters = swarm.core.counters()
     assert (counters["frames_sent"], counters["frames_cut_off"], counters["frames_discarded"]) == (1, 0, 1)
-    assert counters["events_discarded"] == 1  # a's own Sent
+    assert counters["events_discarded"] == 1  # a's own FrameSent

@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actors.messages import AccessFailure, Heard, Overflow, RadioEvent, Sent
+from actors.messages import AccessFailure, FrameOverflow, FrameReceived, FrameSent, RadioEvent
 from actors.radio.radio_model import preset
 from tests.radio.swarm import Frame, Robot, Swarm, around
 
@@ -37,12 +37,12 @@ def test_every_frame_and_every_copy_has_one_outcome(
     counters = swarm.core.counters()
     ends = [counters[f"frames_{end}"] for end in ("sent", "overflowed", "access_failure")]
     assert sum(ends) == len(frames)
-    sent = {(robot, e.tag) for robot, some in swarm.given.items() for e in some if isinstance(e, Sent)}
+    sent = {(robot, e.tag) for robot, some in swarm.given.items() for e in some if isinstance(e, FrameSent)}
     wire = sum(len(frame.data) + 9 for frame in frames if (frame.robot, frame.tag) in sent)
     assert counters["bytes_sent"] == wire
     events: list[RadioEvent] = [event for some in swarm.given.values() for event in some]
-    assert sum(isinstance(e, Heard) for e in events) == counters["copies_heard"]
-    for kind, count in zip((Sent, Overflow, AccessFailure), ends, strict=True):
+    assert sum(isinstance(e, FrameReceived) for e in events) == counters["copies_heard"]
+    for kind, count in zip((FrameSent, FrameOverflow, AccessFailure), ends, strict=True):
         assert sum(isinstance(e, kind) for e in events) == count
     by_robot = swarm.core.counters_by_robot()
     for name, mine in by_robot.items():  # every frame of the others ended in one way for this robot

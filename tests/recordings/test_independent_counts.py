@@ -26,7 +26,17 @@ from acrc_testbed.results.outcome import outcome_means as own_means
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.recording_readers import final_outcomes, messages_on, world_setup
 from actors.installation.repository import REPOSITORY
-from actors.messages import DRIVE, RECEIVED, TRUTH, AccessFailure, Drive, Heard, Overflow, Truth
+from actors.messages import (
+    DRIVE,
+    RECEIVED,
+    TRUTH,
+    AccessFailure,
+    Drive,
+    FrameOverflow,
+    FrameReceived,
+    FrameSent,
+    Truth,
+)
 from tests.recorded_runs import record
 from tests.recordings.counting import PAUSE
 
@@ -204,17 +214,20 @@ def test_frames_match_transceiver_events(run: Counted) -> None:
     assert frames["bytes_sent"] == sum(size + 9 for size in sent.values())
     assert frames["copies_heard"] == sum(row["copy"] == "heard" for row in rows_of)
     # messages of the last step, and those to a robot that is off or frozen, are not delivered
-    for name, most in (("Sent", frames["frames_sent"]), ("Heard", frames["copies_heard"])):
+    for name, most in (
+        (FrameSent.__name__, frames["frames_sent"]),
+        (FrameReceived.__name__, frames["copies_heard"]),
+    ):
         assert 0.9 * most <= kinds[name] <= most
     assert kinds[AccessFailure.__name__] <= frames["frames_access_failure"]
-    assert kinds[Overflow.__name__] <= frames["frames_overflowed"]
+    assert kinds[FrameOverflow.__name__] <= frames["frames_overflowed"]
     for name in ("frames_sent", "copies_heard"):
         assert frames[name] == sum(own[name] for own in result.frames_by_robot.values())
     assert result.radio_bytes_per_robot_s == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
     assert named("radio").value(result) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)  # type: ignore[union-attr]
     air = sum((6 + size + 9) * 32e-6 for size in sent.values())
     assert costs(run)["air time of a robot, % of the time"] == pytest.approx(100 * air / (4 * LENGTH))
-    heard = Counter(robot for robot, event in run.received if isinstance(event, Heard))
+    heard = Counter(robot for robot, event in run.received if isinstance(event, FrameReceived))
     for robot, own in result.frames_by_robot.items():
         assert 0.9 * own["copies_heard"] <= heard[robot] <= own["copies_heard"]
 

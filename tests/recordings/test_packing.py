@@ -16,7 +16,7 @@ from hypothesis import strategies as some
 from mcap.writer import CompressionType, IndexType, Writer
 
 from acrc_testbed.recordings.topics import GrowingRecording
-from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
+from actors.messages import NO_ECHO_MM, FrameReceived, Odometry, RadioEvents, Scan, SensorData
 from actors.runtime.codec import encode
 from actors.runtime.recording import Entry, Recorder, RecordingError, RecordingReader, read_recording
 from actors.runtime.recording.format import (
@@ -45,13 +45,13 @@ def senses(step: int, *scans: bytes) -> bytes:
     seen = [Scan(step * 100_000, scan) for scan in scans]
     odometry = Odometry(step / 7, -step / 3, 0.1 * step, 0.2, 0.0, 0.0)
     last = seen[-1] if seen else None
-    return encode(Senses(step, step * 100_000, 1, odometry, 0, last, earlier_scans=tuple(seen[:-1])))
+    return encode(SensorData(step, step * 100_000, 1, odometry, 0, last, earlier_scans=tuple(seen[:-1])))
 
 
 def received(step: int, rng: np.random.Generator) -> bytes:
     frames = [rng.bytes(49) for _ in range(3)] * 2
-    heard = (Heard(step, n, -60.5 - n, 200, data) for n, data in enumerate(frames))
-    return encode(Received(step, tuple(heard)))
+    heard = (FrameReceived(step, n, -60.5 - n, 200, data) for n, data in enumerate(frames))
+    return encode(RadioEvents(step, tuple(heard)))
 
 
 def payloads() -> Iterator[bytes]:

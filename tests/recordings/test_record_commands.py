@@ -68,7 +68,7 @@ def test_a_process_recording_names_the_fields_of_its_messages(recorded_run: Path
 def test_info_of_keys_names_fields_and_rates_in_simulated_time(recorded_run: Path) -> None:
     said = acrc("record", "info", recorded_run, "*").stdout.splitlines()
     assert len(said) == 3 * len({line.split()[0] for line in said[::3]}) >= 3 * 13
-    at = said.index(next(line for line in said if line.startswith("r1/senses  Senses: step, instant,")))
+    at = said.index(next(line for line in said if line.startswith("r1/senses  SensorData: step, instant,")))
     assert said[at + 1] == (
         "  301 messages from 0 to 30 s: 10.00 Hz, 0.1 to 0.1 s apart, standard deviation 0.000 s"
     )

@@ -11,7 +11,7 @@ import pytest
 
 from acrc_testbed.recordings.record_check import CheckError, check
 from acrc_testbed.recordings.record_replay import replay_actor
-from actors.messages import Senses
+from actors.messages import SensorData
 from actors.robot import assembly
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
@@ -126,7 +126,7 @@ def test_received_bytes_differ_from_sent(copy: Path) -> None:
             return item
         assert item.payload is not None
         message = decode(topic_of(item.key), item.key, item.payload)
-        assert isinstance(message, Senses)
+        assert isinstance(message, SensorData)
         return with_payload(item, encode(msgspec.structs.replace(message, bumper=7)))
 
     path = copy / "r1" / "r1.mcap"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
-from actors.messages import NO_ECHO_MM, Drive, Odometry, Scan, Senses
+from actors.messages import NO_ECHO_MM, Drive, Odometry, Scan, SensorData
 from actors.robot_model import RobotModel, load_model, scan_angles
 
 STEP_US = 100_000
@@ -59,11 +59,11 @@ class FakeBase:
         self.velocity = Twist(0.0, 0.0, 0.0)
         self.obstacles: list[tuple[Point, float]] = []
 
-    def senses(self, step: int, events: int = 0) -> Senses:
+    def senses(self, step: int, events: int = 0) -> SensorData:
         moved = self._start.relative(self.pose)
         instant = step * STEP_US
         odometry = Odometry(moved.x, moved.y, moved.heading, *self.velocity)
-        return Senses(step, instant, events, odometry, 0, Scan(instant, self._scan().tobytes()))
+        return SensorData(step, instant, events, odometry, 0, Scan(instant, self._scan().tobytes()))
 
     def drive(self, drive: Drive) -> None:
         dt, limits = STEP_US / 1e6, self._kind.drive

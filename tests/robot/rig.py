@@ -9,7 +9,7 @@ import pytest
 from actors.array_types import Floats
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
-from actors.messages import Drive, Heard, Received, Sent
+from actors.messages import Drive, FrameReceived, FrameSent, RadioEvents
 from actors.robot.behaviour.decisions import RobotLimits
 from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, GoalPhase, GoalStatus, Start, View
 from actors.robot.core import RobotCore, RobotParts
@@ -59,7 +59,7 @@ def keeper(start: Start) -> Behaviour:
 FLOOR = planning_grid(TWO_ROOMS, 0.177)
 START = Pose(1.0, 1.0, 0.0)
 LIMITS = RobotLimits()
-HEARD = Heard(90, 2, -60.0, 255, b"hello")
+HEARD = FrameReceived(90, 2, -60.0, 255, b"hello")
 
 
 class FakeLocalisation(DeadReckoning):
@@ -94,11 +94,11 @@ class Robot:
             "r1", parts, entry="my.study:behaviour", first_step=first_step, step_us=100_000, limits=limits
         )
 
-    def take_step(self, *events: Heard | Sent) -> tuple[Output, ...]:
+    def take_step(self, *events: FrameReceived | FrameSent) -> tuple[Output, ...]:
         step = self.core.step
         inputs: dict[str, Message] = {"swarm/down/r1/senses": self.base.senses(step, len(events))}
         if events:
-            inputs["swarm/down/r1/received"] = Received(step, events)
+            inputs["swarm/down/r1/received"] = RadioEvents(step, events)
         assert not self.core.missing(inputs)
         outputs = self.core.advance(inputs)
         drive = outputs[-1].message

@@ -16,13 +16,13 @@ from actors.messages import (
     SENSES,
     TRANSMIT,
     Drive,
-    Heard,
+    FrameReceived,
+    FrameSent,
     Odometry,
-    Outgoing,
-    Received,
+    OutgoingFrame,
+    RadioEvents,
     Scan,
-    Senses,
-    Sent,
+    SensorData,
     Transmit,
 )
 from actors.robot.behaviour.decisions import RobotLimits
@@ -44,7 +44,7 @@ def test_received_is_awaited_only_if_senses_counts_events() -> None:
     quiet, busy = robot.base.senses(0), robot.base.senses(0, events=2)
     assert robot.core.missing({"swarm/down/r1/senses": quiet}) == ()
     assert robot.core.missing({"swarm/down/r1/senses": busy}) == (at(RECEIVED, "r1"),)
-    both = {"swarm/down/r1/senses": busy, "swarm/down/r1/received": Received(0, (HEARD, HEARD))}
+    both = {"swarm/down/r1/senses": busy, "swarm/down/r1/received": RadioEvents(0, (HEARD, HEARD))}
     assert robot.core.missing(both) == ()
 
 
@@ -55,7 +55,7 @@ def test_a_step_without_frames_outputs_one_drive() -> None:
 
 
 def test_frames_precede_drive_which_counts_them_and_carries_reports() -> None:
-    frames = (Outgoing(5, 0, b"a"), Outgoing(6, 99_999, bytes(FRAME_DATA_LIMIT)))
+    frames = (OutgoingFrame(5, 0, b"a"), OutgoingFrame(6, 99_999, bytes(FRAME_DATA_LIMIT)))
     reports = (PlaceReport("r1", 4, 50_000),)
     given_up = (PlaceGivenUp("r1", 3, 60_000, "door shut"),)
     route = (PlaceKey("r2", 7), PlaceKey("r1", 0))
@@ -69,13 +69,13 @@ def test_frames_precede_drive_which_counts_them_and_carries_reports() -> None:
 def test_view_has_pose_motion_goal_and_radio_and_goal_moves_the_robot() -> None:
     goal = Point(3.0, 1.0)
     robot = Robot(Decision(goal))
-    robot.take_step(HEARD, Sent(95, 1))
+    robot.take_step(HEARD, FrameSent(95, 1))
     robot.behaviour.decision = Decision()
     for _ in range(120):
         robot.take_step()
     views = robot.behaviour.views
     first, until = views[0]
-    assert first == View(Instant(0), START, False, None, (HEARD, Sent(95, 1)), CERTAIN, 0.0)
+    assert first == View(Instant(0), START, False, None, (HEARD, FrameSent(95, 1)), CERTAIN, 0.0)
     assert until == 100_000
     assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE, None, GoalPhase.CONTROLLING, Instant(100_000))
     assert views[1][0].radio == () and views[1][0].instant == 100_000
@@ -87,12 +87,12 @@ def test_view_has_pose_motion_goal_and_radio_and_goal_moves_the_robot() -> None:
 
 
 @pytest.mark.parametrize("events", [(), (HEARD,)])
-def test_halt_has_no_answer(events: tuple[Heard, ...]) -> None:
+def test_halt_has_no_answer(events: tuple[FrameReceived, ...]) -> None:
     robot = Robot()
-    senses = Senses(0, 0, len(events), Odometry(0, 0, 0, 0, 0, 0), 0, None, halt=True)
+    senses = SensorData(0, 0, len(events), Odometry(0, 0, 0, 0, 0, 0), 0, None, halt=True)
     inputs: dict[str, Message] = {"swarm/down/r1/senses": senses}
     assert robot.core.missing(inputs) == ((at(RECEIVED, "r1"),) if events else ())
-    inputs["swarm/down/r1/received"] = Received(0, events)
+    inputs["swarm/down/r1/received"] = RadioEvents(0, events)
     assert robot.core.advance(inputs) == ()
     assert robot.core.finished and robot.behaviour.views == []
 
@@ -100,13 +100,13 @@ def test_halt_has_no_answer(events: tuple[Heard, ...]) -> None:
 def test_messages_of_another_step_or_sensor_are_rejected() -> None:
     robot = Robot(first_step=7)
     assert refusal(robot, senses=robot.base.senses(6)) == (
-        "step 7: r1 received Senses of step 6; it should be of step 7 or later"
+        "step 7: r1 received SensorData of step 6; it should be of step 7 or later"
     )
-    assert refusal(robot, senses=robot.base.senses(7, 1), received=Received(8, (HEARD,))) == (
-        "step 7: r1 received Received of step 8; it should be of step 7 or earlier"
+    assert refusal(robot, senses=robot.base.senses(7, 1), received=RadioEvents(8, (HEARD,))) == (
+        "step 7: r1 received RadioEvents of step 8; it should be of step 7 or earlier"
     )
-    assert refusal(robot, senses=robot.base.senses(7, 1), received=Received(7, (HEARD, HEARD))) == (
-        "step 7: r1 received 2 radio events; Senses counts 1"
+    assert refusal(robot, senses=robot.base.senses(7, 1), received=RadioEvents(7, (HEARD, HEARD))) == (
+        "step 7: r1 received 2 radio events; SensorData counts 1"
     )
     scan = Scan(0, b"\0" * 7)
     assert refusal(robot, senses=replace(robot.base.senses(7), scan=scan)).startswith(
@@ -119,7 +119,7 @@ def test_a_frozen_robot_continues_with_the_worlds_step() -> None:
     robot.take_step()
     inputs = {
         "swarm/down/r1/senses": robot.base.senses(41, 1),
-        "swarm/down/r1/received": Received(3, (HEARD,)),
+        "swarm/down/r1/received": RadioEvents(3, (HEARD,)),
     }
     (drive,) = robot.core.advance(inputs)
     assert drive.message.step == 41 and robot.core.step == 42
@@ -214,7 +214,7 @@ ANY: Any = Decision
 """Decision without type checks of its arguments."""
 GOAL = "it should be a Point of finite numbers or a GoalOrder"
 WITHIN = "from 400000 to 499999 µs"
-DATA = Outgoing(0, 450_000, b"x")
+DATA = OutgoingFrame(0, 450_000, b"x")
 SHUT = PlaceGivenUp("r1", 0, 400_000, "shut")
 NO_REASON: Any = None
 UNSAID = PlaceGivenUp("r1", 0, 400_000, NO_REASON)
@@ -229,7 +229,7 @@ def frame(**changed: object) -> Decision:
     [
         ("go", "returned a str instead of a Decision"),
         (ANY(reports=(7,)), "reports 7; must be a PlaceReport"),
-        (ANY(frames=(b"x",)), "sends b'x'; a frame must be an Outgoing with bytes"),
+        (ANY(frames=(b"x",)), "sends b'x'; a frame must be an OutgoingFrame with bytes"),
         (ANY(Point(np.nan, 2.0)), f"returned goal=Point(x=nan, y=2.0); {GOAL}"),
         (ANY(5), f"returned goal=5; {GOAL}"),
         (frame(data=bytes(119)), "sends a frame of 119 bytes; the limit is 118"),

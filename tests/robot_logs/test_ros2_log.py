@@ -24,7 +24,7 @@ from acrc_testbed.run_model.simulated_runs import read_run
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose
 from actors.installation.usage import OptionError
-from actors.messages import DRIVE, SENSES, Odometry, Scan, Senses
+from actors.messages import DRIVE, SENSES, Odometry, Scan, SensorData
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from tests.field_trial.runs import clock, copies
@@ -48,7 +48,7 @@ event = [
 """
 MODEL = load_model("turtlebot2")
 SCAN = Scan(0, b"\0\0" * MODEL.sensor.rays)
-GOOD = Senses(
+GOOD = SensorData(
     step=0, instant=0, events=0, odometry=Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), bumper=0,
     scan=SCAN,
 )  # fmt: skip
@@ -357,7 +357,7 @@ def test_wrong_options(options: dict[str, Any], sentence: str, out: Path, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]
 
 
-def entries(monkeypatch: pytest.MonkeyPatch, *told: Senses) -> tuple[list[LogEntry], Counter[str]]:
+def entries(monkeypatch: pytest.MonkeyPatch, *told: SensorData) -> tuple[list[LogEntry], Counter[str]]:
     """Return the log entries of a robot that reports no pose, and the counts of rejected messages."""
     left_out = Counter[str]()
     monkeypatch.setattr(robot_entries, "messages_on", lambda path, topic: (("r1", one) for one in told))

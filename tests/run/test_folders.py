@@ -18,7 +18,7 @@ from actors.installation.usage import OptionError
 from actors.installation.version import software_version
 from actors.processes import launcher
 from actors.processes.launcher import scratch_folder
-from actors.processes.signals import Interrupted
+from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
 from deploy.run.options import RunOptions, checked, folder_name
@@ -81,14 +81,14 @@ def test_runs_started_in_the_same_second_get_separate_folders(tmp_path: Path) ->
 def test_a_claimed_folder_is_removed_if_empty_and_named_if_not(
     tmp_path: Path, content: tuple[str, ...]
 ) -> None:
-    for error in (ZeroDivisionError(), Interrupted(130)):
+    for error in (ZeroDivisionError(), Interruption(130)):
         folder = claim(tmp_path, "one")
         with pytest.raises(type(error)), out_folder.dropped_if_empty(folder):
             for name in content:
                 (folder / name).touch()
             raise error
         assert folder.exists() == bool(content)
-    assert isinstance(error, Interrupted) and error.recorded == (folder if content else None)
+    assert isinstance(error, Interruption) and error.recorded == (folder if content else None)
 
 
 @pytest.mark.parametrize("mark", ["?", "#"])

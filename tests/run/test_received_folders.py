@@ -37,7 +37,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-class Received:
+class ReceivedFolder:
     def __init__(self, folder: Path, run: Path) -> None:
         self.folder, self.mark = folder, folder.parent / "mark"
         self.run = shutil.copytree(run, folder / "run")
@@ -85,11 +85,11 @@ class Received:
 
 
 @pytest.fixture
-def received(honest: Path, tmp_path: Path) -> Received:
-    return Received(tmp_path / "received", honest)
+def received(honest: Path, tmp_path: Path) -> ReceivedFolder:
+    return ReceivedFolder(tmp_path / "received", honest)
 
 
-def commands(received: Received) -> list[tuple[object, ...]]:
+def commands(received: ReceivedFolder) -> list[tuple[object, ...]]:
     """Return the commands that run a recorded strategy, each after the file that names it."""
     run, study = received.run, received.run / "study.toml"
     recording, scenario = run / "r1" / "r1.mcap", run / "scenario.toml"
@@ -113,7 +113,7 @@ def sentence(source: object, name: str, file: Path, word: object) -> str:
 
 
 @pytest.mark.parametrize("inside", [False, True])
-def test_no_command_runs_code_in_the_folder(received: Received, inside: bool) -> None:
+def test_no_command_runs_code_in_the_folder(received: ReceivedFolder, inside: bool) -> None:
     file = received.plant("evil.py")
     for strategy in ("evil:behaviour", "cleaning.strategies.none:behaviour>evil:behaviour@0.5"):
         received.forge(strategy)
@@ -123,7 +123,7 @@ def test_no_command_runs_code_in_the_folder(received: Received, inside: bool) ->
             assert error == sentence(source, "evil:behaviour", file, word), words
 
 
-def test_folders_that_a_run_names_are_not_trusted(received: Received) -> None:
+def test_folders_that_a_run_names_are_not_trusted(received: ReceivedFolder) -> None:
     received.plant("json/evil.py")
     received.plant("json/__init__.py")
     file = received.plant("evil.py")
@@ -139,7 +139,7 @@ def test_folders_that_a_run_names_are_not_trusted(received: Received) -> None:
     )
 
 
-def test_start_up_files_of_python_in_the_folder_do_not_run(received: Received) -> None:
+def test_start_up_files_of_python_in_the_folder_do_not_run(received: ReceivedFolder) -> None:
     for name in ("sitecustomize.py", "usercustomize.py", "typer.py", "numpy.py", "actors.py", "evil.py"):
         received.plant(name)
     (received.folder / "evil.pth").write_text(f"import sys; open({str(received.mark)!r}, 'w')\n")
@@ -155,7 +155,7 @@ def test_start_up_files_of_python_in_the_folder_do_not_run(received: Received) -
     )
 
 
-def test_scenario_and_fleet_commands_run_no_code(received: Received) -> None:
+def test_scenario_and_fleet_commands_run_no_code(received: ReceivedFolder) -> None:
     file = received.plant("evil.py")
     received.forge("evil:behaviour")
     done = in_process.acrc("scenario", received.run / "scenario.toml", cwd=received.folder)
@@ -170,7 +170,7 @@ def test_scenario_and_fleet_commands_run_no_code(received: Received) -> None:
     assert error.removeprefix("acrc: ").strip() in doctor.stdout.replace("\n", " ")
 
 
-def test_with_modules_or_trust_it_runs(received: Received) -> None:
+def test_with_modules_or_trust_it_runs(received: ReceivedFolder) -> None:
     received.plant("evil.py")
     received.forge("evil:behaviour")
     for word in (("--modules", received.folder), ("--trust",)):

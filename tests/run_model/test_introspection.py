@@ -22,7 +22,7 @@ from actors.introspection import (
     PerceptionSample,
     StepRecord,
 )
-from actors.messages import Drive, Odometry, Scan, Senses
+from actors.messages import Drive, Odometry, Scan, SensorData
 
 CERTAIN = EstimateQuality((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 0.0, True)
 POSE = (0.0, 0.0, 0.0)
@@ -34,8 +34,8 @@ def model(short_run: Path) -> ProcessModel:
     return process_model(RecordedProcess("r1", "r1", seconds_of), path, read_run_note(path))
 
 
-def senses(step: int, scan: Scan | None = None) -> Senses:
-    return Senses(step, step * 100_000, 0, Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, scan)
+def senses(step: int, scan: Scan | None = None) -> SensorData:
+    return SensorData(step, step * 100_000, 0, Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, scan)
 
 
 def step(number: int = 0, quality: EstimateQuality = CERTAIN, **parts: object) -> Introspection:

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from actors.introspection import Introspection, PerceptionSample
-from actors.messages import AIRED, DRIVE, INTROSPECTION, SENSES, Drive, Odometry, Senses
+from actors.messages import AIRED, DRIVE, INTROSPECTION, SENSES, Drive, Odometry, SensorData
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Delivery, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
@@ -31,7 +31,7 @@ AT_REST = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Caller:
-    """Sends Senses to all and awaits Drive from all, `steps` times; then halts all."""
+    """Sends SensorData to all and awaits Drive from all, `steps` times; then halts all."""
 
     def __init__(self, robots: Sequence[str], steps: int) -> None:
         self.step = 0
@@ -57,7 +57,7 @@ class Caller:
         halt = self.step == self._steps
         self.finished = halt
         self._called = True
-        senses = Senses(self.step, self.step * 1000, 0, AT_REST, 0, None, halt)
+        senses = SensorData(self.step, self.step * 1000, 0, AT_REST, 0, None, halt)
         return [to(SENSES, senses, robot) for robot in self._robots]
 
 

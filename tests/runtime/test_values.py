@@ -19,13 +19,13 @@ from actors.messages import (
     SENSES,
     TRUTH,
     Drive,
-    Heard,
+    FrameReceived,
+    FrameSent,
     Jam,
     Odometry,
-    Received,
+    RadioEvents,
     RobotTruth,
-    Senses,
-    Sent,
+    SensorData,
     Truth,
 )
 from actors.runtime import typed_json
@@ -61,9 +61,9 @@ DRIVES = st.builds(
     st.none() | st.lists(KEYS, max_size=3).map(tuple),
     st.none() | st.tuples(REALS, REALS, REALS),
 )
-HEARD = st.builds(Heard, COUNTS, COUNTS, REALS, COUNTS, st.binary(max_size=118))
+HEARD = st.builds(FrameReceived, COUNTS, COUNTS, REALS, COUNTS, st.binary(max_size=118))
 RECEIVEDS = st.builds(
-    Received, COUNTS, st.lists(HEARD | st.builds(Sent, COUNTS, COUNTS), max_size=4).map(tuple)
+    RadioEvents, COUNTS, st.lists(HEARD | st.builds(FrameSent, COUNTS, COUNTS), max_size=4).map(tuple)
 )
 
 
@@ -78,7 +78,7 @@ def test_a_drive_survives_the_wire(message: Drive) -> None:
 
 
 @given(RECEIVEDS)
-def test_a_union_of_events_survives_the_wire(message: Received) -> None:
+def test_a_union_of_events_survives_the_wire(message: RadioEvents) -> None:
     assert decode(RECEIVED, "k", encode(message)) == message  # type: ignore[arg-type]
 
 
@@ -107,7 +107,7 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
         (
             RECEIVED,
             packed(3, [["shout", 1, 2]]),
-            "swarm/k: Received.events[0][0] = 'shout': invalid value 'shout'",
+            "swarm/k: RadioEvents.events[0][0] = 'shout': invalid value 'shout'",
         ),
         (DRIVE, bytes([MESSAGE_VERSION, 0xC1]), "swarm/k: 2 bytes of invalid msgpack: MessagePack data is "
          "malformed: invalid opcode '\\xc1' (byte 0)"),
@@ -131,7 +131,7 @@ JAM = Jam(0.0, 0.0, 1.0, 0)
 @pytest.mark.parametrize(
     ("part", "fields", "topic", "message"),
     [
-        (STILL, "x y heading vx vy omega", SENSES, lambda part: Senses(0, 0, 0, part, 0)),
+        (STILL, "x y heading vx vy omega", SENSES, lambda part: SensorData(0, 0, 0, part, 0)),
         (DRIVE_OF_R1, "vx vy omega", DRIVE, lambda part: part),
         (TRUTH_OF_R1, "x y heading vx vy omega", TRUTH, lambda part: Truth(0, 0, (part,))),
         (JAM, "x y radius", TRUTH, lambda part: Truth(0, 0, (), (part,))),
@@ -154,7 +154,7 @@ def test_impossible_numbers_are_refused(
         (DRIVE, Drive(7, 0.0, 0.0, 0.0, 33)),
         (DRIVE, Drive(7, 0.0, 0.0, 0.0, -1)),
         (DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, pose=(1.0, 1.0, math.inf))),
-        (SENSES, Senses(0, 0, 0, STILL, 0, places=((0.0, math.nan),))),
+        (SENSES, SensorData(0, 0, 0, STILL, 0, places=((0.0, math.nan),))),
         (TRUTH, Truth(0, 0, (), (msgspec.structs.replace(JAM, radius=0.0),))),
         (TRUTH, Truth(0, 0, (), (msgspec.structs.replace(JAM, until=10**16),))),
     ],
@@ -205,23 +205,26 @@ def test_decoding_error_is_one_sentence(text: str | bytes, sentence: str) -> Non
     assert str(caught.value) == sentence
 
 
-A, B, C = (Heard(instant, 2, -80.0, 100, b"x") for instant in (1, 2, 3))
+A, B, C = (FrameReceived(instant, 2, -80.0, 100, b"x") for instant in (1, 2, 3))
 
 
 @pytest.mark.parametrize(
     ("one", "other", "field", "values"),
     [
-        ((A, B), (A, C), "Received.events[1].instant", (2, 3)),
-        ((A,), (A, B), "Received.events[1]", ("absent", repr(B))),
-        ((A, B, C), (A, C), "Received.events[1]", (repr(B), repr(C))),
-        ((), (A,), "Received.events[0]", ("absent", repr(A))),
-        ((A,), (Sent(1, 2),), "Received.events[0]", (repr(A), repr(Sent(1, 2)))),
+        ((A, B), (A, C), "RadioEvents.events[1].instant", (2, 3)),
+        ((A,), (A, B), "RadioEvents.events[1]", ("absent", repr(B))),
+        ((A, B, C), (A, C), "RadioEvents.events[1]", (repr(B), repr(C))),
+        ((), (A,), "RadioEvents.events[0]", ("absent", repr(A))),
+        ((A,), (FrameSent(1, 2),), "RadioEvents.events[0]", (repr(A), repr(FrameSent(1, 2)))),
     ],
 )
 def test_missing_element_is_absent(
-    one: tuple[Heard, ...], other: tuple[Heard | Sent, ...], field: str, values: tuple[object, object]
+    one: tuple[FrameReceived, ...],
+    other: tuple[FrameReceived | FrameSent, ...],
+    field: str,
+    values: tuple[object, object],
 ) -> None:
-    found = first_difference(Received(5, one), Received(5, other))
+    found = first_difference(RadioEvents(5, one), RadioEvents(5, other))
     assert found is not None
     assert (found.field, *map(repr, found[1:])) == (
         field,
@@ -230,7 +233,7 @@ def test_missing_element_is_absent(
 
 
 def test_equal_messages_do_not_differ() -> None:
-    assert first_difference(Received(5, (A, B)), Received(5, (A, B))) is None
+    assert first_difference(RadioEvents(5, (A, B)), RadioEvents(5, (A, B))) is None
 
 
 EPYC = Processor("x86_64", "AMD EPYC", ("avx2", "fma3"))

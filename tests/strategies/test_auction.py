@@ -12,7 +12,7 @@ from actors.messages import FRAME_DATA_LIMIT
 from actors.task.task import PlaceKey
 from cleaning.cleaner import State
 from cleaning.place import Assignment
-from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid
+from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, BiddingRobot, HigherBid
 from deeco.fragments import Fragmenter
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleRegistry
@@ -27,7 +27,7 @@ from tests.cleaning.fakes import (
 )
 
 seen = partial(published, role=Bidder)
-AUCTION, OUTBID, FLOOR = Auction(), Outbid(), OpenFloor()
+AUCTION, OUTBID, FLOOR = Auction(), HigherBid(), OpenFloor()
 
 
 def bidder(robot: str, at: float, *xs: float) -> BiddingRobot:

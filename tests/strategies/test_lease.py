@@ -5,14 +5,14 @@ from functools import partial
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
-from cleaning.strategies.lease import DoorRivals, DoorsCleared, LeasingParameters, LeasingRobot, Lessee
+from cleaning.strategies.lease import DoorClearing, LeasingParameters, LeasingRobot, Lessee, RivalClaims
 from tests.cleaning.fakes import NOW, FakeNavigation, OpenFloor, published, route
 
 seen = partial(published, role=Lessee)
 P = LeasingParameters()
 DOOR = OpenFloor(0.0)
 """A door from x = -0.5 to 0.5, region 1 west and region 2 east of it."""
-RIVALS, CLEARED = DoorRivals(), DoorsCleared(P.yield_distance)
+RIVALS, CLEARED = RivalClaims(), DoorClearing(P.yield_distance)
 
 
 def robot(name: str, at: float, *xs: float) -> LeasingRobot:

@@ -7,11 +7,16 @@ from actors.geometry import Point
 from actors.instant import Instant, seconds
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import State
-from cleaning.strategies.swap import Accepts, Concludes, Offers, Swapper, SwappingRobot
+from cleaning.strategies.swap import OfferAcceptance, OfferConclusion, Offers, Swapper, SwappingRobot
 from tests.cleaning.fakes import NOW, FakePlaceMonitor, OpenFloor, assignment, published, route
 
 seen = partial(published, role=Swapper)
-OFFERS, ACCEPTS, CONCLUDES, REMOVE = Offers(1.5), Accepts(), Concludes(), AdoptedDestinationRemove(False)
+OFFERS, ACCEPTS, CONCLUDES, REMOVE = (
+    Offers(1.5),
+    OfferAcceptance(),
+    OfferConclusion(),
+    AdoptedDestinationRemove(False),
+)
 FLOOR = OpenFloor()
 
 

@@ -20,8 +20,8 @@ from acrc_testbed.benchmarks.budget import CountedSteps, StepCounts
 from acrc_testbed.benchmarks.commit_comparison import PairedCase, open_state
 from acrc_testbed.benchmarks.swarm_runs import (
     Function,
-    Memory,
     MemoryFigures,
+    MemoryUsage,
     MeshFigures,
     Range,
     SwarmTask,
@@ -63,7 +63,7 @@ def swarm_figures(
 ) -> benchmark.SwarmFigures:
     mesh = Mock(spec=MeshFigures)
     mesh.real_time_factor, mesh.ms, mesh.startup_s = (Range.of([value]) for value in (speed, ms, start_s))
-    mesh.memory = {"robots": Memory(robots, 0.0, 25.0 * robots, 0.0)}
+    mesh.memory = {"robots": MemoryUsage(robots, 0.0, 25.0 * robots, 0.0)}
     found = Mock(spec=benchmark.SwarmFigures, robots=robots, mesh=mesh)
     found.memory = Mock(spec=MemoryFigures, ms=memory_ms)
     return found

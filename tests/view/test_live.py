@@ -20,7 +20,7 @@ from acrc_testbed.view.run_drawing import RunDrawing
 from acrc_testbed.view.run_view import LiveView, save
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
-from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
+from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, FrameReceived, Progress, RadioEvents
 from actors.observer.layout import ViewerContents, ViewFile
 from actors.task.task import PlaceKey, PlaceReport
 from deploy.fleet.fleet_file import load_fleet
@@ -154,7 +154,7 @@ def test_watched_robots_are_drawn_at_their_estimates_and_timeouts_are_shown(tmp_
             said("r1", 0.3, DRIVE, Drive(6, 0.3, 0.0, 0.0, 0, pose=(12.1, 13.0, 0.0))),
             said("r1", 0.3, PROGRESS, Progress(6, 0, 2, 0, False, held=("bumper pressed",))),
             said("r2", 0.4, DRIVE, Drive(9, 0.0, 0.0, 0.0, 0, reports=(PlaceReport("r2", 0, 10**15),))),
-            said("r2", 0.4, RECEIVED, Received(9, (Heard(10**15, 1, -71.0, 200, b"x"),))),
+            said("r2", 0.4, RECEIVED, RadioEvents(9, (FrameReceived(10**15, 1, -71.0, 200, b"x"),))),
         ]
         view.draw(words, 0.5, 0)
         view.draw([said("r1", 2.9, DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, route=(PlaceKey("r2", 0),)))], 3.0, 4)

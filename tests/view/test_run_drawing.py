@@ -13,7 +13,7 @@ import pytest
 from coloraide import Color
 
 from acrc_testbed.explanation.time_spent import Cause
-from acrc_testbed.recordings.run_recordings import GivenOrder
+from acrc_testbed.recordings.run_recordings import RecordedOrder
 from acrc_testbed.run_model.data import PlaceEvent, Route, RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
 from acrc_testbed.view import __main__ as program
@@ -141,7 +141,7 @@ def test_an_inactive_robot_is_labelled_with_its_state(tmp_path: Path) -> None:
 def test_floor_objects_are_drawn_until_they_are_removed(tmp_path: Path) -> None:
     wall = FloorObject("wall", ((0.0, 4.0), (1.0, 4.0)), 0.05)
     jammer = FloorObject("jammer", ((2.0, 5.0),), 1.0)
-    orders = (GivenOrder(1, Wall(0.0, 4.0, 1.0, 4.0)),)
+    orders = (RecordedOrder(1, Wall(0.0, 4.0, 1.0, 4.0)),)
     told = run(range(5), floor=((0.1, (wall, jammer)), (0.3, (wall,))), orders=orders)
     found = painted(tmp_path / "view.rrd", told)
     assert [row["Points3D:labels"] for row in found["/world/put/names"]] == [["wall", "jammer"], ["wall"]]

@@ -15,7 +15,16 @@ from numpy.random import Generator
 
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import START, Duration, Instant
-from actors.messages import AccessFailure, Heard, Outgoing, Overflow, RadioEvent, Refused, Sent, Unconfirmed
+from actors.messages import (
+    AccessFailure,
+    FrameOverflow,
+    FrameReceived,
+    FrameRefused,
+    FrameSent,
+    FrameUnconfirmed,
+    OutgoingFrame,
+    RadioEvent,
+)
 from actors.robot.behaviour.decisions import DecisionLog, NodeReport, RobotLimits
 from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.ports import (
@@ -149,11 +158,11 @@ _BACKLOG: Final = 256
 _AT_ONCE: Final = RobotLimits().frames
 """Frames that a robot may send in a step."""
 _OUTCOMES: Final[Mapping[type[Any], str]] = {
-    Sent: "frames_sent",
+    FrameSent: "frames_sent",
     AccessFailure: "frames_access_failure",
-    Overflow: "frames_overflow",
-    Refused: "frames_refused",
-    Unconfirmed: "frames_unconfirmed",
+    FrameOverflow: "frames_overflow",
+    FrameRefused: "frames_refused",
+    FrameUnconfirmed: "frames_unconfirmed",
 }
 
 
@@ -303,13 +312,13 @@ class _NodeBehaviour:
     def _receptions(self, events: Sequence[RadioEvent]) -> list[Reception]:
         heard: list[Reception] = []
         for event in events:
-            if isinstance(event, Heard):
+            if isinstance(event, FrameReceived):
                 heard += (new_tuple(Reception, (event.instant, event.sender, event.data, event.rssi_dbm)),)
             else:
                 self._counted[_OUTCOMES[type(event)]] += 1
         return heard
 
-    def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[Outgoing, ...]:
+    def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[OutgoingFrame, ...]:
         """Return as many frames as a robot may send in a step; others wait."""
         if not sent and not self._backlog:
             return ()
@@ -322,7 +331,7 @@ class _NodeBehaviour:
             frame = self._backlog.popleft()
             self._tag = (self._tag + 1) % _TAGS
             tag, instant = self._start.epoch * _TAGS + self._tag, max(frame.instant, begin)
-            frames.append(Outgoing(tag, instant, frame.data))
+            frames.append(OutgoingFrame(tag, instant, frame.data))
         return tuple(frames)
 
 

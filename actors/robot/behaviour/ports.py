@@ -13,7 +13,7 @@ from numpy.random import Generator
 from actors.array_types import Floats
 from actors.geometry import CERTAIN, Covariance, Door, Point, Pose
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import Outgoing, RadioEvent
+from actors.messages import OutgoingFrame, RadioEvent
 from actors.settings import LONGEST_S, Interval, Settings
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 
@@ -352,7 +352,7 @@ class Decision:
     goal: Point | GoalOrder = GoalOrder.KEEP
     """A point replaces the current goal; the same point again starts a new attempt."""
     _: KW_ONLY
-    frames: tuple[Outgoing, ...] = ()
+    frames: tuple[OutgoingFrame, ...] = ()
     """Frames to broadcast, in order of their instants, which lie within the step."""
     reports: tuple[PlaceReport, ...] = ()
     """Visited places, by the robot's own estimate."""

@@ -17,7 +17,7 @@ Ending = Literal["itself", "abort", "order", "run"]
 request; the end of the run."""
 
 
-class GivenGoal(msgspec.Struct, forbid_unknown_fields=True):
+class GoalRecord(msgspec.Struct, forbid_unknown_fields=True):
     """A goal requested by a behaviour; instants in µs."""
 
     begin: Count
@@ -46,7 +46,7 @@ class NavigationReport(msgspec.Struct, forbid_unknown_fields=True):
     no_valid_trajectory: BoundedList[tuple[Count, Count, Ending]] = []
     """Intervals in which the local planner found no trajectory."""
     no_valid_trajectory_unlisted: Count = 0
-    given: BoundedList[GivenGoal] = []
+    given: BoundedList[GoalRecord] = []
     given_unlisted: Count = 0
     without_plan: BoundedList[tuple[Count, Count]] = []
     """Intervals without a path to the goals."""
@@ -77,7 +77,7 @@ class NavigationCounts:
         if report.given_unlisted or len(report.given) == _KEPT:
             report.given_unlisted += 1
         else:
-            report.given.append(GivenGoal(self.now, *goal))
+            report.given.append(GoalRecord(self.now, *goal))
 
     def record_search(self, found: bool) -> None:
         """Record a search for a path."""

@@ -103,7 +103,7 @@ _HEAD: Final = struct.Struct(">BHH")
 """Head of a packed run: `bin 16`, number of bytes that follow, number of ranges."""
 
 
-class _WithScans:
+class _PartWithScans:
     @cached_property
     def _scans(self) -> "ScanBuffers":
         # importing numba takes half a second: only for readers of scans
@@ -112,7 +112,7 @@ class _WithScans:
         return ScanBuffers()
 
 
-class MessagePacker(_WithScans):
+class MessagePacker(_PartWithScans):
     """Packs the messages of one file, in order."""
 
     @cached_property
@@ -148,7 +148,7 @@ class MessagePacker(_WithScans):
         return _PLACE.pack(at) + payload[:at] + head + run + payload[begin + size :]
 
 
-class MessageUnpacker(_WithScans):
+class MessageUnpacker(_PartWithScans):
     """Unpacks the messages of one file, in order. Raises ValueError or zlib.error for invalid data."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from acrc_testbed.explanation.time_spent import (
     DeadlockCount,
     DecisionEvent,
     DiagnosisScore,
-    KnowledgeUsed,
+    KnowledgeUse,
     TimeSpent,
 )
 from acrc_testbed.results.result import RobotResult, RunResult
@@ -86,7 +86,7 @@ def _time(rng: np.random.Generator) -> TimeSpent:
     ]  # fmt: skip
     decisions = [
         DecisionEvent(
-            "r1", 20.0, "Adoption", f"takes over r2/{number}", (KnowledgeUsed("r2", 1.4),), (1.0, 2.0),
+            "r1", 20.0, "Adoption", f"takes over r2/{number}", (KnowledgeUse("r2", 1.4),), (1.0, 2.0),
             (3.0, 4.0), outcome, 5.0, float(rng.uniform(1, 9)) if outcome == "free" else None,
         )
         for number, outcome in enumerate(("free", "free", "blocked again"))
