@@ -53,7 +53,7 @@ class Activity(MessagePart, frozen=True):
     """The robot's activity from this step on."""
 
     activity: str
-    """One of `actors.robot.introspection.ACTIVITIES`."""
+    """One of `actors.robot.introspector.ACTIVITIES`."""
     destination: str
     """Place that it drives to, such as "r1/3"; empty: none."""
     point: tuple[float, float] | None

@@ -9,7 +9,7 @@ from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, UnblockTarget
 from cleaning.place import Assignment, Takeover, assignments, assignments_since
 from cleaning.robot import CleaningRobot
-from cleaning.settings import SettingsError, from_settings
+from cleaning.strategy_settings import SettingsError, from_settings
 
 __all__ = [
     "AdaptationParameters",

@@ -16,7 +16,7 @@ from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 from deeco import START, Duration, Instant, adaptation, component, ensemble, periodic, replace, role, seconds
 
 

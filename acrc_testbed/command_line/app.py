@@ -13,7 +13,7 @@ import typer
 from typer._click import exceptions as faults
 from typer.core import TyperGroup
 
-from acrc_testbed.command_line import analysis, development, run, visualisation
+from acrc_testbed.command_line import development, replay_commands, run, visualisation
 from acrc_testbed.command_line.fleet import app as fleet
 from acrc_testbed.command_line.lists import app as listing
 from acrc_testbed.command_line.record import app as record
@@ -193,9 +193,9 @@ app.command(context_settings={"ignore_unknown_options": True})(run.order)
 app.command()(visualisation.demo)
 app.command()(visualisation.view)
 app.command()(visualisation.scenario)
-app.command()(analysis.replay)
-app.command()(analysis.explain)
-app.command()(analysis.export)
+app.command()(replay_commands.replay)
+app.command()(replay_commands.explain)
+app.command()(replay_commands.export)
 app.add_typer(record, name="record", help="Read and check the recordings of a run.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
 app.add_typer(fleet, name="fleet", help="Set up, start, watch and stop real robots.")

@@ -212,11 +212,11 @@ def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
 
 def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool) -> None:
     """Write the bundle to `out`, by default beside the campaign's folder."""
-    from acrc_testbed.experiments.report import bundle as bundles  # draws with matplotlib
+    from acrc_testbed.experiments.report import campaign_bundle  # draws with matplotlib
 
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
     with out_folder.writing(target):
-        has_software = bundles.make_bundle(folder, target, authors)
+        has_software = campaign_bundle.make_bundle(folder, target, authors)
     lines = [f"written to {target}; unpack it and run ./reproduce.sh to repeat the runs"]
     if not has_software:
         lines.append("the software is not included: it has uncommitted changes, or its commit is missing")

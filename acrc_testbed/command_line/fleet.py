@@ -182,7 +182,7 @@ def bundle(
     file, map and keys are checked as by `acrc fleet doctor`.
     """
     from actors.robot.behaviour.code_permit import permit_of
-    from deploy.fleet import bundle as robot_bundle
+    from deploy.fleet import robot_bundle
     from deploy.fleet.fleet_file import load_fleet
 
     root = clone("fleet bundle")

@@ -283,13 +283,13 @@ def order(
 
     Example: acrc order runs/mine kill r2. The exit code is 1 if the run refuses the order.
     """
-    from deploy.run import orders, out_folder
+    from deploy.run import order_bus, out_folder
 
-    if str(out) in orders.VERBS and verb not in orders.VERBS:
+    if str(out) in order_bus.VERBS and verb not in order_bus.VERBS:
         folder = out_folder.newest(Path("runs")) or "runs/NAME"
         raise OptionError(f"OUT: missing; example: {command_line('order', folder, out, verb)}")
     sent = " ".join([verb, *(words or [])])
-    refusal = orders.send(out, orders.parse(verb, words or []))
+    refusal = order_bus.send(out, order_bus.parse(verb, words or []))
     if refusal:
         raise AcrcError(f"the run refused the order {sent!r} {refusal}")
     answer([f"acrc: order executed: {sent}"], {"order": sent}, json=json)

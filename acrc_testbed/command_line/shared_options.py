@@ -30,7 +30,7 @@ def strategies(incomplete: str) -> list[str]:
 
 def orders(incomplete: str) -> list[str]:
     """Return verbs of orders to a run."""
-    from deploy.run.orders import VERBS
+    from deploy.run.order_bus import VERBS
 
     return [verb for verb in VERBS if verb.startswith(incomplete)]
 

@@ -23,11 +23,11 @@ from actors.messages import FrameReceived, RadioEvents
 from actors.robot.behaviour.node_host import ensembles_of
 from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, View
 from actors.robot.core import RobotCore
-from actors.robot.introspection import as_json, decision, differences, goal_state, in_words
+from actors.robot.introspector import as_json, decision, differences, goal_state, in_words
 from actors.runtime.core import Core, Inputs
 from deeco.ensemble import ensemble_type
-from deeco.explain.analysis import method_flow, methods
 from deeco.explain.dataflow import analyse_flow
+from deeco.explain.knowledge_use import method_flow, methods
 from deeco.knowledge import Knowledge, field_type
 from deeco.local import Commit
 from deeco.network import Replica

@@ -24,8 +24,8 @@ from acrc_testbed.export.ros2_log import LogEntry, Spool, write
 from acrc_testbed.recordings.run_recordings import all_recordings, read_setup
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.hardware_runs import whole_run
-from acrc_testbed.run_model.introspection import NOT_RECORDED, RecordedProcess
 from acrc_testbed.run_model.recording_readers import world_setup
+from acrc_testbed.run_model.robot_introspection import NOT_RECORDED, RecordedProcess
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.assembly import RobotSetup
 from actors.robot_model import RobotModel, load_model

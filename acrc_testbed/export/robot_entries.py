@@ -25,9 +25,9 @@ from acrc_testbed.export.ros2_log import (
 )
 from acrc_testbed.run_model.data import RunData, Trajectory
 from acrc_testbed.run_model.floor import FloorObject
-from acrc_testbed.run_model.introspection import RecordedProcess, RobotInternals
 from acrc_testbed.run_model.place_reports import PlaceStatus, PlaceTable
 from acrc_testbed.run_model.recording_readers import messages_on
+from acrc_testbed.run_model.robot_introspection import RecordedProcess, RobotInternals
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST

@@ -7,8 +7,8 @@ from typing import Any, Final
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.frame_outcomes import FrameRow, frame_rows
-from acrc_testbed.run_model.introspection import RobotInternals
 from acrc_testbed.run_model.recording_readers import frame_outcomes, messages_on
+from acrc_testbed.run_model.robot_introspection import RobotInternals
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.messages import TRUTH
 

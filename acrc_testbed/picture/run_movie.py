@@ -24,7 +24,7 @@ from PIL import Image
 from acrc_testbed.picture import floor_picture, marks, style
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import floor_intervals
-from acrc_testbed.run_model.introspection import Floats
+from acrc_testbed.run_model.robot_introspection import Floats
 from actors.installation.usage import output_file
 from actors.instant import in_seconds
 from actors.observer import glyphs

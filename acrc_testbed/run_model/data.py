@@ -17,7 +17,7 @@ from acrc_testbed.recordings.run_recordings import RecordedOrder
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.floor import FloorState
 from acrc_testbed.run_model.frame_outcomes import NO_COPIES, FrameCopies
-from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals
+from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import Jam

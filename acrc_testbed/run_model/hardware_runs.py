@@ -15,8 +15,8 @@ from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
 from acrc_testbed.results.field_trial_result import reported_places
 from acrc_testbed.run_model.data import RunData, RunDescription
-from acrc_testbed.run_model.introspection import Floats, RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.model import RunModel, with_instants
+from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.simulated_runs import recorded_run
 from actors.floor.grid import FREE, OccupancyGrid
 from actors.floor.map_file import load_map

@@ -18,8 +18,8 @@ from acrc_testbed.run_model.data import (
 )
 from acrc_testbed.run_model.floor import FLOOR_ORDERS, NO_CHANGES, FloorHistory
 from acrc_testbed.run_model.frame_outcomes import FrameCopies, copies_of
-from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.place_reports import PlaceReports
+from acrc_testbed.run_model.robot_introspection import RecordedProcess
 from actors.instant import in_seconds
 from actors.message_limits import OrderLimits, order_fault
 from actors.messages import (

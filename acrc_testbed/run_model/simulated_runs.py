@@ -9,7 +9,6 @@ from typing import Final, Self
 from acrc_testbed.recordings.run_recordings import RecordedOrder, read_setup, recordings
 from acrc_testbed.recordings.topics import GrowingRecording, LoggedMessage
 from acrc_testbed.run_model.data import RunData, RunDataError, RunDescription
-from acrc_testbed.run_model.introspection import ProcessModel, RecordedProcess, process_model, seconds_of
 from acrc_testbed.run_model.model import RunModel, robot_of
 from acrc_testbed.run_model.recording_readers import (
     largest_radius,
@@ -17,6 +16,12 @@ from acrc_testbed.run_model.recording_readers import (
     robot_report,
     run_result,
     world_setup,
+)
+from acrc_testbed.run_model.robot_introspection import (
+    ProcessModel,
+    RecordedProcess,
+    process_model,
+    seconds_of,
 )
 from actors.floor.map_file import load_map
 from actors.messages import (

@@ -7,8 +7,8 @@ import numpy as np
 
 from acrc_testbed.run_model.data import RunData, Trajectory, ordered_changes
 from acrc_testbed.run_model.frame_outcomes import LOSSES, FrameCopies, by_outcome, concatenated, outcome_name
-from acrc_testbed.run_model.introspection import Floats
 from acrc_testbed.run_model.place_reports import first_reports
+from acrc_testbed.run_model.robot_introspection import Floats
 from actors.observer import panels
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import GREY, OUTCOME_COLOURS, WHITE

@@ -11,15 +11,15 @@ from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import RunData
 from acrc_testbed.run_model.floor import door_cells
 from acrc_testbed.run_model.frame_outcomes import LOSSES, FrameCopies, outcome_name
-from acrc_testbed.run_model.introspection import (
+from acrc_testbed.run_model.place_reports import PlaceTable
+from acrc_testbed.run_model.recording_readers import NO_FRAMES
+from acrc_testbed.run_model.robot_introspection import (
     NOT_RECORDED,
     ActivityChange,
     Floats,
     RobotInternals,
     StepCommit,
 )
-from acrc_testbed.run_model.place_reports import PlaceTable
-from acrc_testbed.run_model.recording_readers import NO_FRAMES
 from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, name
 from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord

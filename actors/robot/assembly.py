@@ -16,7 +16,7 @@ from actors.robot import localisation
 from actors.robot.behaviour.handover import behaviour_of
 from actors.robot.behaviour.ports import Start
 from actors.robot.core import RobotCore, RobotParts
-from actors.robot.introspection import Introspector
+from actors.robot.introspector import Introspector
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
 from actors.robot.navigation import cost_map, disc_dwa, dwa, local_planner, map_grid, potential, ray_tracing
 from actors.robot.navigation.cost_map import CostMap

@@ -26,7 +26,7 @@ from actors.messages import (
 from actors.robot.behaviour.decisions import RobotLimits, fault, outcome_fault
 from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.ports import Behaviour, Decision, View
-from actors.robot.introspection import Introspector
+from actors.robot.introspector import Introspector
 from actors.robot.localisation import Localisation
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.sweep import OdometryBuffer

@@ -42,7 +42,7 @@ from actors.runtime.processor import differing_kernels, first_names, parse_finge
 from actors.task.task import Task
 from actors.wording import short_repr
 from actors.world.body import Bodies, Places
-from actors.world.orders import OrderEffects, Orders
+from actors.world.order_execution import OrderEffects, Orders
 from actors.world.sensing import PoseErrorSum, WorldReport
 from actors.world.world_setup import BarrierState, Member, Participants, WorldSetup
 

@@ -13,8 +13,8 @@ from actors.robot.behaviour import Behaviour, FloorPlan, PlaceMonitor, Start, ho
 from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.place import Assignment
-from cleaning.settings import from_settings
 from cleaning.strategies.tour import PathCosts
+from cleaning.strategy_settings import from_settings
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
 from deeco import Instant, Resolution, adaptation, component, ensemble, periodic, replace, role, seconds
 

@@ -15,7 +15,7 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import exchanges
 from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 from deeco import Duration, Instant, adaptation, component, periodic, replace, seconds
 
 

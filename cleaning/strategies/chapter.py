@@ -15,7 +15,7 @@ from actors.robot.behaviour import Behaviour, Decision, Start, View, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import MakingWay, PeerMask, exchanges
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 
 _SENSOR_RANGE: Final = 6.5
 """Range of the original's sensor, m (d3scomp/ROSRemote, simulation/turtlebot.inc)."""

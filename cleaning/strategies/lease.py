@@ -12,7 +12,7 @@ from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, host
 from cleaning.adoption import exchanges
 from cleaning.cleaner import Cleaner, State
 from cleaning.place import Assignment
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
 from deeco import (
     Duration,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from actors.robot.behaviour import Behaviour, Start, host
 from cleaning.parameters import CleaningParameters
 from cleaning.robot import CleaningRobot
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from typing import Self
 
 from actors.robot.behaviour import Behaviour, FloorPlan, Start, host
 from actors.runtime.errors import AcrcError
-from cleaning.settings import from_settings
 from cleaning.strategies.auction import Auction, BiddingParameters, BiddingRobot, HigherBid
 from cleaning.strategies.chapter import SilentBehaviour
+from cleaning.strategy_settings import from_settings
 from cleaning.yielding import SteppingAside, Yielding
 from deeco import Instant, adaptation, component, periodic, replace, seconds
 

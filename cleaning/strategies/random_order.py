@@ -12,7 +12,7 @@ from numpy.random import Generator
 from actors.robot.behaviour import Behaviour, GoalStatus, Navigation, Start, host
 from cleaning.parameters import CleaningParameters
 from cleaning.robot import CleaningRobot
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 from deeco import component, periodic, replace, seconds
 
 

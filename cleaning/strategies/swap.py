@@ -16,8 +16,8 @@ from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
-from cleaning.settings import from_settings
 from cleaning.strategies.tour import PathCosts
+from cleaning.strategy_settings import from_settings
 from deeco import Duration, Instant, component, ensemble, replace, role, seconds
 
 

@@ -15,7 +15,7 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import exchanges
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 from deeco import adaptation, component, periodic, replace, seconds
 
 FAR: Final = 1000.0

@@ -11,8 +11,8 @@ from typing import Final
 
 from deeco.ensemble import ensemble_type
 from deeco.errors import DeecoError
-from deeco.explain.analysis import ComponentPart, ensemble_part, processes
 from deeco.explain.description import component_text, ensemble_text, field_table, mermaid_chart, names
+from deeco.explain.knowledge_use import ComponentPart, ensemble_part, processes
 from deeco.knowledge import Knowledge, is_component, is_role
 
 _FORM: Final = "'module:Component', 'module:Ensemble' or 'module'"

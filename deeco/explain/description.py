@@ -14,7 +14,7 @@ from itertools import permutations, zip_longest
 from typing import Any, Final
 
 from deeco.ensemble import Contact, ensemble_type
-from deeco.explain.analysis import ComponentPart, method_flow, methods, rhythm_of
+from deeco.explain.knowledge_use import ComponentPart, method_flow, methods, rhythm_of
 from deeco.instant import Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, describe, field_type, local_fields, role_fields, roles_of
 

@@ -34,7 +34,7 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import Bus, at
 from actors.runtime.errors import AcrcError
 from deploy.control.scene import PENDING, Scene
-from deploy.run import orders
+from deploy.run import order_bus
 
 HOST: Final = "127.0.0.1"
 ORDER_LENGTH: Final = 200
@@ -96,7 +96,7 @@ class RunLink:
         line.order, line.times = words, line.times + 1
         self._change(line, waiting=1)
         try:
-            order = orders.parse(verb, rest)
+            order = order_bus.parse(verb, rest)
             if self._scene.over or len(self._waiting) >= PENDING:
                 raise AcrcError("the run has ended" if self._scene.over else "too many unanswered orders")
         except AcrcError as error:

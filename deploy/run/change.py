@@ -25,7 +25,7 @@ from actors.runtime.core import Delivery, at
 from actors.runtime.recording import Note, read_recording
 from actors.runtime.shell import MemoryBus
 from cleaning.strategies import entry
-from deploy.run import orders
+from deploy.run import order_bus
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
@@ -88,7 +88,7 @@ def event(text: str, branch_s: float) -> BranchEvent:
     if not words:
         raise wrong_value("--event", text, "an order of `acrc order`, such as kill r2 at 130")
     try:
-        order = orders.parse(words[0], words[1:])
+        order = order_bus.parse(words[0], words[1:])
     except OptionError as error:
         raise OptionError(f"--event: {error}") from None
     if isinstance(order, Pause | Resume | Step | Speed | Stop):

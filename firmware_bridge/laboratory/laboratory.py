@@ -22,7 +22,7 @@ from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome, Referee
 from actors.world.body import Bodies, real_floor
-from actors.world.orders import Orders
+from actors.world.order_execution import Orders
 from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import odometry_errors

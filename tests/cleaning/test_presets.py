@@ -23,8 +23,8 @@ from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, UnblockTarget
 from cleaning.place import RESTART_TERM, Assignment, assignments
 from cleaning.robot import CleaningRobot
-from cleaning.settings import SettingsError, from_settings
 from cleaning.strategies import STRATEGIES, StrategyError, entry
+from cleaning.strategy_settings import SettingsError, from_settings
 from deeco import component
 from deeco.local import Commit
 

@@ -20,7 +20,7 @@ from actors.robot.localisation.parameters import PRESETS as LOCALISATION
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS as NAVIGATION
 from actors.robot_model import load_model
 from cleaning.strategies.registry import STRATEGIES
-from deploy.run.orders import VERBS
+from deploy.run.order_bus import VERBS
 from tests.in_process import acrc
 
 NAMES = ("none-giving-up", "chapter-careful", "my_package.strategies:make_way", "r1", "of 12 places")

@@ -25,7 +25,7 @@ from acrc_testbed.experiments.study import load_study
 from acrc_testbed.explanation.time_spent import Cause
 from actors.installation.repository import REPOSITORY
 from actors.observer.glyphs import ACTIVITY_GLYPHS, CAUSE_GLYPHS
-from actors.robot.introspection import ACTIVITIES
+from actors.robot.introspector import ACTIVITIES
 from deploy.scenario.scenario_file import parse
 from tests import warm
 from tests.documentation.markdown import Block, MarkdownPage, pages

@@ -13,7 +13,7 @@ import pytest
 from acrc_testbed.command_line import campaign_commands
 from acrc_testbed.experiments import frozen_plan, store
 from acrc_testbed.experiments.evaluation import evaluate
-from acrc_testbed.experiments.report import bundle
+from acrc_testbed.experiments.report import campaign_bundle
 from acrc_testbed.experiments.store import isolation_sentences
 from acrc_testbed.experiments.study import Study, load_study
 from acrc_testbed.experiments.trial_record import TrialRecord, write_json
@@ -291,7 +291,7 @@ def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, t
     kept, _ = begun(folder)
     over(kept, plain)
     told = evaluate(kept).declared
-    bundle.make_bundle(kept.folder, tmp_path / "b.zip")
+    campaign_bundle.make_bundle(kept.folder, tmp_path / "b.zip")
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         archive.extractall(tmp_path / "elsewhere")
     unpacked = tmp_path / "elsewhere" / "out"

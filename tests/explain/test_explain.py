@@ -14,8 +14,8 @@ from actors.robot.behaviour import Start
 from actors.robot.behaviour.loading import load_behaviour
 from actors.robot.behaviour.node_host import ensembles_of, node_of
 from cleaning.strategies import STRATEGIES, entry
-from deeco.explain.analysis import ComponentPart, ensemble_part, processes
 from deeco.explain.command import main
+from deeco.explain.knowledge_use import ComponentPart, ensemble_part, processes
 from tests.cleaning.fakes import OpenFloor
 from tests.documentation.markdown import MarkdownPage
 

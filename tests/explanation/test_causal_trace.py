@@ -11,7 +11,7 @@ from acrc_testbed.explanation.tracer import KnownPoints, root
 from acrc_testbed.run_model.recording_readers import messages_on
 from actors.geometry import Point
 from actors.messages import RECEIVED, FrameReceived
-from actors.robot.introspection import ABSENT, PathDifference, differences
+from actors.robot.introspector import ABSENT, PathDifference, differences
 
 
 @pytest.fixture(scope="module")

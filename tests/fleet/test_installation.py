@@ -24,9 +24,9 @@ from actors.installation.repository import PACKAGES
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.code_permit import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
-from deploy.fleet import bundle, keys
-from deploy.fleet.bundle import RobotBundle
+from deploy.fleet import keys, robot_bundle
 from deploy.fleet.fleet_file import load_fleet
+from deploy.fleet.robot_bundle import RobotBundle
 from deploy.fleet.units import UsbPort, default_user, service_text, udev_rules, unassigned, write_units
 from tests.fleet.fleet_texts import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, OFFICE, ROOT, fleet, robot
 from tests.in_process import acrc
@@ -268,7 +268,7 @@ class SmallClone:
         for name in PACKAGES:
             (self.root / name).mkdir(parents=True)
             (self.root / name / "py.typed").touch()
-        for name in bundle._ROOT:
+        for name in robot_bundle._ROOT:
             shutil.copy(ROOT / name, self.root)
         (self.root / "actors" / "core.py").touch()
         (self.root / "actors" / "link.py").symlink_to("../acrc")
@@ -282,12 +282,12 @@ class SmallClone:
 
     def bundle(self, out: Path, permit: Permit | None = None) -> RobotBundle:
         fleet, permit = load_fleet(self.office), permit or Permit()
-        return bundle.make(self.root, fleet, "r2", permit, machine="aarch64", python="3.12", out=out)
+        return robot_bundle.make(self.root, fleet, "r2", permit, machine="aarch64", python="3.12", out=out)
 
 
 @pytest.fixture
 def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SmallClone:
-    monkeypatch.setattr(bundle, "_wheels", lambda *_: WHEELS)
+    monkeypatch.setattr(robot_bundle, "_wheels", lambda *_: WHEELS)
     return SmallClone(tmp_path)
 
 
@@ -311,7 +311,7 @@ def test_bundle_contains_program_wheels_configuration_and_private_keys(clone: Sm
     private = {f"fleets/office-keys/r2/{name}.pem" for name in ("authority", "certificate", "key")}
     configuration = {"fleets/office.toml", "fleets/maps/corridor.yaml", "fleets/maps/corridor.png"}
     packages = {f"{name}/py.typed" for name in PACKAGES}
-    program = {*bundle._ROOT, *packages, *WHEELS, "COMMIT", "actors/core.py"}
+    program = {*robot_bundle._ROOT, *packages, *WHEELS, "COMMIT", "actors/core.py"}
     assert inside.keys() == program | private | configuration
     assert content(out, "actors/core.py") == "pass\n", "uncommitted changes are included"
     assert content(out, "fleets/office.toml") == clone.office.read_text()
@@ -394,7 +394,7 @@ def test_missing_wheels_are_reported_in_one_sentence(monkeypatch: pytest.MonkeyP
     with pytest.raises(
         AcrcError, match=r"cannot be downloaded: No matching distribution found for tiny==1\.0"
     ):
-        bundle._wheels(text, "x86-64", "3.13")
+        robot_bundle._wheels(text, "x86-64", "3.13")
 
 
 def test_a_bundles_program_reports_its_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -434,7 +434,7 @@ def test_a_robot_is_installed_and_drives_without_a_network(tmp_path: Path, full:
     machine = {"x86_64": "x86-64"}.get(platform.machine(), platform.machine())
     fleet, out = load_fleet(rig.write_fleet(MAP.name)), tmp_path / "r1.tar"
     python = f"3.{sys.version_info.minor}"
-    bundle.make(ROOT, fleet, "r1", INSTALLED, machine=machine, python=python, out=out)
+    robot_bundle.make(ROOT, fleet, "r1", INSTALLED, machine=machine, python=python, out=out)
     subprocess.run(["tar", "-xf", out, "-C", tmp_path], check=True)
     words = ("acrc-r1/acrc", "fleet", "units", "acrc-r1/fleets/fleet.toml", "--robot", "r1", "--user", "acrc")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}

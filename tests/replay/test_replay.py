@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.command_line import analysis
+from acrc_testbed.command_line import replay_commands
 from acrc_testbed.recordings import record_replay
 from acrc_testbed.recordings.record_replay import RecheckError, ReplayOptions, recheck, replay_actor
 from acrc_testbed.recordings.run_recordings import code_folders, read_setup, recordings
@@ -88,7 +88,7 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     assert all("/cleaning/" in file for file in stops), "never in what a dataclass generates"
     assert "r2" in said
     monkeypatch.setattr(sys, "stdin", io.StringIO("quit\n"))
-    analysis.replay(recorded, "r2", begin=1.0, pdb=True)
+    replay_commands.replay(recorded, "r2", begin=1.0, pdb=True)
     assert re.search(r"r2: identical: \d+ outputs so far\n$", capsys.readouterr().out)
 
 

@@ -17,7 +17,7 @@ from actors.instant import Instant
 from actors.introspection import Introspection
 from actors.messages import INTROSPECTION
 from actors.processes.launcher import create_launcher
-from actors.robot.introspection import Introspector
+from actors.robot.introspector import Introspector
 from actors.runtime.codec import decode
 from actors.runtime.process_setup import RecordDetail
 from actors.runtime.recording import LARGEST_RECORD, Entry, read_recording

@@ -12,14 +12,14 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from acrc_testbed.command_line.analysis import export
+from acrc_testbed.command_line.replay_commands import export
 from acrc_testbed.export import robot_entries, ros2_log
 from acrc_testbed.export.log_export import LogReport, log_run
 from acrc_testbed.export.robot_entries import occupancy
 from acrc_testbed.export.ros2_log import TYPES, LogEntry
 from acrc_testbed.run_model.data import RunData, Trajectory
-from acrc_testbed.run_model.introspection import RecordedProcess
 from acrc_testbed.run_model.recording_readers import messages_on
+from acrc_testbed.run_model.robot_introspection import RecordedProcess
 from acrc_testbed.run_model.simulated_runs import read_run
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN
 from actors.geometry import Pose

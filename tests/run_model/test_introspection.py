@@ -7,7 +7,7 @@ import pytest
 from msgspec import structs
 
 from acrc_testbed.recordings.run_recordings import read_run_note
-from acrc_testbed.run_model.introspection import (
+from acrc_testbed.run_model.robot_introspection import (
     IntrospectionError,
     ProcessModel,
     RecordedProcess,

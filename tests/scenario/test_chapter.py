@@ -11,7 +11,7 @@ from actors.installation.repository import REPOSITORY
 from actors.settings import Settings
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import GOLDEN
-from cleaning.settings import from_settings
+from cleaning.strategy_settings import from_settings
 from deploy.scenario.events import place_areas
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario

@@ -11,7 +11,7 @@ from acrc_testbed.recordings.record_replay import replay_actor
 from actors import orders as given
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.code_permit import INSTALLED
-from deploy.run import orders
+from deploy.run import order_bus
 from deploy.run.swarm_replay import replay_swarm
 from tests import in_process
 from tests.failures.failing import stepping, until
@@ -38,7 +38,7 @@ from tests.swarm.command import ROOT, begin, leftovers, processes_of
 )
 def test_orders_as_typed(words: str, order: given.Order) -> None:
     verb, *rest = words.split()
-    assert orders.parse(verb, rest) == order
+    assert order_bus.parse(verb, rest) == order
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_orders_as_typed(words: str, order: given.Order) -> None:
 def test_wrong_orders_are_refused(words: str, sentence: str) -> None:
     verb, *rest = words.split()
     with pytest.raises(OptionError) as caught:
-        orders.parse(verb, rest)
+        order_bus.parse(verb, rest)
     assert str(caught.value) == sentence
 
 

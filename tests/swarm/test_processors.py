@@ -18,7 +18,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.version import MINORS, requirements
 from actors.runtime.process import RunNote
 from actors.runtime.recording import read_notes
-from deploy.fleet.bundle import download
+from deploy.fleet.robot_bundle import download
 from tests.swarm.command import run
 
 TASK: Final = ("scenarios/corridor.toml", "--bus", "memory", "--robots", "3", "--duration", "6")

@@ -26,7 +26,7 @@ from actors.observer.canvas import Canvas
 from actors.observer.glyphs import Colour
 from actors.observer.layout import ViewerContents, ViewFile
 from actors.orders import Wall
-from actors.robot.introspection import ACTIVITIES
+from actors.robot.introspector import ACTIVITIES
 from actors.task.task import PlaceKey
 from tests.run_data import run_data
 from tests.view.conftest import Rows, rows

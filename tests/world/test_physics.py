@@ -19,7 +19,7 @@ from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies
-from actors.world.orders import OrderEffects, Orders
+from actors.world.order_execution import OrderEffects, Orders
 from actors.world.physics import SUBSTEP, Arena, Shape, disc, footprint_at, gap, wall_gap
 from actors.world.world_setup import BarrierState, BodySetup, Participants, TimedOrder
 from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, overlap, room, room_with_door, towards

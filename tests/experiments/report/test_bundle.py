@@ -12,7 +12,7 @@ import yaml
 
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.frozen_plan import study_inputs
-from acrc_testbed.experiments.report import bundle
+from acrc_testbed.experiments.report import campaign_bundle
 from acrc_testbed.experiments.study import Study, load_study
 from acrc_testbed.experiments.trial_record import TrialRecord, write_json
 from acrc_testbed.results.result import RunResult
@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def unpacked(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("bundle")
-    bundle.make_bundle(folder, out / "given.zip", ["Ada Lovelace"])
+    campaign_bundle.make_bundle(folder, out / "given.zip", ["Ada Lovelace"])
     with zipfile.ZipFile(out / "given.zip") as archive:
         archive.extractall(out)
     return out / "tiny"
@@ -80,7 +80,7 @@ def test_sums_are_those_of_all_files_and_bytes_are_the_same(
     files = [path for path in unpacked.rglob("*") if path.is_file()]
     assert checked.stdout.count(": OK") == len(files) - 1
 
-    bundle.make_bundle(folder, tmp_path / "deeper" / "again.zip", ["Ada Lovelace"])
+    campaign_bundle.make_bundle(folder, tmp_path / "deeper" / "again.zip", ["Ada Lovelace"])
     before = (unpacked.parent / "given.zip").read_bytes()
     assert (tmp_path / "deeper" / "again.zip").read_bytes() == before
 
@@ -116,7 +116,7 @@ def test_inputs_that_others_could_not_find_are_refused(tmp_path: Path) -> None:
         study_inputs(msgspec.structs.replace(STUDY, scenario=str(tmp_path / "gone.toml")))
     store.create(tmp_path / "new", STUDY)
     with pytest.raises(AcrcError, match="no run has ended"):
-        bundle.make_bundle(tmp_path / "new", tmp_path / "new.zip")
+        campaign_bundle.make_bundle(tmp_path / "new", tmp_path / "new.zip")
 
 
 def test_a_strategy_of_one_s_own_is_an_input(tmp_path: Path) -> None:

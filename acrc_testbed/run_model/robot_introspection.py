@@ -25,7 +25,7 @@ from actors.introspection import (
 )
 from actors.messages import NO_ECHO_MM, Drive, FrameReceived, RadioEvents, Scan, SensorData
 from actors.portable import arrays
-from actors.robot.introspection import cell_type
+from actors.robot.introspector import cell_type
 from actors.robot.navigation.cost_map import CostMap, CostMapParameters
 from actors.robot_model import RangeSensor, load_model
 from actors.runtime.errors import AcrcError
