@@ -93,3 +93,20 @@ def test_the_architecture_lists_every_folder_and_fits_on_two_pages() -> None:
     folders = {file.parent.as_posix() for file in committed("*.py") if file.parts[0] in PACKAGES}
     assert {folder.rstrip("/") for folder in re.findall(r"`([\w/]+/)`", page)} == {*folders, "tests"}
     assert len(page.splitlines()) <= 120
+
+
+def test_functions_of_the_architecture_are_in_the_files_beside_them() -> None:
+    """Check pairs "`file`: `symbol`" and "`symbol`, `file`"."""
+    page = (REPOSITORY / "docs" / "architecture.md").read_text()
+    pairs = re.findall(r"`(\w+/[\w/]+\.py)`: `([\w.]+)`", page)
+    pairs += [(file, symbol) for symbol, file in re.findall(r"`([\w.]+)`, `(\w+/[\w/]+\.py)`", page)]
+    missing = [
+        f"{file}: {symbol}"
+        for file, symbol in pairs
+        for name in symbol.split(".")
+        if not re.search(
+            rf"\b(?:def|class) {name}\b|^{name}\b.*=", (REPOSITORY / file).read_text(), re.MULTILINE
+        )
+    ]
+    assert len(pairs) > 30
+    assert missing == []
