@@ -95,7 +95,7 @@ def campaign(
         choose_isolation(True)  # refuse before the first trial
     _, folders = check_study(prepared, permit_of([Path(one) for one in modules], trust=trust), file)
     folder = Path(out or Path("campaigns", prepared.name)).absolute()
-    with out_folder.replacing(folder, "study.json") if overwrite else nullcontext():
+    with out_folder.replace_folder(folder, "study.json") if overwrite else nullcontext():
         kept = store.create(folder, prepared)
         try:
             carry_out(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))

@@ -92,8 +92,8 @@ def run(
     """
     from acrc_testbed.recordings.topics import RunState, run_state
     from actors.robot.behaviour.code_permit import permit_of
-    from deploy.run.options import RunOptions, folder_name
-    from deploy.run.start import claimed, prepare_run, start_run
+    from deploy.run.options import RunOptions, run_folder_name
+    from deploy.run.start import prepare_run, start_run, with_claimed_folder
     from deploy.scenario.scenario_file import Overrides
 
     file = file_of("scenarios", scenario)
@@ -101,13 +101,13 @@ def run(
     overrides = Overrides(
         robots=robots, seed=seed, duration=duration, strategy=strategy, navigation=navigation, settings=own
     )
-    place = Path(out) if out is not None else Path("runs", folder_name(file))
+    place = Path(out) if out is not None else Path("runs", run_folder_name(file))
     options = RunOptions(
         place, bus=bus, record=record, scenario=file.name, hidden=(file.absolute(),), json=True
     )
     prepared = prepare_run(file, overrides, options, permit_of([*map(Path, modules)], trust=trust))
     if out is None:
-        prepared = claimed(prepared)
+        prepared = with_claimed_folder(prepared)
     options = prepared.options
     if overwrite and (options.out / _MARK).is_file() and run_state(options.out) is RunState.GOING_ON:
         raise AcrcError(f"--out: a run is in progress in {options.out}; choose another folder")
@@ -140,6 +140,6 @@ def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "F
     with style.applied(style.LOOK):
         figure = draw()
         if path is not None:
-            with out_folder.writing(path.absolute().parent):
+            with out_folder.convert_write_errors(path.absolute().parent):
                 style.save(figure, path)
     return figure

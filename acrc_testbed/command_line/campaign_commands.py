@@ -59,7 +59,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose_isolation
 from deploy.hosts.address import plain
 from deploy.run import out_folder
-from deploy.run.progress import lines
+from deploy.run.progress import line_printer
 
 
 def campaign(
@@ -150,7 +150,7 @@ def progress_display(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
         yield lambda progress: None
         return
     if not console.is_terminal:
-        log = lines(console)
+        log = line_printer(console)
         yield lambda progress: log(f"{progress.done} of {progress.total} runs{_stands(progress)}")
         return
     bar = Progress(
@@ -187,7 +187,7 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
     step_metrics(study)
     looks = verdicts.stopping_rules(study).differ.looks if until_decided else ()
     content = frozen_plan.freeze(study, software_version(), looks)
-    with out_folder.writing(target):
+    with out_folder.convert_write_errors(target):
         regular_file.write_atomically(target, content)
     plan = frozen_plan.read_plan(target)
     answer(
@@ -205,7 +205,7 @@ def report(folders: Sequence[Path], out: Path | None, *, json: bool) -> None:
     from acrc_testbed.experiments.report import report_page as reports  # draws with matplotlib
 
     target = out or folders[0] / "report"
-    with out_folder.writing(target):
+    with out_folder.convert_write_errors(target):
         page = reports.write(folders, out or regular_file.check_no_link(target))
     answer([f"written to {page}, with pictures and tables"], {"page": page}, json=json)
 
@@ -215,7 +215,7 @@ def bundle(folder: Path, out: Path | None, authors: Sequence[str], *, json: bool
     from acrc_testbed.experiments.report import campaign_bundle  # draws with matplotlib
 
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
-    with out_folder.writing(target):
+    with out_folder.convert_write_errors(target):
         has_software = campaign_bundle.make_bundle(folder, target, authors)
     lines = [f"written to {target}; unpack it and run ./reproduce.sh to repeat the runs"]
     if not has_software:

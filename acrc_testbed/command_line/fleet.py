@@ -157,9 +157,9 @@ def onboard(
     console = create_console(stderr=True)
     loaded = load_fleet(fleet)
     named = permit_of(modules).modules
-    folder = out_folder.checked(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
+    folder = out_folder.checked_path(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
     options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, named)
-    with out_folder.dropped_if_empty(folder):
+    with out_folder.remove_if_empty(folder):
         prepared = onboard_run.prepare(loaded, robot, options, console.print)
         compile_kernels(onboard=True)  # reports progress: it takes a minute, five on a small board
         onboard_run.run(prepared, console.print)

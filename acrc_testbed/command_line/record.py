@@ -96,7 +96,7 @@ def plot(
     from acrc_testbed.picture import style
     from deploy.run import out_folder
 
-    with out_folder.writing(file.parent):
+    with out_folder.convert_write_errors(file.parent):
         style.write({short_key(name): values for name, values in found.items()}, field, file)
     answer([str(file)], {"file": file}, json=json)
 

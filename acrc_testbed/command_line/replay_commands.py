@@ -149,7 +149,7 @@ def _replay_here(
     if strategy is None:
         report = replay_actor(out, robot, replay_options)
     else:
-        report = swarm_replay.replay_otherwise(out, robot, entry(strategy), replay_options)
+        report = swarm_replay.replay_with_behaviour(out, robot, entry(strategy), replay_options)
     if wanted is not None and not reached:
         raise AcrcError(f"--from: {begin:g} is after the end of {robot}'s recording")
     return report
@@ -229,7 +229,7 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
     console = create_console(stderr=True, soft_wrap=False)
     with console.status("reading"):
         found = table_rows.tables(out)
-    with out_folder.writing(folder or out):
+    with out_folder.convert_write_errors(folder or out):
         where = folder or regular_file.check_no_link(out / "tables")
         written = dict(parquet_files.write(found, where))
     answer(
@@ -249,7 +249,7 @@ def _export_log(out: Path, file: Path | None, name: str, robots: Sequence[str], 
 
     path = file or out.absolute().with_name(f"{out.absolute().name}.{name}.mcap")
     console = create_console(stderr=True, soft_wrap=False)
-    with out_folder.writing(path.parent), console.status("writing"):
+    with out_folder.convert_write_errors(path.parent), console.status("writing"):
         report = log_run(out, path, robots)
     for note in report.notes:
         print(note, file=sys.stderr)

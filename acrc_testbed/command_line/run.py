@@ -155,8 +155,8 @@ def run(
 
     permit = code_permit.permit_of(modules, trust=trust)
     from deploy.hosts.address import plain
-    from deploy.run.options import RunOptions, folder_name
-    from deploy.run.start import claimed, prepare_run, start_run
+    from deploy.run.options import RunOptions, run_folder_name
+    from deploy.run.start import prepare_run, start_run, with_claimed_folder
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, parse_settings
 
     overrides = Overrides(
@@ -171,7 +171,7 @@ def run(
     )
     file = scenario or DEFAULT_SCENARIO
     options = RunOptions(
-        out or Path("runs", folder_name(file)),
+        out or Path("runs", run_folder_name(file)),
         record=cast(Literal["lean", "full"], record),  # checked with the other options
         speed=speed or ("1" if control else "max"),
         bus=bus,
@@ -200,7 +200,7 @@ def run(
 
         by = hardware_in_the_loop.run
     if out is None:
-        prepared = claimed(prepared)
+        prepared = with_claimed_folder(prepared)
     result = start_run(prepared, quiet=json, by=by)
     from acrc_testbed.results import summary
     from acrc_testbed.results.result import require_delivery
@@ -286,7 +286,7 @@ def order(
     from deploy.run import order_bus, out_folder
 
     if str(out) in order_bus.VERBS and verb not in order_bus.VERBS:
-        folder = out_folder.newest(Path("runs")) or "runs/NAME"
+        folder = out_folder.newest_run(Path("runs")) or "runs/NAME"
         raise OptionError(f"OUT: missing; example: {command_line('order', folder, out, verb)}")
     sent = " ".join([verb, *(words or [])])
     refusal = order_bus.send(out, order_bus.parse(verb, words or []))

@@ -46,20 +46,20 @@ def demo(
     from acrc_testbed.picture import run_page
     from acrc_testbed.run_model.simulated_runs import read_run
     from deploy.run import out_folder, start
-    from deploy.run.options import RunOptions, checked, folder_name
+    from deploy.run.options import RunOptions, check_options, run_folder_name
 
-    name = folder_name(Path("demo"))
-    options = checked(RunOptions(out or Path("runs", name), json=json))
+    name = run_folder_name(Path("demo"))
+    options = check_options(RunOptions(out or Path("runs", name), json=json))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
     with start.output_folder(options.out, quiet=json):
         results = start.demonstrate(options)
     runs = [read_run(options.out / strategy) for strategy in results]
     pictures = [options.out / "demo.png", options.out / "demo.svg"]
-    with out_folder.writing(options.out):
+    with out_folder.convert_write_errors(options.out):
         for picture in pictures:
             run_page.write_several(runs, picture)
-    said = start.sentences(results, len(runs[-1].taken_over), pictures)
+    said = start.demonstration_lines(results, len(runs[-1].taken_over), pictures)
     answer(said, {"out": options.out, "pictures": pictures, "results": results}, json=json)
     if not json and sys.stdout.isatty() and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         typer.launch(str(pictures[0]))
@@ -166,7 +166,7 @@ def _newest() -> Path:
     """Return the newest run and print its name. Raises OptionError if there is none."""
     from deploy.run import out_folder
 
-    found = out_folder.newest(Path("runs"))
+    found = out_folder.newest_run(Path("runs"))
     if found is None:
         raise OptionError("OUT: missing, and runs/ contains no run; give a run's folder")
     sys.stderr.write(f"acrc: newest run: {found}\n")
@@ -186,7 +186,7 @@ def _show(
     from deploy.run import out_folder
 
     say, complete = create_console(stderr=True).print, True
-    with out_folder.writing((save or screenshot or folders[0]).absolute().parent):
+    with out_folder.convert_write_errors((save or screenshot or folders[0]).absolute().parent):
         if save is not None:
             complete = run_view.save(folders, robots, save, say)
         if screenshot is not None:
@@ -207,7 +207,7 @@ def _draw_side_by_side(folders: Sequence[Path], pictures: Sequence[Path]) -> Seq
     for folder, run in zip(folders, runs, strict=True):
         _warn_if_incomplete(folder, run)
     for picture in pictures:
-        with out_folder.writing(picture.parent):
+        with out_folder.convert_write_errors(picture.parent):
             run_page.write_several(runs, picture)
     return pictures
 
@@ -237,11 +237,11 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
         create_console(stderr=True).print(partial_run_notice(out, run.end))
     _warn_if_incomplete(out, run)
     for page in pages:
-        with out_folder.writing(page.parent):
+        with out_folder.convert_write_errors(page.parent):
             (run_html if page.suffix == ".html" else run_page).write(run, page)
     if movie is None:
         return pages
-    with out_folder.writing(movie.parent):
+    with out_folder.convert_write_errors(movie.parent):
         run_movie.write(run, movie, speed)
     return [*pages, movie]
 
@@ -268,7 +268,7 @@ def scenario(
     from actors.floor import offices
     from actors.robot.behaviour.code_permit import permit_of, permitted_folders
     from actors.robot_model import load_model
-    from deploy.run.swarm import preflight_here
+    from deploy.run.swarm import preflight_in_process
     from deploy.scenario import survey
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, parse_settings
@@ -286,7 +286,7 @@ def scenario(
     settled = resolve(load_scenario(file, overrides))
     _answer_survey(survey.survey(settled), png, json=json)
     folders = permitted_folders(file, settled.behaviour, module_folders(settled.scenario), permit)
-    preflight_here(settled, folders)
+    preflight_in_process(settled, folders)
 
 
 def _answer_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: bool) -> None:
@@ -297,7 +297,7 @@ def _answer_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: b
     if png is not None:
         from deploy.scenario import scenario_picture
 
-        with out_folder.writing(png.parent):
+        with out_folder.convert_write_errors(png.parent):
             scenario_picture.write(found, png)
     drawn = [] if png is None else [str(png)]
     answer([*survey.sentences(found), *drawn], survey.as_json(found) | {"picture": png}, json=json)

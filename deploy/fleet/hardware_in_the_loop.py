@@ -34,7 +34,7 @@ from deploy.fleet.onboard_run import OnboardSupervisor
 from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
-from deploy.run.plan import RunPlan, told_radio, told_world
+from deploy.run.plan import RunPlan, relative_radio_setup, relative_world_setup
 from deploy.run.supervisor import Supervisor
 from deploy.run.swarm import preflight
 from deploy.scenario.events import action_of
@@ -84,7 +84,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     plan.folder(LABORATORY).mkdir()
     plan.write_scenario()
     places = sum(len(robot.places) for robot in plan.world.robots)
-    with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
+    with progress.show_progress(plan.world.duration_us, places, quiet=options.json) as follow:
         _run_processes(plan, simulated, launched or create_launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
     result = collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
@@ -126,8 +126,8 @@ class _EmulatedDevices(Supervisor):
         super().__init__(launched)
         self._folder = folder
         models = {str(path): place for path, place in plan.scenario.models}
-        world = told_world(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
-        setup = LaboratorySetup(world, told_radio(plan), simulated)
+        world = relative_world_setup(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
+        setup = LaboratorySetup(world, relative_radio_setup(plan), simulated)
         (folder / SETUP).write_bytes(typed_json.dump(setup))
 
     def start_devices(self) -> None:

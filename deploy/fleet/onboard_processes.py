@@ -24,7 +24,15 @@ from actors.runtime.isolation.credentials import Credentials
 from actors.runtime.process_setup import ActorSetup, ProcessSetup
 from actors.runtime.recording import Note, RecordingError, read_recording
 from actors.world.world_setup import BodySetup
-from deploy.run.plan import MODEL, RunPlan, actor_program, client, lay_out_robot, robot_program, write_names
+from deploy.run.plan import (
+    MODEL,
+    RunPlan,
+    actor_program,
+    client,
+    robot_program,
+    write_robot_folder,
+    write_strategy_folders,
+)
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.device_loop import PATIENCE_S, BaseSetup, BridgeSetup
@@ -91,8 +99,8 @@ def lay_out(onboard: OnboardRobot) -> None:
     if plan.folder(robot.id).exists():
         raise OptionError(f"--out: {plan.out} already contains {robot.id}/; choose another directory")
     plan.out.mkdir(parents=True, exist_ok=True)
-    write_names(plan)
-    lay_out_robot(plan, robot)
+    write_strategy_folders(plan)
+    write_robot_folder(plan, robot)
     for actor in (BASE, BRIDGE):
         onboard.folder(actor).mkdir()
 

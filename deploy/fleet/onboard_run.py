@@ -33,9 +33,9 @@ from deploy.fleet.doctor import check_keys, run_check
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports
 from deploy.run.options import RunOptions
-from deploy.run.out_folder import claim, writing
+from deploy.run.out_folder import claim, convert_write_errors
 from deploy.run.plan import RunPlan, ScenarioCopy
-from deploy.run.supervisor import RestartPolicy, Supervisor, exit_in_words
+from deploy.run.supervisor import RestartPolicy, Supervisor, exit_description
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
@@ -114,7 +114,7 @@ class OnboardSupervisor(Supervisor):
             self.end_all()
             return False
         for name in ended:
-            self._say(f"{name} exited {exit_in_words(self._current[name])}")
+            self._say(f"{name} exited {exit_description(self._current[name])}")
         self.count_restart(self._onboard.robot.id, ended[0], self._current[ended[0]])
         if layout.BASE in ended:
             self.end_all()
@@ -278,7 +278,11 @@ def run(prepared: OnboardRobot, say: Callable[[str], None]) -> None:
     """Run until the operator's stop, a signal (Interruption), or an exhausted restart budget (AcrcError)."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
-    with writing(prepared.plan.out), signals_as_interrupts(), create_launcher("exec", reap=False) as launched:
+    with (
+        convert_write_errors(prepared.plan.out),
+        signals_as_interrupts(),
+        create_launcher("exec", reap=False) as launched,
+    ):
         layout.lay_out(prepared)
         service, in_doubt = SystemdNotifier(), last_pose.read(prepared.pose_file) is not None
         operator = OperatorAccessCheck(prepared.link_fault, say)

@@ -78,7 +78,7 @@ class HostTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     code: int
     """Number of the strategy's folders in `code/`."""
     share: tuple[tuple[str, ...], ...]
-    """Data shared by the robots' processes, see `deploy.run.plan.in_common`."""
+    """Data shared by the robots' processes, see `deploy.run.plan.shared_arguments`."""
     leave: bool
     """Keep recordings here."""
 

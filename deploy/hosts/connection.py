@@ -91,7 +91,7 @@ def connect(address: str) -> Client:
         reason = str(error).splitlines()[0]
         raise ClusterError(f"--on {address}: no Dask scheduler answers there: {reason}") from None
     try:
-        refuse_open(client, address)
+        check_tls(client, address)
         if not client.nthreads():
             raise ClusterError(
                 f"--on {address}: has no workers; start one with: ./acrc cluster join {address}"
@@ -102,7 +102,7 @@ def connect(address: str) -> Client:
     return client
 
 
-def refuse_open(client: Client, address: str) -> None:
+def check_tls(client: Client, address: str) -> None:
     """Raise ClusterError if the cluster accepts remote clients without a key."""
     about = client.scheduler_info(n_workers=-1)
     for listener in (str(about["address"]), *map(str, about["workers"])):

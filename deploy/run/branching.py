@@ -28,14 +28,14 @@ from deploy.run.change import (
     OrderBus,
     boundary,
     changed,
-    control_of,
+    control_scenario,
     event,
+    merge_events,
     recorded_orders,
     strategy_settings,
-    with_events,
 )
 from deploy.run.change import place as place_of
-from deploy.run.options import RunOptions, checked, folder_name
+from deploy.run.options import RunOptions, check_options, run_folder_name
 from deploy.run.start import output_folder
 from deploy.run.swarm_replay import SCENARIO, Divergence, divergence
 from deploy.scenario.scenario_file import load_scenario, module_folders, parse_settings
@@ -90,7 +90,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         origin / SCENARIO, entry(branched.run.strategy), module_folders(branched), permit
     )
     options = replace(options, modules=modules)
-    anew = control_of(scenario, change) if chosen else None
+    anew = control_scenario(scenario, change) if chosen else None
 
     began, again_s = time.monotonic(), 0.0
 
@@ -100,7 +100,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
             again_s = time.monotonic() - began
 
     def carry_out(of: Scenario, into: RunOptions) -> RunResult:
-        orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
+        orders = OrderBus(merge_events(recorded_orders(files["world"]), change.events, step_us))
         return swarm.run_in_memory(swarm.plan(of, into), follow, orders)
 
     result = carry_out(branched, options)
@@ -176,8 +176,10 @@ def continue_run(
         typed = "" if strategy is None else entry(strategy)
     except StrategyError as error:
         raise OptionError(f"--strategy: {error}") from None
-    name = f"{folder_name(Path(origin.name))}-branch"
-    options = checked(RunOptions(out or Path("runs", name), bus="memory", scenario=origin.name, json=json))
+    name = f"{run_folder_name(Path(origin.name))}-branch"
+    options = check_options(
+        RunOptions(out or Path("runs", name), bus="memory", scenario=origin.name, json=json)
+    )
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))

@@ -105,7 +105,7 @@ class TimedControl(NamedTuple):
     payload: bytes
 
 
-def with_events(
+def merge_events(
     recorded: Iterable[TimedControl], events: Sequence[BranchEvent], step_us: int
 ) -> list[TimedControl]:
     """Merge recorded orders and events, sorted by step; events come first within a step.
@@ -169,7 +169,7 @@ def changed(scenario: Scenario, change: Change) -> Scenario:
     return _from(scenario, BehaviourChange(change.at_s, change.strategy or present.name, settings))
 
 
-def control_of(scenario: Scenario, change: Change) -> Scenario | None:
+def control_scenario(scenario: Scenario, change: Change) -> Scenario | None:
     """Return the control's scenario: strategy restarted with old settings; None for another strategy."""
     present = _present(scenario, change)
     if change.strategy is not None and entry(change.strategy) != entry(present.name):

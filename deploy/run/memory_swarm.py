@@ -42,7 +42,7 @@ from actors.runtime.recording import Recorder
 from actors.runtime.shell import MemoryBus, Shell, run_shells
 from actors.world import program as world_program
 from actors.world.core import WorldCore
-from deploy.run.plan import RunPlan, in_common, radio_program, robot_program
+from deploy.run.plan import RunPlan, radio_program, robot_program, shared_arguments
 from deploy.run.plan import world_program as world_as_program
 
 _TICK_S: Final = 0.25
@@ -94,7 +94,7 @@ def watched(
 
 
 @contextmanager
-def exits_caught() -> Iterator[None]:
+def raise_on_hard_exit() -> Iterator[None]:
     """Make `os._exit` raise HardExit instead of ending this process."""
     leave, me = os._exit, os.getpid()
 
@@ -111,7 +111,7 @@ def exits_caught() -> Iterator[None]:
 
 
 @contextmanager
-def leftovers_ended() -> Iterator[None]:
+def end_leftovers() -> Iterator[None]:
     """End leftover threads and processes of strategies; raise AcrcError if there are any."""
     threads, children = threading.enumerate(), process_table.children(os.getpid(), process_table.processes())
     _adopt_orphans(True)
@@ -172,7 +172,7 @@ class MemorySwarm:
                 self._show = self._stack.enter_context(run_watchdog(self._plan.timeout.step_s))
             failure.hold_reserve(self._plan.out)
             self._stack.callback(failure.release_reserve)
-            with leftovers_ended():
+            with end_leftovers():
                 try:
                     self._play()
                 except (SystemExit, StepTimeout) as error:
@@ -191,7 +191,7 @@ class MemorySwarm:
         fingerprints(kernel_modules())  # before any timeout starts: the first call ever takes a minute
         with (
             self._breakpoints(),
-            exits_caught(),
+            raise_on_hard_exit(),
             watched(self._shells, self._stalls, self._whose_turn, self._give_up),
             captured_output.captured_by(None),
         ):
@@ -229,7 +229,7 @@ class MemorySwarm:
         self._core = part.core
         self._add(world, part)
         self._add(radio, radio_process(radio.setup.actor, plan.folder("radio"), plan.commit))
-        self._shared = [share(*words) for words in in_common(plan)]
+        self._shared = [share(*words) for words in shared_arguments(plan)]
         for robot in plan.world.robots:
             self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
 

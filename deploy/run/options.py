@@ -16,9 +16,9 @@ from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import RecordDetail
 from deploy.run import out_folder
 
-SLOWEST = 0.01
+MIN_SPEED = 0.01
 """At this speed a step of 100 ms takes 10 s, well under the timeout."""
-_SLOWEST_STEP_S = 0.1
+_LONGEST_STEP_S = 0.1
 """Longest step of a scenario, s."""
 Bus = Literal["zenoh", "memory"]
 
@@ -78,7 +78,7 @@ class RunOptions:
     """Required content of these modules, for a run in memory; None: any."""
 
 
-def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
+def check_options(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     """Check options; return them with an absolute `out` and the process limits `limit` (NAME=N).
 
     Raises OptionError.
@@ -86,15 +86,17 @@ def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
     check_choice("--bus", options.bus, get_args(Bus))
     check_choice("--record", options.record, get_args(RecordDetail))
     check_choice("--spawn", options.spawn, ("forkserver", "exec"))
-    speed = _speed(options.speed)
+    speed = _checked_speed(options.speed)
     for sentence in (*_faults(options), *_hosts_faults(options), *_hardware_faults(options, limit)):
         raise OptionError(sentence)
-    if speed != "max" and not options.timeout_s > (slowest := _SLOWEST_STEP_S / float(speed)):
+    if speed != "max" and not options.timeout_s > (slowest := _LONGEST_STEP_S / float(speed)):
         raise wrong_value(
             "--timeout", f"{options.timeout_s:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
         )
     return replace(
-        options, out=out_folder.checked(options.out, mesh=options.bus == "zenoh"), limits=limits(limit)
+        options,
+        out=out_folder.checked_path(options.out, mesh=options.bus == "zenoh"),
+        limits=parse_limits(limit),
     )
 
 
@@ -152,32 +154,32 @@ def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]
         yield "--limit: requires --bus zenoh; it limits a simulated robot's process"
 
 
-def folder_name(scenario: Path) -> str:
+def run_folder_name(scenario: Path) -> str:
     """Return the name of a run's folder: scenario and UTC time."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 
 
-def limits(words: Sequence[str]) -> ProcessLimits:
+def parse_limits(words: Sequence[str]) -> ProcessLimits:
     """Parse limits, each as `name=number`. Raises OptionError."""
-    chosen = {}
+    values = {}
     for word in words:
         name, _, number = word.partition("=")
         if name not in ProcessLimits.__struct_fields__ or not re.fullmatch("0*[1-9][0-9]{0,8}", number):
             names = ", ".join(ProcessLimits.__struct_fields__)
-            right = f'one of {names}, "=" and a number from 1 to 999999999'
-            raise wrong_value("--limit", word, right)
-        chosen[name] = int(number)
-    return ProcessLimits(**chosen)
+            expected = f'one of {names}, "=" and a number from 1 to 999999999'
+            raise wrong_value("--limit", word, expected)
+        values[name] = int(number)
+    return ProcessLimits(**values)
 
 
-def _speed(text: str) -> str:
+def _checked_speed(text: str) -> str:
     if text == "max":
         return text
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not value >= SLOWEST or math.isinf(value):
+    if not value >= MIN_SPEED or math.isinf(value):
         raise wrong_value("--speed", text, '"max" or a number of at least 0.01, such as 1 or 4')
     return text

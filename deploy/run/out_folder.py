@@ -14,7 +14,7 @@ from actors.processes.launcher import reason, write_fault
 from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError
 
-_OF_THE_MACHINE: Final = frozenset({
+_ENVIRONMENT_ERRORS: Final = frozenset({
     errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ELOOP, errno.EMFILE, errno.ENAMETOOLONG,
     errno.ENFILE, errno.ENOSPC, errno.ENOTDIR, errno.EPERM, errno.EROFS, errno.ESTALE,
 })  # fmt: skip
@@ -35,19 +35,19 @@ def claim(parent: Path, name: str) -> Path:
         except OSError as error:
             if isinstance(error, FileExistsError) and folder.parent.is_dir():
                 continue
-            raise _unusable(folder, error) from None
+            raise _creation_error(folder, error) from None
         return folder
     raise AssertionError("there is always one more number")
 
 
-def newest(parent: Path) -> Path | None:
+def newest_run(parent: Path) -> Path | None:
     """Return the latest run in `parent`; None if there is none."""
     runs = [file.parent for file in parent.glob("*/scenario.toml")]
     return max(runs, key=lambda run: ((run / "scenario.toml").stat().st_mtime_ns, run), default=None)
 
 
 @contextmanager
-def dropped_if_empty(folder: Path) -> Iterator[None]:
+def remove_if_empty(folder: Path) -> Iterator[None]:
     """Remove the folder after an error if it is empty.
 
     If it is not, Interruption gets its path.
@@ -62,7 +62,7 @@ def dropped_if_empty(folder: Path) -> Iterator[None]:
         raise
 
 
-def checked(out: Path, *, mesh: bool) -> Path:
+def checked_path(out: Path, *, mesh: bool) -> Path:
     """Return the folder's absolute path without symbolic links, which a sandbox would lack.
 
     `mesh`: it will contain sockets. Raises OptionError for an unusable folder.
@@ -73,7 +73,7 @@ def checked(out: Path, *, mesh: bool) -> Path:
         real = Path(os.path.realpath(out))
     except OSError as error:
         raise OptionError(
-            f"--out: {_short(out)} cannot be used: {reason(error)}; choose a new or empty folder"
+            f"--out: {_truncated(out)} cannot be used: {reason(error)}; choose a new or empty folder"
         ) from None
     mark = next((mark for mark in _ENDPOINT_MARKS if mark in str(real)), None)
     if mesh and mark is not None:
@@ -90,7 +90,7 @@ def make_folder(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _unusable(out, error) from None
+        raise _creation_error(out, error) from None
 
 
 def check_new(out: Path) -> None:
@@ -99,21 +99,21 @@ def check_new(out: Path) -> None:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise OptionError(f"--out: {out} already exists and is not empty; choose a new folder")
     except OSError as error:
-        raise _unusable(out, error) from None
+        raise _creation_error(out, error) from None
 
 
 @contextmanager
-def replacing(out: Path, mark: str) -> Iterator[None]:
+def replace_folder(out: Path, marker_file: str) -> Iterator[None]:
     """Replace the folder `out`; restore it if nothing is written in its place.
 
-    `mark`: file that identifies a folder of this kind. Raises OptionError for a folder without it, unless
+    `marker_file`: identifies a folder of this kind. Raises OptionError for a folder without it, unless
     empty or missing.
     """
     if not out.is_dir() or not any(out.iterdir()):
         yield
         return
-    if not (out / mark).is_file():
-        raise OptionError(f"--out: {out} has no {mark} and is not replaced; choose a new folder")
+    if not (out / marker_file).is_file():
+        raise OptionError(f"--out: {out} has no {marker_file} and is not replaced; choose a new folder")
     with tempfile.TemporaryDirectory(prefix=f"{out.name}.replaced-", dir=out.parent) as name:
         old = out.rename(Path(name) / out.name)
         try:
@@ -124,7 +124,7 @@ def replacing(out: Path, mark: str) -> Iterator[None]:
 
 
 @contextmanager
-def writing(out: Path) -> Iterator[None]:
+def convert_write_errors(out: Path) -> Iterator[None]:
     """Convert errors of the system while results are written into AcrcErrors.
 
     If the folder is no longer writable, other AcrcErrors get that reason appended: a process that cannot
@@ -133,7 +133,7 @@ def writing(out: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno not in _OF_THE_MACHINE:
+        if error.errno not in _ENVIRONMENT_ERRORS:
             raise
         where = error.filename if isinstance(error.filename, str) else out
         raise AcrcError(f"{where}: cannot be written: {reason(error)}") from error
@@ -144,11 +144,11 @@ def writing(out: Path) -> Iterator[None]:
         raise AcrcError(f"{error}; {out}: cannot be written: {why}") from error
 
 
-def _unusable(out: Path, error: OSError) -> AcrcError:
-    return AcrcError(f"--out: {_short(out)} cannot be created: {reason(error)}; choose another folder")
+def _creation_error(out: Path, error: OSError) -> AcrcError:
+    return AcrcError(f"--out: {_truncated(out)} cannot be created: {reason(error)}; choose another folder")
 
 
-def _short(path: Path) -> str:
+def _truncated(path: Path) -> str:
     """Return a path, truncated if too long."""
     text = str(path)
     return text if len(text) <= 200 else f"{text[:200]}…"

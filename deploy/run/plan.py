@@ -56,7 +56,7 @@ class ScenarioCopy(NamedTuple):
     """Origin of the run, for the result."""
 
 
-def copied_scenario(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
+def scenario_copy(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
     """Return the copy for the run's folder, with paths relative to it."""
     scenario, out = settled.scenario, options.out
     named = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))
@@ -168,21 +168,21 @@ def lay_out(plan: RunPlan) -> None:
     """Write the actors' files; the folder must be new or empty."""
     make_folder(plan.out)
     plan.write_scenario()
-    write_names(plan)
+    write_strategy_folders(plan)
     for actor in ("world", "radio"):
         plan.folder(actor).mkdir()
     for robot in plan.world.robots:
-        lay_out_robot(plan, robot)
+        write_robot_folder(plan, robot)
 
 
-def write_names(plan: RunPlan) -> None:
+def write_strategy_folders(plan: RunPlan) -> None:
     """Write the paths of the strategy's code, where no isolated robot can read them."""
     if plan.code:
         names = StrategyFolders(str(plan.out.resolve()), plan.code)
         (plan.out / NAMES).write_bytes(typed_json.dump(names))
 
 
-def lay_out_robot(plan: RunPlan, robot: BodySetup) -> None:
+def write_robot_folder(plan: RunPlan, robot: BodySetup) -> None:
     """Write a robot's files other than its set-up."""
     own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
@@ -210,11 +210,11 @@ def world_program(plan: RunPlan) -> Program:
         with_parent=True,
         speed=None if plan.options.speed == "max" else float(plan.options.speed),
     )
-    world = told_world(plan, lambda robot: f"../{robot.id}/{MODEL}")
+    world = relative_world_setup(plan, lambda robot: f"../{robot.id}/{MODEL}")
     return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))
 
 
-def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
+def relative_world_setup(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
     """Return the world's set-up with paths relative to its folder; `own_model`: path of a user's model."""
     robots = tuple(
         msgspec.structs.replace(robot, model=own_model(robot)) if robot.model.endswith(".toml") else robot
@@ -223,7 +223,7 @@ def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSet
     return msgspec.structs.replace(plan.world, map=_MAP, robots=robots, detail=plan.options.record)
 
 
-def told_radio(plan: RunPlan) -> RadioSetup:
+def relative_radio_setup(plan: RunPlan) -> RadioSetup:
     """Return the radio's set-up with paths relative to its folder."""
     place = _MAP if plan.radio.map else ""
     return msgspec.structs.replace(plan.radio, map=place, detail=plan.options.record)
@@ -232,7 +232,9 @@ def told_radio(plan: RunPlan) -> RadioSetup:
 def radio_program(plan: RunPlan) -> Program:
     """Return the radio's program."""
     process = client(plan, "../world", "radio", "radio.mcap")
-    return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(told_radio(plan), process))
+    return actor_program(
+        "radio", "actors.radio", plan.folder("radio"), ActorSetup(relative_radio_setup(plan), process)
+    )
 
 
 def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
@@ -296,7 +298,7 @@ def _terminal(plan: RunPlan, robot: str) -> str:
     return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
-def in_common(
+def shared_arguments(
     plan: RunPlan, out: Path | None = None, robots: Collection[str] | None = None
 ) -> list[tuple[str, ...]]:
     """Return the arguments for `share` of the robot program, for each kind of robot.
@@ -313,7 +315,7 @@ def in_common(
     ]
 
 
-def router_of(plan: RunPlan) -> Path:
+def router_file(plan: RunPlan) -> Path:
     """Return the path of the run's router file."""
     return plan.folder("world") / credentials.ROUTER_FILE
 
@@ -327,13 +329,13 @@ def issue_credentials(plan: RunPlan, gate: HostGateway | None = None) -> Credent
     here = [robot.id for robot in plan.world.robots if robot.id not in away]
     issued = credentials.issue({robot: plan.folder(robot) for robot in here}, plan.folder("world"))
     issued = replace(issued, gate=gate)
-    credentials.write_router_file(router_of(plan), issued)
+    credentials.write_router_file(router_file(plan), issued)
     return issued
 
 
 def remove_credentials(plan: RunPlan) -> None:
     """Remove passwords and sockets that the world has not removed."""
-    credentials.remove_router_file(router_of(plan))
+    credentials.remove_router_file(router_file(plan))
 
 
 def observer_program(plan: RunPlan) -> Program:

@@ -12,33 +12,35 @@ from actors.console import create_console
 from actors.instant import in_seconds
 from actors.messages import Progress as ProgressMessage
 
-EVERY_S: Final = 10.0
+LINE_INTERVAL_S: Final = 10.0
 """Wall time between two lines, s."""
 
 
-def lines(console: Console) -> Callable[[str], None]:
-    """Return a function that prints at most one line per EVERY_S."""
+def line_printer(console: Console) -> Callable[[str], None]:
+    """Return a function that prints at most one line per LINE_INTERVAL_S."""
     last = time.monotonic()
 
-    def say(line: str) -> None:
+    def print_line(line: str) -> None:
         nonlocal last
-        if time.monotonic() - last >= EVERY_S:
+        if time.monotonic() - last >= LINE_INTERVAL_S:
             last = time.monotonic()
             console.print(f"acrc: {line}", soft_wrap=True)
 
-    return say
+    return print_line
 
 
 @contextmanager
-def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[ProgressMessage], None]]:
+def show_progress(
+    duration_us: int, places: int, *, quiet: bool
+) -> Iterator[Callable[[ProgressMessage], None]]:
     """Yield a function that shows progress on standard error; `quiet`: shows nothing."""
     console, total = create_console(stderr=True, soft_wrap=False), in_seconds(duration_us)
     if quiet:
         yield lambda message: None
         return
     if not console.is_terminal:
-        say = lines(console)
-        yield lambda message: say(
+        print_line = line_printer(console)
+        yield lambda message: print_line(
             f"{in_seconds(message.instant):.0f} of {total:.0f} s simulated, "
             f"{message.reports} of {places} places"
         )

@@ -11,7 +11,7 @@ from actors.installation.usage import OptionError
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
 from cleaning.strategies import StrategyError, entry
 from deploy.run import out_folder
-from deploy.run.options import RunOptions, checked
+from deploy.run.options import RunOptions, check_options
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
 from deploy.scenario.tables import Scenario
 
@@ -37,7 +37,7 @@ def prepare_run(
     A strategy in `overrides` was typed by the user, so its module may be in the working directory.
     Raises AcrcError; OptionError for a wrong option.
     """
-    options, scenario = checked(options, limit), load_scenario(file, overrides)
+    options, scenario = check_options(options, limit), load_scenario(file, overrides)
     typed = overrides.strategy is not None
     try:
         behaviour = entry(scenario.run.strategy)
@@ -48,7 +48,7 @@ def prepare_run(
     return PreparedRun(scenario, replace(options, modules=modules))
 
 
-def claimed(prepared: PreparedRun) -> PreparedRun:
+def with_claimed_folder(prepared: PreparedRun) -> PreparedRun:
     """Return the run with a new output folder of this name, numbered if it exists."""
     out = prepared.options.out
     return prepared._replace(options=replace(prepared.options, out=out_folder.claim(out.parent, out.name)))
@@ -62,7 +62,7 @@ def output_folder(out: Path, *, quiet: bool) -> Iterator[None]:
     """
     from actors.processes.kernel_compilation import compile_kernels  # noqa: PLC0415
 
-    with out_folder.dropped_if_empty(out), out_folder.writing(out):
+    with out_folder.remove_if_empty(out), out_folder.convert_write_errors(out):
         compile_kernels(quiet=quiet)
         yield
 
@@ -75,17 +75,17 @@ def start_run(
     `replaces`: file that identifies a folder to be replaced. `by`: used instead of `swarm.run`.
     """
     scenario, options = prepared
-    replacing = out_folder.replacing(options.out, replaces) if replaces else nullcontext()
+    replacing = out_folder.replace_folder(options.out, replaces) if replaces else nullcontext()
     with replacing, output_folder(options.out, quiet=quiet):
         if by is not None:
             return by(scenario, options, None)
         from actors.processes.launcher import create_launcher  # noqa: PLC0415
 
         # the forkserver imports what all processes need while this process imports what a run needs
-        with create_launcher(options.spawn) if options.bus == "zenoh" else nullcontext() as launched:
+        with create_launcher(options.spawn) if options.bus == "zenoh" else nullcontext() as launcher:
             from deploy.run import swarm  # noqa: PLC0415
 
-            return swarm.run(scenario, options, launched)
+            return swarm.run(scenario, options, launcher)
 
 
 HEAD_ON: Final = SHIPPED / "scenarios" / "head_on.toml"
@@ -110,19 +110,21 @@ def demonstrate(options: RunOptions) -> "dict[str, RunResult]":
     }
 
 
-def sentences(results: "dict[str, RunResult]", taken_over: int, pictures: Sequence[Path]) -> Iterator[str]:
-    """Yield the demonstration's result as three lines; `taken_over`: adopted places."""
+def demonstration_lines(
+    results: "dict[str, RunResult]", reassigned: int, pictures: Sequence[Path]
+) -> Iterator[str]:
+    """Yield the demonstration's result as three lines; `reassigned`: adopted places."""
     without, adapted = results.values()
     yield (
-        f"Without adaptation: {_cleaned(without)} in {without.simulated_s:g} s. The robots block each other "
+        f"Without adaptation: {_coverage(without)} in {without.simulated_s:g} s. The robots block each other "
         "in the doorway."
     )
     yield (
-        f"With the chapter's adaptation: {_cleaned(adapted)} in {adapted.simulated_s:g} s. The blocked "
-        f"robots exchange destinations by radio; {taken_over} places were reassigned."
+        f"With the chapter's adaptation: {_coverage(adapted)} in {adapted.simulated_s:g} s. The blocked "
+        f"robots exchange destinations by radio; {reassigned} places were reassigned."
     )
     yield f"Pictures: {', '.join(map(str, pictures))}"
 
 
-def _cleaned(result: "RunResult") -> str:
+def _coverage(result: "RunResult") -> str:
     return f"{result.places_done} of {result.places_total} places cleaned"

@@ -91,7 +91,7 @@ class Supervisor:
             self.end_all()
             raise AcrcError(
                 f"{owner}: its processes were started {policy.starts} times within {policy.within_s:g} s, "
-                f"and {name} has ended again {exit_in_words(child)}"
+                f"and {name} has ended again {exit_description(child)}"
             )
 
     def end_all(self) -> None:
@@ -115,14 +115,14 @@ class Supervisor:
             left = [child for child in left if child.exit_code is None]
 
 
-def last_words(child: ChildProcess) -> str:
+def last_log_line(child: ChildProcess) -> str:
     """Return the last line of its log."""
     return child.program.outside_text(last_line(child.program.log))
 
 
-def exit_in_words(child: ChildProcess) -> str:
+def exit_description(child: ChildProcess) -> str:
     """Describe how a process has exited, with the last line of its log."""
-    code, last = child.exit_code or 0, last_words(child)
+    code, last = child.exit_code or 0, last_log_line(child)
     how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     return f"{how}{f': {last}' if last else ''}"
 
@@ -131,7 +131,7 @@ _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, 
 """Signals of crashes."""
 
 
-def on_host(children: Iterable[ChildProcess], actor: str) -> str:
+def host_suffix(children: Iterable[ChildProcess], actor: str) -> str:
     """Return the actor's host as " (on host …)"; empty: this computer."""
     host = next((child.host for child in children if child.program.actor == actor), "")
     return f" (on host {host})" if host else ""
@@ -250,7 +250,7 @@ class RunSupervisor(Supervisor):
             what, starting = self._waiting.awaits, self._waiting.starting
             names = self._waiting.awaited or names
         awaited = [child for child in running if child.program.actor in names]
-        what += on_host(running, names[0])
+        what += host_suffix(running, names[0])
         return self._overdue(running, what, awaited, "start" if starting else "step")
 
     def _overdue(
@@ -304,16 +304,16 @@ def _cause(failed: list[ChildProcess]) -> str:
     notes = [note for note in (_failure(child) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
-        return failure_sentence(note) + on_host(failed, note.actor)
+        return failure_sentence(note) + host_suffix(failed, note.actor)
     child = failed[0]
     code = child.exit_code
     assert code is not None
     if code < 0:
         actor = child.program.actor
-        ended = f"{actor} was killed by {signal.Signals(-code).name}{on_host(failed, actor)}"
+        ended = f"{actor} was killed by {signal.Signals(-code).name}{host_suffix(failed, actor)}"
         place = crash_line(child.program.log) if -code in _CRASHES else ""
         return ended + (f"; it was at {place}" if place else "")
-    last = last_words(child)
+    last = last_log_line(child)
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
 
 

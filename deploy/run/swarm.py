@@ -47,7 +47,7 @@ from actors.runtime.shell import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
 from deploy.hosts.address import place_of
 from deploy.run import progress
-from deploy.run.memory_swarm import MemorySwarm, exits_caught
+from deploy.run.memory_swarm import MemorySwarm, raise_on_hard_exit
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
@@ -55,17 +55,17 @@ from deploy.run.plan import (
     DebuggedRobot,
     RunPlan,
     control_program,
-    copied_scenario,
-    in_common,
     issue_credentials,
     lay_out,
-    lay_out_robot,
     observer_program,
     radio_program,
     remove_credentials,
     robot_program,
-    router_of,
+    router_file,
+    scenario_copy,
+    shared_arguments,
     world_program,
+    write_robot_folder,
 )
 from deploy.run.supervisor import RunSupervisor
 from deploy.scenario.resolve import ResolvedScenario, Swarm, resolve, robot_setup
@@ -95,7 +95,7 @@ def allocated_hosts(options: RunOptions) -> Iterator["HostPool | None"]:
 
 
 @contextmanager
-def hosts_of(plan: RunPlan, found: "HostPool | None") -> Iterator["RunHosts | None"]:
+def started_hosts(plan: RunPlan, found: "HostPool | None") -> Iterator["RunHosts | None"]:
     """Start the agents on the hosts of a run; None if the robots run here. Raises AcrcError."""
     if found is None:
         yield None
@@ -110,7 +110,7 @@ def hosts_of(plan: RunPlan, found: "HostPool | None") -> Iterator["RunHosts | No
         spawn=plan.options.spawn,
         limits=plan.options.limits,
         timeout_s=plan.timeout.step_s,
-        share=lambda some: tuple(in_common(plan, Path(), some)),
+        share=lambda some: tuple(shared_arguments(plan, Path(), some)),
         leave=plan.options.leave,
         code=tuple(tuple(_code(folder, plan.options.hidden)) for folder in plan.options.modules),
     )
@@ -159,7 +159,7 @@ def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = Prefl
     with scratch_folder() as folder:
         options = replace(plan.options, out=folder)
         stage = replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
-        lay_out_robot(stage, robot)
+        write_robot_folder(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
         child = launched.start(program)
@@ -172,7 +172,7 @@ def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = Prefl
         _judge(plan, child, bounds, hung=hung)
 
 
-def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
+def preflight_in_process(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
     """Make and discard the first robot's behaviour in this process, for a run in memory.
 
     Raises AcrcError for wrong settings, areas or equipment, for a missing entry, and for an error in the
@@ -185,7 +185,7 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
     start = assembly.start(told, model, floor)
     # --json allows no other output; modules imported here keep their streams
     set_folders(modules)
-    with contextlib.redirect_stdout(sys.stderr), captured_by(None), exits_caught():
+    with contextlib.redirect_stdout(sys.stderr), captured_by(None), raise_on_hard_exit():
         try:
             dry_run(settled.behaviour, start)
         except AcrcError:
@@ -263,7 +263,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
         quiet = options.json or prepared.debug is not None  # the debugger uses the terminal
         check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
         with (
-            progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow,
+            progress.show_progress(prepared.world.duration_us, places, quiet=quiet) as follow,
             printing_new_lines(options.out, options.log) as look,
         ):
 
@@ -292,7 +292,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
     planned = RunPlan(
         **{one.name: getattr(settled, one.name) for one in fields(Swarm)},
         options=options,
-        scenario=copied_scenario(settled, options),
+        scenario=scenario_copy(settled, options),
         commit=software_version(),
         isolate=choice.isolate,
         warning=choice.warning,
@@ -303,7 +303,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
     if options.bus == "memory":
         expect_hashes(options.recorded)
         with run_watchdog(planned.timeout.step_s) if planned.own_code else nullcontext():
-            preflight_here(settled, options.modules)
+            preflight_in_process(settled, options.modules)
     return planned
 
 
@@ -353,7 +353,7 @@ def run_processes(
     with signals_as_interrupts(), nullcontext(launched) if launched else create_launcher(spawn) as starting:
         preflight(plan, starting)
         lay_out(plan)
-        with hosts_of(plan, pool) as away:
+        with started_hosts(plan, pool) as away:
             supervisor = _supervise(plan, starting, on_progress, away)
     return _finish(plan, supervisor, began, "zenoh", supervisor.cpu_s + time.process_time())
 
@@ -362,7 +362,7 @@ def _supervise(
     plan: RunPlan, launched: Launcher, on_progress: OnProgress, away: "RunHosts | None" = None
 ) -> RunSupervisor:
     """Start the processes and wait for their exit."""
-    launched.withdraw(router_of(plan))
+    launched.withdraw(router_file(plan))
     issued = issue_credentials(plan, None if away is None else away.gate)
     robots = {robot.id: robot for robot in plan.world.robots}
     starting = launched if away is None else away.launcher(launched, _say)
@@ -376,7 +376,7 @@ def _supervise(
     )
     try:
         supervisor.start([world_program(plan), radio_program(plan)])
-        for words in in_common(plan, Path()) if away is None else ():
+        for words in shared_arguments(plan, Path()) if away is None else ():
             launched.share("actors.robot.program", words, plan.out)
         supervisor.await_file(issued.sockets[OPERATOR], "world")
         config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))

@@ -32,7 +32,7 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
 
 SCENARIO: Final = "scenario.toml"
-INFRA: Final = ("world", "radio")
+INFRASTRUCTURE: Final = ("world", "radio")
 CAUSAL_ORDER: Final = tuple(topic.pattern for topic in (RECEIVED, SENSES, TRANSMIT, DRIVE, ROSTER, TRUTH))
 """Topics of a step, causes before effects: SensorData counts RadioEvents. RadioAdvanced is a step earlier."""
 
@@ -63,7 +63,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
         out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit
     )
     files = all_recordings(out)
-    missing = [actor for actor in INFRA if actor not in files]
+    missing = [actor for actor in INFRASTRUCTURE if actor not in files]
     if missing:
         raise ReplayError(f"{out}: no recording of the {missing[0]} to compare with")
     orders = OrderBus(recorded_orders(files["world"]))
@@ -127,7 +127,7 @@ class _Trails:
         self._files = recordings(out)
         self.by_key: dict[str, dict[tuple[int, int], bytes]] = {}
         """By step and index among the key's messages of that step."""
-        for actor in INFRA:
+        for actor in INFRASTRUCTURE:
             for (_, key), trail in read_contents(actor, self._files[actor]).trails.items():
                 numbers: Counter[int] = Counter()
                 hashes = self.by_key.setdefault(key, {})
@@ -137,7 +137,7 @@ class _Trails:
 
     def message(self, key: str, sha256: bytes | None) -> Message | None:
         """Return the message with this hash from a receiver's recording."""
-        receivers = (key.split("/")[2], *INFRA)
+        receivers = (key.split("/")[2], *INFRASTRUCTURE)
         for path in (path for actor, path in self._files.items() if actor.split(".")[0] in receivers):
             for item in read_recording(path) if sha256 else ():
                 if isinstance(item, Entry) and item.sha256 == sha256 and item.payload is not None:
@@ -204,7 +204,9 @@ def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: t
     return f"{found.field} is {short_repr(found.one)}; in the {names[0]} it was {short_repr(found.other)}"
 
 
-def replay_otherwise(out: Path, actor: str, behaviour: str, replay_options: ReplayOptions) -> ReplayReport:
+def replay_with_behaviour(
+    out: Path, actor: str, behaviour: str, replay_options: ReplayOptions
+) -> ReplayReport:
     """Replay a robot with another behaviour (an entry string) and that behaviour's default settings.
 
     Raises ReplayError at the first different message: afterwards its recorded inputs are no longer valid.

@@ -35,7 +35,7 @@ def _orders(given: TimedControl) -> tuple[object, ...]:
 def test_events_precede_recorded_orders_of_their_step() -> None:
     recorded = [_control(20, Pause()), _control(20, Resume()), _control(50, Thaw("r1"))]
     events = [change.event("kill r2 at 2", 1.0), change.event("freeze r1 at 3.95", 1.0)]
-    given = change.with_events(recorded, events, 100_000)
+    given = change.merge_events(recorded, events, 100_000)
     assert [(one.step, _orders(one)) for one in given] == [
         (20, (Kill("r2"), Pause())),
         (20, (Resume(),)),

@@ -23,7 +23,7 @@ from acrc_testbed.experiments.trial_pool import validated_answer
 from acrc_testbed.experiments.trial_record import MOST_BYTES, TrialOutcome
 from actors.installation.usage import OptionError
 from deploy.hosts.address import check, is_safe
-from deploy.hosts.connection import ClusterError, refuse_open, security
+from deploy.hosts.connection import ClusterError, check_tls, security
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -154,7 +154,7 @@ def test_a_scheduler_that_listens_to_all_is_refused_though_reached_on_this_compu
     told = {"address": address, "workers": {key: {"id": 1} for key in workers}}
     client: Any = SimpleNamespace(scheduler_info=lambda n_workers: told)
     with pytest.raises(ClusterError, match=r"listens at tcp://192\.168\.1\.5:8786 without TLS, so anyone"):
-        refuse_open(client, address)
+        check_tls(client, address)
 
 
 def serve(listener: socket.socket, keys: Path | None) -> None:

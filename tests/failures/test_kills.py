@@ -11,7 +11,7 @@ from acrc_testbed.recordings.record_replay import replay_actor
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.code_permit import INSTALLED
 from actors.runtime.isolation.sandbox import ProcessLimits
-from deploy.run.options import RunOptions, checked, limits
+from deploy.run.options import RunOptions, check_options, parse_limits
 from deploy.run.swarm_replay import replay_swarm
 from tests import in_process
 from tests.failures.failing import Death, gone, killed, last_step, process_of, started, until
@@ -77,11 +77,11 @@ def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(r2_killed: Death) -> N
 
 
 def test_limits_are_words_and_wrong_ones_are_refused(tmp_path: Path) -> None:
-    assert limits(("memory_mb=1500", "processes=9")) == ProcessLimits(memory_mb=1500, processes=9)
-    assert limits(()) == ProcessLimits()
+    assert parse_limits(("memory_mb=1500", "processes=9")) == ProcessLimits(memory_mb=1500, processes=9)
+    assert parse_limits(()) == ProcessLimits()
     for word in ("memory_mb", "memory_mb=0", "disk=3", "file_mb=1e9"):
         with pytest.raises(OptionError) as caught:
-            limits((word,))
+            parse_limits((word,))
         assert str(caught.value) == (
             f"--limit: {word}; must be one of memory_mb, open_files, file_mb, disk_mb, disk_files, "
             'processes, "=" and a number from 1 to 999999999'
@@ -94,7 +94,7 @@ def test_limits_are_words_and_wrong_ones_are_refused(tmp_path: Path) -> None:
          "--timeout: 5; must be more than the 5 s of a step at --speed 0.02"),
     ):  # fmt: skip
         with pytest.raises(OptionError) as refused:
-            checked(options, words)
+            check_options(options, words)
         assert str(refused.value).startswith(sentence)
 
 

@@ -21,8 +21,8 @@ from actors.robot.behaviour.code_permit import INSTALLED, Permit
 from actors.runtime.errors import AcrcError
 from actors.runtime.replay_bus import ReplayError
 from deploy.run import swarm
-from deploy.run.options import RunOptions, checked
-from deploy.run.swarm_replay import replay_otherwise, replay_swarm
+from deploy.run.options import RunOptions, check_options
+from deploy.run.swarm_replay import replay_swarm, replay_with_behaviour
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario
 from tests.in_process import acrc
 from tests.recorded_runs import record
@@ -61,7 +61,7 @@ def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> Non
         done = acrc("replay", *words)
         assert done.returncode == code and done.stderr.startswith(f"acrc: {sentence}")
     with pytest.raises(OptionError, match="cannot be combined with --hardware-in-the-loop"):
-        checked(RunOptions(tmp_path, hardware=True, check=True))
+        check_options(RunOptions(tmp_path, hardware=True, check=True))
 
 
 def test_one_robot_is_the_same_again_and_can_be_left_early(recorded: Path) -> None:
@@ -93,10 +93,10 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
 
 
 def test_another_strategy_decides_as_recorded_until_it_does_not(recorded: Path) -> None:
-    same = replay_otherwise(recorded, "r1", "cleaning.strategies.chapter:behaviour", ReplayOptions())
+    same = replay_with_behaviour(recorded, "r1", "cleaning.strategies.chapter:behaviour", ReplayOptions())
     assert same.whole, "the same strategy, and the scenario sets none of its numbers"
     with pytest.raises(ReplayError, match=r"r1\.mcap: step \d+: swarm/up/r1/"):
-        replay_otherwise(recorded, "r1", "examples.courteous:behaviour", ReplayOptions())
+        replay_with_behaviour(recorded, "r1", "examples.courteous:behaviour", ReplayOptions())
 
 
 def test_what_follows_a_clock_chance_a_set_or_an_address_is_found(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from actors.runtime.recording import LARGEST_RECORD, Entry, read_recording
 from deeco.knowledge import Knowledge
 from deeco.local import Commit
 from deploy.run import swarm
-from deploy.run.options import RunOptions, checked
+from deploy.run.options import RunOptions, check_options
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.recorded_runs import HEAD_ON
 
@@ -122,5 +122,5 @@ def test_knowledge_of_any_size_stays_within_a_record() -> None:
 def test_the_level_of_detail_is_checked_everywhere(tmp_path: Path) -> None:
     options = RunOptions(tmp_path / "out", bus="memory", record=cast(RecordDetail, "Full"))
     with pytest.raises(OptionError) as caught:
-        checked(options)
+        check_options(options)
     assert str(caught.value) == "--record: Full; must be lean or full"

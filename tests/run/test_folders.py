@@ -21,8 +21,8 @@ from actors.processes.launcher import scratch_folder
 from actors.processes.signals import Interruption
 from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
-from deploy.run.options import RunOptions, checked, folder_name
-from deploy.run.out_folder import claim, make_folder, writing
+from deploy.run.options import RunOptions, check_options, run_folder_name
+from deploy.run.out_folder import claim, convert_write_errors, make_folder
 from tests.helpers import on_small_disk
 from tests.in_process import acrc
 from tests.swarm.command import ACRC, ROOT, processes_of
@@ -43,10 +43,10 @@ def test_options_have_defaults_and_the_folder_becomes_absolute(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert checked(RunOptions(Path("runs/a"))) == RunOptions(tmp_path / "runs/a")
+    assert check_options(RunOptions(Path("runs/a"))) == RunOptions(tmp_path / "runs/a")
     for speed in ("1", "0.5", "4e2"):
-        assert checked(RunOptions(tmp_path, speed=speed)).speed == speed
-    assert checked(RunOptions(tmp_path, bus="memory", isolate=False)).isolate is False
+        assert check_options(RunOptions(tmp_path, speed=speed)).speed == speed
+    assert check_options(RunOptions(tmp_path, bus="memory", isolate=False)).isolate is False
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_options_have_defaults_and_the_folder_becomes_absolute(
 )  # fmt: skip
 def test_wrong_options_are_refused(tmp_path: Path, options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(OptionError) as caught:
-        checked(RunOptions(tmp_path, **options))
+        check_options(RunOptions(tmp_path, **options))
     assert str(caught.value) == sentence
 
 
@@ -83,7 +83,7 @@ def test_a_claimed_folder_is_removed_if_empty_and_named_if_not(
 ) -> None:
     for error in (ZeroDivisionError(), Interruption(130)):
         folder = claim(tmp_path, "one")
-        with pytest.raises(type(error)), out_folder.dropped_if_empty(folder):
+        with pytest.raises(type(error)), out_folder.remove_if_empty(folder):
             for name in content:
                 (folder / name).touch()
             raise error
@@ -93,15 +93,15 @@ def test_a_claimed_folder_is_removed_if_empty_and_named_if_not(
 
 @pytest.mark.parametrize("mark", ["?", "#"])
 def test_marks_that_end_a_sockets_address_are_refused_over_the_mesh_only(tmp_path: Path, mark: str) -> None:
-    assert folder_name(Path(f"there/a {mark}1.toml")).startswith("a--1-")
+    assert run_folder_name(Path(f"there/a {mark}1.toml")).startswith("a--1-")
     out = tmp_path / f"a{mark}b" / "c"
     with pytest.raises(OptionError) as caught:
-        checked(RunOptions(out))
+        check_options(RunOptions(out))
     assert str(caught.value) == (
         f'--out: {out} contains "{mark}", which a socket address cannot; '
         "choose another folder, or use --bus memory"
     )
-    assert checked(RunOptions(out, bus="memory")).out == out
+    assert check_options(RunOptions(out, bus="memory")).out == out
 
 
 def test_links_and_parent_steps_in_a_path_are_resolved(tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_invalid_output_folders_are_refused_before_the_start(
     out = tmp_path / below
     shown = str(out) if len(str(out)) <= 200 else f"{str(out)[:200]}…"
     with pytest.raises(AcrcError) as caught:
-        out_folder.checked(out, mesh=True)
+        out_folder.checked_path(out, mesh=True)
         make_folder(out)
     assert str(caught.value).startswith(f"--out: {shown} ")
     assert str(caught.value).removeprefix(f"--out: {shown} ") in (
@@ -144,15 +144,15 @@ def test_invalid_output_folders_are_refused_before_the_start(
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_errors_of_the_disk_are_one_sentence_and_others_pass(tmp_path: Path, number: int) -> None:
     words = os.strerror(number).lower()
-    with pytest.raises(AcrcError) as caught, writing(tmp_path):
+    with pytest.raises(AcrcError) as caught, convert_write_errors(tmp_path):
         raise OSError(number, os.strerror(number))
     assert str(caught.value) == f"{tmp_path}: cannot be written: {words}"
-    with pytest.raises(AcrcError) as caught, writing(tmp_path):
+    with pytest.raises(AcrcError) as caught, convert_write_errors(tmp_path):
         raise OSError(number, os.strerror(number), str(tmp_path / "run.json"))
     assert str(caught.value) == f"{tmp_path / 'run.json'}: cannot be written: {words}"
-    with pytest.raises(FileNotFoundError), writing(tmp_path):
+    with pytest.raises(FileNotFoundError), convert_write_errors(tmp_path):
         raise FileNotFoundError(errno.ENOENT, "no such file", "ours")
-    with pytest.raises(AcrcError, match=r"^as it was$"), writing(tmp_path):
+    with pytest.raises(AcrcError, match=r"^as it was$"), convert_write_errors(tmp_path):
         raise AcrcError("as it was")
 
 

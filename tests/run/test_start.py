@@ -28,7 +28,7 @@ from actors.runtime.recording import scans
 from actors.task import visits
 from deploy.run import progress
 from deploy.run.options import RunOptions
-from deploy.run.plan import in_common
+from deploy.run.plan import shared_arguments
 from deploy.run.swarm import plan, run_in_memory
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
@@ -123,14 +123,14 @@ def test_a_log_has_a_line_of_progress_every_ten_seconds(
         ),
         (True, []),
     ):
-        with progress.shown(600_000_000, 40, quiet=quiet) as follow:
+        with progress.show_progress(600_000_000, 40, quiet=quiet) as follow:
             for second in range(25):
                 now[0] = float(second)
                 follow(Progress(second, second * 4_000_000, 40 - second, second, finished=False))
         assert capsys.readouterr().err.splitlines() == ([] if quiet else lines)
     written = io.StringIO()
-    monkeypatch.setattr(progress, "EVERY_S", -1.0)
-    progress.lines(Console(file=written, width=20))("word " * 30)
+    monkeypatch.setattr(progress, "LINE_INTERVAL_S", -1.0)
+    progress.line_printer(Console(file=written, width=20))("word " * 30)
     assert written.getvalue().count("\n") == 1
 
 
@@ -194,7 +194,7 @@ def test_robots_in_memory_compute_the_walls_distances_once(
 
     monkeypatch.setattr(raster, "squared_distance", counted)
     run_in_memory(planned, lambda progress: None)
-    assert len(in_common(planned)) == 1
+    assert len(shared_arguments(planned)) == 1
     assert shapes.count(before.shape) == 1  # the others are the fingerprint's
 
 
