@@ -32,7 +32,7 @@ _NONE: Final = Duration(0)
 
 
 @dataclass(frozen=True)
-class Periodic:
+class PeriodicTrigger:
     """Schedule at `offset` + multiples of `every`; at equal instants the lower `order` runs first."""
 
     every: Duration
@@ -47,7 +47,7 @@ class ChangeTrigger:
     facts: tuple[Fact, ...]
 
 
-Schedule = Periodic | ChangeTrigger
+Schedule = PeriodicTrigger | ChangeTrigger
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Ca
     """
     check_duration("@periodic: every", every)
     check_duration("@periodic: offset", offset, zero=True)
-    return _tag(Periodic(every, offset, order))
+    return _tag(PeriodicTrigger(every, offset, order))
 
 
 def on_change(*facts: Fact) -> Callable[[F], F]:

@@ -157,7 +157,7 @@ class Peer(Protocol):
         """Return how that knowledge was received."""
 
 
-class _Side:
+class _EnsembleSide:
     """One side of an ensemble, played by the local component."""
 
     def __init__(
@@ -183,7 +183,7 @@ class BoundEnsemble:
 
         self._membership = bound("membership", kind.ports)
         self._sides = [
-            _Side(kind, exchange, bound(f"at_{side}", exchange.ports) if exchange else None, side)
+            _EnsembleSide(kind, exchange, bound(f"at_{side}", exchange.ports) if exchange else None, side)
             for side, exchange, peer in (
                 (COORDINATOR, kind.at_coordinator, kind.member),
                 (MEMBER, kind.at_member, kind.coordinator),
@@ -217,7 +217,7 @@ class BoundEnsemble:
             self._boundary(role, one.value) for one in components if isinstance(one.value, here_role)
         )
 
-    def _meet(self, side: _Side, local: LocalComponent, peer: Peer, now: Instant) -> bool:
+    def _meet(self, side: _EnsembleSide, local: LocalComponent, peer: Peer, now: Instant) -> bool:
         """Evaluate membership and exchange of a pair; return whether the knowledge changed."""
         value, role = local.value, peer.role(side.peer)
         if role is None or not isinstance(value, side.own):
@@ -238,7 +238,7 @@ class BoundEnsemble:
 
     def _exchange(
         self,
-        side: _Side,
+        side: _EnsembleSide,
         call: BoundFunction,
         local: LocalComponent,
         peer: Peer,

@@ -76,7 +76,7 @@ class CourteousRobot(AdaptiveCleaningRobot, OfferingCleaner):
 
 
 @ensemble(every=seconds(3), max_age=seconds(5))
-class GivingWay:
+class RandomYielding:
     """Each of two blocked robots near each other waits or moves away, at random."""
 
     max_distance: float
@@ -103,7 +103,7 @@ class GivingWay:
 
 
 @ensemble(every=seconds(3), max_age=seconds(5))
-class HandOver:
+class PlaceHandover:
     """A finished robot adopts an offered place, which the other robot then drops."""
 
     def membership(self, coordinator: OfferingCleaner, member: CourteousRobot) -> bool:
@@ -118,5 +118,5 @@ class HandOver:
 def behaviour(start: Start) -> Behaviour:
     """Give way, help other robots, and close in time: an example of a custom strategy."""
     p = from_settings(CourteousParameters, start.settings)
-    robot, yielding = CourteousRobot.at_start(start, p), GivingWay(p.adoption_distance)
-    return host(start, robot, yielding, HandOver(), AdoptedDestinationRemove(exchange=False))
+    robot, yielding = CourteousRobot.at_start(start, p), RandomYielding(p.adoption_distance)
+    return host(start, robot, yielding, PlaceHandover(), AdoptedDestinationRemove(exchange=False))

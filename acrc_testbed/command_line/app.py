@@ -86,7 +86,7 @@ FOR_DEVELOPERS: Final = "Commands for developers of the testbed"
 _OTHERS: Final = "Commands"
 
 
-class Root(TyperGroup):
+class RootCommand(TyperGroup):
     """The commands of this module and those of `COMMANDS`, listed under headings (`rich_help_panel`)."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -181,7 +181,7 @@ def _name(parameter: Any) -> str:
 
 app = typer.Typer(
     name="acrc",
-    cls=Root,
+    cls=RootCommand,
     help="A testbed for self-adaptation: cleaning robots that communicate by radio only.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

@@ -33,7 +33,7 @@ from actors.runtime import regular_file
 from deploy.scenario.tables import inline
 
 
-class TimeToGo:
+class RemainingTime:
     """Estimator of the remaining time, by strategy, variant and whether a trial is repeated."""
 
     def __init__(self) -> None:
@@ -137,7 +137,7 @@ class _Campaign:
         self._before = self._total - len(self._trials)
         self._failed = 0
         self._ended = 0
-        self._time = TimeToGo()
+        self._time = RemainingTime()
         self._take_in_what_is_there()
         self._enough = False
 

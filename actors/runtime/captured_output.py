@@ -157,12 +157,12 @@ class _Replacement(io.TextIOBase):
             self.behind.flush()
 
 
-class _Turn:
+class _CurrentActor:
     prints: CapturedOutput | None = None
     """Output of the current actor; None: no actor, text goes to the replaced streams."""
 
 
-_turn: Final = _Turn()
+_turn: Final = _CurrentActor()
 _OUT, _ERR = _Replacement(), _Replacement()
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from deeco.component import ChangeTrigger, Fact, Periodic, Process, has_fact, processes_of
+from deeco.component import ChangeTrigger, Fact, PeriodicTrigger, Process, has_fact, processes_of
 from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType, ensemble_type
 from deeco.explain.dataflow import Flow, analyse_flow
 from deeco.instant import in_seconds
@@ -61,7 +61,7 @@ def _process(cls: type[Knowledge], process: Process) -> ComponentPart:
     watched = [_fact_flow(fact, cls) for fact in facts]
     return ComponentPart(
         name=process.name,
-        when=_rhythm(schedule) if isinstance(schedule, Periodic) else _change(facts),
+        when=_rhythm(schedule) if isinstance(schedule, PeriodicTrigger) else _change(facts),
         is_ensemble=False,
         adaptation=process.adaptation,
         ports=process.ports,
@@ -132,13 +132,13 @@ def ensemble_part(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
 
 def rhythm_of(kind: EnsembleType) -> str:
     """Return the schedule of an ensemble as text."""
-    times = [_rhythm(Periodic(kind.every, kind.offset))] if kind.every is not None else []
+    times = [_rhythm(PeriodicTrigger(kind.every, kind.offset))] if kind.every is not None else []
     times += [_change(kind.on_change)] if kind.on_change else []
     age = "" if kind.max_age is None else f", with replicas of at most {in_seconds(kind.max_age):g} s"
     return " and ".join(times) + age
 
 
-def _rhythm(schedule: Periodic) -> str:
+def _rhythm(schedule: PeriodicTrigger) -> str:
     text = f"every {in_seconds(schedule.every):g} s"
     if schedule.offset:
         text += f" from {in_seconds(schedule.offset):g} s on"

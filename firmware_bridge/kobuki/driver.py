@@ -21,7 +21,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     Command,
     FrameReader,
     GeneralOutput,
-    Inertial,
+    InertialSensorData,
     SoundSequence,
     WireCounts,
     decode_feedback,
@@ -121,7 +121,7 @@ class KobukiDriver:
         feedbacks = []
         for packets in self._reader.take(data):
             basic = next((packet for packet in packets if isinstance(packet, BasicSensorData)), None)
-            inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
+            inertial = next((packet for packet in packets if isinstance(packet, InertialSensorData)), None)
             if basic is not None:
                 feedbacks.append(BaseFeedback(now, basic, inertial))
                 self._feedback(feedbacks[-1])

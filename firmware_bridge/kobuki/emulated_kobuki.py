@@ -26,7 +26,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     FeedbackPacket,
     FrameReader,
     GeneralOutput,
-    Inertial,
+    InertialSensorData,
     UnknownPacket,
     WireCounts,
     decode_commands,
@@ -145,7 +145,7 @@ class EmulatedKobuki:
         left, right, bias = normals(generator, 3).tolist()
         self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
         self._wheels = _Counters(bias=bias * math.radians(errors.gyro_bias_deg))
-        self._frozen: Inertial | None = None
+        self._frozen: InertialSensorData | None = None
         self._last_stamp = parameters.stamp_ms
         self._line: deque[tuple[Instant, bytes]] = deque()
         """Start time and bytes of frames to send."""
@@ -277,11 +277,11 @@ class EmulatedKobuki:
             self._last_stamp += {"frozen": 0, "backward": -20, "jumping": 20_000}[self.faults.stamp]
         return self._last_stamp & 0xFFFF
 
-    def _gyro(self) -> tuple[Inertial, UnknownPacket]:
+    def _gyro(self) -> tuple[InertialSensorData, UnknownPacket]:
         resolution = math.radians(self._p.errors.gyro_resolution_deg)
         angle = math.remainder(self._p.angle + self._wheels.angle, math.tau)
         rate = math.degrees(self._wheels.rate)
-        inertial = Inertial(round(angle / resolution), _within(rate * 100))
+        inertial = InertialSensorData(round(angle / resolution), _within(rate * 100))
         if self.faults.gyro == "frozen":
             inertial = self._frozen = self._frozen or inertial
         else:

@@ -84,7 +84,7 @@ class BasicSensorData:
 
 
 @dataclass(frozen=True)
-class Inertial:
+class InertialSensorData:
     """Heading and turn rate of the gyro."""
 
     angle_cdeg: int
@@ -101,7 +101,7 @@ class UnknownPacket:
     data: bytes
 
 
-FeedbackPacket = BasicSensorData | Inertial | UnknownPacket
+FeedbackPacket = BasicSensorData | InertialSensorData | UnknownPacket
 
 
 class BaseFeedback(NamedTuple):
@@ -109,7 +109,7 @@ class BaseFeedback(NamedTuple):
 
     instant: Instant
     basic: BasicSensorData
-    inertial: Inertial | None
+    inertial: InertialSensorData | None
     """None without a gyro or with a faulty one."""
 
 
@@ -128,7 +128,7 @@ _COMMANDS: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
 }
 _FEEDBACK: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     BasicSensorData: (1, struct.Struct("<HBBBHHbbBBBB")),
-    Inertial: (4, struct.Struct("<hh3x")),
+    InertialSensorData: (4, struct.Struct("<hh3x")),
 }
 _UNREAD: Final = {3: 3, 5: 6, 6: 2, 16: 16, 19: 12, 21: 13}
 """Data sizes of unused packets: docking, cliff, currents, inputs, device ID, gains."""

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 from firmware_bridge.kobuki.kobuki_motion import TRACK, ticks_between
-from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, Inertial
+from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, InertialSensorData
 
 FEEDBACK_SILENCE: Final[Duration] = milliseconds(100)
 """Timeout of feedback; kobuki_driver: 100 ms."""
@@ -258,7 +258,7 @@ class SafetyStop:
             causes[HoldCause.CLIFF] = basic.cliff
         return causes
 
-    def _still(self, basic: BasicSensorData, inertial: Inertial | None) -> bool:
+    def _still(self, basic: BasicSensorData, inertial: InertialSensorData | None) -> bool:
         """Return whether the base has not moved since the last feedback."""
         if self._basic is None:
             return False

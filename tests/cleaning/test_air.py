@@ -39,7 +39,7 @@ from cleaning.place import RESTART_TERM, Assignment, Takeover
 from cleaning.robot import CleaningRobot
 from cleaning.strategies.chapter import behaviour
 from deeco import Knowledge, in_seconds, seconds
-from deeco.component import Periodic, processes_of
+from deeco.component import PeriodicTrigger, processes_of
 from deeco.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
@@ -214,7 +214,7 @@ def test_documented_periods_are_those_of_the_processes() -> None:
     true = {
         process.name: (in_seconds(process.schedule.every), process.schedule.order)
         for process in processes_of(AdaptiveCleaningRobot)
-        if isinstance(process.schedule, Periodic)
+        if isinstance(process.schedule, PeriodicTrigger)
     }
     assert told == true
 

@@ -15,7 +15,7 @@ from cleaning.cleaner import Cleaner, State
 from deeco.knowledge import role_view
 from examples.contention import contend
 from examples.convoy import drive
-from examples.courteous import CourteousRobot, GivingWay, HandOver, OfferingCleaner
+from examples.courteous import CourteousRobot, OfferingCleaner, PlaceHandover, RandomYielding
 from tests.cleaning.fakes import (
     NOW,
     SOMEWHERE,
@@ -100,7 +100,7 @@ def test_it_pauses_and_resumes_the_robot() -> None:
 
 def test_a_blocked_robot_waits_or_drives_to_a_random_place() -> None:
     r1, r2 = (replace(robot(name, 0.0, 5.0), state=State.BLOCKED) for name in ("r1", "r2"))
-    ensemble, chance = GivingWay(1.5), generator(1, "behaviour", "r1", 0)
+    ensemble, chance = RandomYielding(1.5), generator(1, "behaviour", "r1", 0)
     assert ensemble.membership(role_view(r2, Cleaner), r1)  # type: ignore[arg-type]  # it is a Cleaner
     made = [ensemble.at_member(r2, r1, OpenFloor(), chance, NOW) for _ in range(20)]
     assert {(one.waypoint, one.waits_until) for one in made} == {(SOMEWHERE, None), (None, NOW + seconds(3))}
@@ -111,7 +111,7 @@ def test_a_blocked_robot_waits_or_drives_to_a_random_place() -> None:
 
 def test_it_hands_a_place_over_to_a_finished_robot() -> None:
     r1, r2 = robot("r1", 0.0, 9.0, 2.0).reorder(), robot("r2", 30.0)
-    hand_over, remove = HandOver(), AdoptedDestinationRemove(exchange=False)
+    hand_over, remove = PlaceHandover(), AdoptedDestinationRemove(exchange=False)
     offering = role_view(r1, OfferingCleaner)
     assert isinstance(offering, OfferingCleaner) and hand_over.membership(offering, r2)
     r2 = hand_over.at_member(offering, r2, NOW)

@@ -14,7 +14,7 @@ import pytest
 from pyarrow import parquet
 
 from acrc_testbed.experiments import campaign, store
-from acrc_testbed.experiments.campaign import CampaignOptions, TimeToGo, carry_out
+from acrc_testbed.experiments.campaign import CampaignOptions, RemainingTime, carry_out
 from acrc_testbed.experiments.comparison import identical_start_sentences, identical_starts
 from acrc_testbed.experiments.report.report_page import compose
 from acrc_testbed.experiments.report.report_view import read
@@ -270,7 +270,7 @@ def test_how_long_runs_coincide(done: Store) -> None:
 
 def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
     slow, quick = (PendingTrial(trial) for trial in list(STUDY.trials())[:2])
-    time = TimeToGo()
+    time = RemainingTime()
     assert time.left_s([slow], [], 2) is None
     for pending, took_s in ((slow, 30.0), (quick, 10.0), (quick, 12.0)):
         time.learn(pending, took_s)

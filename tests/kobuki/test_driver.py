@@ -27,7 +27,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     BasicSensorData,
     Command,
     GeneralOutput,
-    Inertial,
+    InertialSensorData,
     SoundSequence,
 )
 from firmware_bridge.kobuki.safety import AllowedMotion, HoldCause, SafetyStop
@@ -61,7 +61,7 @@ class SafetyScenario:
             if not self.silent:
                 bits = (self.bumper, self.drop, self.cliff, self.ticks & 0xFFFF)
                 basic = BasicSensorData(0, *bits, *5 * (0,), 160, self.overcurrent)
-                self.safety.sense(BaseFeedback(self.now, basic, Inertial(0, self.rate)))
+                self.safety.sense(BaseFeedback(self.now, basic, InertialSensorData(0, self.rate)))
             if v is not None:
                 self.safety.command(self.now, Instant(self.now - 1000 * self.late_ms), v, omega)
             self.allowed = self.safety.allowed(self.now)

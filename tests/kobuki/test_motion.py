@@ -26,7 +26,7 @@ from firmware_bridge.kobuki.kobuki_packets import (
     FeedbackPacket,
     FrameReader,
     GeneralOutput,
-    Inertial,
+    InertialSensorData,
     MalformedError,
     SoundSequence,
     UnknownPacket,
@@ -54,7 +54,7 @@ FEEDBACK = [
         "01 0f 34 12 01 02 04 fe ff 03 00 fb 06 01 06 a4 02",
     ),
     (UnknownPacket(3, b"\x01\x02\x10"), "03 03 01 02 10"),
-    (Inertial(-9000, 250), "04 07 d8 dc fa 00 00 00 00"),
+    (InertialSensorData(-9000, 250), "04 07 d8 dc fa 00 00 00 00"),
     (UnknownPacket(5, bytes.fromhex("d0 07 d1 07 ff 0f")), "05 06 d0 07 d1 07 ff 0f"),
     (UnknownPacket(6, b"\x07\xff"), "06 02 07 ff"),
     (UnknownPacket(10, b"\x04\x00\x01\x00"), "0a 04 04 00 01 00"),
@@ -97,7 +97,7 @@ ANY_FEEDBACK: st.SearchStrategy[FeedbackPacket] = st.one_of(
         *[st.integers(-128, 127)] * 2,
         *[UINT8] * 4,
     ),
-    st.builds(Inertial, INT16, INT16),
+    st.builds(InertialSensorData, INT16, INT16),
     st.builds(UnknownPacket, st.integers(30, 255), st.binary(min_size=1, max_size=20)),
 )
 ANY_COMMAND: st.SearchStrategy[Command] = st.one_of(
@@ -193,7 +193,7 @@ class Stream:
         basic = BasicSensorData(
             self._next & 0xFFFF, 0, 0, 0, *numbers[:2], *(n - 128 for n in numbers[2:4]), *numbers[4:]
         )
-        inertial = Inertial(*self._rng.integers(-0x8000, 0x8000, 2).tolist())
+        inertial = InertialSensorData(*self._rng.integers(-0x8000, 0x8000, 2).tolist())
         packets: list[FeedbackPacket] = [
             basic,
             inertial,
@@ -216,7 +216,7 @@ def number(packets: list[FeedbackPacket]) -> int:
     """Return the number of a received frame; -1 if it was never generated."""
     kinds, last = [type(packet) for packet in packets], packets[-1]
     if (
-        kinds == [BasicSensorData, Inertial, UnknownPacket]
+        kinds == [BasicSensorData, InertialSensorData, UnknownPacket]
         and isinstance(last, UnknownPacket)
         and last.kind == MARK
     ):
@@ -355,7 +355,7 @@ def test_a_noise_free_gyro_is_trusted_despite_drift_of_the_wheels() -> None:
 
 def feedback(at_us: int, stamp_ms: int, left: int, right: int, angle: int) -> BaseFeedback:
     basic = BasicSensorData(stamp_ms, 0, 0, 0, left, right, 0, 0, 0, 0, 160, 0)
-    return BaseFeedback(Instant(at_us), basic, Inertial(angle, 0))
+    return BaseFeedback(Instant(at_us), basic, InertialSensorData(angle, 0))
 
 
 def fed(readings: list[tuple[int, int, int, int]]) -> KobukiOdometry:

@@ -11,7 +11,7 @@ import pytest
 from actors.geometry import Pose
 from actors.instant import Instant, milliseconds
 from firmware_bridge.kobuki.kobuki_motion import METRES_PER_TICK
-from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, Inertial
+from firmware_bridge.kobuki.kobuki_packets import BaseFeedback, BasicSensorData, InertialSensorData
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.onboard.contradictions import REST, ContradictionMonitor, ScanChecks, large_objects
 from firmware_bridge.onboard.motion_checks import Movement
@@ -210,7 +210,7 @@ class Wheels:
             stamp = self.now // 1000 & 0xFFFF
             said = BasicSensorData(stamp, pressed, dropped, 0, left_ticks, right_ticks, 0, 0, 0, 0, 160, 0)
             self.judge.commanded(*told)
-            gyro = Inertial(round(np.degrees(self.angle) * 100), 0)
+            gyro = InertialSensorData(round(np.degrees(self.angle) * 100), 0)
             self.judge.feedback(BaseFeedback(self.now, said, gyro))
         return self.judge.causes(self.now)
 

@@ -40,7 +40,7 @@ from firmware_bridge.beeclick.board_messages import NoiseError, PacketConfirmati
 from firmware_bridge.kobuki.kobuki_packets import (
     BaseControl,
     FrameReader,
-    Inertial,
+    InertialSensorData,
     MalformedError,
     UnknownPacket,
     decode_commands,
@@ -191,7 +191,7 @@ def device_parsers() -> Iterator[Made]:
         (b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n",),
         lambda text: parse_rmc(START, text),
     )
-    payload = encode_feedback(Inertial(5, -7)) + encode_feedback(UnknownPacket(19, bytes(12)))
+    payload = encode_feedback(InertialSensorData(5, -7)) + encode_feedback(UnknownPacket(19, bytes(12)))
     yield "base's frames", (encode_frame(payload) * 4,), FrameReader(decode_feedback).take
     yield "base's packets", (payload,), _noisy(decode_feedback)
     yield "base's commands", (encode_command(BaseControl(100, 0)),), _noisy(decode_commands)
