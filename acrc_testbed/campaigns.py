@@ -82,7 +82,7 @@ def campaign(
     campaigns/NAME. `overwrite`: delete an existing campaign instead of resuming it.
     """
     from acrc_testbed.experiments import campaign, store
-    from acrc_testbed.experiments.campaign import CampaignOptions, carry_out
+    from acrc_testbed.experiments.campaign import CampaignOptions, run_campaign
     from acrc_testbed.experiments.trial_settings import StudyOptions, check_study, make_study
     from acrc_testbed.results.seal import seal
     from actors.robot.behaviour.code_permit import permit_of
@@ -98,9 +98,9 @@ def campaign(
     with out_folder.replace_folder(folder, "study.json") if overwrite else nullcontext():
         kept = store.create(folder, prepared)
         try:
-            carry_out(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
+            run_campaign(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
         finally:
-            campaign.write(kept)
+            campaign.write_tables(kept)
             seal(kept.folder)
     return Campaign(kept.folder)
 

@@ -137,7 +137,7 @@ def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "F
     from deploy.run import out_folder
 
     path = None if file is None else output_file("file", Path(file), ".png", ".svg")
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         figure = draw()
         if path is not None:
             with out_folder.convert_write_errors(path.absolute().parent):

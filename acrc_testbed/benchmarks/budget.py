@@ -236,7 +236,7 @@ def _causes(new: Mapping[str, float], old: Mapping[str, float]) -> str:
 
 
 _LEAST_S: Final = 3.0
-_MOST_CALLED: Final = 25
+_MAX_CALLED: Final = 25
 _SHOWN: Final = 0.05
 """Minimum count per robot-step in the tables."""
 
@@ -277,7 +277,7 @@ def _memory(found: StepCounts, allocated: float, kept: StepCounts | None) -> lis
         _table(f"{words} per robot-step, in memory", getattr(found, name), getattr(kept, name, None))
         for name, words in KEPT.items()
     ]
-    most = dict(islice(found.functions.items(), _MOST_CALLED))
+    most = dict(islice(found.functions.items(), _MAX_CALLED))
     tables.insert(1, _table("most frequent functions, calls per robot-step", most, None, whole=False))
     tables.append(f"memory blocks allocated per robot-step, including freed ones: {allocated:.1f}")
     if kept is not None:

@@ -36,8 +36,8 @@ from actors.settings import ParameterError
 PRESET: Final = "chapter"
 CATEGORIES: Final = ("free", "near_goal", "turning")
 """Categories of cycles, by their number in the data."""
-LEAST_SAME, LEAST_WITHIN_ONE, LEAST_EQUAL = 0.95, 0.99, 0.999
-MOST_REGRET, MOST_LONGER = 1.0, 0.005
+MIN_SAME, MIN_WITHIN_ONE, MIN_EQUAL = 0.95, 0.99, 0.999
+MAX_REGRET, MAX_LONGER = 1.0, 0.005
 """Limits of the claim: shares of cycles and cells, 90 % quantile of the regret, relative plan length."""
 _SAME: Final = 1e-4
 """Maximum difference of equal velocities, m/s and rad/s."""
@@ -264,16 +264,16 @@ def _holds(
     cycles: Mapping[str, CycleFigures], plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None
 ) -> bool:
     agree = all(
-        one.same >= LEAST_SAME and one.within_one >= LEAST_WITHIN_ONE and one.regret_90 <= MOST_REGRET
+        one.same >= MIN_SAME and one.within_one >= MIN_WITHIN_ONE and one.regret_90 <= MAX_REGRET
         for one in cycles.values()
         if one.cycles
     )
     lengths = all(
-        not one.none and abs(ratio - 1) <= MOST_LONGER
+        not one.none and abs(ratio - 1) <= MAX_LONGER
         for one in plans.values()
         for ratio in (one.length_ratio_median, one.length_ratio_max)
     )
-    return agree and lengths and (costs is None or costs["equal"] >= LEAST_EQUAL)
+    return agree and lengths and (costs is None or costs["equal"] >= MIN_EQUAL)
 
 
 def _cycles_row(name: str, of: CycleFigures) -> dict[str, object]:

@@ -122,7 +122,7 @@ def draw(
     task = task or PlotTask()
     folder.mkdir(parents=True, exist_ok=True)
     for name, plot in _FIGURES.items():
-        with style.applied(style.LOOK):
+        with style.context(style.LOOK):
             figure = style.new_figure(_WIDTH, _HEIGHT)
             axes = figure.subplots()
             plot(axes, task, data)

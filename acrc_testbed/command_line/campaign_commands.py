@@ -29,7 +29,7 @@ from acrc_testbed.experiments.evaluation import (
     summary_sentences,
     verdict_sentence,
 )
-from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, AssumedEffect, Interval, pairs_needed
+from acrc_testbed.experiments.paired_tests import MIN_PAIRS, AssumedEffect, Interval, pairs_needed
 from acrc_testbed.experiments.store import difference_sentences, isolation_sentences, plan_text
 from acrc_testbed.experiments.study import load_study
 from acrc_testbed.experiments.trial_settings import (
@@ -88,20 +88,20 @@ def campaign(
     watch = verdicts.InterimAnalysis(kept) if until_decided else None
     if watch is not None:
         kept.declare_looks()
-    frozen = store.adopt_plan(kept, plan_file, source, looks=until_decided)
+    frozen = store.record_plan(kept, plan_file, source, looks=until_decided)
     say = create_console(stderr=True)
-    least = LEAST_PAIRS if watch is None else watch.rules.least
+    least = MIN_PAIRS if watch is None else watch.rules.least
     for line in [] if json_output else (*notes, *hints, *power_warnings(study, least), *frozen):
         say.print(line)
     enough = (lambda: False) if watch is None else watch.is_decided
     try:
         with progress_display(quiet=json_output) as follow:
-            progress = campaigns.carry_out(kept, options, follow, enough)
+            progress = campaigns.run_campaign(kept, options, follow, enough)
     except Interruption as interrupt:
         say.print(f"acrc: interrupted; the same command resumes from {folder}")
         raise typer.Exit(interrupt.exit_code) from None
     finally:
-        campaigns.write(kept)
+        campaigns.write_tables(kept)
         seal(kept.folder)
     different = difference_sentences(kept)
     data = {

@@ -37,33 +37,33 @@ class RemainingTime:
     """Estimator of the remaining time, by strategy, variant and whether a trial is repeated."""
 
     def __init__(self) -> None:
-        self._took: dict[str, list[float]] = {}
+        self._durations: dict[str, list[float]] = {}
 
-    def learn(self, pending: PendingTrial, took_s: float) -> None:
+    def add_duration(self, pending: PendingTrial, duration_s: float) -> None:
         """Add the duration of a trial."""
-        self._took.setdefault(_kind(pending), []).append(took_s)
+        self._durations.setdefault(_trial_kind(pending), []).append(duration_s)
 
-    def left_s(
+    def remaining_s(
         self, waiting: Iterable[PendingTrial], running: Sequence[tuple[PendingTrial, float]], slots: int
     ) -> float | None:
         """Return the remaining time with `slots` trials at once, s; None before any trial has ended.
 
         `running`: trials in progress and their age, s. Kinds without an ended trial take the others' mean.
         """
-        if not self._took:
+        if not self._durations:
             return None
-        means = {kind: fmean(spans) for kind, spans in self._took.items()}
+        means = {kind: fmean(spans) for kind, spans in self._durations.items()}
         overall = fmean(means.values())
-        begun = [max(means.get(_kind(pending), overall) - since, 0.0) for pending, since in running]
-        to_come = sum(means.get(_kind(pending), overall) for pending in waiting)
+        begun = [max(means.get(_trial_kind(pending), overall) - since, 0.0) for pending, since in running]
+        to_come = sum(means.get(_trial_kind(pending), overall) for pending in waiting)
         return max((sum(begun) + to_come) / max(slots, 1), max(begun, default=0.0))
 
 
-def _kind(pending: PendingTrial) -> str:
+def _trial_kind(pending: PendingTrial) -> str:
     return repr((pending.trial.strategy, pending.trial.variant, pending.check))
 
 
-_LOOK_S: Final = 1.0
+_POLL_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -99,20 +99,20 @@ class CampaignProgress:
 OnProgress = Callable[[CampaignProgress], None]
 
 
-def carry_out(
+def run_campaign(
     store: Store,
     options: CampaignOptions,
-    follow: OnProgress = lambda progress: None,
-    enough: Callable[[], bool] = lambda: False,
+    on_progress: OnProgress = lambda progress: None,
+    is_decided: Callable[[], bool] = lambda: False,
 ) -> CampaignProgress:
     """Run every trial that has no record, and return the final progress.
 
     Records survive any interruption; the next call resumes. A trial that crashes or times out is recorded as
-    a failure. `enough`: evaluated at the start and after each trial; once true, no further trial starts.
+    a failure. `is_decided`: evaluated at the start and after each trial; once true, no further trial starts.
     """
     opened = trial_pool(options.jobs, options.patience_s, options.on, store.commit)
     with signals_as_interrupts(), opened as pool:
-        return _Campaign(store, options, pool, follow, enough).run()
+        return _Campaign(store, options, pool, on_progress, is_decided).run()
 
 
 class _Campaign:
@@ -121,27 +121,27 @@ class _Campaign:
         store: Store,
         options: CampaignOptions,
         pool: Pool,
-        follow: OnProgress,
-        enough: Callable[[], bool],
+        on_progress: OnProgress,
+        is_decided: Callable[[], bool],
     ) -> None:
         self._store = store
         self._every = 0 if store.study.isolated else options.check_every
         self._pool = pool
         self._modules = options.modules
         self._running: dict[Future[TrialOutcome], tuple[PendingTrial, float]] = {}
-        self._follow = follow
-        self._asked_enough = enough
+        self._on_progress = on_progress
+        self._is_decided = is_decided
         self._trials = deque(store.pending())
         self._checks = deque[PendingTrial]()
         self._total = sum(1 for _ in store.study.trials())
-        self._before = self._total - len(self._trials)
+        self._earlier = self._total - len(self._trials)
         self._failed = 0
         self._ended = 0
-        self._time = RemainingTime()
-        self._take_in_what_is_there()
-        self._enough = False
+        self._remaining_time = RemainingTime()
+        self._add_earlier_trials()
+        self._stopped_early = False
 
-    def _take_in_what_is_there(self) -> None:
+    def _add_earlier_trials(self) -> None:
         """Add failures and durations of the trials of earlier calls."""
         for trial in self._store.study.trials():
             if not self._store.path(trial).exists():
@@ -150,18 +150,18 @@ class _Campaign:
             if result is None:
                 self._failed += 1
             else:
-                self._time.learn(PendingTrial(trial), result.startup_s + result.wall_s)
+                self._remaining_time.add_duration(PendingTrial(trial), result.startup_s + result.wall_s)
 
     def run(self) -> CampaignProgress:
-        self._ask()
-        self._follow(self._progress())
-        self._work(self._trials)
+        self._check_decision()
+        self._on_progress(self._progress())
+        self._run_trials(self._trials)
         if self._every:
-            self._checks.extend(self._store.unchecked(self._every))
-            self._work(self._checks)
+            self._checks.extend(self._store.unchecked_trials(self._every))
+            self._run_trials(self._checks)
         return self._progress()
 
-    def _work(self, waiting: deque[PendingTrial]) -> None:
+    def _run_trials(self, waiting: deque[PendingTrial]) -> None:
         """Run all waiting trials to completion."""
         while waiting or self._running:
             while waiting and len(self._running) < self._pool.slots:
@@ -170,26 +170,26 @@ class _Campaign:
                 regular_file.write_atomically(self._store.log(trial, check=check), b"")
                 order = make_order(self._store.study, trial, self._modules, repeated=check)
                 self._running[self._pool.submit(order)] = (pending, time.monotonic())
-            ended, _ = wait(self._running, _LOOK_S, FIRST_COMPLETED)
+            ended, _ = wait(self._running, _POLL_S, FIRST_COMPLETED)
             for future in ended:
                 pending, began = self._running.pop(future)
-                self._time.learn(pending, time.monotonic() - began)
-                self._note(pending, self._pool.outcome(future))
+                self._remaining_time.add_duration(pending, time.monotonic() - began)
+                self._store_record(pending, self._pool.outcome(future))
             if ended:
-                self._ask()
-            self._follow(self._progress())
+                self._check_decision()
+            self._on_progress(self._progress())
 
-    def _ask(self) -> None:
-        if not self._enough and self._asked_enough():
-            self._enough = True
+    def _check_decision(self) -> None:
+        if not self._stopped_early and self._is_decided():
+            self._stopped_early = True
             self._trials.clear()
 
-    def _note(self, pending: PendingTrial, ended: TrialOutcome) -> None:
+    def _store_record(self, pending: PendingTrial, outcome: TrialOutcome) -> None:
         """Validate and store the record of an ended trial."""
         trial, check = pending
         store = self._store
-        regular_file.write_atomically(store.log(trial, check=check), ended.output)
-        record = validated_record(ended.record, trial, ended.cause)
+        regular_file.write_atomically(store.log(trial, check=check), outcome.output)
+        record = validated_record(outcome.record, trial, outcome.cause)
         if check:
             write_json(store.check_path(trial), compare_repetition(store.record(trial), record))
             return
@@ -201,16 +201,18 @@ class _Campaign:
         waiting = (*self._trials, *self._checks)
         now = time.monotonic()
         running = [(pending, now - began) for pending, began in self._running.values()]
-        left_s = self._time.left_s(waiting, running, self._pool.slots)
-        return CampaignProgress(self._before + self._ended, self._failed, self._total, left_s, self._enough)
+        left_s = self._remaining_time.remaining_s(waiting, running, self._pool.slots)
+        return CampaignProgress(
+            self._earlier + self._ended, self._failed, self._total, left_s, self._stopped_early
+        )
 
 
 Row = dict[str, bool | int | float | str | None]
-_NO_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
+_NOT_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
 """Scalar fields of a result that have a column of their own or do not describe the outcome."""
 
 
-def write(store: Store) -> tuple[Path, Path]:
+def write_tables(store: Store) -> tuple[Path, Path]:
     """Write `results.parquet` and `results.csv` into the campaign's folder, and return their paths.
 
     Both have the same columns and a row for each ended trial, in the study's order; each file is written
@@ -235,12 +237,12 @@ def write(store: Store) -> tuple[Path, Path]:
 def columns(store: Store) -> dict[str, list[object]]:
     """Return the results by column, each of one type. Raises AcrcError for a damaged record."""
     table = list(rows(store))
-    return {name: _column(row.get(name) for row in table) for name in _names(table)}
+    return {name: _uniform_column(row.get(name) for row in table) for name in _column_names(table)}
 
 
 def rows(store: Store) -> Iterator[Row]:
     """Yield a row for each ended trial; dotted column names are fields of nested structures."""
-    checks = {_key(check): check for check in store.checks()}
+    checks = {_trial_key(check): check for check in store.checks()}
     commit, scenario, tuning = store.commit, store.study.scenario, store.study.tuning
     for record in store.records():
         result = record.result
@@ -265,7 +267,7 @@ def rows(store: Store) -> Iterator[Row]:
                 for name, mean in outcome_means(result.outcome if result else {}).items()
             },
         }
-        yield row | _checked(checks.get(_key(record)))
+        yield row | _check_cells(checks.get(_trial_key(record)))
 
 
 def command(study: Study, record: TrialRecord) -> str:
@@ -278,16 +280,16 @@ def command(study: Study, record: TrialRecord) -> str:
 
 def _metrics(result: Mapping[str, Any], prefix: str = "") -> Row:
     """Return all scalars of a result; those of nested tables have dotted names."""
-    found: Row = {}
+    metrics: Row = {}
     for name, value in result.items():
         if isinstance(value, Mapping) and name not in {"per_robot", "frames_by_robot", "origin", "processor"}:
-            found |= _metrics(value, f"{prefix}{name}.")
-        elif isinstance(value, bool | int | float | str | None) and (prefix or name not in _NO_METRICS):
-            found[prefix + name] = value
-    return found
+            metrics |= _metrics(value, f"{prefix}{name}.")
+        elif isinstance(value, bool | int | float | str | None) and (prefix or name not in _NOT_METRICS):
+            metrics[prefix + name] = value
+    return metrics
 
 
-def _checked(check: CheckRecord | None) -> Row:
+def _check_cells(check: CheckRecord | None) -> Row:
     if check is None:
         return {}
     return {
@@ -297,12 +299,12 @@ def _checked(check: CheckRecord | None) -> Row:
     }
 
 
-def _names(table: Iterable[Row]) -> list[str]:
+def _column_names(table: Iterable[Row]) -> list[str]:
     """Return the columns of all rows, in order of first appearance."""
     return list(dict.fromkeys(name for row in table for name in row))
 
 
-def _column(values: Iterable[object]) -> list[object]:
+def _uniform_column(values: Iterable[object]) -> list[object]:
     """Return the values of a column converted to one type: numbers, or else texts."""
     column = list(values)
     kinds = {type(value) for value in column if value is not None}
@@ -323,5 +325,5 @@ def _json(value: object) -> str:
     return msgspec.json.encode(value, order="sorted").decode()
 
 
-def _key(one: TrialRecord | CheckRecord) -> str:
-    return _json((one.strategy, one.seed, one.variant))
+def _trial_key(record: TrialRecord | CheckRecord) -> str:
+    return _json((record.strategy, record.seed, record.variant))

@@ -1,6 +1,5 @@
 """Metrics, paired samples, estimates with intervals, and identical starts of runs."""
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.experiments.paired_tests import (
-    LEAST_PAIRS,
+    MIN_PAIRS,
     NO_TEST,
     Interval,
     PairedTest,
@@ -32,10 +31,10 @@ Run = RunResult | None
 
 @dataclass(frozen=True)
 class Metric:
-    """A number of a run, summarised by the mean over runs."""
+    """Numeric result of a run, summarised by the mean over runs."""
 
     name: str
-    says: str
+    description: str
     unit: str
     value: Callable[[RunResult], float | None]
     """None: unknown."""
@@ -47,7 +46,7 @@ class TimeMetric:
     """Time of an event, if it happened in the run; summarised by the restricted mean over runs."""
 
     name: str
-    says: str
+    description: str
     event: str
     """State of a run after the event."""
     at: Callable[[RunResult], float | None]
@@ -77,22 +76,22 @@ NAMES: Final = (*(one.name for one in METRICS), *(one.name for one in TIMES), LE
 ORDER: Final = (PLACES.name, *(one.name for one in TIMES), LEXICOGRAPHIC, *(one.name for one in METRICS[1:]))
 """Order of display: the chapter's metrics, then costs."""
 _BY_NAME: Final = {one.name: one for one in (*METRICS, *TIMES)}
-_OWN: Final = "outcome."
+_OUTCOME_PREFIX: Final = "outcome."
 """Prefix of values returned by a strategy's outcome()."""
-CHOICE: Final = f"one of {', '.join(NAMES)} or {_OWN}NAME, a value returned by outcome()"
+CHOICE: Final = f"one of {', '.join(NAMES)} or {_OUTCOME_PREFIX}NAME, a value returned by outcome()"
 
 
 def is_metric(name: str) -> bool:
     """Return whether a metric of this name exists."""
-    return name in NAMES or (name.startswith(_OWN) and name != _OWN)
+    return name in NAMES or (name.startswith(_OUTCOME_PREFIX) and name != _OUTCOME_PREFIX)
 
 
-def named(name: str) -> Metric | TimeMetric:
+def find_metric(name: str) -> Metric | TimeMetric:
     """Return the metric of this name; for `outcome.NAME`, more is better."""
     if name in _BY_NAME:
         return _BY_NAME[name]
-    own = name.removeprefix(_OWN)
-    return Metric(name, name, "", lambda run: outcome_means(run.outcome).get(own), more_is_better=True)
+    key = name.removeprefix(_OUTCOME_PREFIX)
+    return Metric(name, name, "", lambda run: outcome_means(run.outcome).get(key), more_is_better=True)
 
 
 def horizon(runs: Sequence[Run]) -> float:
@@ -128,7 +127,7 @@ def ranks(runs: Sequence[Run]) -> list[float]:
 Floats = NDArray[np.float64]
 StrategyRuns = dict[str, dict[int, Run]]
 """By strategy and seed."""
-_LEXICOGRAPHIC_SAYS = "places done, then running time"
+_LEXICOGRAPHIC_TEXT = "places done, then running time"
 
 
 class PairedSample(NamedTuple):
@@ -210,12 +209,12 @@ class Comparison:
     @property
     def says(self) -> str:
         """Description of the metric."""
-        return _LEXICOGRAPHIC_SAYS if self.metric == LEXICOGRAPHIC else named(self.metric).says
+        return _LEXICOGRAPHIC_TEXT if self.metric == LEXICOGRAPHIC else find_metric(self.metric).description
 
     @property
     def unit(self) -> str:
         """Unit of the metric; empty if it has none."""
-        return "" if self.metric == LEXICOGRAPHIC else named(self.metric).unit
+        return "" if self.metric == LEXICOGRAPHIC else find_metric(self.metric).unit
 
     @property
     def happened(self) -> bool:
@@ -225,7 +224,7 @@ class Comparison:
     @property
     def is_estimated(self) -> bool:
         """True if the metric is known for enough pairs to estimate."""
-        return self.pairs >= LEAST_PAIRS
+        return self.pairs >= MIN_PAIRS
 
     @property
     def pairs(self) -> int:
@@ -249,7 +248,7 @@ class Comparison:
 
     @property
     def others(self) -> float | None:
-        """Mean of `other`, likewise."""
+        """Mean of `other` (restricted mean for times); None for the lexicographic order."""
         return None if self.metric == LEXICOGRAPHIC else float(self.scores.others.mean())
 
     @cached_property
@@ -286,7 +285,7 @@ def runs_by_variant(records: Iterable[TrialRecord], study: Study | None) -> dict
     counts = study is None or study.failed_runs == "worst"
     runs: dict[Variant, StrategyRuns] = {}
     for record in records:
-        variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
+        variant = tuple((key, _hashable(value)) for key, value in record.variant.items())
         of_strategy = runs.setdefault(variant, {}).setdefault(record.strategy, {})
         if record.result is not None or counts:
             of_strategy[record.seed] = record.result
@@ -294,7 +293,7 @@ def runs_by_variant(records: Iterable[TrialRecord], study: Study | None) -> dict
 
 
 def samples(records: Iterable[TrialRecord], study: Study | None = None) -> list[PairedSample]:
-    """Return every pair of strategies in every variant, with the seeds that both have.
+    """Return the paired runs of every two strategies in every variant, for the seeds that both have.
 
     The study's primary pairs come first, as declared. Random cells are pooled into one variant.
     """
@@ -305,13 +304,13 @@ def samples(records: Iterable[TrialRecord], study: Study | None = None) -> list[
         runs.setdefault(variant if study is None else study.fixed_part(variant), []).append(of_variant)
         names |= dict.fromkeys(of_variant)
     declared = {frozenset(pair) for pair in primary}
-    others = [pair for pair in itertools.combinations(names, 2) if frozenset(pair) not in declared]
+    others = [pair for pair in combinations(names, 2) if frozenset(pair) not in declared]
     return [
-        _sample(one, other, variant, having)
+        _sample(one, other, variant, common_cells)
         for pairs in (primary, others)
         for variant, cells in runs.items()
         for one, other in pairs
-        if (having := [cell for cell in cells if one in cell and other in cell])
+        if (common_cells := [cell for cell in cells if one in cell and other in cell])
     ]
 
 
@@ -326,8 +325,8 @@ def _sample(one: str, other: str, variant: Variant, cells: Sequence[StrategyRuns
     return PairedSample(one, other, variant, tuple(pairs), len(cells))
 
 
-def too_few_pairs(pairs: int, least: int = LEAST_PAIRS) -> str:
-    """Return a sentence that explains why so few pairs are not evaluated."""
+def too_few_pairs_sentence(pairs: int, least: int = MIN_PAIRS) -> str:
+    """Return a sentence on a sample with fewer than `least` pairs, which is not evaluated."""
     return (
         f"{pairs} pairs of runs are too few: the exact test needs at least {least} to reach p < 5 %. "
         "Nothing is tested or estimated."
@@ -335,16 +334,16 @@ def too_few_pairs(pairs: int, least: int = LEAST_PAIRS) -> str:
 
 
 def compare(
-    found: Sequence[PairedSample], only: str | None = None, least: int = LEAST_PAIRS
+    paired: Sequence[PairedSample], metric: str | None = None, least: int = MIN_PAIRS
 ) -> list[Comparison]:
-    """Estimate every metric, or `only` one, of samples with at least `least` pairs."""
-    made = (
+    """Estimate every metric, or `metric` one, of samples with at least `least` pairs."""
+    comparisons = (
         comparison_of(sample, name)
-        for sample in found
+        for sample in paired
         if len(sample.pairs) >= least
-        for name in ([only] if only is not None else ORDER)
+        for name in ([metric] if metric is not None else ORDER)
     )
-    return [one for one in made if one.is_estimated]
+    return [one for one in comparisons if one.is_estimated]
 
 
 def comparison_of(sample: PairedSample, name: str) -> Comparison:
@@ -352,7 +351,7 @@ def comparison_of(sample: PairedSample, name: str) -> Comparison:
     if name == LEXICOGRAPHIC:
         order = np.array(ranks([run for pair in sample.pairs for run in pair]))
         return Comparison(sample, name, Scores(order[::2], order[1::2], 1))
-    return Comparison(sample, name, scores(named(name), sample.pairs))
+    return Comparison(sample, name, scores(find_metric(name), sample.pairs))
 
 
 def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[Run, Run]]) -> Scores:
@@ -365,17 +364,17 @@ def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[Run, Run]]) -> Sco
     return Scores(ones, others, -1, any(run is not None and metric.at(run) is not None for run in runs))
 
 
-def _frozen(value: Any) -> Any:
-    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+def _hashable(value: Any) -> Any:
+    return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
-_FEW: Final = 4
+_MAX_LISTED: Final = 4
 """Variants up to which each has its own sentence."""
 
 
 @dataclass(frozen=True)
 class IdenticalStart:
-    """Identical starts of the runs of two strategies in one variant."""
+    """Initial seconds in which the runs of two strategies in one variant are identical."""
 
     one: str
     other: str
@@ -397,7 +396,7 @@ class IdenticalStart:
 
 
 def identical_starts(records: Iterable[TrialRecord]) -> list[IdenticalStart]:
-    """Compare every two strategies in every variant; failed runs are left out."""
+    """Return identical starts for each pair of strategies and variant; failed runs are left out."""
     traces: dict[str, tuple[tuple[tuple[str, Any], ...], dict[str, dict[int, str]]]] = {}
     for record in records:
         if record.trace:
@@ -405,14 +404,14 @@ def identical_starts(records: Iterable[TrialRecord]) -> list[IdenticalStart]:
             _, by_strategy = traces.setdefault(repr(variant), (variant, {}))
             by_strategy.setdefault(record.strategy, {})[record.seed] = record.trace
     return [
-        _coincidence(one, other, variant, mine, theirs)
+        _identical_start(one, other, variant, mine, theirs)
         for variant, strategies in traces.values()
         for (one, mine), (other, theirs) in combinations(strategies.items(), 2)
         if mine.keys() & theirs.keys()
     ]
 
 
-def _coincidence(
+def _identical_start(
     one: str, other: str, variant: tuple[tuple[str, Any], ...], mine: dict[int, str], theirs: dict[int, str]
 ) -> IdenticalStart:
     seeds = [seed for seed in mine if seed in theirs]
@@ -425,43 +424,46 @@ def _coincidence(
     )
 
 
-def identical_start_sentences(found: Sequence[IdenticalStart]) -> list[str]:
+def identical_start_sentences(starts: Sequence[IdenticalStart]) -> list[str]:
     """Return sentences on identical starts, summarised for pairs with many variants."""
     pairs: dict[tuple[str, str], list[IdenticalStart]] = {}
-    for one in found:
+    for one in starts:
         pairs.setdefault((one.one, one.other), []).append(one)
     lines: list[str] = []
-    for same in pairs.values():
-        lines += _summary(same) if len(same) > _FEW else [line for one in same for line in _alone(one)]
+    for variants in pairs.values():
+        if len(variants) > _MAX_LISTED:
+            lines += _summary_sentences(variants)
+        else:
+            lines += [line for start in variants for line in _variant_sentences(start)]
     return lines
 
 
-def _alone(one: IdenticalStart) -> Iterator[str]:
-    where = "".join(f", {key} = {value}" for key, value in one.variant)
+def _variant_sentences(start: IdenticalStart) -> Iterator[str]:
+    where = "".join(f", {key} = {value}" for key, value in start.variant)
     yield (
-        f"{one.one} and {one.other}{where}: {one.sharing} of {len(one.seconds)} pairs are identical for the "
-        f"first {one.half_s} s or longer ({_range(one.seconds)})"
+        f"{start.one} and {start.other}{where}: {start.sharing} of {len(start.seconds)} pairs are identical "
+        f"for the first {start.half_s} s or longer ({_range_text(start.seconds)})"
     )
-    if one.whole:
-        seeds = ", ".join(map(str, one.whole[:10])) + (" …" if len(one.whole) > 10 else "")
-        yield f"    {len(one.whole)} are identical throughout and show no difference: seeds {seeds}"
+    if start.whole:
+        seeds = ", ".join(map(str, start.whole[:10])) + (" …" if len(start.whole) > 10 else "")
+        yield f"    {len(start.whole)} are identical throughout and show no difference: seeds {seeds}"
 
 
-def _summary(same: Sequence[IdenticalStart]) -> Iterator[str]:
+def _summary_sentences(starts: Sequence[IdenticalStart]) -> Iterator[str]:
     """Summarise all variants of two strategies."""
-    seconds = [second for one in same for second in one.seconds]
-    name = f"{same[0].one} and {same[0].other}, in {len(same)} variants"
-    yield f"{name}: identical start of {len(seconds)} pairs ({_range(seconds)})"
-    whole = [one for one in same if one.whole]
+    seconds = [second for start in starts for second in start.seconds]
+    name = f"{starts[0].one} and {starts[0].other}, in {len(starts)} variants"
+    yield f"{name}: identical start of {len(seconds)} pairs ({_range_text(seconds)})"
+    whole = [start for start in starts if start.whole]
     if whole:
-        most = max(whole, key=lambda one: len(one.whole))
+        most = max(whole, key=lambda start: len(start.whole))
         where = ", ".join(f"{key} = {value}" for key, value in most.variant)
-        count = sum(len(one.whole) for one in whole)
+        count = sum(len(start.whole) for start in whole)
         yield (
             f"    {count} are identical throughout and show no difference, in {len(whole)} variants;"
             f" most ({len(most.whole)}) with {where}"
         )
 
 
-def _range(seconds: Sequence[int]) -> str:
+def _range_text(seconds: Sequence[int]) -> str:
     return f"minimum {min(seconds)} s, median {median(seconds):g} s, maximum {max(seconds)} s"

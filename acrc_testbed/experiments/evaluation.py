@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.experiments import comparison, store
+from acrc_testbed.experiments import comparison
 from acrc_testbed.experiments.comparison import (
     PLACES,
     Comparison,
@@ -20,12 +20,12 @@ from acrc_testbed.experiments.comparison import (
     horizon,
     runs_by_variant,
     samples,
-    too_few_pairs,
+    too_few_pairs_sentence,
     values,
 )
-from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, share_upper_bound
-from acrc_testbed.experiments.statistical_models import FEWEST_CELLS, RandomEffectsFit, fit
-from acrc_testbed.experiments.store import Store
+from acrc_testbed.experiments.paired_tests import MIN_PAIRS, share_upper_bound
+from acrc_testbed.experiments.statistical_models import MIN_CELLS, RandomEffectsFit, fit
+from acrc_testbed.experiments.store import Store, plan_sentences
 from acrc_testbed.experiments.study import Study, Variant
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.experiments.verdicts import (
@@ -36,8 +36,6 @@ from acrc_testbed.experiments.verdicts import (
 )
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
-
-_MAP: Final = "map"
 
 
 class OverallEstimate(NamedTuple):
@@ -78,7 +76,7 @@ class _Differences(NamedTuple):
         """Return the model's mean; for too few cells the mean of the cells' means."""
         places, cells = self.places[chosen], self.cells[chosen]
         names = np.unique(cells)
-        if len(names) >= FEWEST_CELLS:
+        if len(names) >= MIN_CELLS:
             return fit(places, cells, self.seeds[chosen]).mean.value
         return float(np.mean([places[cells == cell].mean() for cell in names]))
 
@@ -88,20 +86,24 @@ def overall_estimates(records: Iterable[TrialRecord], study: Study) -> list[Over
 
     A cell is a combination of all factors, random or not.
     """
-    if len(study.variants()) < FEWEST_CELLS:
+    if len(study.variants()) < MIN_CELLS:
         return []
     runs = runs_by_variant(records, study)
-    return [_across(one, other, runs, study) for one, other in study.primary_pairs]
+    return [_overall_estimate(one, other, runs, study) for one, other in study.primary_pairs]
 
 
-def _across(one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study) -> OverallEstimate:
-    found = _differences(one, other, runs, study)
-    cells = len(np.unique(found.cells))
-    if cells < FEWEST_CELLS or len(found.places) < LEAST_PAIRS:
+def _overall_estimate(
+    one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study
+) -> OverallEstimate:
+    differences = _differences(one, other, runs, study)
+    cells = len(np.unique(differences.cells))
+    if cells < MIN_CELLS or len(differences.places) < MIN_PAIRS:
         return OverallEstimate(one, other, None, cells)
-    maps = list(dict.fromkeys(found.maps.tolist()))
-    without = {name: found.mean(found.maps != name) for name in maps} if len(maps) > 1 else {}
-    return OverallEstimate(one, other, fit(found.places, found.cells, found.seeds), cells, without)
+    maps = list(dict.fromkeys(differences.maps.tolist()))
+    without = {name: differences.mean(differences.maps != name) for name in maps} if len(maps) > 1 else {}
+    return OverallEstimate(
+        one, other, fit(differences.places, differences.cells, differences.seeds), cells, without
+    )
 
 
 def _differences(one: str, other: str, runs: Mapping[Variant, StrategyRuns], study: Study) -> _Differences:
@@ -110,7 +112,7 @@ def _differences(one: str, other: str, runs: Mapping[Variant, StrategyRuns], stu
         mine, theirs = by_strategy.get(one, {}), by_strategy.get(other, {})
         for seed in (seed for seed in mine if seed in theirs):
             ours, others = values(PLACES, (mine[seed], theirs[seed]), 0.0)
-            rows.append((ours - others, cell, seed, _map(variant, study)))
+            rows.append((ours - others, cell, seed, _map_name(variant, study)))
     places, cells, seeds, maps = zip(*rows, strict=True) if rows else ((), (), (), ())
     return _Differences(
         np.array(places, np.float64),
@@ -120,27 +122,27 @@ def _differences(one: str, other: str, runs: Mapping[Variant, StrategyRuns], stu
     )
 
 
-def _map(variant: Variant, study: Study) -> str:
+def _map_name(variant: Variant, study: Study) -> str:
     """Return the name of a variant's map in the study; empty if the map does not vary."""
     for factor in (*study.factors, *study.random):
         for key, value in variant:
-            if key == factor.key and _MAP in dict(factor.settings(value)):
+            if key == factor.key and "map" in dict(factor.settings(value)):
                 return str(value) if factor.levels else Path(str(value)).stem
     return ""
 
 
-def overall_sentences(found: OverallEstimate) -> list[str]:
+def overall_sentences(estimate: OverallEstimate) -> list[str]:
     """Return sentences on the estimate over all cells."""
-    name, fitted = f"{found.one} minus {found.other}", found.fitted
+    name, fitted = f"{estimate.one} minus {estimate.other}", estimate.fitted
     if fitted is None:
         return [
-            f"{name} over all cells: only {found.cells} have runs of both; estimates need at least "
-            f"{FEWEST_CELLS} cells and {LEAST_PAIRS} pairs of runs."
+            f"{name} over all cells: only {estimate.cells} have runs of both; estimates need at least "
+            f"{MIN_CELLS} cells and {MIN_PAIRS} pairs of runs."
         ]
     mean, new = fitted.mean, fitted.new_cell
     sentences = [
         f"{name} over all {fitted.cells} cells, {fitted.values} pairs: {mean.value:+.3g} places "
-        f"[{mean.low:+.3g}, {mean.high:+.3g}]; standard deviation {_spreads(fitted)}. "
+        f"[{mean.low:+.3g}, {mean.high:+.3g}]; standard deviation {_deviations_text(fitted)}. "
         f"Prediction for a new cell with as many seeds: {new.low:+.3g} to {new.high:+.3g} (95 %)."
     ]
     if fitted.rest is not None and fitted.between_cells == 0.0:
@@ -148,29 +150,30 @@ def overall_sentences(found: OverallEstimate) -> list[str]:
             "The fit is singular: cells differ no more than by chance, so the estimated variance between "
             f"them is 0. With only {fitted.cells} cells both intervals may be too narrow."
         )
-    if found.without:
-        sentences.append(_map_sensitivity(found, level=mean.value == 0.0))
+    if estimate.without:
+        sentences.append(_map_sensitivity(estimate, is_zero=mean.value == 0.0))
     return sentences
 
 
-def _spreads(fitted: RandomEffectsFit) -> str:
+def _deviations_text(fitted: RandomEffectsFit) -> str:
     if fitted.rest is None:
         return f"{fitted.between_cells:.3g} between cells (one pair each, so it includes the residual)"
     seeds = "" if fitted.between_seeds is None else f"{fitted.between_seeds:.3g} between seeds, "
     return f"{fitted.between_cells:.3g} between cells, {seeds}{fitted.rest:.3g} residual"
 
 
-def _map_sensitivity(found: OverallEstimate, *, level: bool) -> str:
-    (least, lowest), *_, (most, highest) = sorted(found.without.items(), key=itemgetter(1))
-    turns = ", ".join(f"{name} ({found.without[name]:+.3g})" for name in found.sign_changes)
-    holds = "there is no direction." if level else "the direction is the same."
+def _map_sensitivity(estimate: OverallEstimate, *, is_zero: bool) -> str:
+    (least, lowest), *_, (most, highest) = sorted(estimate.without.items(), key=itemgetter(1))
+    changes = ", ".join(f"{name} ({estimate.without[name]:+.3g})" for name in estimate.sign_changes)
+    unchanged = "there is no direction." if is_zero else "the direction is the same."
     return (
-        f"Without each of {len(found.without)} maps in turn: {lowest:+.3g} (without {least}) to "
-        f"{highest:+.3g} (without {most}); " + (f"the direction changes without {turns}." if turns else holds)
+        f"Without each of {len(estimate.without)} maps in turn: {lowest:+.3g} (without {least}) to "
+        f"{highest:+.3g} (without {most}); "
+        + (f"the direction changes without {changes}." if changes else unchanged)
     )
 
 
-_MOST_SEEDS: Final = 10
+_MAX_SEEDS: Final = 10
 _LARGE_RATIO: Final = 2.0
 """Ratio of typical loss to typical gain above which the loss is called much worse."""
 
@@ -189,11 +192,11 @@ def summary_sentences(records: Iterable[TrialRecord]) -> Iterator[str]:
             f" {sum(run.places_done or 0 for run in runs)} of {sum(run.places_total for run in runs)} places,"
             f" {sum(run.places_given_up for run in runs)} given up,"
             f" {sum(run.places_lost for run in runs)} lost,"
-            f" {sum(run.contacts or 0 for run in runs)} contacts{_half(runs)}"
+            f" {sum(run.contacts or 0 for run in runs)} contacts{_settling_text(runs)}"
         )
 
 
-def _half(runs: Sequence[RunResult]) -> str:
+def _settling_text(runs: Sequence[RunResult]) -> str:
     """Return when half of the runs were settled; empty if fewer ever were."""
     settled = sorted(run.settled_s for run in runs if run.settled_s is not None)
     half = (len(runs) + 1) // 2
@@ -215,21 +218,23 @@ def failure_sentences(records: Iterable[TrialRecord], study: Study) -> list[str]
             "this favours strategies that fail on hard seeds"
         )
     return [
-        f"{strategy} failed in {len(seeds)} of {runs[strategy]} runs ({_seeds(seeds)}); {counts}"
+        f"{strategy} failed in {len(seeds)} of {runs[strategy]} runs ({_seeds_text(seeds)}); {counts}"
         for strategy, seeds in failed.items()
     ]
 
 
-def _seeds(seeds: Sequence[int]) -> str:
+def _seeds_text(seeds: Sequence[int]) -> str:
     several = sorted(set(seeds))
-    more = ", …" if len(several) > _MOST_SEEDS else ""
-    return f"seed{'s' if len(several) > 1 else ''} {', '.join(map(str, several[:_MOST_SEEDS]))}{more}"
+    more = ", …" if len(several) > _MAX_SEEDS else ""
+    return f"seed{'s' if len(several) > 1 else ''} {', '.join(map(str, several[:_MAX_SEEDS]))}{more}"
 
 
-def too_few_sentences(samples: Sequence[PairedSample], least: int = LEAST_PAIRS) -> list[str]:
+def too_few_sentences(samples: Sequence[PairedSample], least: int = MIN_PAIRS) -> list[str]:
     """Return a sentence for each pair of strategies with too few pairs of runs."""
     return [
-        f"{one.name}: {too_few_pairs(len(one.pairs), least)}" for one in samples if len(one.pairs) < least
+        f"{one.name}: {too_few_pairs_sentence(len(one.pairs), least)}"
+        for one in samples
+        if len(one.pairs) < least
     ]
 
 
@@ -241,20 +246,20 @@ def family_sentences(verdicts: Sequence[PairVerdict], study: Study) -> list[str]
         return []
     if any(step.threshold is not None for one in verdicts for step in one.steps):
         return [
-            f"Declared: {_counted(len(verdicts), 'comparison')}, with interim looks; "
-            f"{_counted(family_size(study), 'test')} share the error rate of 5 %."
+            f"Declared: {_count_text(len(verdicts), 'comparison')}, with interim looks; "
+            f"{_count_text(family_size(study), 'test')} share the error rate of 5 %."
         ]
     steps = [step for one in verdicts for step in one.steps]
-    able = sum(step.tested for step in steps)
-    rest = len(steps) - able
+    testable = sum(step.tested for step in steps)
+    excluded = len(steps) - testable
     return [
-        f"Declared: {_counted(len(verdicts), 'comparison')}, {_counted(len(steps), 'test')}; "
-        f"{able} can be significant, at a family-wise error rate of 5 % (Holm)"
-        + (f"; {rest} cannot, because too few pairs differ." if rest else ".")
+        f"Declared: {_count_text(len(verdicts), 'comparison')}, {_count_text(len(steps), 'test')}; "
+        f"{testable} can be significant, at a family-wise error rate of 5 % (Holm)"
+        + (f"; {excluded} cannot, because too few pairs differ." if excluded else ".")
     ]
 
 
-def _counted(count: int, what: str) -> str:
+def _count_text(count: int, what: str) -> str:
     return f"{count} {what}{'s' if count != 1 else ''}"
 
 
@@ -264,36 +269,37 @@ def verdict_sentence(one: PairVerdict) -> str:
         return f"{one.sample.name}: no interim look has been reached yet."
     sentences: list[str] = []
     for place, step in enumerate(one.steps):
-        sentences.append(_step(step))
+        sentences.append(_step_sentence(step))
         if step.differs:
             break
         after = one.steps[place + 1 :]
         if after and not step.equivalent:
-            margin = "" if step.margin is None else f" within {_amount(step.margin, step)}"
+            margin = "" if step.margin is None else f" within {_amount_text(step.margin, step)}"
             sentences.append(f"Equivalence{margin} is not shown, so time is not compared.")
             break
         if after and not after[0].happened:
-            sentences.append(f"Time cannot be compared: {_nothing(after[0])}.")
+            sentences.append(f"Time cannot be compared: {_unknown_reason(after[0])}.")
             break
         sentences += ["Therefore time is compared:"] * bool(after)
     return " ".join(sentences)
 
 
-def _amount(value: float, step: Comparison) -> str:
+def _amount_text(value: float, step: Comparison) -> str:
     return f"{value:.4g} {'place' if value == 1 and step.unit == 'places' else step.unit}"
 
 
-def _step(step: Comparison) -> str:
+def _step_sentence(step: Comparison) -> str:
     by = f"in {step.says}{step.sample.where}"
     if not step.happened:
-        return f"{step.one} and {step.other} cannot be compared {by}: {_nothing(step)}."
+        return f"{step.one} and {step.other} cannot be compared {by}: {_unknown_reason(step)}."
     estimates = estimate_text(step) if step.is_estimated else f"{len(step.sample.pairs)} pairs"
     if step.differs:
-        return f"{_difference(step, by)}: {estimates}, {_p(step)}."
+        return f"{_difference_text(step, by)}: {estimates}, {_p_text(step)}."
     if step.equivalent:
         return (
-            f"{step.one} and {step.other} are equivalent {by} within {_amount(step.margin or 0.0, step)}: "
-            f"{estimates}, p = {step.equivalence_p:.2g} for equivalence; {_beyond(step)}."
+            f"{step.one} and {step.other} are equivalent {by} within "
+            f"{_amount_text(step.margin or 0.0, step)}: {estimates}, "
+            f"p = {step.equivalence_p:.2g} for equivalence; {_exceeding_text(step)}."
         )
     if not step.tested:
         differing = f"{step.test.differing} of {len(step.sample.pairs)} pairs differ"
@@ -301,10 +307,12 @@ def _step(step: Comparison) -> str:
             f"{step.one} and {step.other} cannot be tested {by}, as only {differing} and "
             f"a test needs {step.fewest}: {estimates}."
         )
-    return f"No significant difference between {step.one} and {step.other} {by}: {estimates}, {_p(step)}."
+    return (
+        f"No significant difference between {step.one} and {step.other} {by}: {estimates}, {_p_text(step)}."
+    )
 
 
-def _beyond(step: Comparison) -> str:
+def _exceeding_text(step: Comparison) -> str:
     """Return how many pairs differ by more than the margin, which equal means can hide."""
     gains = step.scores.gains
     beyond = int((np.abs(gains) > (step.margin or 0.0)).sum())
@@ -314,28 +322,28 @@ def _beyond(step: Comparison) -> str:
     )
 
 
-def _nothing(step: Comparison) -> str:
-    metric = comparison.named(step.metric)
+def _unknown_reason(step: Comparison) -> str:
+    metric = comparison.find_metric(step.metric)
     if not isinstance(metric, TimeMetric):
         return "it is unknown for every pair"
     until = horizon([run for pair in step.sample.pairs for run in pair])
     return f"no run was {metric.event} by {until:g} s"
 
 
-def _difference(step: Comparison, by: str) -> str:
+def _difference_text(step: Comparison, by: str) -> str:
     """Return which strategy is better by the test; if mean or A12 disagree, both sides."""
     side = step.test.direction
     gains = side * step.scores.gains
     better, worse = ("better", "worse") if side > 0 else ("worse", "better")
     if gains.mean() > 0 and side * (step.effect.value - 0.5) > 0:
         return f"{step.one} is {better} than {step.other} {by}"
-    for_it, against = gains[gains > 0], -gains[gains < 0]
-    typical, counter = (float(np.median(one)) if one.size else 0.0 for one in (for_it, against))
+    advantages, disadvantages = gains[gains > 0], -gains[gains < 0]
+    typical, counter = (float(np.median(one)) if one.size else 0.0 for one in (advantages, disadvantages))
     much = "much " if counter >= _LARGE_RATIO * typical else ""
     return (
-        f"{step.one} versus {step.other} {by}: {better} on {for_it.size} of {gains.size} seeds"
-        f" (median {_amount(typical, step)}), {much}{worse} on {against.size}"
-        f" (median {_amount(counter, step)}); test and effect disagree"
+        f"{step.one} versus {step.other} {by}: {better} on {advantages.size} of {gains.size} seeds"
+        f" (median {_amount_text(typical, step)}), {much}{worse} on {disadvantages.size}"
+        f" (median {_amount_text(counter, step)}); test and effect disagree"
     )
 
 
@@ -353,7 +361,7 @@ def estimate_text(one: Comparison) -> str:
     )
 
 
-def _p(step: Comparison) -> str:
+def _p_text(step: Comparison) -> str:
     if step.threshold is not None:
         sign = "at most" if step.differs else "above"
         return f"p = {step.test.p:.2g}, {sign} {step.threshold:.2g}, after {len(step.sample.pairs)} pairs"
@@ -392,27 +400,27 @@ class CampaignEvaluation:
         ]
 
 
-def evaluate(kept: Store, only: str | None = None) -> CampaignEvaluation:
-    """Evaluate the ended trials of a campaign; `only`: estimate this metric only.
+def evaluate(store: Store, metric: str | None = None) -> CampaignEvaluation:
+    """Evaluate the ended trials of a campaign; `metric`: estimate this metric only.
 
     With interim looks, these decide. Raises AcrcError for a damaged record.
     """
-    study, records = kept.study, list(kept.records())
+    study, records = store.study, list(store.records())
     found = samples(records, study)
-    watch = InterimAnalysis(kept) if kept.looks is not None else None
-    looks = [] if watch is None else watch.verdicts()
-    least = LEAST_PAIRS if watch is None else watch.rules.least
-    decided = verdicts(found, study) if watch is None else looks
-    decided = [one for one in decided if len(one.sample.pairs) >= least]
-    estimates, few = compare(found, only, least), too_few_sentences(found, least)
-    if only is not None and found and not estimates and not few:
-        raise AcrcError(f"metric {only!r}: known for fewer than {least} pairs of runs; choose another")
+    analysis = InterimAnalysis(store) if store.looks is not None else None
+    looks = [] if analysis is None else analysis.verdicts()
+    least = MIN_PAIRS if analysis is None else analysis.rules.least
+    judged = verdicts(found, study) if analysis is None else looks
+    judged = [one for one in judged if len(one.sample.pairs) >= least]
+    estimates, few = compare(found, metric, least), too_few_sentences(found, least)
+    if metric is not None and found and not estimates and not few:
+        raise AcrcError(f"metric {metric!r}: known for fewer than {least} pairs of runs; choose another")
     return CampaignEvaluation(
         failures=failure_sentences(records, study),
-        declared=store.plan_sentences(kept),
+        declared=plan_sentences(store),
         too_few=few,
-        family=family_sentences(decided, study) if len(study.strategies) > 1 else [],
-        verdicts=decided,
+        family=family_sentences(judged, study) if len(study.strategies) > 1 else [],
+        verdicts=judged,
         looks=looks,
         across=overall_estimates(records, study),
         estimates=estimates,

@@ -44,7 +44,7 @@ def study_inputs(study: Study) -> StudyInputs:
     for text in _texts(tables):
         if Path(text).is_absolute():
             raise AcrcError(f"{scenario}: {text} is an absolute path; make it relative to the scenario")
-    named = list(dict.fromkeys([scenario, *_named(study)]))
+    named = list(dict.fromkeys([scenario, *_input_files(study)]))
     top = Path(os.path.commonpath([path.parent for path in named]))
     files = {path.relative_to(top).as_posix(): path for path in named}
     return StudyInputs(scenario.relative_to(top).as_posix(), dict(sorted(files.items())))
@@ -61,17 +61,17 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(one)
 
 
-def _named(study: Study) -> Iterator[Path]:
+def _input_files(study: Study) -> Iterator[Path]:
     for variant in study.variants():
         for strategy in study.strategies:
             draws = draw_settings(study, Trial(strategy, study.first_seed, variant))
             own = (*study.settings_of(variant), *draws.items())
             overrides = Overrides(strategy=strategy, settings=own)
-            for path in _files(load_scenario(Path(study.scenario), overrides), strategy):
+            for path in _scenario_files(load_scenario(Path(study.scenario), overrides), strategy):
                 yield Path(os.path.realpath(path))
 
 
-def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
+def _scenario_files(scenario: Scenario, strategy: str) -> Iterator[Path]:
     """Yield the files of map (with image), robot models and a user strategy's module or package."""
     if offices.is_name(scenario.map):
         load_map(scenario.map)  # a generated floor has no file; check its name
@@ -85,9 +85,9 @@ def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
 
 
 SUFFIX: Final = ".frozen.json"
-_APART: Final = frozenset({"name", "scenario", "seeds", "primary"})
+_NOT_FROZEN: Final = frozenset({"name", "scenario", "seeds", "primary"})
 """Fields of a study that may change or are compared separately."""
-_LARGEST: Final = 1 << 20
+_MAX_BYTES: Final = 1 << 20
 
 
 class FrozenPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -115,7 +115,7 @@ def freeze(study: Study, commit: str, looks: Sequence[int]) -> bytes:
         )
     content: dict[str, Any] = {
         "study": msgspec.to_builtins(msgspec.structs.replace(study, scenario=Path(study.scenario).name)),
-        "files": _hashed(study),
+        "files": _file_hashes(study),
     }
     content["study_sha256"] = _sha256(content)
     content |= {"commit": commit, "looks": list(looks)}
@@ -127,8 +127,8 @@ def freeze(study: Study, commit: str, looks: Sequence[int]) -> bytes:
 
 def read_plan(path: Path) -> FrozenPlan:
     """Read a frozen plan. Raises AcrcError if it is missing or its hashes do not match."""
-    plan = typed_json.read(path, FrozenPlan, "frozen plan", _LARGEST)
-    content = msgspec.json.decode(regular_file.read_bytes(path, _LARGEST))
+    plan = typed_json.read(path, FrozenPlan, "frozen plan", _MAX_BYTES)
+    content = msgspec.json.decode(regular_file.read_bytes(path, _MAX_BYTES))
     for name, over in (
         ("sha256", {key: value for key, value in content.items() if key != "sha256"}),
         ("study_sha256", {key: content[key] for key in ("study", "files")}),
@@ -152,13 +152,13 @@ def deviations(plan: FrozenPlan, study: Study) -> Iterator[str]:
         if (one, other) not in study.primary_pairs:
             yield f"the planned comparison of {one} with {other} is no longer declared"
     for field, (here, frozen) in differences(study, then).items():
-        if field not in _APART:
+        if field not in _NOT_FROZEN:
             yield f"{field} is {here}, planned: {frozen}"
 
 
 def changed_files(plan: FrozenPlan, study: Study) -> Iterator[str]:
     """Yield a sentence for each input file that differs from the plan. Raises AcrcError."""
-    here, frozen = Counter(_hashed(study)), Counter(plan.files)
+    here, frozen = Counter(_file_hashes(study)), Counter(plan.files)
     names = dict.fromkeys(name for name, _ in (*(frozen - here), *(here - frozen)))
     for name in names:
         before, now = ({found for of, found in some if of == name} for some in (frozen, here))
@@ -170,7 +170,7 @@ def changed_files(plan: FrozenPlan, study: Study) -> Iterator[str]:
             yield f"the content of {name} was changed"
 
 
-def _hashed(study: Study) -> list[tuple[str, str]]:
+def _file_hashes(study: Study) -> list[tuple[str, str]]:
     files = study_inputs(study).files.values()
     return sorted((path.name, hashlib.sha256(regular_file.read_bytes(path)).hexdigest()) for path in files)
 

@@ -88,7 +88,7 @@ def share_upper_bound(found: int, of: int) -> float:
 
 Integers = NDArray[np.int64]
 ALPHA: Final = 0.05
-_STEPS_A_PAIR: Final = 50
+_STEPS_PER_PAIR: Final = 50
 """Resolution of differences: mean number of integer steps per pair."""
 
 
@@ -137,7 +137,7 @@ def _whole_steps(differences: Floats) -> Integers:
     sizes = np.abs(differences)
     if not sizes.any():
         return np.zeros(sizes.shape, np.int64)
-    steps = np.rint(sizes * (_STEPS_A_PAIR * sizes.size / sizes.sum()))
+    steps = np.rint(sizes * (_STEPS_PER_PAIR * sizes.size / sizes.sum()))
     return np.where(sizes > 0, np.maximum(steps, 1), 0).astype(np.int64)
 
 
@@ -173,7 +173,7 @@ def fewest_differing(tests: int, alpha: float = ALPHA) -> int:
     return math.ceil(math.log2(2 * tests / alpha))
 
 
-LEAST_PAIRS: Final = fewest_differing(1)
+MIN_PAIRS: Final = fewest_differing(1)
 """With fewer pairs no exact two-sided test reaches ALPHA. Further tests do not raise the number, as tests
 without differing pairs are excluded (see `decidable`)."""
 
@@ -207,7 +207,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 _DRAWS: Final = 4000
-_MOST: Final = 1000
+_MAX_PAIRS: Final = 1000
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ class AssumedEffect:
         return math.sqrt(2.0) * float(norm.ppf(self.a12))
 
 
-def pairs_needed(effect: AssumedEffect, seed: int = 1, most: int = _MOST) -> int:
+def pairs_needed(effect: AssumedEffect, seed: int = 1, max_pairs: int = _MAX_PAIRS) -> int:
     """Return the least number of pairs at which the signed-rank test has the power, by simulation.
 
     Raises ValueError for an invalid effect, or one that needs more than about `share_upper_bound` pairs.
@@ -239,8 +239,8 @@ def pairs_needed(effect: AssumedEffect, seed: int = 1, most: int = _MOST) -> int
     low, high = 4, 8
     while power(effect, high, seed) < effect.power:
         low, high = high, 2 * high
-        if high > most:
-            raise ValueError(f"{effect}: needs more than {most} pairs")
+        if high > max_pairs:
+            raise ValueError(f"{effect}: needs more than {max_pairs} pairs")
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if power(effect, middle, seed) >= effect.power else (middle, high)
@@ -299,8 +299,8 @@ def sequential_plan(looks: Sequence[int], alpha: float = 0.05) -> SequentialPlan
     for look in looks:
         part = look / looks[-1]
         due = 4.0 * float(norm.sf(norm.isf(alpha / 4.0) / math.sqrt(part)))  # both tails
-        here = _after(density, part - before, step)
-        bound = _bound(here, max(due - spent, 0.0), step)
+        here = _density_after(density, part - before, step)
+        bound = _two_sided_bound(here, max(due - spent, 0.0), step)
         thresholds.append(2.0 * float(norm.sf(bound / math.sqrt(part))))
         here[np.abs(_GRID) >= bound] = 0.0  # stopped at this look
         density = here
@@ -308,7 +308,7 @@ def sequential_plan(looks: Sequence[int], alpha: float = 0.05) -> SequentialPlan
     return SequentialPlan(tuple(looks), tuple(thresholds))
 
 
-def _after(density: Floats | None, elapsed: float, step: float) -> Floats:
+def _density_after(density: Floats | None, elapsed: float, step: float) -> Floats:
     """Return the density after a further time; `density` None: the motion starts at 0."""
     spread: Floats = norm.pdf(_GRID, scale=math.sqrt(elapsed))
     if density is None:
@@ -317,7 +317,7 @@ def _after(density: Floats | None, elapsed: float, step: float) -> Floats:
     return convolved
 
 
-def _bound(density: Floats, probability: float, step: float) -> float:
+def _two_sided_bound(density: Floats, probability: float, step: float) -> float:
     """Return the bound beyond which both tails of the density have this probability."""
     if probability <= 0.0:
         return float(_GRID[-1])

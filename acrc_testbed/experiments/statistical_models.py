@@ -15,12 +15,12 @@ from scipy.stats import t
 from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
 
 Floats = NDArray[np.float64]
-FEWEST_CELLS: Final = 3
-_FEWEST_SEEDS: Final = 3
+MIN_CELLS: Final = 3
+_MIN_SEEDS: Final = 3
 """Fewest seeds for estimating the variance between seeds."""
-_LARGEST: Final = 1e3
+_MAX_RATIO: Final = 1e3
 """Upper bound of a relative standard deviation (in residual standard deviations)."""
-_NONE: Final = 1e-3
+_NEGLIGIBLE_RATIO: Final = 1e-3
 """Relative standard deviation that counts as 0."""
 
 
@@ -53,31 +53,33 @@ def fit(values: ArrayLike, cells: ArrayLike, seeds: ArrayLike) -> RandomEffectsF
     known = np.asarray(values, np.float64)
     names, of_cell = np.unique(cells, return_inverse=True)
     count = len(names)
-    if count < FEWEST_CELLS:
-        raise ValueError(f"{count} cells are too few; at least {FEWEST_CELLS} are needed")
+    if count < MIN_CELLS:
+        raise ValueError(f"{count} cells are too few; at least {MIN_CELLS} are needed")
     seed_names, of_seed = np.unique(seeds, return_inverse=True)
     spread = float(known.std(ddof=1))
     if len(known) == count or spread == 0.0:
         error = spread / math.sqrt(len(known))
         rest = None if len(known) == count else 0.0
-        between_seeds = 0.0 if spread == 0.0 and len(seed_names) >= _FEWEST_SEEDS else None
-        return _told(float(known.mean()), error, spread, between_seeds, rest, count, len(known), count - 1)
-    groups = [of_cell, of_seed] if len(seed_names) >= _FEWEST_SEEDS else [of_cell]
+        between_seeds = 0.0 if spread == 0.0 and len(seed_names) >= _MIN_SEEDS else None
+        return _fit_from(
+            float(known.mean()), error, spread, between_seeds, rest, count, len(known), count - 1
+        )
+    groups = [of_cell, of_seed] if len(seed_names) >= _MIN_SEEDS else [of_cell]
     likelihood = _Likelihood(known, groups)
     found = minimize(
         likelihood,
         [1.0] * len(groups),
         method="Nelder-Mead",
-        bounds=[(0.0, _LARGEST)] * len(groups),
+        bounds=[(0.0, _MAX_RATIO)] * len(groups),
         options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 2000},
     )
-    sizes = np.where(found.x < _NONE, 0.0, found.x)
+    sizes = np.where(found.x < _NEGLIGIBLE_RATIO, 0.0, found.x)
     mean, variance, weight = likelihood.at(sizes)[:3]
     rest = math.sqrt(variance)
     free = count - 1 if len(groups) == 1 or sizes[1] == 0.0 else min(count, len(seed_names)) - 1
     seeds_differ = rest * float(sizes[1]) if len(groups) > 1 else None
     error = rest / math.sqrt(weight)
-    return _told(mean, error, rest * float(sizes[0]), seeds_differ, rest, count, len(known), free)
+    return _fit_from(mean, error, rest * float(sizes[0]), seeds_differ, rest, count, len(known), free)
 
 
 class _Likelihood:
@@ -112,7 +114,7 @@ class _Likelihood:
         return self._middle + mean, variance, weight, float(np.linalg.slogdet(inner)[1])
 
 
-def _told(
+def _fit_from(
     mean: float,
     error: float,
     between_cells: float,

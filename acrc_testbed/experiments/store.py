@@ -25,8 +25,8 @@ _CHECKS: Final = "checks"
 _LOGS: Final = "logs"
 _LOOKS: Final = "looks.json"
 _PLAN: Final = "plan.json"
-_OWN: Final = frozenset({_INFO, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
-"""Entries of a folder whose campaign was interrupted while it was created."""
+_INITIAL_ENTRIES: Final = frozenset({_INFO, _TRIALS, _CHECKS, _LOGS, _PLAN, "campaign.new", "study.new"})
+"""Entries of the folder of a campaign whose creation was interrupted."""
 
 
 class CampaignInfo(msgspec.Struct, frozen=True):
@@ -72,14 +72,14 @@ class Store:
         """Return the trials without a record, in the study's order."""
         return [PendingTrial(trial) for trial in self.study.trials() if not self.path(trial).exists()]
 
-    def unchecked(self, every: int) -> list[PendingTrial]:
+    def unchecked_trials(self, every: int) -> list[PendingTrial]:
         """Return the first and every Nth trial of each strategy, if not repeated yet."""
-        own: dict[str, list[Trial]] = {}
+        by_strategy: dict[str, list[Trial]] = {}
         for trial in self.study.trials():
-            own.setdefault(trial.strategy, []).append(trial)
+            by_strategy.setdefault(trial.strategy, []).append(trial)
         return [
             PendingTrial(trial, check=True)
-            for trials in own.values()
+            for trials in by_strategy.values()
             for trial in trials[::every]
             if not self.check_path(trial).exists() and self._has_result(trial)
         ]
@@ -166,7 +166,7 @@ class Store:
 
 
 def create(folder: Path, study: Study) -> Store:
-    """Create a campaign in a new folder, or reopen the one of this study, perhaps with fewer seeds.
+    """Create a campaign in a new folder, or reopen the campaign of the same study with as many or more seeds.
 
     Raises AcrcError if the folder has other content or another commit, SealError if its files were changed.
     """
@@ -189,19 +189,19 @@ def create(folder: Path, study: Study) -> Store:
             )
         check_seal(folder)
         (folder / SUMS).unlink(missing_ok=True)  # the sealed files are about to change
-        _check_parts(folder)
+        _create_subfolders(folder)
         write_json(store.study_file, study)  # may have more seeds
         return store
-    if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
+    if folder.exists() and {path.name for path in folder.iterdir()} - _INITIAL_ENTRIES:
         raise AcrcError(f"{folder}: contains files that are not a campaign; choose a new or empty folder")
     folder.mkdir(parents=True, exist_ok=True)
-    _check_parts(folder)
+    _create_subfolders(folder)
     write_json(folder / _INFO, info)
     write_json(store.study_file, study)
     return store
 
 
-def _check_parts(folder: Path) -> None:
+def _create_subfolders(folder: Path) -> None:
     """Create missing subfolders. Raises AcrcError for a link in their place."""
     for part in (_TRIALS, _CHECKS, _LOGS):
         try:
@@ -228,39 +228,37 @@ IN_MEMORY: Final = (
     "for strategies that you trust. `acrc campaign --isolate` runs every robot in an isolated process."
 )
 ISOLATED: Final = "Every run used isolated processes: no strategy had access to world, referee or result."
-_MOST_TOLD: Final = 3
+_MAX_DIFFERENCES: Final = 3
 
 
-def isolation_sentences(kept: Store) -> list[str]:
+def isolation_sentences(store: Store) -> list[str]:
     """Return sentences on the isolation of strategies, to be shown first."""
-    results = [record.result for record in kept.records() if record.result is not None]
-    other = [f"{line}." for line in commit_sentences(kept)]
-    if kept.study.isolated:
-        open_ = sum(result.isolation != "full" for result in results)
-        isolated = (
-            f"{open_} of {len(results)} runs were NOT isolated, as the study requires." if open_ else ISOLATED
-        )
-        return [isolated, *other]
-    return [IN_MEMORY, *_repeated(kept, results), *other]
+    results = [record.result for record in store.records() if record.result is not None]
+    other = [f"{line}." for line in commit_sentences(store)]
+    if store.study.isolated:
+        failed = sum(result.isolation != "full" for result in results)
+        text = f"{failed} of {len(results)} runs were NOT isolated, as the study requires."
+        return [text if failed else ISOLATED, *other]
+    return [IN_MEMORY, *_repetition_sentences(store, results), *other]
 
 
-def commit_sentences(kept: Store) -> list[str]:
+def commit_sentences(store: Store) -> list[str]:
     """Return a sentence on runs made with another commit than the first; empty if none."""
-    made = [record.result.origin.commit for record in kept.records() if record.result is not None]
-    others = [commit for commit in made if commit != kept.commit]
+    commits = [record.result.origin.commit for record in store.records() if record.result is not None]
+    others = [commit for commit in commits if commit != store.commit]
     if not others:
         return []
     return [
-        f"the campaign began with commit {kept.commit}, but {len(others)} of {len(made)} runs were made with "
-        f"{', '.join(dict.fromkeys(others))}"
+        f"the campaign began with commit {store.commit}, but {len(others)} of {len(commits)} runs were made "
+        f"with {', '.join(dict.fromkeys(others))}"
     ]
 
 
-def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
+def _repetition_sentences(store: Store, results: Sequence[RunResult]) -> Iterator[str]:
     """Yield a sentence on runs repeated as processes, their isolation, and both speeds."""
     if not results:
         return
-    checks = list(kept.checks())
+    checks = list(store.checks())
     speed = f"{median(result.real_time_factor for result in results):.3g} x real time"
     if not checks:
         yield f"None of {len(results)} runs was repeated as processes; speed in memory {speed} (median)."
@@ -275,85 +273,86 @@ def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
     )
 
 
-def difference_sentences(kept: Store) -> list[str]:
+def difference_sentences(store: Store) -> list[str]:
     """Return a sentence for each run whose repetition has a different result."""
-    return [_difference(check) for check in kept.checks() if not check.agrees]
+    return [_difference_sentence(check) for check in store.checks() if not check.agrees]
 
 
-def _difference(check: CheckRecord) -> str:
+def _difference_sentence(check: CheckRecord) -> str:
     run = f"{check.strategy} with seed {check.seed}"
     if check.failure is not None:
         return f"{run} succeeded in memory but failed over Zenoh: {check.failure}"
     what = f"digest {check.in_memory} in memory, {check.over_zenoh} over Zenoh"
     if check.in_memory == check.over_zenoh:
-        what = "; ".join(check.differs[:_MOST_TOLD])
-        what += f"; and {len(check.differs) - _MOST_TOLD} more" if len(check.differs) > _MOST_TOLD else ""
+        what = "; ".join(check.differs[:_MAX_DIFFERENCES])
+        more = len(check.differs) - _MAX_DIFFERENCES
+        what += f"; and {more} more" if more > 0 else ""
     return (
         f"{run} differs between Zenoh and memory: {what}; do not trust this campaign until the cause is known"
     )
 
 
-_MOST_NAMED: Final = 3
-NOTHING_FROZEN: Final = "No plan was frozen before the first run."
+_MAX_FILES: Final = 3
+NO_FROZEN_PLAN: Final = "No plan was frozen before the first run."
 _FROZEN: Final = "Frozen before the first run,"
-_ALL_ELSE: Final = "All other comparisons are exploratory."
+_EXPLORATORY: Final = "All other comparisons are exploratory."
 
 
-def find_plan(given: Path | None, study_file: Path | None) -> Path | None:
-    """Return the file of the plan: `given`, or the one beside the study's file; None: no plan.
+def find_plan(plan_file: Path | None, study_file: Path | None) -> Path | None:
+    """Return the file of the plan: `plan_file`, or the one beside the study's file; None: no plan.
 
     Raises AcrcError for a plan that was changed.
     """
     beside = study_file.with_suffix(SUFFIX) if study_file is not None else None
-    path = given or (beside if beside is not None and beside.exists() else None)
+    path = plan_file or (beside if beside is not None and beside.exists() else None)
     if path is not None:
         frozen_plan.read_plan(path)
     return path
 
 
-def adopt_plan(kept: Store, given: Path | None, study_file: Path | None, *, looks: bool) -> list[str]:
-    """Add a plan to a campaign without runs, and compare the campaign with its plan.
+def record_plan(store: Store, plan_file: Path | None, study_file: Path | None, *, looks: bool) -> list[str]:
+    """Record a plan in a campaign without runs, and return sentences on deviations from the recorded plan.
 
-    Returns sentences to print before the next run. Raises AcrcError for a plan that was changed or differs
+    The sentences are printed before the next run. Raises AcrcError for a plan that was changed or differs
     from the campaign's plan.
     """
-    if given is not None:
-        plan, known = frozen_plan.read_plan(given), kept.info().plan_sha256
+    if plan_file is not None:
+        plan, known = frozen_plan.read_plan(plan_file), store.info().plan_sha256
         if known is not None and known != plan.sha256:
             raise AcrcError(
-                f"{kept.folder}: the campaign began with the plan {known}; {given} is {plan.sha256}; "
+                f"{store.folder}: the campaign began with the plan {known}; {plan_file} is {plan.sha256}; "
                 "use the same plan or a new folder"
             )
         if known is None:
-            if any(kept.path(trial).exists() for trial in kept.study.trials()):
-                return [f"{given}: ignored, because {kept.folder} has runs made without a plan."]
-            write_durably(kept.plan_file, regular_file.read_bytes(given))
-            write_json(kept.info_file, msgspec.structs.replace(kept.info(), plan_sha256=plan.sha256))
-    mine = kept.plan
-    if mine is None:
+            if any(store.path(trial).exists() for trial in store.study.trials()):
+                return [f"{plan_file}: ignored, because {store.folder} has runs made without a plan."]
+            write_durably(store.plan_file, regular_file.read_bytes(plan_file))
+            write_json(store.info_file, msgspec.structs.replace(store.info(), plan_sha256=plan.sha256))
+    recorded = store.plan
+    if recorded is None:
         return []
-    info = kept.info()
-    found = dict.fromkeys((*info.departures, *_current_deviations(mine, kept, study_file)))
-    write_json(kept.info_file, msgspec.structs.replace(info, departures=tuple(found)))
+    info = store.info()
+    all_deviations = dict.fromkeys((*info.departures, *_current_deviations(recorded, store, study_file)))
+    write_json(store.info_file, msgspec.structs.replace(info, departures=tuple(all_deviations)))
     return [
-        f"{_FROZEN} {plan_text(mine)}",
-        *(_deviation_sentence(line) for line in deviations(kept, mine, looks=looks)),
+        f"{_FROZEN} {plan_text(recorded)}",
+        *(_deviation_sentence(line) for line in deviations(store, recorded, looks=looks)),
     ]
 
 
-def plan_sentences(kept: Store) -> list[str]:
+def plan_sentences(store: Store) -> list[str]:
     """Return sentences on the frozen plan and deviations from it."""
-    plan = kept.plan
+    plan = store.plan
     if plan is None:
-        return [NOTHING_FROZEN]
-    found = list(deviations(kept, plan, looks=kept.looks is not None))
-    left = len(kept.pending())
+        return [NO_FROZEN_PLAN]
+    all_deviations = list(deviations(store, plan, looks=store.looks is not None))
+    left = len(store.pending())
     if left and not plan.looks:
-        found.append(f"{left} of {sum(1 for _ in kept.study.trials())} runs are missing")
+        all_deviations.append(f"{left} of {sum(1 for _ in store.study.trials())} runs are missing")
     return [
         f"{_FROZEN} {plan_text(plan)}",
-        *(map(_deviation_sentence, found) if found else ["The campaign follows the plan."]),
-        _ALL_ELSE,
+        *(map(_deviation_sentence, all_deviations) if all_deviations else ["The campaign follows the plan."]),
+        _EXPLORATORY,
     ]
 
 
@@ -368,24 +367,24 @@ def plan_text(plan: FrozenPlan) -> str:
     )
 
 
-def deviations(kept: Store, plan: FrozenPlan, *, looks: bool) -> Iterator[str]:
+def deviations(store: Store, plan: FrozenPlan, *, looks: bool) -> Iterator[str]:
     """Yield deviations of a campaign from its plan."""
-    yield from frozen_plan.deviations(plan, kept.study)
+    yield from frozen_plan.deviations(plan, store.study)
     if looks and not plan.looks:
         yield "interim looks were made, but none were planned"
     if plan.looks and not looks:
         yield f"no interim looks were made, but {_looks_text(plan)} were planned"
-    yield from kept.info().departures
-    yield from commit_sentences(kept)
+    yield from store.info().departures
+    yield from commit_sentences(store)
 
 
 def _looks_text(plan: FrozenPlan) -> str:
     return f"interim looks after {', '.join(map(str, plan.looks))} pairs"
 
 
-def _current_deviations(plan: FrozenPlan, kept: Store, study_file: Path | None) -> Iterator[str]:
+def _current_deviations(plan: FrozenPlan, store: Store, study_file: Path | None) -> Iterator[str]:
     """Yield current deviations of files and software from the plan."""
-    yield from frozen_plan.changed_files(plan, kept.study)
+    yield from frozen_plan.changed_files(plan, store.study)
     here = software_version()
     if here == plan.commit:
         return
@@ -394,14 +393,14 @@ def _current_deviations(plan: FrozenPlan, kept: Store, study_file: Path | None) 
         yield f"it was made with commit {here}, which cannot be shown to descend from the planned one"
         return
     own = {
-        realpath(path) for path in (*study_inputs(kept.study).files.values(), study_file) if path is not None
+        realpath(path) for path in (*study_inputs(store.study).files.values(), study_file) if path is not None
     }
     others = [path for path in changed if realpath(path) not in own and not path.name.endswith(SUFFIX)]
     if others:
-        more = ", …" if others[_MOST_NAMED:] else ""
+        more = ", …" if others[_MAX_FILES:] else ""
         yield (
             f"it was made with commit {here}, in which {len(others)} files differ from the planned one "
-            f"({', '.join(path.name for path in others[:_MOST_NAMED])}{more})"
+            f"({', '.join(path.name for path in others[:_MAX_FILES])}{more})"
         )
 
 

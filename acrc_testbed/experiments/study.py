@@ -178,14 +178,14 @@ PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
 jammers at random points. Dropout: share of scan rays without echo. Odometry: factor of its errors; exact
 odometry becomes a Kobuki's. Doors: round obstacles at `count` of the `points` from the start. Closures:
 `count` doors close at random instants and reopen. Tasks: `count` random places, each given to a robot."""
-MOST_SEEDS: Final = 100_000
-MOST_SAMPLES: Final = 1000
-_LARGEST: Final = 1 << 20
+MAX_SEEDS: Final = 100_000
+MAX_SAMPLES: Final = 1000
+_MAX_BYTES: Final = 1 << 20
 _CANDIDATES: Final = 64
 """Latin hypercubes to draw; the one of least discrepancy is used."""
-_DIGITS: Final = 9
+_DISCREPANCY_DIGITS: Final = 9
 """Decimals to which discrepancies are compared, so that processors agree."""
-_SPAN_DIGITS: Final = 4
+_LEVEL_DIGITS: Final = 4
 """Significant digits of a drawn non-integer level."""
 
 
@@ -203,16 +203,16 @@ class RandomFactor(NamedTuple):
         """Number of levels; infinite for a range of floats."""
         if self.among:
             return len(self.among)
-        return self.between[1] - self.between[0] + 1 if _whole(self.between) else math.inf
+        return self.between[1] - self.between[0] + 1 if _is_integer_range(self.between) else math.inf
 
     def level(self, share: float) -> Any:
         """Return the level at this quantile, in [0, 1)."""
         low, high = self.between
         if self.among:
             return self.among[int(share * len(self.among))]
-        if _whole(self.between):
+        if _is_integer_range(self.between):
             return int(low) + int(share * (int(high) - int(low) + 1))
-        return float(f"{low + share * (high - low):.{_SPAN_DIGITS}g}")
+        return float(f"{low + share * (high - low):.{_LEVEL_DIGITS}g}")
 
 
 def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tuple[Variant, ...]:
@@ -237,7 +237,7 @@ def draw_cells(factors: Sequence[RandomFactor], samples: int, seed: int) -> tupl
         points = sampler.random(samples)
         drawn = [_cell(factors, row) for row in points]
         found = tuple({repr(cell): cell for cell in drawn}.values())
-        rank = (-len(found), round(float(qmc.discrepancy(points)), _DIGITS))
+        rank = (-len(found), round(float(qmc.discrepancy(points)), _DISCREPANCY_DIGITS))
         if best is None or rank < best:
             best, cells = rank, found
     if len(cells) < samples:
@@ -252,11 +252,11 @@ def _cell(factors: Sequence[RandomFactor], shares: NDArray[np.float64]) -> Varia
     return tuple((one.key, one.level(float(share))) for one, share in zip(factors, shares, strict=True))
 
 
-def _whole(between: tuple[float, float]) -> bool:
+def _is_integer_range(between: tuple[float, float]) -> bool:
     return all(isinstance(one, int) for one in between)
 
 
-_NOT_RANDOM: Final = "run.duration"
+_NEVER_RANDOM: Final = "run.duration"
 """All runs of a comparison must have equal duration."""
 
 
@@ -266,7 +266,7 @@ _Range = Annotated[
     Meta(description="a number of at least 0, or a range [from, to] of such numbers"),
 ]
 _Values = Annotated[tuple[Any, ...], Meta(min_length=1, description="a list of at least one value")]
-_Seeds = Annotated[int, Meta(ge=1, le=MOST_SEEDS)]
+_Seeds = Annotated[int, Meta(ge=1, le=MAX_SEEDS)]
 
 
 class VaryTable(Settings, frozen=True):
@@ -342,7 +342,7 @@ class _StudyFile(CommonStudyFields, frozen=True, kw_only=True):
     conditions: Literal["drawn", "as written"] = "drawn"
     """Drawn: each seed draws starts, places, odometry errors and shadowing unless set here."""
     vary: tuple[VaryTable, ...] = ()
-    samples: Annotated[int, Meta(ge=1, le=MOST_SAMPLES)] | None = None
+    samples: Annotated[int, Meta(ge=1, le=MAX_SAMPLES)] | None = None
     """Number of cells drawn from the random factors."""
 
 
@@ -354,7 +354,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
     if is_scenario(path):
         compared = command_line("campaign", path)
         raise AcrcError(f"{path}: is a scenario, not a study; to compare strategies in it: {compared}")
-    table = settings.load(path, _StudyFile, "study", _LARGEST)
+    table = settings.load(path, _StudyFile, "study", _MAX_BYTES)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:
         for name in pair:
@@ -418,8 +418,8 @@ def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> S
         if not table.is_random:
             fixed.append(made)
             continue
-        if _NOT_RANDOM in keys:
-            raise AcrcError(f"vary[{place}]: {_NOT_RANDOM} cannot be random; use values = [...]")
+        if _NEVER_RANDOM in keys:
+            raise AcrcError(f"vary[{place}]: {_NEVER_RANDOM} cannot be random; use values = [...]")
         drawn.append(made)
         spans.append(RandomFactor(made.key, made.values, table.between or (0, 0)))
     if bool(spans) != (samples is not None):
@@ -447,17 +447,17 @@ def _factor(table: VaryTable, where: str) -> Factor:
     names = tuple(value["name"] for value in values)
     if len(set(names)) < len(names):
         raise AcrcError(f"{where}: names of levels must be unique: {', '.join(names)}")
-    levels = tuple(tuple(_dotted(value, ("name",))) for value in values)
+    levels = tuple(tuple(_dotted_items(value, ("name",))) for value in values)
     return Factor(table.factor, names, levels)
 
 
-def _dotted(table: Mapping[str, Any], without: Sequence[str] = ()) -> Iterator[tuple[str, Any]]:
+def _dotted_items(table: Mapping[str, Any], without: Sequence[str] = ()) -> Iterator[tuple[str, Any]]:
     """Yield dotted keys and values of nested tables."""
     for key, value in table.items():
         if key in without:
             continue
         if isinstance(value, Mapping):
-            yield from ((f"{key}.{part}", inner) for part, inner in _dotted(value))
+            yield from ((f"{key}.{part}", inner) for part, inner in _dotted_items(value))
         else:
             yield key, value
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import msgspec
 
 from acrc_testbed.experiments.trial_record import (
-    MOST_BYTES,
-    MOST_OUTPUT,
+    MAX_BYTES,
+    MAX_OUTPUT,
     ORDER,
     TRIAL,
     TrialOrder,
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _POLL_S: Final = 0.05
-_MOST_WORDS: Final = 500
+_MAX_MESSAGE: Final = 500
 
 
 class TrialLauncher:
     """Launcher of trial processes; thread-safe."""
 
-    def __init__(self, launched: Launcher) -> None:
-        self._launched = launched
+    def __init__(self, launcher: Launcher) -> None:
+        self._launcher = launcher
         self._lock = threading.Lock()
         self.closing = threading.Event()
         """Once set, waiting for trials stops; their processes exit with the launcher."""
@@ -49,25 +49,25 @@ class TrialLauncher:
         """Run the trial of the order in the folder; return the reason if there is no record."""
         log = folder / "trial.log"
         with self._lock:
-            child = self._launched.start(Program("trial", TRIAL, (str(folder),), log, None))
+            process = self._launcher.start(Program("trial", TRIAL, (str(folder),), log, None))
         end = time.monotonic() + patience_s
-        while child.exit_code is None and not self.closing.wait(_POLL_S):
+        while process.exit_code is None and not self.closing.wait(_POLL_S):
             if time.monotonic() > end:
-                child.send(signal.SIGKILL)
+                process.send(signal.SIGKILL)
                 return f"timeout after {patience_s:g} s"
             with self._lock:
-                self._launched.wait(0.0)
+                self._launcher.wait(0.0)
         last = last_line(log)
-        return f"its process exited with code {child.exit_code} without a result" + (
+        return f"its process exited with code {process.exit_code} without a result" + (
             f"; last output: {last}" if last else ""
         )
 
 
-def run_trial(order: TrialOrder, patience_s: float, launched: TrialLauncher) -> TrialOutcome:
+def run_trial(order: TrialOrder, patience_s: float, launcher: TrialLauncher) -> TrialOutcome:
     """Run a trial in a separate process and a scratch folder without data of the campaign."""
     with scratch_folder() as folder:
         (folder / ORDER).write_bytes(msgspec.json.encode(order))
-        return outcome_in(folder, launched.run(folder, patience_s))
+        return outcome_in(folder, launcher.run(folder, patience_s))
 
 
 class WorkerTask(NamedTuple):
@@ -90,8 +90,8 @@ def run_on_worker(task: WorkerTask) -> TrialOutcome:
     reason = sandbox.isolation_fault() if order.isolate else None
     if reason is not None:
         return _refused(f"a worker cannot isolate robots, as the study requires: {reason}")
-    with create_launcher("forkserver") as launched:  # one per trial: the worker's files may change
-        return run_trial(order, task.patience_s, TrialLauncher(launched))
+    with create_launcher("forkserver") as launcher:  # one per trial: the worker's files may change
+        return run_trial(order, task.patience_s, TrialLauncher(launcher))
 
 
 def _refused(why: str) -> TrialOutcome:
@@ -120,25 +120,25 @@ def validated_answer(answer: object) -> TrialOutcome:
     if not isinstance(answer, TrialOutcome) or not all(map(isinstance, answer, kinds)):
         return TrialOutcome(None, "invalid answer of a worker", b"")
     record, cause, output, refusal = answer
-    if record is not None and len(record) > MOST_BYTES:
-        return TrialOutcome(None, f"answer of a worker exceeds {MOST_BYTES} octets", b"")
+    if record is not None and len(record) > MAX_BYTES:
+        return TrialOutcome(None, f"answer of a worker exceeds {MAX_BYTES} octets", b"")
     return TrialOutcome(
-        record, printable(cause[:_MOST_WORDS]), output[-MOST_OUTPUT:], printable(refusal[:_MOST_WORDS])
+        record, printable(cause[:_MAX_MESSAGE]), output[-MAX_OUTPUT:], printable(refusal[:_MAX_MESSAGE])
     )
 
 
 class LocalPool:
     """Pool of forked trial processes on this computer."""
 
-    def __init__(self, executor: Executor, jobs: int, patience_s: float, launched: TrialLauncher) -> None:
+    def __init__(self, executor: Executor, jobs: int, patience_s: float, launcher: TrialLauncher) -> None:
         self._executor = executor
         self._patience_s = patience_s
-        self._launched = launched
+        self._launcher = launcher
         self.slots = jobs
 
     def submit(self, order: TrialOrder) -> "Future[TrialOutcome]":
         """Submit a trial."""
-        return self._executor.submit(run_trial, order, self._patience_s, self._launched)
+        return self._executor.submit(run_trial, order, self._patience_s, self._launcher)
 
     def outcome(self, future: "Future[TrialOutcome]") -> TrialOutcome:
         """Return the outcome of an ended trial."""
@@ -222,8 +222,8 @@ def trial_pool(jobs: int, patience_s: float, on: str | None, commit: str) -> Ite
             client.close(timeout=PATIENCE_S)
         return
     compile_kernels(quiet=True)
-    with create_launcher("forkserver") as launched:
-        shared = TrialLauncher(launched)
+    with create_launcher("forkserver") as launcher:
+        shared = TrialLauncher(launcher)
         slots = jobs or os.cpu_count() or 1
         executor = ThreadPoolExecutor(slots)
         try:

@@ -41,18 +41,18 @@ def pose_trace(out: Path) -> str:
 
 def identical_seconds(one: str, other: str) -> int:
     """Return the number of whole seconds in which two traces are identical from the start."""
-    pairs = zip(_by_second(one), _by_second(other), strict=False)
+    pairs = zip(_seconds_of(one), _seconds_of(other), strict=False)
     for number, (mine, theirs) in enumerate(pairs):
         if mine != theirs:
             return number
     return min(len(one), len(other)) // DIGITS
 
 
-def _by_second(trace: str) -> list[str]:
+def _seconds_of(trace: str) -> list[str]:
     return [trace[at_ : at_ + DIGITS] for at_ in range(0, len(trace), DIGITS)]
 
 
-_MOST_TOLD: Final = 60
+_MAX_LENGTH: Final = 60
 
 
 class TrialRecord(msgspec.Struct, frozen=True):
@@ -121,7 +121,7 @@ def compare_repetition(before: TrialRecord, again: TrialRecord) -> CheckRecord:
     if second is None:
         return here
     differs = [
-        f"{name} {_brief(mine)} in memory, {_brief(theirs)} over Zenoh"
+        f"{name} {_abbreviated(mine)} in memory, {_abbreviated(theirs)} over Zenoh"
         for one, other, without in ((first, second, _NOT_COMPARED), (before, again, {"result", "failure"}))
         for name in one.__struct_fields__
         if name not in without and (mine := getattr(one, name)) != (theirs := getattr(other, name))
@@ -135,10 +135,10 @@ def compare_repetition(before: TrialRecord, again: TrialRecord) -> CheckRecord:
     )
 
 
-def _brief(value: object) -> str:
+def _abbreviated(value: object) -> str:
     """Return a value as JSON, abbreviated to a line."""
     text = msgspec.json.encode(value).decode()
-    return text if len(text) <= _MOST_TOLD else f"{text[:_MOST_TOLD]}…"
+    return text if len(text) <= _MAX_LENGTH else f"{text[:_MAX_LENGTH]}…"
 
 
 def write_json(path: Path, content: msgspec.Struct) -> None:
@@ -159,9 +159,9 @@ def write_durably(path: Path, content: bytes) -> None:
 
 ORDER: Final = "order.json"
 RECORD: Final = "record.json"
-MOST_BYTES: Final = 64 << 20
+MAX_BYTES: Final = 64 << 20
 """Upper limit of a record, octets; 600 s with eight robots take about 100 KB."""
-MOST_OUTPUT: Final = 1 << 20
+MAX_OUTPUT: Final = 1 << 20
 """Octets kept of a trial's output, from its end."""
 
 
@@ -221,15 +221,15 @@ def validated_record(content: bytes | None, trial: Trial, cause: str) -> TrialRe
     An invalid record or one of another trial is a failure; without a record, `cause` is the failure.
     """
     if content is None:
-        return _failed(trial, cause)
+        return _failed_record(trial, cause)
     try:
         record = typed_json.decode(content, TrialRecord)
     except ValueError as error:
-        return _failed(trial, f"its process left an invalid record: {str(error)[:200]}")
-    if len(content) > MOST_BYTES or (record.result is not None and record.result.seed != trial.seed):
-        return _failed(trial, "its process left the record of another trial")
+        return _failed_record(trial, f"its process left an invalid record: {str(error)[:200]}")
+    if len(content) > MAX_BYTES or (record.result is not None and record.result.seed != trial.seed):
+        return _failed_record(trial, "its process left the record of another trial")
     if (record.result is None) == (record.failure is None):
-        return _failed(trial, "its process left an invalid record: must have either result or failure")
+        return _failed_record(trial, "its process left an invalid record: must have either result or failure")
     return msgspec.structs.replace(
         record, strategy=trial.strategy, seed=trial.seed, variant=dict(trial.variant)
     )
@@ -253,9 +253,9 @@ def read_output(file: Path, most: int, *, end: bool = False) -> bytes | None:
 
 def outcome_in(folder: Path, cause: str) -> TrialOutcome:
     """Return the files left by a trial's process in its folder."""
-    output = read_output(folder / "trial.log", MOST_OUTPUT, end=True)
-    return TrialOutcome(read_output(folder / RECORD, MOST_BYTES), cause, output or b"")
+    output = read_output(folder / "trial.log", MAX_OUTPUT, end=True)
+    return TrialOutcome(read_output(folder / RECORD, MAX_BYTES), cause, output or b"")
 
 
-def _failed(trial: Trial, cause: str) -> TrialRecord:
+def _failed_record(trial: Trial, cause: str) -> TrialRecord:
     return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), failure=cause)

@@ -18,11 +18,11 @@ from acrc_testbed.experiments.comparison import (
     TimeMetric,
     comparison_of,
     samples,
-    too_few_pairs,
+    too_few_pairs_sentence,
 )
 from acrc_testbed.experiments.paired_tests import (
     ALPHA,
-    LEAST_PAIRS,
+    MIN_PAIRS,
     SequentialPlan,
     decidable,
     equivalence_p,
@@ -129,19 +129,19 @@ def metric_test(sample: PairedSample, name: str, study: Study) -> Comparison:
     """Compute the tests of one metric of a sample, without a decision."""
     if name == comparison.LEXICOGRAPHIC:
         raise ValueError("the lexicographic order has two steps; test each")
-    is_time = isinstance(comparison.named(name), TimeMetric)
+    is_time = isinstance(comparison.find_metric(name), TimeMetric)
     margin = study.margin_s if is_time else study.margin_places if name == comparison.PLACES.name else None
     found = replace(comparison_of(sample, name), margin=margin)
     if not found.happened:
         return found
     gains = np.round(found.scores.gains, 9)  # remove rounding errors, so that equal values are tied
     test = mean_test(gains) if is_time else signed_rank(gains)
-    if margin is None or gains.size < LEAST_PAIRS:
+    if margin is None or gains.size < MIN_PAIRS:
         return replace(found, test=test)
     return replace(found, test=test, equivalence_p=equivalence_p(gains, margin))
 
 
-def power_warnings(study: Study, least: int = LEAST_PAIRS) -> list[str]:
+def power_warnings(study: Study, least: int = MIN_PAIRS) -> list[str]:
     """Return warnings if a study's comparisons cannot become significant; empty otherwise.
 
     `least`: pairs needed for a verdict.
@@ -155,13 +155,15 @@ def power_warnings(study: Study, least: int = LEAST_PAIRS) -> list[str]:
         ]
     pairs = planned_pairs(study)
     return (
-        [] if pairs >= least else [f"acrc compare will have too little data: {too_few_pairs(pairs, least)}"]
+        []
+        if pairs >= least
+        else [f"acrc compare will have too little data: {too_few_pairs_sentence(pairs, least)}"]
     )
 
 
 _FIRST_LOOK: Final = 10
 """Pairs at the first look; fewer rarely decide."""
-_MOST_LOOKS: Final = 10
+_MAX_LOOKS: Final = 10
 
 
 @dataclass(frozen=True)
@@ -184,7 +186,7 @@ def stopping_rules(study: Study) -> StoppingRules:
     if not study.primary_pairs:
         raise AcrcError("--until-decided: the study declares no comparison; add primary = [[ONE, OTHER]]")
     cap = planned_pairs(study)
-    between = max(_FIRST_LOOK, -(-cap // _MOST_LOOKS))
+    between = max(_FIRST_LOOK, -(-cap // _MAX_LOOKS))
     looks = [*range(between, cap, between), cap]
     one_sided = sequential_plan(looks, 2 * ALPHA)
     halved = replace(one_sided, thresholds=tuple(one / 2 for one in one_sided.thresholds))
@@ -314,7 +316,7 @@ def _listed(thresholds: Sequence[float]) -> str:
 
 _CAMPAIGNS: Final = 200
 """Simulated campaigns for each size."""
-_SIZES: Final = (LEAST_PAIRS, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
+_SIZES: Final = (MIN_PAIRS, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
 """Sample sizes, in pairs, for which power is computed."""
 _HARDER_ROBOTS: Final = 8
 _HARDER_S: Final = (300.0, 400.0)
@@ -342,15 +344,15 @@ def power_estimates(found: Sequence[PairedSample], study: Study, power: float) -
     for pairs in _SIZES:
         made = PowerEstimate(
             pairs,
-            decided_shares(declared, study, pairs, np.random.default_rng(1), cautious=False),
-            decided_shares(declared, study, pairs, np.random.default_rng(1), cautious=True),
+            simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=False),
+            simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=True),
         )
         yield made
         if min(made.shares) >= power:
             return
 
 
-def decided_shares(
+def simulated_power(
     declared: Sequence[PairedSample],
     study: Study,
     pairs: int,
@@ -367,12 +369,12 @@ def decided_shares(
     counts = np.zeros(len(declared))
     for _ in range(campaigns):
         seeds = rng.integers(known, size=known) if cautious else np.arange(known)
-        drawn = resampled(declared, seeds[rng.integers(known, size=pairs)])
+        drawn = select_pairs(declared, seeds[rng.integers(known, size=pairs)])
         counts += [one.deciding is not None for one in verdicts(drawn, study)]
     return tuple((counts / campaigns).tolist())
 
 
-def resampled(samples: Sequence[PairedSample], places: NDArray[np.int64]) -> list[PairedSample]:
+def select_pairs(samples: Sequence[PairedSample], places: NDArray[np.int64]) -> list[PairedSample]:
     """Return the samples restricted to the pairs at these indices."""
     chosen = places.tolist()
     return [one._replace(pairs=tuple(one.pairs[place] for place in chosen)) for one in samples]

@@ -255,7 +255,7 @@ def decisions(trace: CausalTrace) -> list[TracedDecision]:
 _WIDEST: Final = 4
 """Maximum number of fields reported per change; the newest ones."""
 _DEEPEST: Final = 3
-_MOST_LOSSES: Final = 5
+_MAX_LOSSES: Final = 5
 """Maximum number of losses listed."""
 _LONGEST: Final = 90
 """Maximum length of a value, characters."""
@@ -440,8 +440,8 @@ def _loss_link(
     if not lost:
         says = f"no frame of {who} was lost {between}"
         return _link(until, "lost", says, depth, {"senders": list(senders), "lost": []})
-    told = ", ".join(f"{seconds(one.instant)} s {one.cause}" for one in lost[-_MOST_LOSSES:])
-    more = "" if len(lost) <= _MOST_LOSSES else f", the last {_MOST_LOSSES} of them"
+    told = ", ".join(f"{seconds(one.instant)} s {one.cause}" for one in lost[-_MAX_LOSSES:])
+    more = "" if len(lost) <= _MAX_LOSSES else f", the last {_MAX_LOSSES} of them"
     count = "1 frame" if len(lost) == 1 else f"{len(lost)} frames"
     says = f"{count} of {who} {'was' if len(lost) == 1 else 'were'} lost {between}{more}: {told}"
     rows = [{"at_s": in_seconds(one.instant), "sender": one.sender, "cause": one.cause} for one in lost]

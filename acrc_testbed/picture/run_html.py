@@ -28,7 +28,7 @@ _CAPTION: Final = "From the recordings; legend below the floor."
 
 def write(run: RunData, path: Path) -> None:
     """Write the page as one self-contained file."""
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         drawn = style.svg(run_page.draw(run))
     regular_file.write_atomically(path, html(run, drawn).encode())
 

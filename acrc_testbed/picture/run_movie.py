@@ -57,7 +57,7 @@ def check(path: Path) -> None:
 
 def write(run: RunData, path: Path, speed: float) -> None:
     """Write the movie; `speed`: simulated seconds per second. Call `check` first."""
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         scene = _Scene(run)
         pictures = (scene.picture(step) for step in instants(run, speed))
         with regular_file.atomic_replacement(path) as part:

@@ -133,7 +133,7 @@ def draw(run: RunData) -> Figure:
 
 def write(run: RunData, path: Path) -> None:
     """Write the page as a PNG or SVG file."""
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         style.save(draw(run), path)
 
 
@@ -223,7 +223,7 @@ def draw_several(runs: Sequence[RunData]) -> Figure:
 
 def write_several(runs: Sequence[RunData], path: Path) -> None:
     """Write several runs side by side as a PNG or SVG file."""
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         style.save(draw_several(runs), path)
 
 

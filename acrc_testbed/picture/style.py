@@ -21,7 +21,7 @@ from actors.runtime import regular_file
 
 
 @contextlib.contextmanager
-def applied(settings: Mapping[str, Any]) -> Iterator[None]:
+def context(settings: Mapping[str, Any]) -> Iterator[None]:
     """Apply matplotlib's defaults and these settings within the context."""
     with mpl.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")  # drawn as a box
@@ -30,7 +30,7 @@ def applied(settings: Mapping[str, Any]) -> Iterator[None]:
         yield
 
 
-def dark_too(svg: bytes, dark: Mapping[str, str], rules: str = "") -> bytes:
+def with_dark_mode(svg: bytes, dark: Mapping[str, str], rules: str = "") -> bytes:
     """Return a drawing of matplotlib with a dark colour scheme.
 
     `dark`: replacement of each colour, such as "#22262b"; `rules`: further CSS for dark screens.
@@ -115,7 +115,7 @@ def svg(figure: Figure) -> bytes:
     file = BytesIO()
     figure.savefig(file, format="svg", metadata={"Date": None})
     drawn = file.getvalue()
-    return dark_too(drawn, _dark(drawn), _DARK_RASTER)
+    return with_dark_mode(drawn, _dark(drawn), _DARK_RASTER)
 
 
 def _dark(drawn: bytes) -> dict[str, str]:
@@ -146,7 +146,7 @@ Series = Mapping[str, tuple[Sequence[float], Sequence[float]]]
 
 def write(series: Series, label: str, path: Path) -> None:
     """Write a line plot as a PNG or SVG file; `label`: label of the values' axis."""
-    with applied(LOOK):
+    with context(LOOK):
         figure = new_figure(8.0, 3.5)
         axes = figure.add_subplot()
         for index, (name, (seconds, values)) in enumerate(series.items()):

@@ -63,7 +63,7 @@ class RecordedOrder(NamedTuple):
 
 
 S = TypeVar("S", bound=msgspec.Struct)
-_MOST_NAMES: Final = 100_000
+_MAX_NAMES: Final = 100_000
 """Limit of the file with code folders, bytes."""
 
 
@@ -99,7 +99,7 @@ def code_folders(out: Path) -> tuple[Path, ...]:
     if not file.is_file() or file.is_symlink():
         return ()
     try:
-        real = typed_json.decode(regular_file.read_bytes(file, _MOST_NAMES), StrategyFolders)
+        real = typed_json.decode(regular_file.read_bytes(file, _MAX_NAMES), StrategyFolders)
     except (OSError, ValueError) as error:
         raise RecordingError(f"{file}: {error}") from None
     return tuple(_folder(Path(code), Path(real.out), out.resolve()) for code in real.code if "\0" not in code)

@@ -33,7 +33,7 @@ _BEHIND_US: Final = 10_000_000
 """The same for an event so much earlier."""
 
 
-_MOST_NOISE_US: Final = 1_000_000
+_MAX_NOISE_US: Final = 1_000_000
 """With larger residual noise the frames are not the same."""
 
 
@@ -82,7 +82,7 @@ class AlignedClocks:
             )
         frames = shared_frames(trial, self._stamp)
         alignment = align(frames, len(self._segments), AlignmentParameters())
-        if alignment.noise_us > _MOST_NOISE_US:
+        if alignment.noise_us > _MAX_NOISE_US:
             raise FieldTrialError(
                 f"{', '.join(trial.logs)}: clock offsets between common frames vary by "
                 f"{alignment.noise_us / 1e6:.0f} s; the recordings must be of one field trial"

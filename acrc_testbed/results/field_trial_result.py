@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _SWITCH_OFF: Final[Duration] = seconds(30)
 """A robot that stopped so long before the last one still counts at the end: people switch robots off one by
 one."""
-_MOST_PLACES: Final = 10_000
+_MAX_PLACES: Final = 10_000
 """Upper limit of place numbers of a robot without a recording."""
 
 
@@ -86,7 +86,7 @@ def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
     mentioned = {(report.owner, report.place) for _, _, report in reports}
     most: dict[str, int] = {}
     for owner, place in mentioned:
-        if owner not in known and 0 <= place < _MOST_PLACES:
+        if owner not in known and 0 <= place < _MAX_PLACES:
             most[owner] = max(most.get(owner, 0), place + 1)
     unknown = {owner: ((math.nan, math.nan),) * number for owner, number in sorted(most.items())}
     referee = Referee([_Owner(*one) for one in (known | unknown).items()], reach=0.0)

@@ -24,7 +24,7 @@ Outcomes = dict[str, dict[str, bool | int | float | str]]
 
 _RESERVED: Final = frozenset({"adaptation", "deeco", "localisation", "navigation"})
 """Subjects reserved for the robot program and the component model."""
-_MOST_OWN, _LONGEST_NAME = 20, 100
+_MAX_OWN, _LONGEST_NAME = 20, 100
 """Limits of a behaviour's outcome: values, and characters of a name."""
 _Own = bool | Annotated[int, msgspec.Meta(ge=-(1 << 53), le=1 << 53)] | float | Name | list[Any] | None
 _OwnSubject = _Own | dict[str, _Own]
@@ -60,9 +60,9 @@ def own_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> dict[str, b
         value: Any = decode_subject(record, outcome, subject, _OwnSubject, "a behaviour")  # type: ignore[arg-type]
         parts = {f".{name}": part for name, part in value.items()} if isinstance(value, dict) else {"": value}
         found |= {subject + name: part for name, part in parts.items() if not isinstance(part, list | None)}
-    if len(found) > _MOST_OWN or max(map(len, found), default=0) > _LONGEST_NAME:
+    if len(found) > _MAX_OWN or max(map(len, found), default=0) > _LONGEST_NAME:
         raise OutcomeError(
-            f"outcome has {len(found)} values; must have at most {_MOST_OWN}, "
+            f"outcome has {len(found)} values; must have at most {_MAX_OWN}, "
             f"with names of at most {_LONGEST_NAME} characters"
         )
     return found

@@ -26,7 +26,7 @@ from actors.world.world_setup import WorldSetup
 
 T = TypeVar("T")
 NO_FRAMES: Final = "radio: outcomes of frames were not recorded; record the run with --record full"
-_MOST_BYTES: Final = 64 * 1024 * 1024
+_MAX_BYTES: Final = 64 * 1024 * 1024
 """Limit of a result's file; a run of 1000 robots has less than 1 MB."""
 
 
@@ -142,8 +142,8 @@ def run_result(out: Path) -> RunResult | None:
     path = out / "run.json"
     if not path.is_file():
         return None
-    if path.stat().st_size > _MOST_BYTES:
-        raise RunDataError(f"{path}: larger than {_MOST_BYTES} bytes; not the result of a run")
+    if path.stat().st_size > _MAX_BYTES:
+        raise RunDataError(f"{path}: larger than {_MAX_BYTES} bytes; not the result of a run")
     try:
         return typed_json.decode(regular_file.read_bytes(path), RunResult)
     except ValueError as error:

@@ -39,7 +39,7 @@ Clock = Callable[[NDArray[np.int64]], Floats]
 Singles = NDArray[np.float32]
 Pose = tuple[float, float, float]
 _NO_WINDOWS: Final = np.zeros((0, 1, 1), np.uint8)
-_MOST_FIELDS: Final = 1000
+_MAX_FIELDS: Final = 1000
 """Limit of the fields of a robot's knowledge."""
 NOT_RECORDED: Final = "introspection was not recorded; record the run with --record full"
 
@@ -305,8 +305,8 @@ class ProcessModel:
     def words(self, changes: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
         """Return all fields of the knowledge as text after these changes."""
         self._knowledge |= dict(changes)
-        if len(self._knowledge) > _MOST_FIELDS:
-            raise ValueError(f"knowledge has more than {_MOST_FIELDS} fields")
+        if len(self._knowledge) > _MAX_FIELDS:
+            raise ValueError(f"knowledge has more than {_MAX_FIELDS} fields")
         return tuple(self._knowledge.items())
 
     def scan_points(self, body: geometry.Pose | None, scan: Scan | None) -> Singles:

@@ -56,7 +56,7 @@ def draw(found: ScenarioSurvey) -> Figure:
 
 def write(found: MapSurvey | RobotModel, path: Path) -> None:
     """Write the picture of a scenario, a map or a robot model to a PNG or SVG file."""
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         if isinstance(found, RobotModel):
             figure = draw_model(found)
         else:

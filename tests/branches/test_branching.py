@@ -43,11 +43,11 @@ def leave(origin: Path, tmp_path: Path) -> Leave:
     """Return a function that carries out a branch."""
     number = count()
 
-    def carry_out(change: Change) -> BranchResult:
+    def run_campaign(change: Change) -> BranchResult:
         out = tmp_path / f"branch-{next(number)}"
         return branch(origin, change, RunOptions(out, bus="memory"), permit=INSTALLED)
 
-    return carry_out
+    return run_campaign
 
 
 def _digest(out: Path) -> str:

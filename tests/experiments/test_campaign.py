@@ -14,10 +14,10 @@ import pytest
 from pyarrow import parquet
 
 from acrc_testbed.experiments import campaign, store
-from acrc_testbed.experiments.campaign import CampaignOptions, RemainingTime, carry_out
+from acrc_testbed.experiments.campaign import CampaignOptions, RemainingTime, run_campaign
 from acrc_testbed.experiments.comparison import identical_start_sentences, identical_starts
 from acrc_testbed.experiments.report.report_page import compose
-from acrc_testbed.experiments.report.report_view import read
+from acrc_testbed.experiments.report.report_view import read_sources
 from acrc_testbed.experiments.store import (
     IN_MEMORY,
     ISOLATED,
@@ -29,7 +29,7 @@ from acrc_testbed.experiments.store import (
 from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Distribution, Factor, Study, Trial
 from acrc_testbed.experiments.trial_record import (
     DIGITS,
-    MOST_BYTES,
+    MAX_BYTES,
     CheckRecord,
     TrialRecord,
     identical_seconds,
@@ -105,7 +105,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Stor
         seeds=1, settings=SHORT, factors=(Factor("deeco.publish", (1.0, 2)),), distributions=DRAWN,
     )  # fmt: skip
     kept = store.create(folder / "out", study)
-    progress = carry_out(kept, CampaignOptions(jobs=2, check_every=2, modules=(folder,)))
+    progress = run_campaign(kept, CampaignOptions(jobs=2, check_every=2, modules=(folder,)))
     assert (progress.done, progress.failed, progress.total) == (4, 0, 4)
     return kept
 
@@ -125,7 +125,7 @@ def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_pa
 
 
 def test_both_tables_have_a_row_for_each_run_with_all_its_numbers(done: Store) -> None:
-    binary, text = campaign.write(done)
+    binary, text = campaign.write_tables(done)
     table = parquet.read_table(binary).to_pylist()
     assert [row["vary.deeco.publish"] for row in table] == [1.0] * 2 + [2.0] * 2
     for row, record in zip(table, done.records(), strict=True):
@@ -164,7 +164,7 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_
     assert (caught.strategy, caught.agrees) == ("cheat:quiet", False)
     assert caught.in_memory == caught.over_zenoh, "messages are the same, so is the digest"
     assert any(re.fullmatch(r"places_done [1-9]\d* in memory, 0 over Zenoh", one) for one in caught.differs)
-    assert done.unchecked(2) == []
+    assert done.unchecked_trials(2) == []
     assert isolation_sentences(done)[1].startswith(
         "2 of 4 runs were repeated as processes (2 isolated): 1 with the"
     )
@@ -173,7 +173,7 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_
     ran = acrc("compare", done.folder, env={"COLUMNS": "200"})
     assert ran.returncode == 1
     assert ran.stdout.splitlines()[0] == IN_MEMORY and f"acrc: {sentence}" in ran.stderr
-    asked, found = compose(read([done.folder]), tmp_path).sections[:2]
+    asked, found = compose(read_sources([done.folder]), tmp_path).sections[:2]
     assert IN_MEMORY in asked.text
     assert found.text[0].startswith("out: cheat:quiet with seed 1")
     assert "do not trust this campaign" in found.text[0]
@@ -183,16 +183,16 @@ def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
     kept = store.create(
         tmp_path / "out", Study(name="s", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=5)
     )
-    assert campaign.write(kept)[1].read_text() == "\n", "without any run"
+    assert campaign.write_tables(kept)[1].read_text() == "\n", "without any run"
     for trial in kept.study.trials():
         write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, plain))
-    chosen = [pending.trial for pending in kept.unchecked(2)]
+    chosen = [pending.trial for pending in kept.unchecked_trials(2)]
     assert sorted((trial.strategy, trial.seed) for trial in chosen) == [
         (strategy, seed) for strategy in ("chapter", "none") for seed in (1, 3, 5)
     ]
     failed = CheckRecord(chosen[0].strategy, chosen[0].seed, {}, "d", 31.5, failure="no router")
     write_json(kept.check_path(chosen[0]), failed)
-    assert [pending.trial for pending in kept.unchecked(2)] == chosen[1:]
+    assert [pending.trial for pending in kept.unchecked_trials(2)] == chosen[1:]
     name = f"{failed.strategy} with seed {failed.seed}"
     assert difference_sentences(kept) == [f"{name} succeeded in memory but failed over Zenoh: no router"]
 
@@ -209,7 +209,7 @@ def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Pa
         isolated=True,
     )
     kept = store.create(tmp_path / "out", study)
-    carry_out(kept, CampaignOptions(jobs=1, modules=(tmp_path,)))
+    run_campaign(kept, CampaignOptions(jobs=1, modules=(tmp_path,)))
     (record,) = kept.records()
     assert record.result is not None and record.trace and record.time, record.failure
     assert (record.result.isolation, record.result.places_done) == ("full", 0)
@@ -232,7 +232,7 @@ def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -
         Study(name="s", scenario=own_scenario(tmp_path), strategies=strategies, seeds=1, settings=SHORT),
     )
     began = time.monotonic()
-    progress = carry_out(folder, CampaignOptions(jobs=2, patience_s=9.0, modules=(tmp_path,)))
+    progress = run_campaign(folder, CampaignOptions(jobs=2, patience_s=9.0, modules=(tmp_path,)))
     assert (progress.done, progress.failed) == (4, 3)
     failed, died, hung, fine = folder.records()
     assert failed.result is None and "no robot r1 today" in (failed.failure or "")
@@ -271,13 +271,13 @@ def test_how_long_runs_coincide(done: Store) -> None:
 def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
     slow, quick = (PendingTrial(trial) for trial in list(STUDY.trials())[:2])
     time = RemainingTime()
-    assert time.left_s([slow], [], 2) is None
+    assert time.remaining_s([slow], [], 2) is None
     for pending, took_s in ((slow, 30.0), (quick, 10.0), (quick, 12.0)):
-        time.learn(pending, took_s)
-    assert time.left_s([slow, quick, quick], [], 2) == pytest.approx((30 + 11 + 11) / 2)
-    assert time.left_s([], [(slow, 25.0)], 2) == pytest.approx(5.0)
-    assert time.left_s([], [(slow, 99.0)], 2) == 0.0
-    assert time.left_s([PendingTrial(slow.trial, check=True)], [], 1) == pytest.approx((30 + 11) / 2)
+        time.add_duration(pending, took_s)
+    assert time.remaining_s([slow, quick, quick], [], 2) == pytest.approx((30 + 11 + 11) / 2)
+    assert time.remaining_s([], [(slow, 25.0)], 2) == pytest.approx(5.0)
+    assert time.remaining_s([], [(slow, 99.0)], 2) == 0.0
+    assert time.remaining_s([PendingTrial(slow.trial, check=True)], [], 1) == pytest.approx((30 + 11) / 2)
 
 
 def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
@@ -333,8 +333,8 @@ def test_irregular_files_do_not_block(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("mine")
     (tmp_path / "link").symlink_to(tmp_path / "secret")
     with (tmp_path / "large").open("wb") as file:
-        file.truncate(MOST_BYTES + 1)
+        file.truncate(MAX_BYTES + 1)
     for name in ("pipe", "link", "large", "nothing"):
-        assert read_output(tmp_path / name, MOST_BYTES) is None
+        assert read_output(tmp_path / name, MAX_BYTES) is None
     (tmp_path / "log").write_text("first last")
     assert read_output(tmp_path / "log", 4, end=True) == b"last"

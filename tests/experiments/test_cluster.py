@@ -20,7 +20,7 @@ import yaml
 
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.trial_pool import validated_answer
-from acrc_testbed.experiments.trial_record import MOST_BYTES, TrialOutcome
+from acrc_testbed.experiments.trial_record import MAX_BYTES, TrialOutcome
 from actors.installation.usage import OptionError
 from deploy.hosts.address import check, is_safe
 from deploy.hosts.connection import ClusterError, check_tls, security
@@ -220,8 +220,8 @@ def test_answers_of_a_worker_are_validated_and_bounded() -> None:
     wrong: list[Any] = [{"record": b""}, None, ("text", "", b"", ""), (None, 3, b"", ""), (None, "", "x", "")]
     for each in (*wrong, *(TrialOutcome(*one) for one in wrong[2:])):
         assert validated_answer(each) == TrialOutcome(None, "invalid answer of a worker", b"")
-    large = validated_answer(TrialOutcome(bytes(MOST_BYTES + 1), "", b""))
-    assert large.record is None and large.cause == f"answer of a worker exceeds {MOST_BYTES} octets"
+    large = validated_answer(TrialOutcome(bytes(MAX_BYTES + 1), "", b""))
+    assert large.record is None and large.cause == f"answer of a worker exceeds {MAX_BYTES} octets"
     noisy = validated_answer(TrialOutcome(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
     assert len(noisy.cause) < 2000 and "\x1b" not in noisy.cause and len(noisy.refusal) == 500
     assert len(noisy.output) == 1 << 20

@@ -18,7 +18,7 @@ from acrc_testbed.experiments.evaluation import (
     too_few_sentences,
     verdict_sentence,
 )
-from acrc_testbed.experiments.paired_tests import LEAST_PAIRS, AssumedEffect
+from acrc_testbed.experiments.paired_tests import MIN_PAIRS, AssumedEffect
 from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Factor, Study
 from acrc_testbed.experiments.trial_record import TrialRecord, write_json
@@ -26,11 +26,11 @@ from acrc_testbed.experiments.verdicts import (
     InterimAnalysis,
     PairVerdict,
     ceiling_sentences,
-    decided_shares,
     interim_verdict,
     look_sentences,
     power_estimates,
     power_warnings,
+    simulated_power,
     stopping_rules,
     verdicts,
 )
@@ -177,7 +177,7 @@ def test_the_lexicographic_order_takes_places_first_and_then_running_time(plain:
 Runs = st.tuples(st.integers(0, 40), st.none() | st.floats(1, 600))
 
 
-@given(st.lists(st.tuples(Runs, Runs), min_size=1, max_size=LEAST_PAIRS - 1), st.floats(0.1, 50))
+@given(st.lists(st.tuples(Runs, Runs), min_size=1, max_size=MIN_PAIRS - 1), st.floats(0.1, 50))
 def test_below_the_least_pairs_no_verdict(pairs: list[tuple[Outcome, Outcome]], margin: float) -> None:
     ones, others = ([run(*pair[side]) for pair in pairs] for side in (0, 1))
     for metric in ("lexicographic", "places", "settled"):
@@ -185,7 +185,7 @@ def test_below_the_least_pairs_no_verdict(pairs: list[tuple[Outcome, Outcome]], 
         found = verdict_of(ones, others, made)
         assert not found.is_decided and not any(one.tested or one.differs for one in found.steps)
         assert not any(one.is_estimated for one in found.steps)
-    found = verdict_of([run(2)] * LEAST_PAIRS, [run(1)] * LEAST_PAIRS)
+    found = verdict_of([run(2)] * MIN_PAIRS, [run(1)] * MIN_PAIRS)
     assert found.deciding is not None and found.deciding.tests == 1, "time, which never came, takes no part"
 
 
@@ -377,8 +377,8 @@ def test_the_family_that_will_be_tested_is_the_one_that_is_promised() -> None:
         primary=(("one", "other"), ("b", "other"), ("c", "other"), ("d", "other")),
     )  # fmt: skip
     others = [pairs(0.0, 60, seed)._replace(one=name) for seed, name in enumerate("bcd")]
-    alone = decided_shares([one], study(), 20, np.random.default_rng(1))[0]
-    shared = decided_shares([one, *others], four, 20, np.random.default_rng(1))
+    alone = simulated_power([one], study(), 20, np.random.default_rng(1))[0]
+    shared = simulated_power([one, *others], four, 20, np.random.default_rng(1))
     assert shared[0] < alone - 0.1
     assert max(shared[1:]) < 0.2
 

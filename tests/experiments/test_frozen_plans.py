@@ -63,7 +63,7 @@ def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]
     kept = store.create(folder / "out", load_study(source))
     if looks:
         kept.declare_looks()
-    return kept, store.adopt_plan(kept, store.find_plan(None, source), source, looks=looks)
+    return kept, store.record_plan(kept, store.find_plan(None, source), source, looks=looks)
 
 
 def over(kept: store.Store, plain: RunResult, seeds: int = 8, commit: str = COMMIT) -> None:
@@ -246,7 +246,7 @@ def test_a_campaign_that_had_runs_takes_no_plan(folder: Path, plain: RunResult) 
     path = frozen(folder)
     _, said = begun(folder)
     assert said == [f"{path}: ignored, because {kept.folder} has runs made without a plan."]
-    assert store.plan_sentences(kept) == [store.NOTHING_FROZEN]
+    assert store.plan_sentences(kept) == [store.NO_FROZEN_PLAN]
 
 
 def test_a_resumed_campaign_keeps_its_plan_and_all_departures(folder: Path, plain: RunResult) -> None:
@@ -304,6 +304,6 @@ def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, t
     made = store.create(unpacked / "reproduced", load_study(again))
     (map_image,) = (unpacked / "inputs").rglob("corridor.png")
     map_image.write_bytes(map_image.read_bytes() + b"\0")
-    said = store.adopt_plan(made, store.find_plan(None, again), again, looks=False)
+    said = store.record_plan(made, store.find_plan(None, again), again, looks=False)
     assert said[1:] == ["Deviation from the plan: the content of corridor.png was changed."]
     assert set(msgspec.to_builtins(plan.study)) == set(Study.__struct_fields__)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.campaign import CampaignOptions, carry_out
+from acrc_testbed.experiments.campaign import CampaignOptions, run_campaign
 from tests.swarm.command import start
 
 
@@ -63,8 +63,8 @@ def test_a_killed_campaign_continues(
         kept = now
     record_property("trials kept after the last kill", len(kept))
     campaign = store.load(cut)
-    carry_out(campaign, CampaignOptions(jobs=2, check_every=0))
+    run_campaign(campaign, CampaignOptions(jobs=2, check_every=0))
     assert kept.items() <= written(cut).items()
     whole = store.create(tmp_path / "whole", campaign.study)
-    carry_out(whole, CampaignOptions(jobs=2, check_every=0))
+    run_campaign(whole, CampaignOptions(jobs=2, check_every=0))
     assert len(digests(cut)) == 2 * kills and digests(cut) == digests(tmp_path / "whole")

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
-from acrc_testbed.experiments.comparison import comparison_of, named, scores
+from acrc_testbed.experiments.comparison import comparison_of, find_metric, scores
 from acrc_testbed.experiments.paired_tests import (
     AssumedEffect,
     a12,
@@ -240,7 +240,7 @@ def test_equivalence_is_near_to_that_of_two_t_tests() -> None:
     """The same null hypothesis and another test: near to one another for 40 pairs."""
     for verdict in VERDICTS:
         for step in verdict.steps:
-            found = scores(named(step.metric), step.sample.pairs)
+            found = scores(find_metric(step.metric), step.sample.pairs)
             if step.happened and step.margin is not None and found.gains.std() > 0:
                 p, *_ = ttost_paired(found.ones, found.others, -step.margin, step.margin)
                 assert step.equivalence_p == pytest.approx(p, abs=0.1)

@@ -12,9 +12,9 @@ from acrc_testbed.experiments.paired_tests import ALPHA, AssumedEffect, a12, a12
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.verdicts import (
     PairVerdict,
-    decided_shares,
     interim_verdict,
-    resampled,
+    select_pairs,
+    simulated_power,
     stopping_rules,
     verdicts,
 )
@@ -51,7 +51,7 @@ def of_one_strategy(declared: Sequence[PairedSample], rng: Generator) -> list[Pa
 
 def swapped(declared: Sequence[PairedSample], rng: Generator) -> list[PairedSample]:
     """Pairs drawn with replacement, with sides swapped at random."""
-    made = resampled(declared, rng.integers(len(declared[0].pairs), size=CAP))
+    made = select_pairs(declared, rng.integers(len(declared[0].pairs), size=CAP))
     swaps = rng.random((len(made), CAP)) < 0.5
     return [
         one._replace(
@@ -135,9 +135,11 @@ def test_power_from_a_pilot_agrees_with_other_seeds(full: bool, record_property:
     for pairs in (10, 20, 40):
         found = np.zeros((len(REAL), 2))
         for _ in range(splits):
-            pilot, rest = (resampled(REAL, half) for half in np.split(rng.permutation(len(REAL[0].pairs)), 2))
-            found[:, 0] += decided_shares(pilot, FAMILY, pairs, rng, campaigns, cautious=True)
-            found[:, 1] += decided_shares(rest, FAMILY, pairs, rng, campaigns)
+            pilot, rest = (
+                select_pairs(REAL, half) for half in np.split(rng.permutation(len(REAL[0].pairs)), 2)
+            )
+            found[:, 0] += simulated_power(pilot, FAMILY, pairs, rng, campaigns, cautious=True)
+            found[:, 1] += simulated_power(rest, FAMILY, pairs, rng, campaigns)
         worst = max(worst, float(np.abs(found[:, 0] - found[:, 1]).max() / splits))
     record_property("largest difference of a promise", round(worst, 2))
     assert worst <= (0.2 if full else 0.5)

@@ -178,7 +178,7 @@ class AttackedSwarm:
                 member.kill()
         self._stack.close()
 
-    def carry_out(self, attack: Attack) -> tuple[bool, str]:
+    def run_campaign(self, attack: Attack) -> tuple[bool, str]:
         note: Note = {"token": secrets.token_hex(8)}
         for stage, (name, _) in enumerate(attack.stages):
             order = {"attack": attack.name, "stage": stage, "note": note, "pid": self._pid(name)}

@@ -50,5 +50,5 @@ def test_an_attack_succeeds_only_where_no_layer_blocks_it(
     if mode == "isolated":
         need_isolation()
     need_means(attack)
-    reached, refused = swarms(mode).carry_out(attack)
+    reached, refused = swarms(mode).run_campaign(attack)
     assert reached == (attack.layer == Layer.NONE or MODES[mode] < attack.layer), refused

@@ -149,7 +149,7 @@ def test_only_a_run_is_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_a_campaign_is_overwritten_on_request(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("acrc_testbed.experiments.campaign.carry_out", lambda kept, options: None)
+    monkeypatch.setattr("acrc_testbed.experiments.campaign.run_campaign", lambda kept, options: None)
     text = f'scenario = "{SHIPPED}/scenarios/head_on.toml"\nstrategies = ["none", "chapter"]\nseeds = 6\n'
     (tmp_path / "s.toml").write_text(text)
     folder = acrc.campaign(tmp_path / "s.toml", tmp_path / "c").folder

@@ -204,7 +204,7 @@ def test_a_frozen_robot_is_frozen_and_a_killed_one_off(ordered_run: RunData) -> 
 
 
 def test_the_page_has_all_marks_with_a_legend(ordered_run: RunData, tmp_path: Path) -> None:
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         figure = run_page.draw(ordered_run)
         style.save(figure, tmp_path / "run.png")
     with Image.open(tmp_path / "run.png") as image:
@@ -244,7 +244,7 @@ def legend_of(axes: Axes) -> Legend:
 
 
 def test_labels_of_near_points_do_not_overlap() -> None:
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         figure = style.new_figure(6.0, 4.0)
         axes = figure.add_subplot()
         axes.set_xlim(0.0, 10.0)
@@ -294,7 +294,7 @@ def _column(axes: Axes, title: str, handles: Sequence[Artist]) -> None:
 
 
 def test_the_glyphs_in_the_documentation_are_current(tmp_path: Path) -> None:
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         figure = glyph_sheet()
         style.save(figure, tmp_path / "glyphs.png")
     with Image.open(tmp_path / "glyphs.png") as drawn, Image.open(ROOT / "docs/pictures/glyphs.png") as kept:

@@ -49,7 +49,7 @@ class Page(NamedTuple):
 @pytest.fixture(scope="module")
 def page(evidence: RunData, tmp_path_factory: pytest.TempPathFactory) -> Page:
     folder = tmp_path_factory.mktemp("page")
-    with style.applied(style.LOOK):
+    with style.context(style.LOOK):
         figure = run_page.draw(evidence)
         for kind in ("png", "svg"):
             style.save(figure, folder / f"run.{kind}")

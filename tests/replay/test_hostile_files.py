@@ -191,7 +191,7 @@ def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, 
     for name in ("results.csv", "results.parquet", "results.new", "study.new"):
         (kept.folder / name).unlink(missing_ok=True)
         (kept.folder / name).symlink_to(victim)
-    campaign.write(kept)
+    campaign.write_tables(kept)
     store.create(kept.folder, kept.study)
     assert victim.read_text() == SECRET
     table = kept.folder / "results.csv"

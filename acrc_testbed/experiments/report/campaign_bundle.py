@@ -14,10 +14,10 @@ from typing import Final
 
 import msgspec
 
-from acrc_testbed.experiments import store
 from acrc_testbed.experiments.evaluation import evaluate
 from acrc_testbed.experiments.frozen_plan import SUFFIX, FrozenPlan, study_inputs
 from acrc_testbed.experiments.report import report_page
+from acrc_testbed.experiments.store import Store, load
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.seal import SUMS, checksum_lines
@@ -27,8 +27,8 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 
 CHAPTER: Final = "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Problem and Testbed"
-_CLEAN: Final = "Its sources are in `software.zip`."
-_CHANGED: Final = (
+_SOFTWARE_INCLUDED: Final = "Its sources are in `software.zip`."
+_SOFTWARE_MISSING: Final = (
     "It is **not** in this bundle, because it had uncommitted changes or the commit is no longer in the "
     "repository; digests may differ when runs are repeated."
 )
@@ -98,7 +98,7 @@ $strategies,your_module:your_strategy`.
 
 
 @dataclass(frozen=True)
-class BundleFacts:
+class BundleContent:
     """Facts about a campaign for README and citation."""
 
     study: Study
@@ -107,37 +107,37 @@ class BundleFacts:
     commit: str
     has_software: bool
     records: Sequence[TrialRecord]
-    found: Sequence[str]
+    results: Sequence[str]
     """Results, a sentence each."""
     authors: Sequence[str]
     plan: FrozenPlan | None = None
 
 
-def readme(facts: BundleFacts) -> str:
+def readme(content: BundleContent) -> str:
     """Return README.md."""
-    study = facts.study
-    results = [record.result for record in facts.records if record.result is not None]
+    study = content.study
+    results = [record.result for record in content.records if record.result is not None]
     versions = dict(pair for one in results for pair in one.origin.versions.items())
     names = ", ".join(f"`{name}`" for name in study.strategies)
     return _README.substitute(
         name=study.name,
         plan=_UNPLANNED
-        if facts.plan is None
-        else _PLANNED.substitute(commit=facts.plan.commit, sha256=facts.plan.sha256),
+        if content.plan is None
+        else _PLANNED.substitute(commit=content.plan.commit, sha256=content.plan.sha256),
         abstract=f"{names}, each with the same {study.seeds} seeds in {_conditions(study)}.",
-        commit=facts.commit,
-        software=_CLEAN if facts.has_software else _CHANGED,
+        commit=content.commit,
+        software=_SOFTWARE_INCLUDED if content.has_software else _SOFTWARE_MISSING,
         versions=", ".join(f"{name} {version}" for name, version in versions.items()) or "unknown versions",
-        runs=len(facts.records),
-        failed=len(facts.records) - len(results),
-        span=_span(sum(one.cpu_s for one in results)),
-        found="\n\n".join(facts.found),
-        scenario=facts.scenario,
+        runs=len(content.records),
+        failed=len(content.records) - len(results),
+        span=_span_text(sum(one.cpu_s for one in results)),
+        found="\n\n".join(content.results),
+        scenario=content.scenario,
         strategies=",".join(study.strategies),
     )
 
 
-def _span(seconds: float) -> str:
+def _span_text(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 300 else f"{seconds / 60:.0f} min"
 
 
@@ -146,17 +146,17 @@ def _conditions(study: Study) -> str:
     return "one condition" if count == 1 else f"{count} conditions"
 
 
-def citation(facts: BundleFacts) -> str:
+def citation(content: BundleContent) -> str:
     """Return CITATION.cff (Citation File Format 1.2.0); JSON strings are valid YAML."""
-    title = f"Results of the study {facts.study.name} with the ACRC testbed"
-    authors = "".join(f"  - name: {json.dumps(name)}\n" for name in facts.authors)
+    title = f"Results of the study {content.study.name} with the ACRC testbed"
+    authors = "".join(f"  - name: {json.dumps(name)}\n" for name in content.authors)
     return (
         "cff-version: 1.2.0\n"
         "type: dataset\n"
         "message: If you use these results, please cite them as below.\n"
         f"title: {json.dumps(title)}\n"
         f"authors:\n{authors}"
-        f"commit: {json.dumps(facts.commit)}\n"
+        f"commit: {json.dumps(content.commit)}\n"
         "references:\n"
         "  - type: book\n"
         f"    title: {json.dumps(CHAPTER)}\n"
@@ -177,72 +177,75 @@ def make_bundle(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     Returns whether the sources are included; they are not if they had uncommitted changes. Raises AcrcError
     for a folder without a campaign, or a damaged one.
     """
-    kept = store.load(folder)
-    records = list(kept.records())
+    store = load(folder)
+    records = list(store.records())
     if not records:
         raise AcrcError(f"{folder}: no run has ended, so there are no results to bundle")
-    read = study_inputs(kept.study)
-    commit = kept.info().commit
+    inputs = study_inputs(store.study)
+    commit = store.info().commit
     software = _software(commit)
-    study = msgspec.structs.replace(kept.study, scenario=f"{_INPUTS}/{read.scenario}")
-    there = msgspec.structs.replace(kept.study, scenario=f"../{_INPUTS}/{read.scenario}")
-    facts = BundleFacts(
+    study = msgspec.structs.replace(store.study, scenario=f"{_INPUTS}/{inputs.scenario}")
+    results_study = msgspec.structs.replace(store.study, scenario=f"../{_INPUTS}/{inputs.scenario}")
+    content = BundleContent(
         study=study,
-        scenario=read.scenario,
+        scenario=inputs.scenario,
         commit=commit,
         has_software=software is not None,
         records=records,
-        found=_found(kept),
+        results=_result_sentences(store),
         authors=authors or [UNNAMED],
-        plan=kept.plan,
+        plan=store.plan,
     )
     files = {
-        "README.md": readme(facts).encode(),
-        "CITATION.cff": citation(facts).encode(),
+        "README.md": readme(content).encode(),
+        "CITATION.cff": citation(content).encode(),
         "study.json": typed_json.dump(study),
-        "results/study.json": msgspec.json.encode(there),
-        "digests.csv": _digests(records),
+        "results/study.json": msgspec.json.encode(results_study),
+        "digests.csv": _digest_table(records),
         "constraints.txt": (SHIPPED / "constraints.txt").read_bytes(),
         **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
-        **{f"{_INPUTS}/{name}": regular_file.read_bytes(path) for name, path in read.files.items()},
-        **dict(_plan(kept)),
-        **dict(_results(kept)),
-        **dict(_report(folder)),
+        **{f"{_INPUTS}/{name}": regular_file.read_bytes(path) for name, path in inputs.files.items()},
+        **dict(_plan_files(store)),
+        **dict(_result_files(store)),
+        **dict(_report_files(folder)),
     }
     if software is not None:
         files["software.zip"] = software
-        pins = _committed(commit, "show", f"{commit}:constraints.txt")
+        pins = _git_output(commit, "show", f"{commit}:constraints.txt")
         files["constraints.txt"] = pins or files["constraints.txt"]
     write_archive(out, folder.resolve().name, files)
     return software is not None
 
 
-def _plan(kept: store.Store) -> Iterator[tuple[str, bytes]]:
+def _plan_files(store: Store) -> Iterator[tuple[str, bytes]]:
     """Yield the frozen plan beside the study, where `acrc campaign` finds it."""
-    if kept.plan is not None:
-        yield f"study{SUFFIX}", regular_file.read_bytes(kept.plan_file)
+    if store.plan is not None:
+        yield f"study{SUFFIX}", regular_file.read_bytes(store.plan_file)
 
 
-def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
-    trials = list(kept.study.trials())
-    records = (part(trial) for part in (kept.path, kept.check_path) for trial in trials)
-    for path in (kept.info_file, kept.plan_file, kept.looks_file, *records):
+def _result_files(store: Store) -> Iterator[tuple[str, bytes]]:
+    trials = list(store.study.trials())
+    records = (path_of(trial) for path_of in (store.path, store.check_path) for trial in trials)
+    for path in (store.info_file, store.plan_file, store.looks_file, *records):
         if path.exists():
-            yield f"results/{path.relative_to(kept.folder).as_posix()}", regular_file.read_bytes(path)
+            yield (
+                f"results/{path.relative_to(store.folder).as_posix()}",
+                regular_file.read_bytes(path),
+            )
 
 
-def _report(folder: Path) -> Iterator[tuple[str, bytes]]:
-    with scratch_folder() as made:
-        report_page.write([folder], made)
-        for path in sorted(made.iterdir()):
+def _report_files(folder: Path) -> Iterator[tuple[str, bytes]]:
+    with scratch_folder() as scratch:
+        report_page.write([folder], scratch)
+        for path in sorted(scratch.iterdir()):
             yield f"report/{path.name}", path.read_bytes()
 
 
-def _found(kept: store.Store) -> list[str]:
-    return evaluate(kept).sentences() or ["There is only one strategy, so nothing was compared."]
+def _result_sentences(store: Store) -> list[str]:
+    return evaluate(store).sentences() or ["There is only one strategy, so nothing was compared."]
 
 
-def _digests(records: Sequence[TrialRecord]) -> bytes:
+def _digest_table(records: Sequence[TrialRecord]) -> bytes:
     into = io.StringIO()
     writer = csv.writer(into, lineterminator="\n")
     writer.writerow(("strategy", "seed", "variant", "digest"))
@@ -255,10 +258,10 @@ def _digests(records: Sequence[TrialRecord]) -> bytes:
 
 def _software(commit: str) -> bytes | None:
     """Return the sources of the commit as a ZIP file; None if not available."""
-    return None if commit.endswith("+") else _committed(commit, "archive", "--format=zip", commit)
+    return None if commit.endswith("+") else _git_output(commit, "archive", "--format=zip", commit)
 
 
-def _committed(commit: str, *arguments: str) -> bytes | None:
+def _git_output(commit: str, *arguments: str) -> bytes | None:
     if not IS_CLONE:
         return None
     try:
@@ -268,9 +271,9 @@ def _committed(commit: str, *arguments: str) -> bytes | None:
         return None
 
 
-_BEGIN: Final = (1980, 1, 1, 0, 0, 0)
+_EARLIEST_TIMESTAMP: Final = (1980, 1, 1, 0, 0, 0)
 """Earliest timestamp of the ZIP format."""
-_UNIX: Final = 3
+_UNIX_SYSTEM: Final = 3
 
 
 def write_archive(path: Path, top: str, files: Mapping[str, bytes]) -> None:
@@ -279,12 +282,12 @@ def write_archive(path: Path, top: str, files: Mapping[str, bytes]) -> None:
     Files `*.sh` are executable.
     """
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    whole = {**files, SUMS: checksum_lines(sums)}
+    all_files = {**files, SUMS: checksum_lines(sums)}
     path.parent.mkdir(parents=True, exist_ok=True)
     with regular_file.atomic_replacement(path) as new, zipfile.ZipFile(new, "w") as archive:
-        for name in sorted(whole):
-            info = zipfile.ZipInfo(f"{top}/{name}", _BEGIN)
-            info.create_system = _UNIX
+        for name in sorted(all_files):
+            info = zipfile.ZipInfo(f"{top}/{name}", _EARLIEST_TIMESTAMP)
+            info.create_system = _UNIX_SYSTEM
             info.external_attr = (0o100755 if name.endswith(".sh") else 0o100644) << 16
             info.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(info, whole[name], compresslevel=9)
+            archive.writestr(info, all_files[name], compresslevel=9)

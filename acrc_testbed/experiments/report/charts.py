@@ -18,8 +18,8 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from acrc_testbed.experiments.paired_tests import Interval
 from acrc_testbed.experiments.statistical_models import Completion, SurvivalCurve
-from acrc_testbed.picture.style import applied as settings_applied
-from acrc_testbed.picture.style import dark_too
+from acrc_testbed.picture.style import context as settings_context
+from acrc_testbed.picture.style import with_dark_mode
 from actors.runtime import regular_file
 from actors.runtime.errors import printable
 
@@ -85,9 +85,9 @@ def series_style(number: int) -> SeriesStyle:
     )
 
 
-def applied() -> contextlib.AbstractContextManager[None]:
+def style_context() -> contextlib.AbstractContextManager[None]:
     """Return a context with the report's Matplotlib settings, for drawing and saving."""
-    return settings_applied(_STYLE)
+    return settings_context(_STYLE)
 
 
 def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, list[Axes]]:
@@ -124,7 +124,7 @@ def svg(figure: Figure) -> bytes:
     """Return the figure as transparent SVG that adapts to light and dark mode."""
     into = io.BytesIO()
     figure.savefig(into, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return dark_too(into.getvalue(), _DARK)
+    return with_dark_mode(into.getvalue(), _DARK)
 
 
 def save(figure: Figure, folder: Path, name: str) -> bytes:
@@ -138,13 +138,13 @@ def save(figure: Figure, folder: Path, name: str) -> bytes:
 
 _GOLDEN: Final = 0.6180339887498949
 """Golden ratio; fractional parts of its multiples spread dots of equal values."""
-_SEEN: Final = 0.25
+_VISIBLE_RANGE: Final = 0.25
 """Range of values, relative to the largest, below which an axis need not begin at zero."""
-_ROW: Final = 0.42
+_ROW_HEIGHT: Final = 0.42
 """Height of a row, inches."""
-_FRAME: Final = 0.95
+_PANEL_MARGIN: Final = 0.95
 """Height of title, axis and margins of a panel, inches."""
-_LEAST_TOLD: Final = 0.07
+_MIN_LABELLED_SHARE: Final = 0.07
 """Share of a bar from which its number is shown."""
 
 
@@ -187,7 +187,7 @@ class Bar:
     parts: Mapping[str, float]
 
 
-def boxes(
+def draw_boxes(
     conditions: Mapping[str, Sequence[Box]],
     says: str,
     *,
@@ -199,11 +199,11 @@ def boxes(
     `says`: label of the x axis. `limit`: upper limit and its label. `near`: the axis need not begin at zero.
     """
     tallest = max(map(len, conditions.values()))
-    figure, axes = panels(len(conditions), _FRAME + _ROW * tallest)
+    figure, axes = panels(len(conditions), _PANEL_MARGIN + _ROW_HEIGHT * tallest)
     for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
-        _begin(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+        _label_rows(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
         for place, row in enumerate(rows):
-            _box(panel, place, row)
+            _draw_box(panel, place, row)
         if limit is not None:
             panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
         panel.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
@@ -211,7 +211,7 @@ def boxes(
     lows = [min(row.values) for rows in conditions.values() for row in rows]
     highs = [max(row.values) for rows in conditions.values() for row in rows]
     highest = max(*highs, limit[0] if limit else highs[0])
-    begin = _begins(min(lows), highest) if near else 0.0
+    begin = _axis_start(min(lows), highest) if near else 0.0
     axes[0].set_xlim(begin, highest + 0.04 * (highest - begin) if highest > begin else begin + 1.0)
     notes = [f"dashed: {limit[1]}"] if limit else []
     notes += ["the axis does not begin at zero"] if begin else []
@@ -219,13 +219,13 @@ def boxes(
     return figure
 
 
-def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Figure:
+def draw_completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Figure:
     """Draw the share of completed runs over time with 95 % bands, a panel for each condition."""
     figure, axes = panels(len(conditions), 3.4)
     for panel, (title, curves) in zip(axes, conditions.items(), strict=True):
         panel.set_title(wrapped(title, TITLE, 3) if len(conditions) > 1 else "")
         for curve in curves:
-            _curve(panel, curve, horizon)
+            _draw_curve(panel, curve, horizon)
         panel.set_ylim(-0.03, 1.03)
         panel.yaxis.set_major_formatter(PercentFormatter(1.0))
         panel.set_ylabel("share of runs complete")
@@ -238,14 +238,16 @@ def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Fig
     return figure
 
 
-def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str, str]], says: str) -> Figure:
+def draw_bars(
+    conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str, str]], says: str
+) -> Figure:
     """Draw stacked bars, a panel for each condition. `looks`: colour and hatch of each part."""
     tallest = max(map(len, conditions.values()))
-    figure, axes = panels(len(conditions), _FRAME + _ROW * tallest + 0.35)
+    figure, axes = panels(len(conditions), _PANEL_MARGIN + _ROW_HEIGHT * tallest + 0.35)
     for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
-        _begin(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+        _label_rows(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
         for place, row in enumerate(rows):
-            _stack(panel, place, row, looks)
+            _draw_stack(panel, place, row, looks)
         panel.set_xlim(0.0, 1.0)
         panel.xaxis.set_major_formatter(PercentFormatter(1.0))
     _label_x(axes, says)
@@ -259,12 +261,12 @@ def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str,
     return figure
 
 
-def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
+def draw_dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
     """Draw estimates with intervals, a panel for each quantity with its own axis from zero."""
     tallest = max(map(len, quantities.values()))
-    figure, axes = panels(len(quantities), _FRAME + 0.9 * _ROW * tallest, alike=False)
+    figure, axes = panels(len(quantities), _PANEL_MARGIN + 0.9 * _ROW_HEIGHT * tallest, alike=False)
     for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
-        _begin(panel, "", [row.label for row in rows])
+        _label_rows(panel, "", [row.label for row in rows])
         panel.set_title(wrapped(title, NARROW, 2))
         known = [(place, row.mean, row.look) for place, row in enumerate(rows) if row.mean is not None]
         for place, mean, how in known:
@@ -280,7 +282,7 @@ def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
     return figure
 
 
-def _begin(panel: Axes, title: str, labels: Sequence[str]) -> None:
+def _label_rows(panel: Axes, title: str, labels: Sequence[str]) -> None:
     panel.set_title(wrapped(title, TITLE, 3))
     texts = [wrapped(label, NARROW, 2) for label in labels]
     panel.set_yticks(range(len(labels)), texts, fontsize=8.5 if "\n" in "".join(texts) else None)
@@ -304,12 +306,12 @@ def _label_x(axes: Sequence[Axes], says: str) -> None:
         panel.set_xlabel(says)
 
 
-def _begins(low: float, high: float) -> float:
+def _axis_start(low: float, high: float) -> float:
     """Return the start of an axis: zero, unless differences would be too small to see."""
-    return 0.0 if low == high or high - low > _SEEN * high else low - 0.5 * (high - low)
+    return 0.0 if low == high or high - low > _VISIBLE_RANGE * high else low - 0.5 * (high - low)
 
 
-def _box(panel: Axes, place: int, row: Box) -> None:
+def _draw_box(panel: Axes, place: int, row: Box) -> None:
     values, colour = row.values, row.look.colour
     if len(values) > max(4, len(row.at_least)):  # dots suffice for fewer values or lower bounds alone
         q1, median, q3 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
@@ -343,7 +345,7 @@ def _box(panel: Axes, place: int, row: Box) -> None:
         )  # fmt: skip
 
 
-def _curve(panel: Axes, curve: Curve, horizon: float) -> None:
+def _draw_curve(panel: Axes, curve: Curve, horizon: float) -> None:
     found, how = curve.survival, curve.look
     ends = [*found.times.tolist(), horizon]
     done = [0.0, *(1.0 - found.shares).tolist()]
@@ -367,7 +369,7 @@ def _curve(panel: Axes, curve: Curve, horizon: float) -> None:
         )  # fmt: skip
 
 
-def _stack(panel: Axes, place: int, row: Bar, looks: Mapping[str, tuple[str, str]]) -> None:
+def _draw_stack(panel: Axes, place: int, row: Bar, looks: Mapping[str, tuple[str, str]]) -> None:
     begin = 0.0
     for name, (colour, hatch) in looks.items():
         part = row.parts[name]
@@ -375,7 +377,7 @@ def _stack(panel: Axes, place: int, row: Bar, looks: Mapping[str, tuple[str, str
             [place], [part], left=begin, height=0.62, color=colour, hatch=hatch, edgecolor=PAPER,
             linewidth=0.6, label=name,
         )  # fmt: skip
-        if part >= _LEAST_TOLD:
+        if part >= _MIN_LABELLED_SHARE:
             panel.text(
                 begin + part / 2, place, f"{100 * part:.0f}", ha="center", va="center", fontsize=8.5,
                 color="#111111",

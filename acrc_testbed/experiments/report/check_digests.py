@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-NUMBERS = (
+COMPARED_FIELDS = (
     "digest", "places_total", "places_done", "places_claimed", "places_given_up", "places_lost", "contacts",
     "completion_s", "settled_s",
 )  # fmt: skip
@@ -16,18 +16,20 @@ NUMBERS = (
 
 def results(folder: Path) -> dict[str, dict[str, object]]:
     """Return the values of every run by file name; None for failed runs."""
-    found = {}
+    runs = {}
     for path in sorted((folder / "trials").glob("*.json")):
         result = json.loads(path.read_bytes())["result"] or {}
-        found[path.name] = {name: result.get(name) for name in NUMBERS}
-    return found
+        runs[path.name] = {name: result.get(name) for name in COMPARED_FIELDS}
+    return runs
 
 
-def main(before_folder: str, again: str) -> int:
+def main(before_folder: str, repeated_folder: str) -> int:
     """Print differences; return 0 if all repeated runs are equal, else 1."""
-    before, now = results(Path(before_folder)), results(Path(again))
+    before, now = results(Path(before_folder)), results(Path(repeated_folder))
     both = sorted(before.keys() & now.keys())
-    different = [(run, name) for run in both for name in NUMBERS if before[run][name] != now[run][name]]
+    different = [
+        (run, name) for run in both for name in COMPARED_FIELDS if before[run][name] != now[run][name]
+    ]
     differences = [f"{run}: {name} was {before[run][name]}, is {now[run][name]}" for run, name in different]
     same = f"{len(both) - len({run for run, _ in different})} of {len(both)} repeated runs are identical"
     sys.stdout.write("\n".join([*differences, f"{same}; the results have {len(before)} runs", ""]))

@@ -6,7 +6,7 @@ from typing import Final
 
 from acrc_testbed.experiments.comparison import Comparison
 from acrc_testbed.experiments.evaluation import CampaignEvaluation, OverallEstimate
-from acrc_testbed.experiments.paired_tests import LEAST_PAIRS
+from acrc_testbed.experiments.paired_tests import MIN_PAIRS
 from acrc_testbed.experiments.report.report_view import (
     REAL,
     UPPER_BOUNDS,
@@ -15,45 +15,49 @@ from acrc_testbed.experiments.report.report_view import (
     ReportView,
     Row,
     RunSource,
-    completed,
-    label,
-    places,
+    completion_time,
+    places_done_or_reported,
+    strategy_label,
 )
-from acrc_testbed.experiments.report.time_sections import deadlocks
+from acrc_testbed.experiments.report.time_sections import deadlock_counts
 from acrc_testbed.experiments.study import FIRST_TUNING_SEED, Study, Variant
 from acrc_testbed.experiments.verdicts import PairVerdict
 from acrc_testbed.picture.html_page import PageTable
 
 _VERDICTS = ("better", "worse", "equivalent", "undecided")
-_MOST_SENTENCES: Final = 8
+_MAX_SENTENCES: Final = 8
 """Number of verdicts up to which each has a sentence."""
-_MOST_OPEN: Final = 12
+_MAX_UNFOLDED_ROWS: Final = 12
 """Rows up to which the table of estimates is unfolded."""
 
 
-def labelled(found: CampaignEvaluation) -> CampaignEvaluation:
+def with_upper_bounds_marked(found: CampaignEvaluation) -> CampaignEvaluation:
     """Return the judgement with upper bounds marked in names of strategies."""
     return replace(
         found,
-        verdicts=[replace(one, steps=tuple(map(_labelled, one.steps))) for one in found.verdicts],
-        across=[one._replace(one=label(one.one), other=label(one.other)) for one in found.across],
-        estimates=list(map(_labelled, found.estimates)),
+        verdicts=[replace(one, steps=tuple(map(_with_marked_names, one.steps))) for one in found.verdicts],
+        across=[
+            one._replace(one=strategy_label(one.one), other=strategy_label(one.other)) for one in found.across
+        ],
+        estimates=list(map(_with_marked_names, found.estimates)),
     )
 
 
-def _labelled(one: Comparison) -> Comparison:
-    return replace(one, sample=one.sample._replace(one=label(one.one), other=label(one.other)))
+def _with_marked_names(one: Comparison) -> Comparison:
+    return replace(
+        one, sample=one.sample._replace(one=strategy_label(one.one), other=strategy_label(one.other))
+    )
 
 
 def sentences(found: CampaignEvaluation) -> list[str]:
     """Return sentences on failures and declared comparisons; many comparisons are summarised."""
     decided = [one for one in found.verdicts if one.steps]
-    if len(decided) <= _MOST_SENTENCES:
+    if len(decided) <= _MAX_SENTENCES:
         return replace(found, verdicts=decided).sentences()
-    return [*replace(found, verdicts=[]).sentences(), *_counted(decided)]
+    return [*replace(found, verdicts=[]).sentences(), *_verdict_counts(decided)]
 
 
-def _counted(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
+def _verdict_counts(verdicts: Sequence[PairVerdict]) -> Iterator[str]:
     """Yield the number of conditions by verdict for each pair of strategies."""
     by_pair: dict[tuple[str, str], list[str]] = {}
     for one in verdicts:
@@ -67,25 +71,25 @@ def tables(view: ReportView, name: str, found: CampaignEvaluation) -> Iterator[P
     """Yield tables of all tests with p-values, and all estimates with intervals."""
     varies = any(one.variant for one in found.estimates)
     decided = [one for one in found.verdicts if one.steps]
-    if len(decided) > _MOST_SENTENCES:
+    if len(decided) > _MAX_SENTENCES:
         yield view.table(
             f"verdicts_{name}",
             "Verdict on each declared comparison, with the metric that decided it or left it undecided. "
             "Equivalent: within the margin by every test. Intervals: 95 %.",
-            map(_verdict, decided),
+            map(_verdict_row, decided),
         )
     yield view.table(
         f"tests_{name}",
         "Tests of the declared comparisons: exact randomisation tests of pairs. Rows without p (Holm) have "
         "too few differing pairs. Equivalence: the means differ by less than the margin.",
-        [_named(step, varies) | _test(step) for one in decided for step in one.steps],
+        [_comparison_names(step, varies) | _test_cells(step) for one in decided for step in one.steps],
     )
     yield view.table(
         f"cells_{name}",
         "Declared comparisons over all cells: mean difference in places within pairs, prediction interval "
         "for a new cell with as many seeds, and standard deviations. Mixed model with random effects of "
         "cells and seeds, fitted by restricted maximum likelihood; not a test.",
-        [_over_cells(one) for one in found.across if one.fitted is not None],
+        [_overall_row(one) for one in found.across if one.fitted is not None],
     )
     yield view.table(
         f"without_map_{name}",
@@ -100,12 +104,12 @@ def tables(view: ReportView, name: str, found: CampaignEvaluation) -> Iterator[P
         f"comparisons_{name}",
         "Estimates, without tests: means (restricted means for times). A12: probability that a run of the "
         "first is better than one of the second, ties counted half. Intervals: 95 %.",
-        [_estimate(one, varies) for one in found.estimates],
-        folded=len(found.estimates) > _MOST_OPEN,
+        [_estimate_row(one, varies) for one in found.estimates],
+        folded=len(found.estimates) > _MAX_UNFOLDED_ROWS,
     )
 
 
-def _named(one: Comparison, varies: bool) -> dict[str, Cell]:
+def _comparison_names(one: Comparison, varies: bool) -> dict[str, Cell]:
     where = {"condition": _condition(one.variant)} if varies else {}
     return {"first": one.one, "second": one.other, **where, "metric": one.says}
 
@@ -114,16 +118,16 @@ def _condition(variant: Variant) -> str:
     return ", ".join(f"{key} = {value}" for key, value in variant)
 
 
-def _verdict(one: PairVerdict) -> Row:
+def _verdict_row(one: PairVerdict) -> Row:
     """Return a verdict with the estimates of the metric tested last."""
     step = one.deciding or next((step for step in one.steps if not step.equivalent), one.steps[-1])
     names = {"first": step.one, "second": step.other, "condition": _condition(step.variant)}
     decided = {"result for the first": one.label, "metric": step.says}
     p = {"p (Holm)": step.adjusted if step.tested else None}
-    return names | decided | _numbers(step, "better on", "worse on") | p
+    return names | decided | _estimate_cells(step, "better on", "worse on") | p
 
 
-def _numbers(one: Comparison, better: str = "better", worse: str = "worse") -> dict[str, Cell]:
+def _estimate_cells(one: Comparison, better: str = "better", worse: str = "worse") -> dict[str, Cell]:
     """Return the estimates of a comparison; None for too few pairs."""
     columns = ("mean of first", "mean of second", "difference", better, worse, "A12")
     if not one.is_estimated:
@@ -132,7 +136,7 @@ def _numbers(one: Comparison, better: str = "better", worse: str = "worse") -> d
     return dict(zip(columns, cells, strict=True))
 
 
-def _test(step: Comparison) -> dict[str, Cell]:
+def _test_cells(step: Comparison) -> dict[str, Cell]:
     return {
         "pairs": len(step.sample.pairs),
         "differing pairs": step.test.differing,
@@ -143,7 +147,7 @@ def _test(step: Comparison) -> dict[str, Cell]:
     }
 
 
-def _over_cells(one: OverallEstimate) -> Row:
+def _overall_row(one: OverallEstimate) -> Row:
     assert one.fitted is not None
     return {
         "first": one.one,
@@ -158,9 +162,9 @@ def _over_cells(one: OverallEstimate) -> Row:
     }
 
 
-def _estimate(one: Comparison, varies: bool) -> Row:
+def _estimate_row(one: Comparison, varies: bool) -> Row:
     unit = f", {one.unit}" if one.unit not in {"", one.says} else ""
-    return _named(one, varies) | {"metric": one.says + unit} | _numbers(one)
+    return _comparison_names(one, varies) | {"metric": one.says + unit} | _estimate_cells(one)
 
 
 def study_sentences(sources: Sequence[RunSource]) -> list[str]:
@@ -174,10 +178,10 @@ def _description(source: RunSource) -> str:
         if source.conditions == (REAL,):
             return f"{source.name}: recordings of real robots from a field trial."
         (run,) = source.records
-        return f"{source.name}: one run of {label(run.strategy)} with seed {run.seed}."
+        return f"{source.name}: one run of {strategy_label(run.strategy)} with seed {run.seed}."
     parts = [
-        f"{source.name}: {', '.join(map(label, study.strategies))} in {_file(study.scenario)}, each with "
-        f"{study.seeds} common seeds ({_seeds(study)})"
+        f"{source.name}: {', '.join(map(strategy_label, study.strategies))} in {_file_name(study.scenario)}, "
+        f"each with {study.seeds} common seeds ({_seed_range(study)})"
     ]
     parts += [f"{factor.key} varies: {', '.join(map(str, factor.values))}" for factor in study.factors]
     if study.cells:
@@ -194,12 +198,12 @@ def _description(source: RunSource) -> str:
     return "; ".join(parts) + "."
 
 
-def _seeds(study: Study) -> str:
+def _seed_range(study: Study) -> str:
     first = FIRST_TUNING_SEED if study.tuning else 1
     return f"{first} to {first + study.seeds - 1}{', for tuning' if study.tuning else ''}"
 
 
-def _file(path: str) -> str:
+def _file_name(path: str) -> str:
     """Return a file name without folders."""
     return path.replace("\\", "/").rpartition("/")[2]
 
@@ -210,7 +214,7 @@ def failures(view: ReportView, sources: Sequence[RunSource]) -> PageTable:
     for source in sources:
         for condition, record in zip(source.conditions, source.records, strict=True):
             if record.failure is not None:
-                key = (condition, label(record.strategy), record.failure)
+                key = (condition, strategy_label(record.strategy), record.failure)
                 found.setdefault(key, []).append(str(record.seed))
     rows: list[Row] = [
         {
@@ -228,7 +232,7 @@ def failures(view: ReportView, sources: Sequence[RunSource]) -> PageTable:
 _CEILING: Final = 0.5
 """Share of complete runs from which a ceiling effect is reported."""
 
-_MOST_NAMES: Final = 4
+_MAX_NAMED_GROUPS: Final = 4
 """Groups named in a sentence about several groups."""
 
 
@@ -237,14 +241,14 @@ def caveats(sources: Sequence[RunSource], view: ReportView) -> list[str]:
     return [
         *_limited_use(sources, view),
         *_notes(sources),
-        *(line for one in sources if one.judgement is not None for line in one.judgement.too_few),
+        *(line for one in sources if one.evaluation is not None for line in one.evaluation.too_few),
         *_single_runs(sources),
-        *_incomplete(sources),
-        *_bounds(view),
-        *_limits(view),
-        *_deadlocked(view),
-        *(line for group in view.groups for line in _faults(view, group)),
-        *_software(sources),
+        *_incomplete_campaigns(sources),
+        *_upper_bounds(view),
+        *_ceiling_and_floor(view),
+        *_deadlock_caveats(view),
+        *(line for group in view.groups for line in _fault_caveats(view, group)),
+        *_software_caveats(sources),
     ]
 
 
@@ -279,17 +283,17 @@ def _single_runs(sources: Sequence[RunSource]) -> Iterator[str]:
     if singles:
         yield (
             f"{singles} of the folders contain a single run each, which is shown but not tested; "
-            f"a comparison needs at least {LEAST_PAIRS} pairs of runs of one campaign."
+            f"a comparison needs at least {MIN_PAIRS} pairs of runs of one campaign."
         )
     campaigns = len(sources) - singles
     if campaigns > 1:
         yield f"The {campaigns} campaigns are evaluated separately, and p-values are adjusted within each."
 
 
-def _incomplete(sources: Sequence[RunSource]) -> Iterator[str]:
+def _incomplete_campaigns(sources: Sequence[RunSource]) -> Iterator[str]:
     for one in sources:
         failed = sum(record.failure is not None for record in one.records)
-        pending = 0 if one.kept is None else len(one.kept.pending())
+        pending = 0 if one.store is None else len(one.store.pending())
         if pending:
             yield (
                 f"{one.name}: {pending} of {pending + len(one.records)} runs are missing; results may change."
@@ -301,13 +305,13 @@ def _incomplete(sources: Sequence[RunSource]) -> Iterator[str]:
             )
 
 
-def _bounds(view: ReportView) -> Iterator[str]:
+def _upper_bounds(view: ReportView) -> Iterator[str]:
     names = dict.fromkeys(one.strategy for one in view.groups if one.strategy in UPPER_BOUNDS)
     for name in names:
         yield f"{name} uses information that robots do not have; it is an upper bound, not a competitor."
 
 
-def _limits(view: ReportView) -> Iterator[str]:
+def _ceiling_and_floor(view: ReportView) -> Iterator[str]:
     """Yield caveats on ceiling and floor effects."""
     full = [
         f"{view.row_name(group)} ({done} of {len(group.results)})"
@@ -316,54 +320,58 @@ def _limits(view: ReportView) -> Iterator[str]:
     ]
     if full:
         yield (
-            f"At least half of the runs completed all places: {_groups(full)}. This ceiling effect hides "
+            f"At least half of the runs completed all places: {_group_list(full)}. This ceiling effect hides "
             "differences in places; use more robots or less time."
         )
     never = [
-        view.row_name(group) for group in view.groups if not any(completed(one).done for one in group.results)
+        view.row_name(group)
+        for group in view.groups
+        if not any(completion_time(one).done for one in group.results)
     ]
     if never:
         yield (
-            f"No run was complete: {_groups(never)}. The restricted mean is then the length of the runs, "
+            f"No run was complete: {_group_list(never)}. The restricted mean is then the length of the runs, "
             "a lower bound."
         )
 
 
 def _all_done(group: Group) -> int:
-    return sum(places(one) == one.places_total for one in group.results)
+    return sum(places_done_or_reported(one) == one.places_total for one in group.results)
 
 
-def _groups(names: Sequence[str]) -> str:
+def _group_list(names: Sequence[str]) -> str:
     """List the first groups, and the number of others."""
-    if len(names) <= _MOST_NAMES:
+    if len(names) <= _MAX_NAMED_GROUPS:
         return "; ".join(names)
-    return f"{'; '.join(names[:_MOST_NAMES])}; and {len(names) - _MOST_NAMES} more groups"
+    return f"{'; '.join(names[:_MAX_NAMED_GROUPS])}; and {len(names) - _MAX_NAMED_GROUPS} more groups"
 
 
-def _deadlocked(view: ReportView) -> Iterator[str]:
+def _deadlock_caveats(view: ReportView) -> Iterator[str]:
     """Yield the mean number of deadlocked pairs, which often decide a run."""
     counts = [
         f"{view.row_name(group)} {sum(run.pairs for run in runs) / len(runs):.2g} "
         f"({sum(run.came_free for run in runs)} of {sum(run.pairs for run in runs)} resolved)"
         for group in view.groups
-        if (runs := deadlocks(group))
+        if (runs := deadlock_counts(group))
     ]
     if counts:
-        yield f"Mean number of deadlocked pairs per run: {_groups(counts)}."
+        yield f"Mean number of deadlocked pairs per run: {_group_list(counts)}."
     elif any(one.is_simulated for group in view.groups for one in group.results):
         yield "Deadlocks were not recorded in these runs, although they often decide a run."
 
 
-def _faults(view: ReportView, group: Group) -> Iterator[str]:
-    untrue = sum(one.places_claimed - one.places_done for one in group.results if one.places_done is not None)
-    if untrue:
-        yield f"{view.row_name(group)}: {untrue} places were reported although no robot had visited them."
+def _fault_caveats(view: ReportView, group: Group) -> Iterator[str]:
+    unverified = sum(
+        one.places_claimed - one.places_done for one in group.results if one.places_done is not None
+    )
+    if unverified:
+        yield f"{view.row_name(group)}: {unverified} places were reported although no robot had visited them."
     lost = sum(one.undelivered > 0 for one in group.results if one.is_simulated)
     if lost:
         yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
 
 
-def _software(sources: Sequence[RunSource]) -> Iterator[str]:
+def _software_caveats(sources: Sequence[RunSource]) -> Iterator[str]:
     commits = dict.fromkeys(one.commit for one in sources if one.commit)
     if len(commits) > 1:
         yield f"The folders were made with different commits: {', '.join(commit[:12] for commit in commits)}."

@@ -14,9 +14,9 @@ from acrc_testbed.experiments.report.report_view import (
     ReportView,
     Row,
     RunSource,
-    label,
-    places,
-    read,
+    places_done_or_reported,
+    read_sources,
+    strategy_label,
 )
 from acrc_testbed.experiments.store import difference_sentences, isolation_sentences
 from acrc_testbed.experiments.study import Study
@@ -28,7 +28,7 @@ from actors.runtime import regular_file
 PAGE: Final = "report.html"
 _SECTIONS: Final[tuple[Callable[[ReportView], PageSection | None], ...]] = (
     sections.places_done,
-    sections.running,
+    sections.running_time,
     sections.completion,
     sections.robots,
     time_sections.causes,
@@ -57,7 +57,7 @@ def write(folders: Sequence[Path], out: Path) -> Path:
 
     Reproducible. Raises AcrcError for a folder without a campaign or run.
     """
-    sources = read(folders)
+    sources = read_sources(folders)
     out.mkdir(parents=True, exist_ok=True)
     page = compose(sources, out)
     regular_file.write_atomically(out / PAGE, rendering.html(*page).encode())
@@ -67,26 +67,30 @@ def write(folders: Sequence[Path], out: Path) -> Path:
 def compose(sources: Sequence[RunSource], out: Path) -> ReportPage:
     """Compose the page, and write its pictures and tables into the folder `out`."""
     sources = [
-        one if one.judgement is None else replace(one, judgement=findings.labelled(one.judgement))
+        one
+        if one.evaluation is None
+        else replace(one, evaluation=findings.with_upper_bounds_marked(one.evaluation))
         for one in sources
     ]
     view = ReportView(sources, out)
-    judged = [(one.name, one.judgement) for one in sources if one.judgement is not None]
-    kept = [(one.name, one.kept) for one in sources if one.kept is not None]
+    evaluations = [(one.name, one.evaluation) for one in sources if one.evaluation is not None]
+    stores = [(one.name, one.store) for one in sources if one.store is not None]
     description = [
         *findings.study_sentences(sources),
-        *dict.fromkeys(line for _, one in kept for line in isolation_sentences(one)),
+        *dict.fromkeys(line for _, one in stores for line in isolation_sentences(one)),
     ]
-    different = [f"{name}: {line}." for name, one in kept for line in difference_sentences(one)]
-    verdicts = [line for _, one in judged for line in findings.sentences(one)] or ["Nothing was compared."]
-    tables = [table for name, one in judged for table in findings.tables(view, name, one)]
-    with charts.applied():
-        made = [section(view) for section in _SECTIONS] if view.groups else []
+    different = [f"{name}: {line}." for name, one in stores for line in difference_sentences(one)]
+    verdicts = [line for _, one in evaluations for line in findings.sentences(one)] or [
+        "Nothing was compared."
+    ]
+    tables = [table for name, one in evaluations for table in findings.tables(view, name, one)]
+    with charts.style_context():
+        drawn = [section(view) for section in _SECTIONS] if view.groups else []
     failed = findings.failures(view, sources)
     shown = [
         PageSection("Study", description),
         PageSection("Results", [*different, *verdicts], None, tables, findings.caveats(sources, view)),
-        *(section for section in made if section is not None),
+        *(section for section in drawn if section is not None),
         *([PageSection("Failed runs", (), None, (failed,))] if failed.rows else []),
         origin(view, sources),
     ]
@@ -102,16 +106,16 @@ def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
         "folders",
         "Folders",
         [
-            {"folder": one.name, "commit": one.commit or "unknown", "command": _command(one)}
+            {"folder": one.name, "commit": one.commit or "unknown", "command": _command_text(one)}
             for one in sources
         ],
     )
-    versions = view.table("versions", "Package versions", _versions(sources))
+    versions = view.table("versions", "Package versions", _version_rows(sources))
     runs = view.table(
         "runs",
         "All runs",
         [
-            {"folder": one.name, "condition": condition, **_run(condition, record)}
+            {"folder": one.name, "condition": condition, **_run_row(condition, record)}
             for one in sources
             for condition, record in zip(one.conditions, one.records, strict=True)
         ],
@@ -124,16 +128,16 @@ def origin(view: ReportView, sources: Sequence[RunSource]) -> PageSection:
     return PageSection("Reproduction", text, None, (folders, versions, runs))
 
 
-def _command(source: RunSource) -> str:
+def _command_text(source: RunSource) -> str:
     study = source.study
     if study is None:
         return "acrc run or acrc fleet collect"
     if study.factors or study.cells or study.distributions or study.conditions == "drawn":
         return f"acrc campaign with the study in {source.name}/study.json"
-    return shlex.join(["acrc", "campaign", *_words(study)])
+    return shlex.join(["acrc", "campaign", *_option_words(study)])
 
 
-def _words(study: Study) -> Iterator[str]:
+def _option_words(study: Study) -> Iterator[str]:
     yield from ("--scenario", study.scenario.rpartition("/")[2])
     yield from ("--strategies", ",".join(study.strategies), "--seeds", str(study.seeds))
     for key, value in study.settings:
@@ -144,7 +148,7 @@ def _words(study: Study) -> Iterator[str]:
         yield "--isolate"
 
 
-def _versions(sources: Sequence[RunSource]) -> list[Row]:
+def _version_rows(sources: Sequence[RunSource]) -> list[Row]:
     found = Counter(
         pair
         for one in sources
@@ -157,17 +161,17 @@ def _versions(sources: Sequence[RunSource]) -> list[Row]:
     ]
 
 
-def _run(condition: str, record: TrialRecord) -> Row:
+def _run_row(condition: str, record: TrialRecord) -> Row:
     run = record.result
     simulated = run is not None and run.is_simulated
     row: dict[str, Cell] = dict.fromkeys(_RUN_COLUMNS)
-    row |= {"strategy": label(record.strategy), "failure": record.failure}
+    row |= {"strategy": strategy_label(record.strategy), "failure": record.failure}
     row["seed"] = None if condition == REAL else str(record.seed)
     if run is None:
         return row
     return row | {
         "navigation": run.origin.navigation or None if simulated else None,
-        "places": places(run),
+        "places": places_done_or_reported(run),
         "of": run.places_total,
         "complete at, s": run.completion_s,
         "ended at, s": run.settled_s,

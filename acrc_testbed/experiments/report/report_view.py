@@ -47,36 +47,36 @@ class RunSource:
     records: tuple[TrialRecord, ...]
     conditions: tuple[str, ...]
     """Condition of each record; runs of a condition are compared."""
-    kept: Store | None = None
+    store: Store | None = None
     """None: a single run."""
-    judgement: CampaignEvaluation | None = None
+    evaluation: CampaignEvaluation | None = None
 
     @property
     def study(self) -> Study | None:
         """Study of a campaign; None for a single run."""
-        return None if self.kept is None else self.kept.study
+        return None if self.store is None else self.store.study
 
     @property
     def commit(self) -> str:
         """Commit of the software; empty if unknown."""
-        if self.kept is not None:
-            return self.kept.commit
+        if self.store is not None:
+            return self.store.commit
         return "".join(record.result.origin.commit for record in self.records if record.result is not None)
 
 
-def read(folders: Sequence[Path]) -> tuple[RunSource, ...]:
+def read_sources(folders: Sequence[Path]) -> tuple[RunSource, ...]:
     """Read the folders, in their order. Raises AcrcError."""
     several = sum(map(store.is_campaign, folders)) > 1
-    named = zip(folders, _names(folders), strict=True)
+    named = zip(folders, _unique_names(folders), strict=True)
     return tuple(
-        _campaign(store.load(folder), name, several=several)
+        _campaign_source(store.load(folder), name, several=several)
         if store.is_campaign(folder)
-        else _single(folder, name)
+        else _run_source(folder, name)
         for folder, name in named
     )
 
 
-def _names(folders: Sequence[Path]) -> list[str]:
+def _unique_names(folders: Sequence[Path]) -> list[str]:
     """Return unique names of the folders, numbered if necessary."""
     found: list[str] = []
     for folder in folders:
@@ -86,17 +86,17 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return found
 
 
-def _campaign(kept: Store, name: str, *, several: bool) -> RunSource:
-    records = tuple(kept.records())
+def _campaign_source(store: Store, name: str, *, several: bool) -> RunSource:
+    records = tuple(store.records())
     variants = (", ".join(f"{key} = {value}" for key, value in one.variant.items()) for one in records)
     conditions = tuple(
-        ": ".join(part for part in (name if several else "", variant) if part) or kept.study.name
+        ": ".join(part for part in (name if several else "", variant) if part) or store.study.name
         for variant in variants
     )
-    return RunSource(name, records, conditions, kept, evaluate(kept))
+    return RunSource(name, records, conditions, store, evaluate(store))
 
 
-def _single(folder: Path, name: str) -> RunSource:
+def _run_source(folder: Path, name: str) -> RunSource:
     path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
     if path is None:
         raise AcrcError(
@@ -111,19 +111,19 @@ def _single(folder: Path, name: str) -> RunSource:
     return RunSource(name, (TrialRecord(origin.strategy or name, result.seed, {}, result),), (condition,))
 
 
-def places(part: RunResult | RobotResult) -> float:
+def places_done_or_reported(part: RunResult | RobotResult) -> float:
     """Return the places done; without ground truth, those that robots reported."""
     return float(part.places_claimed if part.places_done is None else part.places_done)
 
 
-def until(at: float | None, run: RunResult) -> Completion:
+def event_time(at: float | None, run: RunResult) -> Completion:
     """Return the time of an event in a run, censored at the end if `at` is None."""
     return Completion(run.length_s, False) if at is None else Completion(at, True)
 
 
-def completed(run: RunResult) -> Completion:
+def completion_time(run: RunResult) -> Completion:
     """Return when all places of a run were done."""
-    return until(run.completion_s, run)
+    return event_time(run.completion_s, run)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ class Group:
     @property
     def label(self) -> str:
         """Name of the strategy, marked if it is an upper bound."""
-        return label(self.strategy)
+        return strategy_label(self.strategy)
 
     @property
     def results(self) -> tuple[RunResult, ...]:
@@ -150,7 +150,7 @@ class Group:
         return tuple(one.time for one in self.records if one.time is not None)
 
 
-def label(strategy: str) -> str:
+def strategy_label(strategy: str) -> str:
     """Return a strategy's name, marked if it is an upper bound."""
     return f"{strategy} (upper bound)" if strategy in UPPER_BOUNDS else strategy
 
@@ -184,11 +184,11 @@ class ReportView:
         """Return the group's name, with its condition if there are several."""
         return f"{group.condition}: {group.label}" if self.has_conditions else group.label
 
-    def panels(self, made: Callable[[Group], T | None]) -> dict[str, list[T]]:
-        """Return the content of each condition's panel; `made`: item of a group, or None."""
+    def panels(self, content: Callable[[Group], T | None]) -> dict[str, list[T]]:
+        """Return the content of each condition's panel; `content`: item of a group, or None."""
         found: dict[str, list[T]] = {}
         for group in self.groups:
-            one = made(group)
+            one = content(group)
             if one is not None:
                 found.setdefault(group.condition, []).append(one)
         return found
@@ -217,21 +217,21 @@ class ReportView:
         numeric = [
             any(not isinstance(cell, str | None) for cell in column) for column in zip(*cells, strict=True)
         ]
-        return PageTable(caption, columns, [list(map(_written, row)) for row in cells], numeric, folded)
+        return PageTable(caption, columns, [list(map(_cell_text, row)) for row in cells], numeric, folded)
 
 
-def _written(cell: Cell) -> str:
+def _cell_text(cell: Cell) -> str:
     """Return the displayed text of a cell."""
     if cell is None:
         return "n/a"
     if isinstance(cell, Interval):
         if math.isnan(cell.low):
-            return _number(cell.value, 3)
-        return f"{_number(cell.value, 3)} [{_number(cell.low, 3)}, {_number(cell.high, 3)}]"
-    return cell if isinstance(cell, str) else _number(cell, 4)
+            return _number_text(cell.value, 3)
+        return f"{_number_text(cell.value, 3)} [{_number_text(cell.low, 3)}, {_number_text(cell.high, 3)}]"
+    return cell if isinstance(cell, str) else _number_text(cell, 4)
 
 
-def _number(value: float, digits: int) -> str:
+def _number_text(value: float, digits: int) -> str:
     """Return a number with `digits` significant digits, and all integer digits."""
     if abs(value) >= 10**digits or value == int(value):
         return f"{value:.0f}"
@@ -249,12 +249,14 @@ def _csv(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     )
     writer.writerow(itertools.chain.from_iterable(heads))
     for row in rows:
-        cells = (_cells(cell) if wide else (cell,) for cell, wide in zip(row, intervals, strict=True))
+        cells = (
+            _interval_cells(cell) if wide else (cell,) for cell, wide in zip(row, intervals, strict=True)
+        )
         writer.writerow(itertools.chain.from_iterable(cells))
     return into.getvalue()
 
 
-def _cells(cell: Cell) -> Sequence[Cell]:
+def _interval_cells(cell: Cell) -> Sequence[Cell]:
     if not isinstance(cell, Interval):
         return None, None, None
     return tuple(None if math.isnan(one) else one for one in cell)

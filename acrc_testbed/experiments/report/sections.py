@@ -9,7 +9,14 @@ from scipy.stats import binomtest
 from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Box, Curve, Dot
-from acrc_testbed.experiments.report.report_view import Group, ReportView, Row, completed, places, until
+from acrc_testbed.experiments.report.report_view import (
+    Group,
+    ReportView,
+    Row,
+    completion_time,
+    event_time,
+    places_done_or_reported,
+)
 from acrc_testbed.experiments.statistical_models import Completion, kaplan_meier, restricted_mean
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
@@ -17,7 +24,7 @@ from acrc_testbed.results.outcome import outcome_means
 from acrc_testbed.results.result import RunResult
 from actors.ieee802154 import airtime_ns
 
-_MOST_PANELS: Final = 12
+_MAX_PANELS: Final = 12
 """Groups up to which times by robot are drawn; tables always have them."""
 _AT_LEAST: Final = "A hollow triangle is a censored run: its true value is larger."
 _BOX: Final = (
@@ -27,10 +34,10 @@ _BOX: Final = (
 _SPREAD: Final = ("minimum", "1st quartile", "median", "3rd quartile", "maximum")
 
 
-def _boxed(
+def _box_plot(
     view: ReportView,
     name: str,
-    of: Callable[[RunResult], Completion],
+    measure: Callable[[RunResult], Completion],
     *,
     what: str,
     unit: str,
@@ -43,18 +50,18 @@ def _boxed(
 ) -> tuple[PagePicture, PageTable]:
     """Draw box plots of one quantity, and write its table.
 
-    `of`: value of a run, or its lower bound. `what`: name in the alternative text. `table`: caption of the
-    table; `more`: its additional cells. For the others see charts.boxes.
+    `measure`: returns the value of a run, or a lower bound. `what`: name in the alternative text. `table`:
+    caption of the table; `more`: returns further cells of a group. For the others see `charts.draw_boxes`.
     """
-    values = {group: [of(run) for run in group.results] for group in view.groups}
+    values = {group: [measure(run) for run in group.results] for group in view.groups}
     numbers = {group: [one.at for one in runs] for group, runs in values.items()}
     medians = "; ".join(
         f"{view.row_name(group)} {float(np.median(known)):.4g}{unit}" for group, known in numbers.items()
     )
-    boxes = view.panels(lambda group: _box(group.label, view, group, values[group]))
+    boxes = view.panels(lambda group: _box_of(group.label, view, group, values[group]))
     picture = view.picture(
         name,
-        charts.boxes(boxes, axis, limit=limit, near=near),
+        charts.draw_boxes(boxes, axis, limit=limit, near=near),
         f"Box plots of {what}. Medians: {medians}. The table below has all numbers.",
         caption,
     )
@@ -68,9 +75,9 @@ def _boxed(
     return picture, view.group_table(name, table, row)
 
 
-def _box(name: str, view: ReportView, group: Group, runs: Sequence[Completion]) -> Box:
-    open_ones = tuple(run.at for run in runs if not run.done)
-    return Box(name, view.look(group), tuple(run.at for run in runs), open_ones)
+def _box_of(name: str, view: ReportView, group: Group, runs: Sequence[Completion]) -> Box:
+    lower_bounds = tuple(run.at for run in runs if not run.done)
+    return Box(name, view.look(group), tuple(run.at for run in runs), lower_bounds)
 
 
 def places_done(view: ReportView) -> PageSection:
@@ -81,24 +88,26 @@ def places_done(view: ReportView) -> PageSection:
     if any(run.places_done is None for run in runs):
         text.append("Places of real robots are as reported, without ground truth.")
 
-    def of(group: Group) -> Row:
-        own = sorted({run.places_total for run in group.results})
-        return {"total": own[0] if len(own) == 1 else f"{own[0]} to {own[-1]}"}
+    def total(group: Group) -> Row:
+        group_totals = sorted({run.places_total for run in group.results})
+        return {
+            "total": group_totals[0] if len(group_totals) == 1 else f"{group_totals[0]} to {group_totals[-1]}"
+        }
 
-    picture, table = _boxed(
-        view, "places", lambda run: Completion(places(run), True), what="places done", unit="",
-        axis="places done", table="Places done", more=of, near=True,
+    picture, table = _box_plot(
+        view, "places", lambda run: Completion(places_done_or_reported(run), True), what="places done",
+        unit="", axis="places done", table="Places done", more=total, near=True,
         limit=(float(max(totals)), f"all {max(totals)} places") if len(totals) == 1 else None,
         caption="Places done in each run (as in the chapter's Fig. 7.10).",
     )  # fmt: skip
     return PageSection("Places done", (*text, _BOX), picture, (table,))
 
 
-def running(view: ReportView) -> PageSection:
+def running_time(view: ReportView) -> PageSection:
     """Return the section on running time: first box plot of Fig. 7.10."""
-    picture, table = _boxed(
-        view, "running_time", lambda run: until(run.settled_s, run), what="running time", unit=" s",
-        axis="simulated s", table="Running time until done or given up, s", limit=_end(view),
+    picture, table = _box_plot(
+        view, "running_time", lambda run: event_time(run.settled_s, run), what="running time", unit=" s",
+        axis="simulated s", table="Running time until done or given up, s", limit=_run_end(view),
         more=lambda group: {"settled": sum(run.settled_s is not None for run in group.results)},
         caption="Running time until all places were done or given up (as in Fig. 7.10).",
     )  # fmt: skip
@@ -110,7 +119,7 @@ def running(view: ReportView) -> PageSection:
     return PageSection("Running time until done or given up", text, picture, (table,))
 
 
-def _end(view: ReportView) -> tuple[float, str] | None:
+def _run_end(view: ReportView) -> tuple[float, str] | None:
     """Return the length of the runs with a label, if equal for all."""
     lengths = {run.length_s for group in view.groups for run in group.results}
     return (max(lengths), "end of run") if len(lengths) == 1 else None
@@ -119,9 +128,9 @@ def _end(view: ReportView) -> tuple[float, str] | None:
 def completion(view: ReportView) -> PageSection:
     """Return the section on completion: Kaplan-Meier curves and their summary."""
     lengths = view.panels(lambda group: max(run.length_s for run in group.results))
-    horizons = {condition: max(some) for condition, some in lengths.items()}
-    runs = {group: tuple(map(completed, group.results)) for group in view.groups}
-    done = {group: sum(run.done for run in some) for group, some in runs.items()}
+    horizons = {condition: max(values) for condition, values in lengths.items()}
+    runs = {group: tuple(map(completion_time, group.results)) for group in view.groups}
+    done = {group: sum(run.done for run in group_runs) for group, group_runs in runs.items()}
 
     def curve(group: Group) -> Curve:
         return Curve(group.label, view.look(group), kaplan_meier(runs[group]), runs[group])
@@ -146,7 +155,7 @@ def completion(view: ReportView) -> PageSection:
     counts = "; ".join(f"{view.row_name(one)} {done[one]} of {len(one.results)}" for one in view.groups)
     picture = view.picture(
         "completion",
-        charts.completion(view.panels(curve), max(horizons.values())),
+        charts.draw_completion(view.panels(curve), max(horizons.values())),
         f"Share of completed runs over simulated time. Complete at the end: {counts}. The tables below have "
         "all numbers.",
         "Share of runs with all places done, with 95 % bands; ticks are censored runs.",
@@ -173,7 +182,7 @@ def robots(view: ReportView) -> PageSection:
 
     def runs_of(group: Group, robot: str) -> list[Completion]:
         runs = (run for run in group.results if robot in run.per_robot)
-        return [until(run.per_robot[robot].completion_s, run) for run in runs]
+        return [event_time(run.per_robot[robot].completion_s, run) for run in runs]
 
     def rows(group: Group) -> Iterator[Row]:
         horizon = max(run.length_s for run in group.results)
@@ -184,7 +193,7 @@ def robots(view: ReportView) -> PageSection:
                 "robot": robot,
                 "runs": len(parts),
                 "total": max(part.places_total for part in parts),
-                "done, mean": sum(map(places, parts)) / len(parts),
+                "done, mean": sum(map(places_done_or_reported, parts)) / len(parts),
                 "all done in": sum(run.done for run in runs),
                 "restricted mean, s": restricted_mean(runs, horizon),
             }
@@ -192,15 +201,15 @@ def robots(view: ReportView) -> PageSection:
     caption = "Each robot's own places: mean number done, and time of the last"
     table = view.group_table("robots", caption, rows)
     text = "Time at which the last of a robot's own places was done, by whichever robot."
-    if len(view.groups) > _MOST_PANELS:
+    if len(view.groups) > _MAX_PANELS:
         return PageSection("Results by robot", (text,), None, (table,))
     boxed = {
-        view.row_name(group): [_box(robot, view, group, runs_of(group, robot)) for robot in _robots(group)]
+        view.row_name(group): [_box_of(robot, view, group, runs_of(group, robot)) for robot in _robots(group)]
         for group in view.groups
     }
     picture = view.picture(
         "robots",
-        charts.boxes(boxed, "simulated s", limit=_end(view)),
+        charts.draw_boxes(boxed, "simulated s", limit=_run_end(view)),
         "Box plots of the time at which each robot's own places were done, a panel for each strategy. "
         "The table below has all numbers.",
         "Time until a robot's own places were done.",
@@ -223,7 +232,7 @@ def radio(view: ReportView) -> PageSection:
             if mean:
                 yield {"counter": name.replace("_", " "), "mean": mean}
 
-    picture, table = _boxed(
+    picture, table = _box_plot(
         view, "radio", lambda run: Completion(run.radio_bytes_per_robot_s, True), what="radio load",
         unit=" octets/s", axis="octets on the air per robot and s", near=True,
         caption="Octets on the air per robot and second.", table="Octets on the air per robot and s",
@@ -252,18 +261,18 @@ def cpu_ms(run: RunResult) -> float | None:
     return 1000.0 * run.cpu_s / _robot_seconds(run) if run.is_simulated else None
 
 
-def _freed(run: RunResult, record: TrialRecord) -> float | None:
+def _mean_time_to_drive_on(run: RunResult, record: TrialRecord) -> float | None:
     """Return the mean time from being blocked to driving on after a decision, s."""
     decisions = () if record.time is None else record.time.decisions
     times = [one.blocked_s + one.free_after_s for one in decisions if one.free_after_s is not None]
     return sum(times) / len(times) if times else None
 
 
-def _decisions(run: RunResult, record: TrialRecord) -> float | None:
+def _decision_count(run: RunResult, record: TrialRecord) -> float | None:
     return None if record.time is None else float(len(record.time.decisions) + record.time.decisions_left_out)
 
 
-def _adoptions(run: RunResult, record: TrialRecord) -> float | None:
+def _adoption_count(run: RunResult, record: TrialRecord) -> float | None:
     """Return the number of adoptions; None if unknown or not all decisions are listed."""
     if record.time is None or record.time.decisions_left_out or not run.deeco.counters:
         return None
@@ -273,18 +282,18 @@ def _adoptions(run: RunResult, record: TrialRecord) -> float | None:
 class Cost(NamedTuple):
     """A measure of cost of a run."""
 
-    says: str
-    """Description with unit."""
-    of: Callable[[RunResult, TrialRecord], float | None]
+    description: str
+    """With unit."""
+    measure: Callable[[RunResult, TrialRecord], float | None]
     """None: unknown."""
 
 
 COSTS: Final = (
     Cost("octets on the air per robot and s", lambda run, _: run.radio_bytes_per_robot_s),
     Cost("air time of a robot, % of the time", lambda run, _: airtime_percent(run)),
-    Cost("adoptions in a run", _adoptions),
-    Cost("decisions of the adaptation in a run", _decisions),
-    Cost("time from blocked to driving on, s", _freed),
+    Cost("adoptions in a run", _adoption_count),
+    Cost("decisions of the adaptation in a run", _decision_count),
+    Cost("time from blocked to driving on, s", _mean_time_to_drive_on),
     Cost("CPU, ms per robot and simulated s", lambda run, _: cpu_ms(run)),
     Cost("metres driven by all robots", lambda run, _: run.driven_m),
     Cost("contacts in a run", lambda run, _: run.contacts),
@@ -292,23 +301,23 @@ COSTS: Final = (
 )
 
 
-def _own(name: str) -> Cost:
+def _outcome_cost(name: str) -> Cost:
     """Return the cost of a value returned by outcome()."""
     return Cost(f"outcome.{name}", lambda run, _: outcome_means(run.outcome).get(name))
 
 
 def costs(view: ReportView) -> PageSection:
     """Return the section on all known costs."""
-    own = dict.fromkeys(
+    outcome_names = dict.fromkeys(
         name for group in view.groups for run in group.results for name in outcome_means(run.outcome)
     )
     values = {
-        (cost.says, group): [
+        (cost.description, group): [
             float(value)
             for record in group.records
-            if record.result is not None and (value := cost.of(record.result, record)) is not None
+            if record.result is not None and (value := cost.measure(record.result, record)) is not None
         ]
-        for cost in (*COSTS, *map(_own, own))
+        for cost in (*COSTS, *map(_outcome_cost, outcome_names))
         for group in view.groups
     }
     names = dict.fromkeys(name for name, _ in values)
@@ -330,7 +339,7 @@ def costs(view: ReportView) -> PageSection:
     zero = [name for name in known if name not in drawn]
     if zero:
         text.append(f"Zero in every run: {'; '.join(zero)}.")
-    if own:
+    if outcome_names:
         text.append(
             "outcome.NAME: value returned by the strategy's outcome(), mean over robots, not verified."
         )
@@ -339,7 +348,7 @@ def costs(view: ReportView) -> PageSection:
         text.append(f"Not recorded in these runs: {'; '.join(missing)}.")
     picture = view.picture(
         "cost",
-        charts.dots(dots),
+        charts.draw_dots(dots),
         f"Means with intervals, a panel for each of: {'; '.join(dots)}. The table below has all numbers.",
         "Means over runs with 95 % intervals; each panel has its own axis from zero.",
     )

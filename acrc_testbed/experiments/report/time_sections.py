@@ -15,12 +15,12 @@ from actors.observer.glyphs import CAUSE_GLYPHS, hexadecimal
 
 CAUSE_STYLES: Final = {word: (hexadecimal(glyph.colour), glyph.hatch) for word, glyph in CAUSE_GLYPHS.items()}
 """Colour and hatch of each cause, driving first."""
-_MOST_LISTED: Final = 500
+_MAX_LISTED: Final = 500
 
 
 def causes(view: ReportView) -> PageSection | None:
     """Return the section on robots' time by cause; None if unknown."""
-    shares = {group: _shares(group) for group in view.groups if group.times}
+    shares = {group: _cause_shares(group) for group in view.groups if group.times}
     if not shares:
         return None
     bars = view.panels(lambda group: Bar(group.label, shares[group]) if group in shares else None)
@@ -50,7 +50,7 @@ def causes(view: ReportView) -> PageSection | None:
         ),
         view.picture(
             "time",
-            charts.bars(
+            charts.draw_bars(
                 bars, {name: how for name, how in CAUSE_STYLES.items() if name in seen}, "share of robot time"
             ),
             f"Stacked bars of the share of robot time by cause. {text}. The tables below have all numbers.",
@@ -63,7 +63,7 @@ def causes(view: ReportView) -> PageSection | None:
     )
 
 
-def _shares(group: Group) -> dict[str, float]:
+def _cause_shares(group: Group) -> dict[str, float]:
     total = Counter[str]()
     for run in group.times:
         for parts in run.robots.values():
@@ -86,15 +86,15 @@ def blockings(view: ReportView) -> PageSection | None:
         ),
         None,
         (
-            view.group_table("blockings", "Blockings, all runs together", _blockings),
-            view.group_table("deadlocks", "Deadlocked pairs of robots", _deadlocks),
-            view.group_table("diagnosis", "Diagnosis by the strategy", _diagnosis),
-            view.group_table("findings", "Other findings", _findings),
+            view.group_table("blockings", "Blockings, all runs together", _blocking_rows),
+            view.group_table("deadlocks", "Deadlocked pairs of robots", _deadlock_rows),
+            view.group_table("diagnosis", "Diagnosis by the strategy", _diagnosis_rows),
+            view.group_table("findings", "Other findings", _finding_rows),
         ),
     )
 
 
-def _blockings(group: Group) -> Iterator[Row]:
+def _blocking_rows(group: Group) -> Iterator[Row]:
     events = [event for run in group.times for event in run.blockings]
     for place, cause in sorted({(event.place, event.cause) for event in events}):
         of_kind = [event for event in events if (event.place, event.cause) == (place, cause)]
@@ -108,37 +108,37 @@ def _blockings(group: Group) -> Iterator[Row]:
         }
 
 
-def deadlocks(group: Group) -> tuple[DeadlockCount, ...]:
+def deadlock_counts(group: Group) -> tuple[DeadlockCount, ...]:
     """Return the deadlock counts of a group's runs, where known."""
     return tuple(run.deadlocks for run in group.times if run.deadlocks is not None)
 
 
-def _deadlocks(group: Group) -> Iterator[Row]:
-    if runs := deadlocks(group):
+def _deadlock_rows(group: Group) -> Iterator[Row]:
+    if runs := deadlock_counts(group):
         pairs, free = sum(run.pairs for run in runs), sum(run.came_free for run in runs)
         yield {"runs": len(runs), "pairs": pairs, "resolved": free, "pairs per run": pairs / len(runs)}
 
 
-def _diagnosis(group: Group) -> Iterator[Row]:
+def _diagnosis_rows(group: Group) -> Iterator[Row]:
     scores = [run.diagnosis for run in group.times if run.diagnosis is not None]
     if scores:
         yield {
             "runs": len(scores),
-            "precision": _known([score.precision for score in scores]),
-            "recall": _known([score.recall for score in scores]),
-            "delay, s": _known([score.delay_s for score in scores]),
+            "precision": _known_mean([score.precision for score in scores]),
+            "recall": _known_mean([score.recall for score in scores]),
+            "delay, s": _known_mean([score.delay_s for score in scores]),
             "spells": sum(score.spells for score in scores),
             "detected": sum(score.noticed for score in scores),
             "false alarms": sum(score.false_alarms for score in scores),
         }
 
 
-def _findings(group: Group) -> Iterator[Row]:
+def _finding_rows(group: Group) -> Iterator[Row]:
     for name, runs in Counter(one.name for run in group.times for one in run.findings).items():
         yield {"finding": name, "runs": runs}
 
 
-def _known(results: list[float | None]) -> Cell:
+def _known_mean(results: list[float | None]) -> Cell:
     """Return the mean of known values; None without any."""
     values = [value for value in results if value is not None]
     return float(np.mean(values)) if values else None
@@ -151,21 +151,24 @@ def decisions(view: ReportView) -> PageSection | None:
     left_out = sum(run.decisions_left_out for group in view.groups for run in group.times)
     more = (f"{left_out} further decisions are not listed.",) if left_out else ()
     all_runs = "Decisions, all runs together; times are medians over robots that drove on"
-    themselves = f"All decisions, at most {_MOST_LISTED} of each strategy"
+    listed = f"All decisions, at most {_MAX_LISTED} of each strategy"
     return PageSection(
         "Decisions of the adaptation",
         ("Decisions by trigger and outcome.", *more),
         None,
         (
-            view.group_table("decisions", all_runs, _by_outcome),
+            view.group_table("decisions", all_runs, _outcome_rows),
             view.group_table(
-                "decision_events", themselves, lambda group: list(_events(group))[:_MOST_LISTED], folded=True
+                "decision_events",
+                listed,
+                lambda one: list(_decision_rows(one))[:_MAX_LISTED],
+                folded=True,
             ),
         ),
     )
 
 
-def _by_outcome(group: Group) -> Iterator[Row]:
+def _outcome_rows(group: Group) -> Iterator[Row]:
     events = [event for run in group.times for event in run.decisions]
     for trigger, outcome in sorted({(event.trigger, event.outcome) for event in events}):
         of_kind = [event for event in events if (event.trigger, event.outcome) == (trigger, outcome)]
@@ -185,7 +188,7 @@ def _by_outcome(group: Group) -> Iterator[Row]:
         }
 
 
-def _events(group: Group) -> Iterator[Row]:
+def _decision_rows(group: Group) -> Iterator[Row]:
     for record in group.records:
         for event in () if record.time is None else record.time.decisions:
             yield {
@@ -194,18 +197,18 @@ def _events(group: Group) -> Iterator[Row]:
                 "robot": event.robot,
                 "trigger": event.trigger,
                 "decision": event.words,
-                "knowledge of": _knowledge(event),
-                "old goal": _goal(event.old_goal),
-                "new goal": _goal(event.new_goal),
+                "knowledge of": _knowledge_text(event),
+                "old goal": _goal_text(event.old_goal),
+                "new goal": _goal_text(event.new_goal),
                 "outcome": event.outcome,
                 "stood for, s": event.blocked_s,
                 "free after, s": event.free_after_s,
             }
 
 
-def _knowledge(event: DecisionEvent) -> str:
+def _knowledge_text(event: DecisionEvent) -> str:
     return "; ".join(f"{one.source}, {one.age_s:.1f} s old" for one in event.knowledge)
 
 
-def _goal(goal: tuple[float, float] | None) -> str:
+def _goal_text(goal: tuple[float, float] | None) -> str:
     return "none" if goal is None else f"({goal[0]:.2f}, {goal[1]:.2f})"

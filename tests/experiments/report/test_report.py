@@ -16,7 +16,7 @@ from statsmodels.stats.proportion import proportion_confint
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.evaluation import evaluate
 from acrc_testbed.experiments.report import report_page
-from acrc_testbed.experiments.report.report_view import REAL, read
+from acrc_testbed.experiments.report.report_view import REAL, read_sources
 from acrc_testbed.experiments.study import Factor, Study, Trial
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RobotResult, RunResult, field_trial_struct
@@ -147,7 +147,7 @@ def test_every_run_stands_in_the_table_of_runs_failures_too(written: Path) -> No
 
 
 def test_every_picture_has_numbers_words_and_files(folder: Path, tmp_path: Path) -> None:
-    page = report_page.compose(read([folder]), tmp_path)
+    page = report_page.compose(read_sources([folder]), tmp_path)
     pictured = [one for one in page.sections if one.picture is not None]
     assert len(pictured) == 7
     for one in pictured:
@@ -237,7 +237,7 @@ def test_caveats_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None:
     trial = next(iter(study.trials()))
 
     def cautions() -> Sequence[str]:
-        return report_page.compose(read([tmp_path / "few"]), tmp_path).sections[1].warnings
+        return report_page.compose(read_sources([tmp_path / "few"]), tmp_path).sections[1].warnings
 
     told = " ".join(cautions())
     store.load(tmp_path / "few").path(trial).unlink()
@@ -291,7 +291,7 @@ def put(folder: Path, name: str, result: RunResult) -> Path:
 def test_a_report_on_real_robots_and_a_run(plain: RunResult, tmp_path: Path) -> None:
     real = put(tmp_path / "friday", "run.json", field_trial(plain))
     run = put(tmp_path / "simulated", "result/run.json", plain)
-    sources = read([real, run])
+    sources = read_sources([real, run])
     assert [one.conditions[0] for one in sources] == [REAL, "one scenario, 1 robots, 1 s"]
     assert [one.records[0].strategy for one in sources] == ["friday", "chapter"]
     page = report_page.write([real, run], tmp_path / "out").read_text()
@@ -317,8 +317,8 @@ def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path
         Study(name="chapter", scenario="/s.toml", strategies=("none",), seeds=1),
         thirty,
     )
-    assert read([one])[0].conditions == ("robots.count = 4", "robots.count = 8")
-    assert [source.conditions for source in read([one, other])] == [
+    assert read_sources([one])[0].conditions == ("robots.count = 4", "robots.count = 8")
+    assert [source.conditions for source in read_sources([one, other])] == [
         ("one: robots.count = 4", "one: robots.count = 8"),
         ("one-2",),
     ]
@@ -326,7 +326,7 @@ def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path
 
 def test_a_folder_that_holds_nothing_is_named(tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match="contains no campaign and no result of a run"):
-        read([tmp_path])
+        read_sources([tmp_path])
     (tmp_path / "run.json").write_text('{"digest": 3}')
     with pytest.raises(AcrcError, match=r"run\.json: invalid result of a run: digest is 3, but must be"):
-        read([tmp_path])
+        read_sources([tmp_path])
