@@ -32,7 +32,7 @@ class Campaign:
 
         from acrc_testbed.experiments import campaign
 
-        return pyarrow.table(campaign.columns(self._kept()))
+        return pyarrow.table(campaign.columns(self._store()))
 
     @arguments_named()
     def compare(self, metric: str | None = None) -> "list[Comparison]":
@@ -45,23 +45,22 @@ class Campaign:
 
         if metric is not None and not comparison.is_metric(metric):
             raise wrong_value("metric", metric, comparison.CHOICE)
-        return list(evaluate(self._kept(), metric).estimates)
+        return list(evaluate(self._store(), metric).estimates)
 
     @arguments_named()
     def sentences(self) -> list[str]:
         """Return failures and results of the declared comparisons as sentences."""
         from acrc_testbed.experiments.evaluation import evaluate
 
-        return evaluate(self._kept()).sentences()
+        return evaluate(self._store()).sentences()
 
-    def _kept(self) -> "Store":
-        from acrc_testbed.experiments import store
-        from acrc_testbed.experiments.store import difference_sentences
+    def _store(self) -> "Store":
+        from acrc_testbed.experiments.store import difference_sentences, load_store
 
-        kept = store.load(self.folder)
-        for sentence in difference_sentences(kept):
+        store = load_store(self.folder)
+        for sentence in difference_sentences(store):
             warnings.warn(sentence, stacklevel=3)
-        return kept
+        return store
 
 
 @arguments_named()
@@ -81,8 +80,9 @@ def campaign(
     Arguments have the meaning of the options of `acrc campaign`. `out`: folder of the campaign; None:
     campaigns/NAME. `overwrite`: delete an existing campaign instead of resuming it.
     """
-    from acrc_testbed.experiments import campaign, store
+    from acrc_testbed.experiments import campaign
     from acrc_testbed.experiments.campaign import CampaignOptions, run_campaign
+    from acrc_testbed.experiments.store import create_store
     from acrc_testbed.experiments.trial_settings import StudyOptions, check_study, make_study
     from acrc_testbed.results.seal import seal
     from actors.robot.behaviour.code_permit import permit_of
@@ -96,18 +96,18 @@ def campaign(
     _, folders = check_study(prepared, permit_of([Path(one) for one in modules], trust=trust), file)
     folder = Path(out or Path("campaigns", prepared.name)).absolute()
     with out_folder.replace_folder(folder, "study.json") if overwrite else nullcontext():
-        kept = store.create(folder, prepared)
+        store = create_store(folder, prepared)
         try:
-            run_campaign(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
+            run_campaign(store, CampaignOptions(jobs, check_every=check_every, modules=folders))
         finally:
-            campaign.write_tables(kept)
-            seal(kept.folder)
-    return Campaign(kept.folder)
+            campaign.write_tables(store)
+            seal(store.folder)
+    return Campaign(store.folder)
 
 
 @arguments_named()
 def open_campaign(folder: str | PathLike[str]) -> Campaign:
     """Open the campaign in a folder. Raises AcrcError if there is none or its files were changed."""
-    from acrc_testbed.experiments import store
+    from acrc_testbed.experiments.store import load_store
 
-    return Campaign(store.load(Path(folder)).folder.absolute())
+    return Campaign(load_store(Path(folder)).folder.absolute())

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from acrc_testbed.command_line.shared_options import answer
 from acrc_testbed.experiments import campaign as campaigns
-from acrc_testbed.experiments import comparison, frozen_plan, store, verdicts
+from acrc_testbed.experiments import comparison, frozen_plan, verdicts
 from acrc_testbed.experiments.campaign import CampaignOptions
 from acrc_testbed.experiments.comparison import (
     Comparison,
@@ -30,7 +30,16 @@ from acrc_testbed.experiments.evaluation import (
     verdict_sentence,
 )
 from acrc_testbed.experiments.paired_tests import MIN_PAIRS, AssumedEffect, Interval, pairs_needed
-from acrc_testbed.experiments.store import difference_sentences, isolation_sentences, plan_text
+from acrc_testbed.experiments.store import (
+    Store,
+    create_store,
+    difference_sentences,
+    find_plan,
+    isolation_sentences,
+    load_store,
+    plan_text,
+    record_plan,
+)
 from acrc_testbed.experiments.study import load_study
 from acrc_testbed.experiments.trial_settings import (
     StudyOptions,
@@ -80,62 +89,62 @@ def campaign(
     if study.isolated and options.on is None:
         choose_isolation(True)  # fails once here, not in each run
     source = study_path(study_options)
-    hints, modules = check_study(study, permit, source)
-    plan_file = store.find_plan(plan, None if study.tuning else source)
+    warnings, modules = check_study(study, permit, source)
+    plan_file = find_plan(plan, None if study.tuning else source)
     options = replace(options, modules=modules)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
-    kept = store.create(folder.absolute(), study)
-    watch = verdicts.InterimAnalysis(kept) if until_decided else None
-    if watch is not None:
-        kept.declare_looks()
-    frozen = store.record_plan(kept, plan_file, source, looks=until_decided)
-    say = create_console(stderr=True)
-    least = MIN_PAIRS if watch is None else watch.rules.least
-    for line in [] if json_output else (*notes, *hints, *power_warnings(study, least), *frozen):
-        say.print(line)
-    enough = (lambda: False) if watch is None else watch.is_decided
+    store = create_store(folder.absolute(), study)
+    analysis = verdicts.InterimAnalysis(store) if until_decided else None
+    if analysis is not None:
+        store.declare_looks()
+    frozen = record_plan(store, plan_file, source, looks=until_decided)
+    console = create_console(stderr=True)
+    least = MIN_PAIRS if analysis is None else analysis.rules.least
+    for line in [] if json_output else (*notes, *warnings, *power_warnings(study, least), *frozen):
+        console.print(line)
+    is_decided = (lambda: False) if analysis is None else analysis.is_decided
     try:
-        with progress_display(quiet=json_output) as follow:
-            progress = campaigns.run_campaign(kept, options, follow, enough)
+        with progress_display(quiet=json_output) as on_progress:
+            progress = campaigns.run_campaign(store, options, on_progress, is_decided)
     except Interruption as interrupt:
-        say.print(f"acrc: interrupted; the same command resumes from {folder}")
+        console.print(f"acrc: interrupted; the same command resumes from {folder}")
         raise typer.Exit(interrupt.exit_code) from None
     finally:
-        campaigns.write_tables(kept)
-        seal(kept.folder)
-    different = difference_sentences(kept)
+        campaigns.write_tables(store)
+        seal(store.folder)
+    different = difference_sentences(store)
     data = {
         "out": folder,
         **msgspec.to_builtins(progress),
-        "protection": isolation_sentences(kept),
+        "protection": isolation_sentences(store),
         "differing": different,
-        "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
-        "coincide": identical_starts(kept.records()),
+        "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in store.checks()],
+        "coincide": identical_starts(store.records()),
     }
-    answer(() if json_output else _lines(kept, folder, progress, watch), data, json=json_output)
-    _warn(different)
+    answer(() if json_output else _final_sentences(store, folder, progress, analysis), data, json=json_output)
+    _print_warnings(different)
     if different:
         raise typer.Exit(1)
 
 
-def _lines(
-    kept: store.Store,
+def _final_sentences(
+    store: Store,
     folder: Path,
     progress: campaigns.CampaignProgress,
-    watch: verdicts.InterimAnalysis | None,
+    analysis: verdicts.InterimAnalysis | None,
 ) -> Iterator[str]:
     """Yield the final sentences."""
-    yield from isolation_sentences(kept)
+    yield from isolation_sentences(store)
     failed: dict[str, list[str]] = {}
-    for record in kept.records():
+    for record in store.records():
         if record.failure is not None:
             failed.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
     for cause, runs in failed.items():
         yield f"failed: {cause} ({len(runs)} runs, first {runs[0]})"
-    yield from summary_sentences(kept.records())
-    yield from identical_start_sentences(identical_starts(kept.records()))
-    if watch is not None:
-        yield from verdicts.look_sentences(watch.verdicts(), watch.rules)
+    yield from summary_sentences(store.records())
+    yield from identical_start_sentences(identical_starts(store.records()))
+    if analysis is not None:
+        yield from verdicts.look_sentences(analysis.verdicts(), analysis.rules)
     yield (
         f"{progress.done} of {progress.total} runs done, {progress.failed} failed; {folder} contains tables "
         f"results.csv and results.parquet; to compare strategies: {command_line('compare', folder)}"
@@ -151,7 +160,7 @@ def progress_display(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
         return
     if not console.is_terminal:
         log = line_printer(console)
-        yield lambda progress: log(f"{progress.done} of {progress.total} runs{_stands(progress)}")
+        yield lambda progress: log(f"{progress.done} of {progress.total} runs{_state(progress)}")
         return
     bar = Progress(
         TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[stands]}"),
@@ -160,21 +169,24 @@ def progress_display(*, quiet: bool) -> Iterator[campaigns.OnProgress]:
     with bar:
         task = bar.add_task("runs", total=None, stands="")
         yield lambda progress: bar.update(
-            task, total=progress.total, completed=progress.done, stands=_stands(progress).removeprefix(", ")
+            task,
+            total=progress.total,
+            completed=progress.done,
+            stands=_state(progress).removeprefix(", "),
         )
 
 
-def _stands(progress: campaigns.CampaignProgress) -> str:
+def _state(progress: campaigns.CampaignProgress) -> str:
     """Return failures, a decision and the remaining time, each behind a comma."""
     failed = f", {progress.failed} failed" if progress.failed else ""
     decided = ", decided" if progress.enough else ""
     if not progress.left_s:
         return failed + decided
     checking = ", repeating some to check them" if progress.done == progress.total else ""
-    return f"{failed}{decided}{checking}, about {_span(progress.left_s)} left"
+    return f"{failed}{decided}{checking}, about {_span_text(progress.left_s)} left"
 
 
-def _span(seconds: float) -> str:
+def _span_text(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
@@ -232,27 +244,27 @@ def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
     """
     if metric is not None and not comparison.is_metric(metric):
         raise wrong_value("--metric", metric, comparison.CHOICE)
-    kept = store.load(folder)
-    found = evaluate(kept, metric)
-    different = difference_sentences(kept)
-    _warn(different)
-    answer(_comparison(kept, found), _comparison_json(found), json=json_output)
+    store = load_store(folder)
+    evaluation = evaluate(store, metric)
+    different = difference_sentences(store)
+    _print_warnings(different)
+    answer(_comparison_output(store, evaluation), _comparison_json(evaluation), json=json_output)
     if not json_output:
-        _warn(different)
+        _print_warnings(different)
     if different:
         raise typer.Exit(1)
 
 
-def _warn(different: Sequence[str]) -> None:
+def _print_warnings(different: Sequence[str]) -> None:
     console = create_console(stderr=True)
     for line in different:
         console.print(f"acrc: {line}", style="bold red")
 
 
-def _comparison_json(found: CampaignEvaluation) -> dict[str, object]:
+def _comparison_json(evaluation: CampaignEvaluation) -> dict[str, object]:
     return {
-        "failures": found.failures,
-        "declared": found.declared,
+        "failures": evaluation.failures,
+        "declared": evaluation.declared,
         "verdicts": [
             {
                 "one": one.sample.one,
@@ -270,33 +282,39 @@ def _comparison_json(found: CampaignEvaluation) -> dict[str, object]:
                     for step in one.steps
                 ],
             }
-            for one in found.verdicts
+            for one in evaluation.verdicts
         ],
-        "across_cells": [one.builtins() for one in found.across],
-        "too_few": found.too_few,
-        "estimates": [one.estimates() for one in found.estimates],
+        "across_cells": [one.builtins() for one in evaluation.across],
+        "too_few": evaluation.too_few,
+        "estimates": [one.estimates() for one in evaluation.estimates],
     }  # fmt: skip
 
 
-def _comparison(kept: store.Store, found: CampaignEvaluation) -> Iterator[str | Table]:
+def _comparison_output(store: Store, found: CampaignEvaluation) -> Iterator[str | Table]:
     """Yield the results of the tests, tables of estimates, interim looks, coincidences and warnings."""
-    yield from (*found.failures, *isolation_sentences(kept), *found.declared, *found.too_few, *found.family)
+    yield from (
+        *found.failures,
+        *isolation_sentences(store),
+        *found.declared,
+        *found.too_few,
+        *found.family,
+    )
     yield from map(verdict_sentence, found.verdicts)
     for across in found.across:
         yield from overall_sentences(across)
     if found.estimates:
         yield "Estimates with 95 % confidence intervals (descriptive, not tests):"
     yield from _tables(found.estimates)
-    if kept.looks is not None:
-        yield from verdicts.look_sentences(found.looks, verdicts.stopping_rules(kept.study))
-    yield from identical_start_sentences(identical_starts(kept.records()))
-    if kept.study.tuning:
+    if store.looks is not None:
+        yield from verdicts.look_sentences(found.looks, verdicts.stopping_rules(store.study))
+    yield from identical_start_sentences(identical_starts(store.records()))
+    if store.study.tuning:
         yield "These are tuning seeds: confirm settings chosen with them on other seeds."
 
 
-def _tables(made: Sequence[Comparison]) -> Iterator[Table]:
+def _tables(comparisons: Sequence[Comparison]) -> Iterator[Table]:
     """Yield a table per pair of strategies and variant, with a row per metric."""
-    for (one, other, variant), group in groupby(made, key=lambda c: (c.one, c.other, c.variant)):
+    for (one, other, variant), group in groupby(comparisons, key=lambda c: (c.one, c.other, c.variant)):
         title = ", ".join([f"{one} and {other}", *(f"{key} = {value}" for key, value in variant)])
         table = Table("metric", one, other, "difference", "better", "worse", "A12", title=title)
         for each in group:
@@ -304,16 +322,16 @@ def _tables(made: Sequence[Comparison]) -> Iterator[Table]:
                 each.metric,
                 "" if each.ones is None else f"{each.ones:.4g}",
                 "" if each.others is None else f"{each.others:.4g}",
-                "" if each.difference is None else f"{_interval(each.difference, '+.3g')} {each.unit}",
+                "" if each.difference is None else f"{_interval_text(each.difference, '+.3g')} {each.unit}",
                 str(each.better),
                 str(each.worse),
-                _interval(each.effect, ".2f"),
+                _interval_text(each.effect, ".2f"),
             )
         yield table
 
 
-def _interval(found: Interval, form: str) -> str:
-    return f"{found.value:{form}} [{found.low:{form}}, {found.high:{form}}]"
+def _interval_text(interval: Interval, form: str) -> str:
+    return f"{interval.value:{form}} [{interval.low:{form}}, {interval.high:{form}}]"
 
 
 def plan(a12: float, power: float, correlation: float, comparisons: int, *, json: bool) -> None:
@@ -337,43 +355,43 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
     """Print the power of the declared comparisons by campaign size, and ceiling effects."""
     if comparisons > 1:
         raise OptionError("--comparisons: cannot be combined with --pilot; the study declares them")
-    kept = store.load(folder)
+    store = load_store(folder)
     if metric is not None and not comparison.is_metric(metric):
         raise wrong_value("--metric", metric, comparison.CHOICE)
-    study = msgspec.structs.replace(kept.study, primary_metric=metric or kept.study.primary_metric)
-    records = list(kept.records())
-    found = primary_samples(samples(records, study), study)
-    if not found or not all(sample.pairs for sample in found):
+    study = msgspec.structs.replace(store.study, primary_metric=metric or store.study.primary_metric)
+    records = list(store.records())
+    paired = primary_samples(samples(records, study), study)
+    if not paired or not all(sample.pairs for sample in paired):
         raise AcrcError(f"{folder}: a declared comparison has no pair of runs; run at least one of each")
-    made = list(power_estimates(found, study, power))
-    names = [sample.name for sample in found]
-    data = {"comparisons": names, "tests": family_size(study), "power": power, "promises": made}
-    seeds = min(len(sample.pairs) for sample in found)
-    shown = [
+    estimates = list(power_estimates(paired, study, power))
+    names = [sample.name for sample in paired]
+    data = {"comparisons": names, "tests": family_size(study), "power": power, "promises": estimates}
+    seeds = min(len(sample.pairs) for sample in paired)
+    output = [
         *failure_sentences(records, study),
-        *_promised(names, made, family_size(study), power, seeds),
+        *_power_table(names, estimates, family_size(study), power, seeds),
         *ceiling_sentences(records),
     ]
-    if not kept.study.tuning:
-        shown.append(
+    if not store.study.tuning:
+        output.append(
             "This pilot uses the seeds of tests, which are no longer unseen; run pilots with --tuning."
         )
-    answer(shown, data, json=json)
+    answer(output, data, json=json)
 
 
-def _promised(
-    names: Sequence[str], made: Sequence[PowerEstimate], tests: int, power: float, seeds: int
+def _power_table(
+    names: Sequence[str], estimates: Sequence[PowerEstimate], tests: int, power: float, seeds: int
 ) -> Iterator[str | Table]:
     title = f"Power: share of campaigns that detect the difference, by {tests} tests"
     table = Table("pairs", *names, title=title)
-    for one in made:
+    for one in estimates:
         shares = zip(one.shares, one.cautious, strict=True)
         table.add_row(str(one.pairs), *(f"{share:.2f} ({cautious:.2f})" for share, cautious in shares))
     yield table
     yield f"In brackets: with the {seeds} seeds of the pilot resampled, too."
-    last = made[-1]
+    last = estimates[-1]
     if min(last.shares) >= power:
         yield f"{last.pairs} pairs detect each difference with probability {power:g}."
     else:
-        open_ones = [name for name, share in zip(names, last.shares, strict=True) if share < power]
-        yield f"{last.pairs} pairs do not reach probability {power:g} for {', '.join(open_ones)}."
+        undetected = [name for name, share in zip(names, last.shares, strict=True) if share < power]
+        yield f"{last.pairs} pairs do not reach probability {power:g} for {', '.join(undetected)}."

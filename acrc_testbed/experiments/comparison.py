@@ -73,7 +73,12 @@ TIMES: Final = (SETTLED, TimeMetric("completion", "time to complete", "done", la
 LEXICOGRAPHIC: Final = "lexicographic"
 """More places done is better; at equal places the shorter running time (docs/model-problem.md)."""
 NAMES: Final = (*(one.name for one in METRICS), *(one.name for one in TIMES), LEXICOGRAPHIC)
-ORDER: Final = (PLACES.name, *(one.name for one in TIMES), LEXICOGRAPHIC, *(one.name for one in METRICS[1:]))
+ORDER: Final = (
+    PLACES.name,
+    *(one.name for one in TIMES),
+    LEXICOGRAPHIC,
+    *(one.name for one in METRICS[1:]),
+)
 """Order of display: the chapter's metrics, then costs."""
 _BY_NAME: Final = {one.name: one for one in (*METRICS, *TIMES)}
 _OUTCOME_PREFIX: Final = "outcome."

@@ -165,7 +165,7 @@ class Store:
         return typed_json.read(self.path(trial), TrialRecord, "record of a trial")
 
 
-def create(folder: Path, study: Study) -> Store:
+def create_store(folder: Path, study: Study) -> Store:
     """Create a campaign in a new folder, or reopen the campaign of the same study with as many or more seeds.
 
     Raises AcrcError if the folder has other content or another commit, SealError if its files were changed.
@@ -215,7 +215,7 @@ def is_campaign(folder: Path) -> bool:
     return (folder / _STUDY).exists()
 
 
-def load(folder: Path) -> Store:
+def load_store(folder: Path) -> Store:
     """Open the campaign in a folder. Raises AcrcError if there is none, SealError for changed files."""
     if not is_campaign(folder):
         raise AcrcError(f"{folder}: not a campaign; give a folder written by acrc campaign")

@@ -301,18 +301,18 @@ class VaryTable(Settings, frozen=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = {name for name in self.__struct_fields__ if getattr(self, name) is not None}
-        for name in given:
+        present = {name for name in self.__struct_fields__ if getattr(self, name) is not None}
+        for name in present:
             span = getattr(self, name)
             if name in {"between", *_RANGES} and isinstance(span, tuple) and span[0] > span[1]:
                 raise self.wrong(name)
-        if self.distribution is None and given not in _FACTORS:
+        if self.distribution is None and present not in _FACTORS:
             raise RuleError(
                 "have key and values, or a distribution and its parameters; use among = [...] or "
                 "between = [from, to] instead of values for random levels, and factor = NAME instead of key "
                 "for levels that set several keys"
             )
-        if self.distribution and given != {"distribution", *PARAMETERS[self.distribution]}:
+        if self.distribution and present != {"distribution", *PARAMETERS[self.distribution]}:
             needs = ", ".join(PARAMETERS[self.distribution])
             raise RuleError(f"have only {needs} besides distribution = {self.distribution!r}")
 
@@ -363,7 +363,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
                     f"{path}: primary: {name!r} is not one of the study's strategies: {', '.join(strategies)}"
                 )
     try:
-        made = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
+        factors = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
     except AcrcError as error:
         raise AcrcError(f"{path}: {error}") from None
     shared = {name: getattr(table, name) for name in CommonStudyFields.__struct_fields__} | {
@@ -375,10 +375,10 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         seeds=table.tuning_seeds if tuning else table.seeds,
         tuning=tuning,
         settings=tuple(table.set.items()),
-        factors=made.fixed,
-        distributions=made.distributions,
-        random=made.random,
-        cells=made.cells,
+        factors=factors.fixed,
+        distributions=factors.distributions,
+        random=factors.random,
+        cells=factors.cells,
         conditions=table.conditions,
         **shared,
     )
@@ -408,20 +408,20 @@ def factors_of(tables: Sequence[VaryTable], samples: int | None, seed: int) -> S
     for place, table in enumerate(tables):
         if table.distribution is not None:
             continue
-        made = _factor(table, f"vary[{place}]")
-        keys = {made.key, *(key for level in made.levels for key, _ in level)}
+        factor = _factor(table, f"vary[{place}]")
+        keys = {factor.key, *(key for level in factor.levels for key, _ in level)}
         if keys & taken:
             raise AcrcError(
                 f"vary[{place}]: {min(keys & taken)} is set by another factor, too; use one factor"
             )
         taken |= keys
         if not table.is_random:
-            fixed.append(made)
+            fixed.append(factor)
             continue
         if _NEVER_RANDOM in keys:
             raise AcrcError(f"vary[{place}]: {_NEVER_RANDOM} cannot be random; use values = [...]")
-        drawn.append(made)
-        spans.append(RandomFactor(made.key, made.values, table.between or (0, 0)))
+        drawn.append(factor)
+        spans.append(RandomFactor(factor.key, factor.values, table.between or (0, 0)))
     if bool(spans) != (samples is not None):
         if samples:
             raise AcrcError(f"samples is {samples}, but no factor is random (among or between)")
@@ -464,10 +464,10 @@ def _dotted_items(table: Mapping[str, Any], without: Sequence[str] = ()) -> Iter
 
 def _with_drawn_levels(factor: Factor, cells: Sequence[Variant]) -> Factor:
     """Return a random factor with the drawn levels only, in the order of the file or ascending."""
-    came = {repr(value): value for cell in cells for key, value in cell if key == factor.key}
+    drawn = {repr(value): value for cell in cells for key, value in cell if key == factor.key}
     if not factor.values:
-        return Factor(factor.key, tuple(sorted(came.values())))
-    places = [place for place, value in enumerate(factor.values) if repr(value) in came]
+        return Factor(factor.key, tuple(sorted(drawn.values())))
+    places = [place for place, value in enumerate(factor.values) if repr(value) in drawn]
     levels = tuple(factor.levels[place] for place in places) if factor.levels else ()
     return Factor(factor.key, tuple(factor.values[place] for place in places), levels)
 
@@ -475,6 +475,6 @@ def _with_drawn_levels(factor: Factor, cells: Sequence[Variant]) -> Factor:
 def _distribution(table: VaryTable) -> Distribution:
     assert table.distribution is not None
     names = PARAMETERS[table.distribution]
-    given = [(name, getattr(table, name)) for name in names]
-    spans = ((name, (one, one) if isinstance(one, float) else one) for name, one in given)
+    parameters = [(name, getattr(table, name)) for name in names]
+    spans = ((name, (one, one) if isinstance(one, float) else one) for name, one in parameters)
     return Distribution(table.distribution, tuple(spans))

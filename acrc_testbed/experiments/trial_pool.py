@@ -15,11 +15,11 @@ import msgspec
 from acrc_testbed.experiments.trial_record import (
     MAX_BYTES,
     MAX_OUTPUT,
-    ORDER,
-    TRIAL,
+    ORDER_FILE,
+    TRIAL_MODULE,
     TrialOrder,
     TrialOutcome,
-    outcome_in,
+    read_outcome,
 )
 from actors.installation.repository import REPOSITORY
 from actors.installation.version import software_version
@@ -49,7 +49,7 @@ class TrialLauncher:
         """Run the trial of the order in the folder; return the reason if there is no record."""
         log = folder / "trial.log"
         with self._lock:
-            process = self._launcher.start(Program("trial", TRIAL, (str(folder),), log, None))
+            process = self._launcher.start(Program("trial", TRIAL_MODULE, (str(folder),), log, None))
         end = time.monotonic() + patience_s
         while process.exit_code is None and not self.closing.wait(_POLL_S):
             if time.monotonic() > end:
@@ -66,8 +66,8 @@ class TrialLauncher:
 def run_trial(order: TrialOrder, patience_s: float, launcher: TrialLauncher) -> TrialOutcome:
     """Run a trial in a separate process and a scratch folder without data of the campaign."""
     with scratch_folder() as folder:
-        (folder / ORDER).write_bytes(msgspec.json.encode(order))
-        return outcome_in(folder, launcher.run(folder, patience_s))
+        (folder / ORDER_FILE).write_bytes(msgspec.json.encode(order))
+        return read_outcome(folder, launcher.run(folder, patience_s))
 
 
 class WorkerTask(NamedTuple):

@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from acrc_testbed.experiments.trial_record import (
-    ORDER,
-    RECORD,
+    ORDER_FILE,
+    RECORD_FILE,
     TrialOrder,
     TrialRecord,
     pose_trace,
@@ -44,8 +44,8 @@ def main(argv: Sequence[str]) -> int:
     die_with_parent(os.getppid())
     (name,) = argv
     folder = Path(name)
-    order = msgspec.json.decode((folder / ORDER).read_bytes(), type=TrialOrder)
-    write_json(folder / RECORD, run_trial_order(order, folder / "run"))
+    order = msgspec.json.decode((folder / ORDER_FILE).read_bytes(), type=TrialOrder)
+    write_json(folder / RECORD_FILE, run_trial_order(order, folder / "run"))
     return 0
 
 
@@ -54,8 +54,8 @@ def run_trial_order(order: TrialOrder, out: Path) -> TrialRecord:
     settings, fault = attempt(lambda: draw_settings(order.study, order.trial))
     done: tuple[RunResult, TimeSpent, str] | None = None
     if settings is not None:
-        of_all = settings
-        done, fault = attempt(lambda: _run(order, of_all, out))
+        drawn = settings
+        done, fault = attempt(lambda: _run(order, drawn, out))
     result, time, seconds = done or (None, None, "")
     trial = order.trial
     return TrialRecord(

@@ -157,15 +157,15 @@ def write_durably(path: Path, content: bytes) -> None:
     new.replace(path)
 
 
-ORDER: Final = "order.json"
-RECORD: Final = "record.json"
+ORDER_FILE: Final = "order.json"
+RECORD_FILE: Final = "record.json"
 MAX_BYTES: Final = 64 << 20
 """Upper limit of a record, octets; 600 s with eight robots take about 100 KB."""
 MAX_OUTPUT: Final = 1 << 20
 """Octets kept of a trial's output, from its end."""
 
 
-TRIAL: Final = "acrc_testbed.experiments.trial_program"
+TRIAL_MODULE: Final = "acrc_testbed.experiments.trial_program"
 
 
 class TrialOutcome(NamedTuple):
@@ -251,10 +251,10 @@ def read_output(file: Path, most: int, *, end: bool = False) -> bytes | None:
         return None
 
 
-def outcome_in(folder: Path, cause: str) -> TrialOutcome:
+def read_outcome(folder: Path, cause: str) -> TrialOutcome:
     """Return the files left by a trial's process in its folder."""
     output = read_output(folder / "trial.log", MAX_OUTPUT, end=True)
-    return TrialOutcome(read_output(folder / RECORD, MAX_BYTES), cause, output or b"")
+    return TrialOutcome(read_output(folder / RECORD_FILE, MAX_BYTES), cause, output or b"")
 
 
 def _failed_record(trial: Trial, cause: str) -> TrialRecord:

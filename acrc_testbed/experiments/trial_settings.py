@@ -43,16 +43,18 @@ def condition_settings(load: Callable[[Variant], Scenario], own: Variant) -> dic
     """
     # on another map a scenario can be loaded only once its starts and places are drawn
     scenario = load(tuple(pair for pair in own if pair[0] != "map"))
-    found: dict[str, Any] = {}
+    drawn: dict[str, Any] = {}
     if scenario.robots.start:
-        found["robots.start"] = []
+        drawn["robots.start"] = []
     if scenario.places.preset == "golden":
-        found["places.preset"] = "free"
+        drawn["places.preset"] = "free"
     if _odometry_kind(scenario) == "exact":
-        found["robots.odometry"] = _drifting(scenario)
+        drawn["robots.odometry"] = _odometry_with_errors(scenario)
     if not scenario.radio.shadowing_db:
-        found["radio.shadowing_db"] = SHADOWING_DB
-    settings = {key: value for key, value in found.items() if not any(_covers(one, key) for one, _ in own)}
+        drawn["radio.shadowing_db"] = SHADOWING_DB
+    settings = {
+        key: value for key, value in drawn.items() if not any(_is_covered(name, key) for name, _ in own)
+    }
     if "places.preset" in settings and load((*own, *settings.items())).area:
         settings["places.preset"] = "areas"
     return settings
@@ -61,11 +63,11 @@ def condition_settings(load: Callable[[Variant], Scenario], own: Variant) -> dic
 def common_conditions(scenario: Scenario) -> str | None:
     """Return a sentence on conditions that are equal for all seeds; None if all starts are drawn."""
     own = {robot.id for robot in scenario.robot if robot.start is not None}
-    given = own | set(scenario.ids[: len(scenario.robots.start)])
-    starts = sum(name in given for name in scenario.ids)
+    fixed_starts = own | set(scenario.ids[: len(scenario.robots.start)])
+    starts = sum(name in fixed_starts for name in scenario.ids)
     if not starts:
         return None
-    who = (
+    subject = (
         "all robots start" if starts == len(scenario.ids) else f"{starts} of {len(scenario.ids)} robots start"
     )
     more = [
@@ -78,12 +80,12 @@ def common_conditions(scenario: Scenario) -> str | None:
         if is_so
     ]
     return (
-        f"for every seed {', '.join((f'{who} at the same positions', *more))}, as fixed in the scenario; "
+        f"for every seed {', '.join((f'{subject} at the same positions', *more))}, as fixed in the scenario; "
         'use a study with conditions = "drawn" to draw them'
     )
 
 
-def _covers(named: str, key: str) -> bool:
+def _is_covered(named: str, key: str) -> bool:
     """Return whether `named` is the key or a table that contains it."""
     return key == named or key.startswith(named + ".")
 
@@ -92,7 +94,7 @@ def _odometry_kind(scenario: Scenario) -> OdometryKind:
     return scenario.robots.odometry or load_model(scenario.robots.model, None).odometry
 
 
-def _drifting(scenario: Scenario) -> OdometryKind:
+def _odometry_with_errors(scenario: Scenario) -> OdometryKind:
     """Return the model's odometry errors; if exact, a Kobuki's for two wheels and Stage's for others."""
     model = load_model(scenario.robots.model, None)
     if model.odometry != "exact":
@@ -112,18 +114,18 @@ def draw_settings(study: Study, trial: Trial) -> dict[str, Any]:
     own = study.settings_of(trial.variant)
     settings: dict[str, Any] = {}
     if study.conditions == "drawn":
-        settings |= condition_settings(lambda some: _scenario(study, trial, some), own)
+        settings |= condition_settings(lambda keys: _scenario(study, trial, keys), own)
     if not study.distributions:
         return settings
     scenario = _scenario(study, trial, (*own, *settings.items()))
     events: list[Event] = []
-    for number, one in enumerate(study.distributions):
-        rng = generator(trial.seed, f"vary {one.kind}", str(number))
-        found = _KINDS[one.kind](_Sampler(rng, dict(one.parameters), scenario))
-        if isinstance(found, dict):
-            settings |= found
+    for number, distribution in enumerate(study.distributions):
+        rng = generator(trial.seed, f"vary {distribution.kind}", str(number))
+        drawn = _KINDS[distribution.kind](_Sampler(rng, dict(distribution.parameters), scenario))
+        if isinstance(drawn, dict):
+            settings |= drawn
         else:
-            events += found
+            events += drawn
     if events:
         settings["event"] = [*map(plain, scenario.event), *events]
     return settings
@@ -137,29 +139,29 @@ class _Sampler(NamedTuple):
     """Random draws from one distribution of a study for one seed."""
 
     rng: Generator
-    given: dict[str, Any]
+    parameters: dict[str, Any]
     """Parameters; each a value or a range."""
     scenario: Scenario
 
-    def number(self, name: str, digits: int) -> float:
+    def draw_number(self, name: str, digits: int) -> float:
         """Draw uniformly from the parameter's range, and round."""
-        low, high = self.given[name]
+        low, high = self.parameters[name]
         return round(float(low + (high - low) * self.rng.random()), digits)
 
-    def whole(self) -> int:
+    def draw_count(self) -> int:
         """Draw a whole number from the range of "count", both ends included."""
-        low, high = self.given["count"]
+        low, high = self.parameters["count"]
         return int(self.rng.integers(int(low), int(high), endpoint=True))
 
-    def instant(self, name: str) -> float:
+    def draw_instant(self, name: str) -> float:
         """Draw the boundary of a step, s."""
-        low, high = self.given[name]
+        low, high = self.parameters[name]
         return round(round(float(low + (high - low) * self.rng.random()) / _STEP_S) * _STEP_S, 1)
 
-    def some(self, of: Sequence[Any]) -> list[int]:
+    def draw_indices(self, sequence: Sequence[Any]) -> list[int]:
         """Draw "count" indices of a sequence, or all if these are fewer."""
-        size = min(self.whole(), len(of))
-        return list(map(int, self.rng.choice(len(of), size=size, replace=False)))
+        size = min(self.draw_count(), len(sequence))
+        return list(map(int, self.rng.choice(len(sequence), size=size, replace=False)))
 
     @property
     def radius(self) -> float:
@@ -167,75 +169,81 @@ class _Sampler(NamedTuple):
         return load_model(self.scenario.robots.model, None).footprint.circumradius
 
 
-def _kills(draw: _Sampler) -> list[Event]:
+def _kills(sampler: _Sampler) -> list[Event]:
     """Draw kills among robots without events in the scenario."""
     verbs = ("kill", "freeze", "restart")
-    named = {getattr(event, verb) for event in draw.scenario.event for verb in verbs}
-    robots = [robot for robot in draw.scenario.ids if robot not in named]
-    return [{"at": draw.instant("at"), "kill": robots[index]} for index in draw.some(robots)]
+    named = {getattr(event, verb) for event in sampler.scenario.event for verb in verbs}
+    robots = [robot for robot in sampler.scenario.ids if robot not in named]
+    return [
+        {"at": sampler.draw_instant("at"), "kill": robots[index]} for index in sampler.draw_indices(robots)
+    ]
 
 
-def _jams(draw: _Sampler) -> list[Event]:
-    points = draw_points(load_map(draw.scenario.map), draw.whole(), rng=draw.rng)
+def _jams(sampler: _Sampler) -> list[Event]:
+    points = draw_points(load_map(sampler.scenario.map), sampler.draw_count(), rng=sampler.rng)
     return [
         {
-            "at": draw.instant("at"),
+            "at": sampler.draw_instant("at"),
             "jam": [round(point.x, 2), round(point.y, 2)],
-            "radius": draw.number("radius", 2),
-            "duration": draw.number("duration", 1),
+            "radius": sampler.draw_number("radius", 2),
+            "duration": sampler.draw_number("duration", 1),
         }
         for point in points
     ]
 
 
-def _doors(draw: _Sampler) -> list[Event]:
-    points = draw.given["points"]
+def _doors(sampler: _Sampler) -> list[Event]:
+    points = sampler.parameters["points"]
     return [
-        {"at": 0.0, "obstacle": [*map(float, points[index])], "radius": draw.number("radius", 2)}
-        for index in sorted(draw.some(points))
+        {"at": 0.0, "obstacle": [*map(float, points[index])], "radius": sampler.draw_number("radius", 2)}
+        for index in sorted(sampler.draw_indices(points))
     ]
 
 
-def _closures(draw: _Sampler) -> list[Event]:
+def _closures(sampler: _Sampler) -> list[Event]:
     """Draw closures among doors without events in the scenario; a door may stay closed until the end."""
-    scenario = draw.scenario
-    doorways = Doorways(load_map(scenario.map), draw.radius)
+    scenario = sampler.scenario
+    doorways = Doorways(load_map(scenario.map), sampler.radius)
     points = [event.close for event in scenario.event if event.close is not None]
     taken = {doorways.at(Point(*point)).index for point in points}
     doors = [door for door in doorways.regions.doors if door.index not in taken]
     events: list[Event] = []
-    for index in sorted(draw.some(doors)):
+    for index in sorted(sampler.draw_indices(doors)):
         point = [round(doors[index].middle.x, 2), round(doors[index].middle.y, 2)]
-        closes = draw.instant("at")
-        opens = round(closes + max(draw.instant("duration"), _STEP_S), 1)
+        closes = sampler.draw_instant("at")
+        opens = round(closes + max(sampler.draw_instant("duration"), _STEP_S), 1)
         events.append({"at": closes, "close": point})
         if opens < scenario.run.duration:
             events.append({"at": opens, "open": point})
     return events
 
 
-def _tasks(draw: _Sampler) -> list[Event]:
-    scenario = draw.scenario
+def _tasks(sampler: _Sampler) -> list[Event]:
+    scenario = sampler.scenario
     points = draw_points(
-        load_map(scenario.map), draw.whole(), rng=draw.rng, passage=draw.radius, areas=place_areas(scenario)
+        load_map(scenario.map),
+        sampler.draw_count(),
+        rng=sampler.rng,
+        passage=sampler.radius,
+        areas=place_areas(scenario),
     )
     return [
         {
-            "at": draw.instant("at"),
-            "give": scenario.ids[int(draw.rng.integers(len(scenario.ids)))],
+            "at": sampler.draw_instant("at"),
+            "give": scenario.ids[int(sampler.rng.integers(len(scenario.ids)))],
             "places": [[round(point.x, 3), round(point.y, 3)]],
         }
         for point in points
     ]
 
 
-def _dropout(draw: _Sampler) -> dict[str, Any]:
-    return {"uncertainty.dropout": draw.number("share", 4)}
+def _dropout(sampler: _Sampler) -> dict[str, Any]:
+    return {"uncertainty.dropout": sampler.draw_number("share", 4)}
 
 
-def _odometry(draw: _Sampler) -> dict[str, Any]:
-    drift = {"uncertainty.drift": draw.number("drift", 3)}
-    return drift | ({"robots.odometry": "kobuki"} if draw.scenario.robots.odometry == "exact" else {})
+def _odometry(sampler: _Sampler) -> dict[str, Any]:
+    drift = {"uncertainty.drift": sampler.draw_number("drift", 3)}
+    return drift | ({"robots.odometry": "kobuki"} if sampler.scenario.robots.odometry == "exact" else {})
 
 
 _KINDS: Final[Mapping[str, Callable[[_Sampler], list[Event] | dict[str, Any]]]] = {

@@ -103,16 +103,16 @@ def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
     """Return verdicts on the primary comparisons after all runs, adjusted by Holm's method."""
     names = step_metrics(study)
     raw = [metric_test(sample, name, study) for sample in primary_samples(found, study) for name in names]
-    able = decidable([one.test.differing for one in raw])
-    adjusted = iter(holm([one.test.p for one, is_able in zip(raw, able, strict=True) if is_able]))
+    testable = decidable([one.test.differing for one in raw])
+    adjusted = iter(holm([one.test.p for one, is_testable in zip(raw, testable, strict=True) if is_testable]))
     steps = []
-    for one, is_able in zip(raw, able, strict=True):
-        p = next(adjusted) if is_able else 1.0
+    for one, is_testable in zip(raw, testable, strict=True):
+        p = next(adjusted) if is_testable else 1.0
         steps.append(
             replace(
                 one,
-                tests=sum(able) + (not is_able),
-                tested=is_able,
+                tests=sum(testable) + (not is_testable),
+                tested=is_testable,
                 adjusted=p,
                 differs=p <= ALPHA,
                 equivalent=one.equivalence_p <= ALPHA,
@@ -201,7 +201,7 @@ def interim_verdict(
     Decisions are final. `ended`: no more pairs will follow, so the last look uses all pairs, even if fewer
     than planned because failed runs are left out.
     """
-    shown: dict[str, Comparison] = {}
+    final: dict[str, Comparison] = {}
     evaluated: tuple[Comparison, ...] = ()
     verdict = PairVerdict(sample, (), at_cap=ended)
     due = [pairs for pairs in rules.differ.looks if pairs <= len(sample.pairs)]
@@ -211,9 +211,9 @@ def interim_verdict(
         place = -1 if ended and pairs == len(sample.pairs) else number
         first = sample._replace(pairs=sample.pairs[:pairs])
         steps = [
-            shown.get(name) or _at_look(first, name, study, rules, place) for name in step_metrics(study)
+            final.get(name) or _at_look(first, name, study, rules, place) for name in step_metrics(study)
         ]
-        shown |= {one.metric: one for one in steps if one.differs or one.equivalent}
+        final |= {one.metric: one for one in steps if one.differs or one.equivalent}
         evaluated += (next((one for one in steps if not one.equivalent or one.differs), steps[-1]),)
         verdict = PairVerdict(first, tuple(steps), evaluated, ended)
         if verdict.is_decided:
@@ -244,14 +244,14 @@ class InterimAnalysis:
         self.rules = stopping_rules(store.study)
         step_metrics(store.study)
         self._records: dict[str, TrialRecord] = {}
-        self._looked = 0
+        self._evaluated_pairs = 0
 
     def is_decided(self) -> bool:
         """Return whether every primary comparison is decided or has had its last look."""
         ended = len(self._seeds()) * max(len(self._store.study.cells), 1)
-        if not any(self._looked < due <= ended for due in self.rules.differ.looks):
+        if not any(self._evaluated_pairs < due <= ended for due in self.rules.differ.looks):
             return False
-        self._looked = ended
+        self._evaluated_pairs = ended
         return all(one.at_cap or one.is_decided for one in self.verdicts())
 
     def verdicts(self) -> list[PairVerdict]:
@@ -281,18 +281,18 @@ def look_sentences(found: Sequence[PairVerdict], rules: StoppingRules) -> list[s
     rule = rules.differ
     lines = [
         f"interim looks after {', '.join(map(str, rule.looks))} pairs;"
-        f" thresholds of p for a difference {_listed(rule.thresholds)},"
-        f" for equivalence {_listed(rules.equivalent.thresholds)}"
+        f" thresholds of p for a difference {_threshold_text(rule.thresholds)},"
+        f" for equivalence {_threshold_text(rules.equivalent.thresholds)}"
     ]
     for one in found:
         text = f"{len(one.sample.pairs)} pairs, no look reached yet"
         if one.looks:
-            text = f"{_outcome(one)}; {'; '.join(map(_at, one.looks))}"
+            text = f"{_outcome_text(one)}; {'; '.join(map(_look_text, one.looks))}"
         lines.append(f"{one.sample.name}: {text}")
     return lines
 
 
-def _outcome(one: PairVerdict) -> str:
+def _outcome_text(one: PairVerdict) -> str:
     after = f"after {len(one.looks[-1].sample.pairs)} pairs"
     if one.deciding is not None:
         return f"decided {after}"
@@ -301,7 +301,7 @@ def _outcome(one: PairVerdict) -> str:
     return f"not decided {'at the last look' if one.at_cap else 'yet'}, {after}"
 
 
-def _at(step: Comparison) -> str:
+def _look_text(step: Comparison) -> str:
     ahead = {1: f"{step.sample.one} ahead", -1: f"{step.sample.other} ahead", 0: "tied"}
     sign = "≤" if step.differs else ">"
     return (
@@ -310,7 +310,7 @@ def _at(step: Comparison) -> str:
     )
 
 
-def _listed(thresholds: Sequence[float]) -> str:
+def _threshold_text(thresholds: Sequence[float]) -> str:
     return ", ".join(f"{one:.2g}" for one in thresholds)
 
 
@@ -318,8 +318,8 @@ _CAMPAIGNS: Final = 200
 """Simulated campaigns for each size."""
 _SIZES: Final = (MIN_PAIRS, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100, 150, 200)
 """Sample sizes, in pairs, for which power is computed."""
-_HARDER_ROBOTS: Final = 8
-_HARDER_S: Final = (300.0, 400.0)
+_SUGGESTED_ROBOTS: Final = 8
+_SUGGESTED_DURATIONS_S: Final = (300.0, 400.0)
 """Range of suggested durations, in which most places can be done."""
 
 
@@ -342,13 +342,13 @@ def power_estimates(found: Sequence[PairedSample], study: Study, power: float) -
     """
     declared = primary_samples(found, study)
     for pairs in _SIZES:
-        made = PowerEstimate(
+        estimate = PowerEstimate(
             pairs,
             simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=False),
             simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=True),
         )
-        yield made
-        if min(made.shares) >= power:
+        yield estimate
+        if min(estimate.shares) >= power:
             return
 
 
@@ -392,16 +392,16 @@ def ceiling_sentences(records: Iterable[TrialRecord]) -> Iterator[str]:
             where = "".join(f" with {key} = {value}" for key, value in variant.items())
             yield (
                 f"{len(done)} of {len(results)} runs{where} completed all places (ceiling effect)."
-                f" Use a harder condition, such as {_harder(results, done)}."
+                f" Use a harder condition, such as {_harder_condition(results, done)}."
             )
 
 
-def _harder(results: list[RunResult], done: list[float]) -> str:
+def _harder_condition(results: list[RunResult], done: list[float]) -> str:
     """Return a suggestion: more robots, or a duration below the first quartile of completion times."""
-    least, most = _HARDER_S
+    least, most = _SUGGESTED_DURATIONS_S
     quarter = quantiles(done, n=4)[0] if len(done) > 1 else done[0]
     seconds = min(max(round(quarter, -1), least), most)
-    changes = [f"--robots {_HARDER_ROBOTS}"] if results[0].robots < _HARDER_ROBOTS else []
+    changes = [f"--robots {_SUGGESTED_ROBOTS}"] if results[0].robots < _SUGGESTED_ROBOTS else []
     if seconds < max(result.simulated_s for result in results):
         changes.append(f"--duration {seconds:g}")
     return " and ".join(changes) or "more robots or places farther apart"

@@ -104,7 +104,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Stor
         name="short", scenario=own_scenario(folder), strategies=("chapter", "cheat:quiet"),
         seeds=1, settings=SHORT, factors=(Factor("deeco.publish", (1.0, 2)),), distributions=DRAWN,
     )  # fmt: skip
-    kept = store.create(folder / "out", study)
+    kept = store.create_store(folder / "out", study)
     progress = run_campaign(kept, CampaignOptions(jobs=2, check_every=2, modules=(folder,)))
     assert (progress.done, progress.failed, progress.total) == (4, 0, 4)
     return kept
@@ -145,7 +145,7 @@ def test_both_tables_have_a_row_for_each_run_with_all_its_numbers(done: Store) -
 
 
 def test_own_results_are_means_over_robots_and_each_robot_s_own(tmp_path: Path, done: Store) -> None:
-    kept = store.create(tmp_path / "out", done.study)
+    kept = store.create_store(tmp_path / "out", done.study)
     for number, trial in enumerate(kept.study.trials()):
         record = done.record(trial)
         assert record.result is not None
@@ -180,7 +180,7 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_
 
 
 def test_every_nth_trial_is_repeated(plain: RunResult, tmp_path: Path) -> None:
-    kept = store.create(
+    kept = store.create_store(
         tmp_path / "out", Study(name="s", scenario=str(CORRIDOR), strategies=("none", "chapter"), seeds=5)
     )
     assert campaign.write_tables(kept)[1].read_text() == "\n", "without any run"
@@ -208,7 +208,7 @@ def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Pa
         settings=SHORT,
         isolated=True,
     )
-    kept = store.create(tmp_path / "out", study)
+    kept = store.create_store(tmp_path / "out", study)
     run_campaign(kept, CampaignOptions(jobs=1, modules=(tmp_path,)))
     (record,) = kept.records()
     assert record.result is not None and record.trace and record.time, record.failure
@@ -227,7 +227,7 @@ def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -
     ):
         (tmp_path / f"{name}.py").write_text(f"def behaviour(start):\n    {line}\n")
     strategies = ("fails:behaviour", "dies:behaviour", "hangs:behaviour", "none")
-    folder = store.create(
+    folder = store.create_store(
         tmp_path / "out",
         Study(name="s", scenario=own_scenario(tmp_path), strategies=strategies, seeds=1, settings=SHORT),
     )
@@ -281,19 +281,19 @@ def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
 
 
 def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
-    folder = store.create(tmp_path / "out", STUDY)
+    folder = store.create_store(tmp_path / "out", STUDY)
     with pytest.raises(AcrcError, match=r"contains the campaign of another study \(strategies differs\)"):
-        store.create(tmp_path / "out", msgspec.structs.replace(STUDY, strategies=("none",)))
-    more = store.create(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=3))
+        store.create_store(tmp_path / "out", msgspec.structs.replace(STUDY, strategies=("none",)))
+    more = store.create_store(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=3))
     assert len(more.pending()) == 6
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
     with pytest.raises(
         AcrcError, match="contains files that are not a campaign; choose a new or empty folder"
     ):
-        store.create(tmp_path / "other", STUDY)
+        store.create_store(tmp_path / "other", STUDY)
     with pytest.raises(AcrcError, match="not a campaign"):
-        store.load(tmp_path / "nothing")
+        store.load_store(tmp_path / "nothing")
     trial = next(STUDY.trials())
     folder.path(trial).write_text('{"strategy": 3}')
     with pytest.raises(AcrcError, match=rf"{trial.name}\.json: invalid record of a trial: "):

@@ -26,7 +26,7 @@ def acrc(*words: str) -> tuple[int, str, str]:
 
 def over(folder: Path, plain: RunResult, *, digest: str) -> list[str]:
     """Return the command of a complete campaign of 20 runs; its first run was repeated."""
-    kept = store.create(folder, make_study(StudyOptions(seeds=10)))
+    kept = store.create_store(folder, make_study(StudyOptions(seeds=10)))
     for trial in kept.study.trials():
         places = 40 if trial.strategy == "chapter" else 20 + trial.seed
         result = msgspec.structs.replace(
@@ -82,7 +82,7 @@ def test_the_primary_comparison_comes_first_in_declared_order(plain: RunResult, 
 
 def test_until_decided_starts_no_further_run(plain: RunResult, tmp_path: Path) -> None:
     study = make_study(StudyOptions(seeds=60))
-    kept = store.create(tmp_path / "out", study)
+    kept = store.create_store(tmp_path / "out", study)
     for trial in study.trials():
         if trial.seed <= 30:
             places = 40 if trial.strategy == "chapter" else 20
@@ -100,7 +100,7 @@ def test_until_decided_starts_no_further_run(plain: RunResult, tmp_path: Path) -
 
 def test_failed_runs_and_too_few_seeds_are_reported_first(plain: RunResult, tmp_path: Path) -> None:
     study = make_study(StudyOptions(seeds=3))
-    kept = store.create(tmp_path / "out", study)
+    kept = store.create_store(tmp_path / "out", study)
     for trial in study.trials():
         failed = trial.strategy == "chapter" and trial.seed == 2
         record = TrialRecord(trial.strategy, trial.seed, {}, None, "it rained") if failed else None
@@ -156,7 +156,7 @@ def test_the_preset_is_the_chapters_experiment() -> None:
 
 @pytest.fixture
 def kept(tmp_path: Path) -> store.Store:
-    kept = store.create(
+    kept = store.create_store(
         tmp_path / "kept", Study(name="kept", scenario="/s.toml", strategies=("none",), seeds=1)
     )
     write_json(kept.path(next(kept.study.trials())), TrialRecord("none", 1, {}, failure="it rained"))
@@ -165,20 +165,20 @@ def kept(tmp_path: Path) -> store.Store:
 
 
 def test_a_changed_trial_is_refused_on_reading_and_resuming(kept: store.Store) -> None:
-    assert store.load(kept.folder).study == kept.study
+    assert store.load_store(kept.folder).study == kept.study
     path = kept.path(next(kept.study.trials()))
     path.write_bytes(path.read_bytes().replace(b"rained", b"snowed"))
     with pytest.raises(SealError, match=f"{path}: changed; "):
-        store.load(kept.folder)
+        store.load_store(kept.folder)
     with pytest.raises(SealError, match=f"{path}: changed; "):
-        store.create(kept.folder, kept.study)
+        store.create_store(kept.folder, kept.study)
     assert (kept.folder / SUMS).exists(), "the campaign was not resumed"
 
 
 def test_a_resumed_campaign_is_unsealed_until_it_ends(kept: store.Store) -> None:
-    store.create(kept.folder, Study(name="kept", scenario="/s.toml", strategies=("none",), seeds=2))
+    store.create_store(kept.folder, Study(name="kept", scenario="/s.toml", strategies=("none",), seeds=2))
     assert check_seal(kept.folder) is None
-    assert store.load(kept.folder).study.seeds == 2
+    assert store.load_store(kept.folder).study.seeds == 2
 
 
 def test_a_report_can_be_written_before_and_after_sealing(kept: store.Store) -> None:
@@ -186,7 +186,7 @@ def test_a_report_can_be_written_before_and_after_sealing(kept: store.Store) -> 
     page.parent.mkdir()
     for text in ("while the campaign went on", "by an older version", "after it"):
         page.write_text(text)
-        assert store.load(kept.folder).study == kept.study
+        assert store.load_store(kept.folder).study == kept.study
         if text != "by an older version":
             seal(kept.folder)
             assert "report" not in (kept.folder / SUMS).read_text()

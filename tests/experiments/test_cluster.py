@@ -110,7 +110,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 def digests(folder: Path) -> dict[tuple[str, int], str | None]:
     return {
         (record.strategy, record.seed): record.result.digest if record.result else record.failure
-        for record in store.load(folder).records()
+        for record in store.load_store(folder).records()
     }
 
 

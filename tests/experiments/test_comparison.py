@@ -244,7 +244,7 @@ def looked(plain: RunResult, drawn: Floats) -> PairVerdict:
 def campaign(
     folder: Path, plain: RunResult, shift: float, seeds: int, study: Study = STUDY, failing: int = 0
 ) -> Store:
-    kept, rng = store.create(folder, study), np.random.default_rng(5)
+    kept, rng = store.create_store(folder, study), np.random.default_rng(5)
     for trial in study.trials():
         if trial.seed <= seeds:
             result = result_of(plain, rng.normal(shift if trial.strategy == "chapter" else 0.0))
@@ -300,7 +300,7 @@ def test_a_campaign_that_was_looked_at_is_judged_by_its_looks(tmp_path: Path, pl
 
 def test_equivalence_stops_a_campaign_too(tmp_path: Path, plain: RunResult) -> None:
     """Every run has all places after as long: the first look at which equivalence can be shown ends it."""
-    kept = store.create(tmp_path / "out", STUDY)
+    kept = store.create_store(tmp_path / "out", STUDY)
     for trial in STUDY.trials():
         if trial.seed <= 30:
             write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, result_of(plain, 3.0)))
@@ -337,9 +337,9 @@ def test_only_seeds_that_have_ended_for_all_are_looked_at(tmp_path: Path, plain:
 
 
 def test_the_maximum_is_fixed_after_the_first_look(tmp_path: Path) -> None:
-    store.create(tmp_path / "out", STUDY).declare_looks()
-    store.create(tmp_path / "out", STUDY).declare_looks()
-    more = store.create(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=80))
+    store.create_store(tmp_path / "out", STUDY).declare_looks()
+    store.create_store(tmp_path / "out", STUDY).declare_looks()
+    more = store.create_store(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=80))
     with pytest.raises(AcrcError, match=r"has had interim looks for 60 pairs by .*; 80 pairs"):
         more.declare_looks()
 
@@ -350,15 +350,15 @@ def test_several_comparisons_share_the_error(tmp_path: Path) -> None:
         strategies=("none", "chapter", "released"),
         primary=(("chapter", "none"), ("chapter", "released")),
     )
-    alone = InterimAnalysis(store.create(tmp_path / "one", STUDY)).rules.differ
-    shared = InterimAnalysis(store.create(tmp_path / "two", three)).rules.differ
+    alone = InterimAnalysis(store.create_store(tmp_path / "one", STUDY)).rules.differ
+    shared = InterimAnalysis(store.create_store(tmp_path / "two", three)).rules.differ
     assert shared.looks == alone.looks
     assert all(one < other for one, other in zip(shared.thresholds, alone.thresholds, strict=True))
     with pytest.raises(AcrcError, match="the study declares no comparison"):
-        InterimAnalysis(store.create(tmp_path / "three", msgspec.structs.replace(three, primary=())))
+        InterimAnalysis(store.create_store(tmp_path / "three", msgspec.structs.replace(three, primary=())))
     with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, contacts"):
         InterimAnalysis(
-            store.create(tmp_path / "four", msgspec.structs.replace(STUDY, primary_metric="speed"))
+            store.create_store(tmp_path / "four", msgspec.structs.replace(STUDY, primary_metric="speed"))
         )
 
 

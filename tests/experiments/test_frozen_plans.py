@@ -60,7 +60,7 @@ def frozen(folder: Path, *, until_decided: bool = False) -> Path:
 def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]:
     """Return the campaign of the current study file, and the sentences before its next run."""
     source = folder / "study.toml"
-    kept = store.create(folder / "out", load_study(source))
+    kept = store.create_store(folder / "out", load_study(source))
     if looks:
         kept.declare_looks()
     return kept, store.record_plan(kept, store.find_plan(None, source), source, looks=looks)
@@ -295,13 +295,13 @@ def test_a_bundle_is_checked_in_another_folder(folder: Path, plain: RunResult, t
     with zipfile.ZipFile(tmp_path / "b.zip") as archive:
         archive.extractall(tmp_path / "elsewhere")
     unpacked = tmp_path / "elsewhere" / "out"
-    assert evaluate(store.load(unpacked / "results")).declared == told
+    assert evaluate(store.load_store(unpacked / "results")).declared == told
     readme = (unpacked / "README.md").read_text()
     assert f"commit `{COMMIT}`, SHA-256 `{plan.sha256}`" in readme
     assert "\n\n".join(told) in readme
     assert "The campaign follows the plan." in (unpacked / "report" / "report.html").read_text()
     again = unpacked / "study.json"
-    made = store.create(unpacked / "reproduced", load_study(again))
+    made = store.create_store(unpacked / "reproduced", load_study(again))
     (map_image,) = (unpacked / "inputs").rglob("corridor.png")
     map_image.write_bytes(map_image.read_bytes() + b"\0")
     said = store.record_plan(made, store.find_plan(None, again), again, looks=False)

@@ -27,7 +27,7 @@ def written(folder: Path, files: str = "trials/*.json") -> dict[str, int]:
 def digests(folder: Path) -> dict[tuple[str, int], str | None]:
     return {
         (record.strategy, record.seed): record.result.digest if record.result else None
-        for record in store.load(folder).records()
+        for record in store.load_store(folder).records()
     }
 
 
@@ -62,9 +62,9 @@ def test_a_killed_campaign_continues(
         assert kept.items() <= now.items(), "a finished trial is not made again"
         kept = now
     record_property("trials kept after the last kill", len(kept))
-    campaign = store.load(cut)
+    campaign = store.load_store(cut)
     run_campaign(campaign, CampaignOptions(jobs=2, check_every=0))
     assert kept.items() <= written(cut).items()
-    whole = store.create(tmp_path / "whole", campaign.study)
+    whole = store.create_store(tmp_path / "whole", campaign.study)
     run_campaign(whole, CampaignOptions(jobs=2, check_every=0))
     assert len(digests(cut)) == 2 * kills and digests(cut) == digests(tmp_path / "whole")

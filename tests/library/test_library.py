@@ -156,7 +156,7 @@ def test_a_campaign_is_overwritten_on_request(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(acrc.AcrcError, match="the campaign has 6 seeds; 2 must not be fewer"):
         acrc.campaign(tmp_path / "s.toml", folder, seeds=2)
     again = acrc.campaign(tmp_path / "s.toml", folder, seeds=2, overwrite=True)
-    assert len(again.results()) == 0 and again._kept().study.seeds == 2
+    assert len(again.results()) == 0 and again._store().study.seeds == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["c", "s.toml"]
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "text.tex").touch()

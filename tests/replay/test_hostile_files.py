@@ -185,18 +185,18 @@ def test_pipes_devices_and_huge_files_are_refused(copy: Path, tmp_path: Path, na
 
 def test_nothing_is_written_through_links_in_a_campaigns_folder(tmp_path: Path, victim: Path) -> None:
     study = Study(name="received", scenario="/nowhere/scenario.toml", strategies=("none", "chapter"), seeds=2)
-    kept = store.create(tmp_path / "received", study)
+    kept = store.create_store(tmp_path / "received", study)
     for trial in study.trials():
         write_json(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, failure="it never was"))
     for name in ("results.csv", "results.parquet", "results.new", "study.new"):
         (kept.folder / name).unlink(missing_ok=True)
         (kept.folder / name).symlink_to(victim)
     campaign.write_tables(kept)
-    store.create(kept.folder, kept.study)
+    store.create_store(kept.folder, kept.study)
     assert victim.read_text() == SECRET
     table = kept.folder / "results.csv"
     assert table.stat().st_size > 100 and not table.is_symlink()
     shutil.rmtree(kept.folder / "trials")
     (kept.folder / "trials").symlink_to(victim.parent)
     with pytest.raises(AcrcError, match="trials: is a symbolic link, and must be a folder"):
-        store.create(kept.folder, kept.study)
+        store.create_store(kept.folder, kept.study)

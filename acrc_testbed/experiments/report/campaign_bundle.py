@@ -17,7 +17,7 @@ import msgspec
 from acrc_testbed.experiments.evaluation import evaluate
 from acrc_testbed.experiments.frozen_plan import SUFFIX, FrozenPlan, study_inputs
 from acrc_testbed.experiments.report import report_page
-from acrc_testbed.experiments.store import Store, load
+from acrc_testbed.experiments.store import Store, load_store
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.seal import SUMS, checksum_lines
@@ -177,7 +177,7 @@ def make_bundle(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     Returns whether the sources are included; they are not if they had uncommitted changes. Raises AcrcError
     for a folder without a campaign, or a damaged one.
     """
-    store = load(folder)
+    store = load_store(folder)
     records = list(store.records())
     if not records:
         raise AcrcError(f"{folder}: no run has ended, so there are no results to bundle")

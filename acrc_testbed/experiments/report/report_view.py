@@ -11,13 +11,12 @@ from typing import Final, TypeVar
 
 from matplotlib.figure import Figure
 
-from acrc_testbed.experiments import store
 from acrc_testbed.experiments.evaluation import CampaignEvaluation, evaluate
 from acrc_testbed.experiments.paired_tests import Interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import SeriesStyle
 from acrc_testbed.experiments.statistical_models import Completion
-from acrc_testbed.experiments.store import Store
+from acrc_testbed.experiments.store import Store, is_campaign, load_store
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.time_spent import TimeSpent
@@ -66,11 +65,11 @@ class RunSource:
 
 def read_sources(folders: Sequence[Path]) -> tuple[RunSource, ...]:
     """Read the folders, in their order. Raises AcrcError."""
-    several = sum(map(store.is_campaign, folders)) > 1
+    several = sum(map(is_campaign, folders)) > 1
     named = zip(folders, _unique_names(folders), strict=True)
     return tuple(
-        _campaign_source(store.load(folder), name, several=several)
-        if store.is_campaign(folder)
+        _campaign_source(load_store(folder), name, several=several)
+        if is_campaign(folder)
         else _run_source(folder, name)
         for folder, name in named
     )

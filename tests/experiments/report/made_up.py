@@ -35,7 +35,7 @@ def campaign(
     with_time: bool = False,
 ) -> Path:
     """Write a campaign's folder as acrc campaign does, reproducibly."""
-    kept = store.create(folder, study)
+    kept = store.create_store(folder, study)
     for trial in study.trials():
         rng = np.random.default_rng([trial.seed, len(trial.strategy), len(str(trial.variant))])
         failure = fails(trial)

@@ -38,7 +38,7 @@ def run(study: Study, seed: int, out: Path) -> RunResult:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("campaigns")
-    kept = store.create(out / "tiny", STUDY)
+    kept = store.create_store(out / "tiny", STUDY)
     first, second = STUDY.trials()
     write_json(kept.path(first), TrialRecord("none", 1, {}, run(STUDY, 1, out / "run")))
     write_json(kept.path(second), TrialRecord("none", 2, {}, failure="it rained"))
@@ -65,7 +65,7 @@ def test_all_that_others_need_is_there(unpacked: Path) -> None:
     assert not any(
         str(ROOT) in path.read_text() for path in (unpacked / "study.json", unpacked / "README.md")
     )
-    assert store.load(unpacked / "results").study.strategies == ("none",)
+    assert store.load_store(unpacked / "results").study.strategies == ("none",)
     assert "failed" in (unpacked / "digests.csv").read_text()
     told = yaml.safe_load((unpacked / "CITATION.cff").read_text())
     assert (told["cff-version"], told["authors"]) == ("1.2.0", [{"name": "Ada Lovelace"}])
@@ -114,7 +114,7 @@ def test_inputs_that_others_could_not_find_are_refused(tmp_path: Path) -> None:
         study_inputs(msgspec.structs.replace(STUDY, scenario=str(path)))
     with pytest.raises(AcrcError, match="missing; the campaign's runs were made with it"):
         study_inputs(msgspec.structs.replace(STUDY, scenario=str(tmp_path / "gone.toml")))
-    store.create(tmp_path / "new", STUDY)
+    store.create_store(tmp_path / "new", STUDY)
     with pytest.raises(AcrcError, match="no run has ended"):
         campaign_bundle.make_bundle(tmp_path / "new", tmp_path / "new.zip")
 

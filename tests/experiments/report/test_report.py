@@ -54,7 +54,7 @@ def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def records(folder: Path) -> dict[str, list[TrialRecord]]:
     found: dict[str, list[TrialRecord]] = {}
-    for record in store.load(folder).records():
+    for record in store.load_store(folder).records():
         if record.result is not None:
             name = "oracle (upper bound)" if record.strategy == "oracle" else record.strategy
             found.setdefault(name, []).append(record)
@@ -208,7 +208,7 @@ def test_names_and_failures_are_escaped(written: Path) -> None:
 
 def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) -> None:
     page = html.unescape((written / "report.html").read_text())
-    said = evaluate(store.load(folder)).sentences()
+    said = evaluate(store.load_store(folder)).sentences()
     assert said[0].startswith("none failed in 1 of 7 runs (seed 2); each counts as")
     assert said[-1].startswith("none is worse than oracle in places done: ")  # the way it was declared
     assert said[1] == "No plan was frozen before the first run."
@@ -240,7 +240,7 @@ def test_caveats_about_runs_and_seeds(plain: RunResult, tmp_path: Path) -> None:
         return report_page.compose(read_sources([tmp_path / "few"]), tmp_path).sections[1].warnings
 
     told = " ".join(cautions())
-    store.load(tmp_path / "few").path(trial).unlink()
+    store.load_store(tmp_path / "few").path(trial).unlink()
     less = cautions()
     assert "tuning seeds" in told
     assert "chapter and none: 2 pairs of runs are too few: the exact test needs at least 6" in told
