@@ -23,7 +23,8 @@ def test_language_is_within_its_budget() -> None:
 
 def noun(name: str) -> str:
     """Return the last word of a class name, in lower case."""
-    return re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z][a-z0-9]*|[A-Z]+|[a-z0-9]+", name)[-1].lower()
+    words: list[str] = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z][a-z0-9]*|[A-Z]+|[a-z0-9]+", name)
+    return words[-1].lower()
 
 
 def singulars(word: str) -> set[str]:
