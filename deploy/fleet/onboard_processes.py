@@ -28,7 +28,7 @@ from deploy.run.plan import (
     MODEL,
     RunPlan,
     actor_program,
-    client,
+    client_setup,
     robot_program,
     write_robot_folder,
     write_strategy_folders,
@@ -149,7 +149,7 @@ def bridge_program(onboard: OnboardRobot, start: int) -> Program:
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
     bridge = BridgeSetup(onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board)
     record = f"{_numbered(folder.name, start)}.mcap"
-    process = client(plan, f"../{onboard.folder(BASE).name}", "radio", record)
+    process = client_setup(plan, f"../{onboard.folder(BASE).name}", "radio", record)
     return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))
 
 

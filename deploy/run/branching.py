@@ -1,4 +1,4 @@
-"""Branches: a run repeated in memory with a change from an instant on, and their first difference."""
+"""Branches: simulated runs repeated in memory with a change from an instant on, and compared."""
 
 import time
 from collections.abc import Sequence
@@ -25,16 +25,16 @@ from cleaning.strategies import StrategyError, entry
 from deploy.run import out_folder, swarm
 from deploy.run.change import (
     Change,
-    OrderBus,
-    boundary,
-    changed,
+    OrderReplayBus,
+    branch_scenario,
     control_scenario,
-    event,
+    first_step_at,
     merge_events,
+    parse_branch_point,
+    parse_event,
     recorded_orders,
     strategy_settings,
 )
-from deploy.run.change import place as place_of
 from deploy.run.options import RunOptions, check_options, run_folder_name
 from deploy.run.start import output_folder
 from deploy.run.swarm_replay import SCENARIO, Divergence, divergence
@@ -44,11 +44,11 @@ from deploy.scenario.tables import Scenario
 
 @dataclass(frozen=True)
 class BranchControl:
-    """Control of a branch with changed settings: the same strategy, restarted with its old settings."""
+    """Control run of a branch with changed settings: the same strategy, restarted with its old settings."""
 
     digest: str
     divergence: Divergence | None
-    """First difference of the branch from it; None: the new settings have no effect."""
+    """First difference between control and branch; None: the new settings have no effect."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class BranchResult:
     result: RunResult
     divergence: Divergence | None
     """First difference from the original run; None: identical."""
-    again_s: float
+    replay_s: float
     """Wall time up to the branch, s."""
-    undone: tuple[str, ...] = ()
-    """Sentences about events that the world refused, or after the end."""
+    failed_events: tuple[str, ...] = ()
+    """One sentence per event that the world refused or that came after the end."""
     control: BranchControl | None = None
     """None: no setting was changed, or the strategy was replaced."""
 
@@ -69,76 +69,82 @@ class BranchResult:
 def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit) -> BranchResult:
     """Repeat the simulated run (or branch) in `origin` with a change, into `options.out`.
 
-    Before the change everything is equal; later orders of the run are repeated. Raises AcrcError for an
-    instant after the run's end, if the part before it differs, and for code that the permit does not cover.
+    Up to the change both runs must be equal; the run's later orders are repeated. Raises AcrcError for an
+    instant after the run's end, if the runs differ before it, and for code that the permit does not cover.
     """
     if not (origin / SCENARIO).is_file():
         raise AcrcError(f"{origin}: contains no {SCENARIO}; give the folder of a simulated run")
-    told, files = check(origin, strict=False), all_recordings(origin)
+    report, files = check(origin, strict=False), all_recordings(origin)
     if "world" not in files or "radio" not in files:
         raise AcrcError(f"{origin}: no recording of the world or the radio")
     scenario = load_scenario(origin / SCENARIO)
     step_us = milliseconds(scenario.run.step_ms)
-    first = boundary(change.at_s, step_us)
-    done = _outcome(origin)
-    last = boundary(done.simulated_s, step_us) if told.complete and done else (told.good_until or 0)
-    if first >= last:
-        raise AcrcError(f"{origin}: the run ends at {in_seconds(last * step_us):g} s; branch before that")
-    chosen = change.strategy is not None or bool(change.settings)
-    branched = changed(scenario, change) if chosen else scenario
+    branch_step = first_step_at(change.at_s, step_us)
+    outcome = _outcome(origin)
+    end_step = (
+        first_step_at(outcome.simulated_s, step_us)
+        if report.complete and outcome
+        else (report.good_until or 0)
+    )
+    if branch_step >= end_step:
+        raise AcrcError(f"{origin}: the run ends at {in_seconds(end_step * step_us):g} s; branch before that")
+    is_changed = change.strategy is not None or bool(change.settings)
+    branched = branch_scenario(scenario, change) if is_changed else scenario
     modules = permitted_folders(
         origin / SCENARIO, entry(branched.run.strategy), module_folders(branched), permit
     )
     options = replace(options, modules=modules)
-    anew = control_scenario(scenario, change) if chosen else None
+    restarted = control_scenario(scenario, change) if is_changed else None
 
-    began, again_s = time.monotonic(), 0.0
+    started, replay_s = time.monotonic(), 0.0
 
-    def follow(progress: Progress) -> None:
-        nonlocal again_s
-        if not again_s and progress.step >= first:
-            again_s = time.monotonic() - began
+    def on_progress(progress: Progress) -> None:
+        nonlocal replay_s
+        if not replay_s and progress.step >= branch_step:
+            replay_s = time.monotonic() - started
 
-    def carry_out(of: Scenario, into: RunOptions) -> RunResult:
-        orders = OrderBus(merge_events(recorded_orders(files["world"]), change.events, step_us))
-        return swarm.run_in_memory(swarm.plan(of, into), follow, orders)
+    def execute(scenario: Scenario, options: RunOptions) -> RunResult:
+        orders = OrderReplayBus(merge_events(recorded_orders(files["world"]), change.events, step_us))
+        return swarm.run_in_memory(swarm.plan(scenario, options), on_progress, orders)
 
-    result = carry_out(branched, options)
-    parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
-    if parted is not None and parted.step < first:
+    result = execute(branched, options)
+    difference = None if result.digest == report.digest else divergence(origin, options.out, step_us)
+    if difference is not None and difference.step < branch_step:
         raise AcrcError(
-            f"{origin}: the repeated run differs before {change.at_s:g} s: {parted.words}; for details: "
+            f"{origin}: the repeated run differs before {change.at_s:g} s: {difference.words}; for details: "
             f"`{command_line('replay', origin, modules=permit.modules)}`"
         )
     control: BranchControl | None = None
-    if anew is not None:
+    if restarted is not None:
         with TemporaryDirectory(prefix="acrc-") as name:
-            into = replace(options, out=Path(name) / "control")
-            digest = carry_out(anew, into).digest
-            apart = (
+            control_options = replace(options, out=Path(name) / "control")
+            digest = execute(restarted, control_options).digest
+            control_difference = (
                 None
                 if digest == result.digest
-                else divergence(into.out, options.out, step_us, ("control", "branch"))
+                else divergence(control_options.out, options.out, step_us, ("control", "branch"))
             )
-            control = BranchControl(digest, apart)
-    about = BranchOrigin(
+            control = BranchControl(digest, control_difference)
+    branch_origin = BranchOrigin(
         str(origin.absolute()),
-        told.digest,
+        report.digest,
         change.at_s,
         change.words,
-        "" if parted is None else parted.words,
+        "" if difference is None else difference.words,
         "" if control is None else control.digest,
         "" if control is None or control.divergence is None else control.divergence.words,
     )
-    result = msgspec.structs.replace(result, origin=msgspec.structs.replace(result.origin, branch=about))
+    result = msgspec.structs.replace(
+        result, origin=msgspec.structs.replace(result.origin, branch=branch_origin)
+    )
     (options.out / "run.json").write_bytes(typed_json.dump(result))
     seal(options.out)
-    undone = _undone(change, step_us, result, done)
-    return BranchResult(result, parted, again_s, undone, control)
+    failed_events = _failed_events(change, step_us, result, outcome)
+    return BranchResult(result, difference, replay_s, failed_events, control)
 
 
 class _RunOutcome(msgspec.Struct):
-    """The required part of a run's result, which an unfinished run does not have."""
+    """Required part of a run's result; an unfinished run has none."""
 
     simulated_s: float
     refused_orders: tuple[str, ...]
@@ -149,13 +155,17 @@ def _outcome(origin: Path) -> _RunOutcome | None:
     return typed_json.read(path, _RunOutcome, "result of a run") if path.is_file() else None
 
 
-def _undone(change: Change, step_us: int, result: RunResult, done: _RunOutcome | None) -> tuple[str, ...]:
-    """Describe events that the world refused, unlike in the run, or that came after the end."""
-    instants = [in_seconds(boundary(event.at_s, step_us) * step_us) for event in change.events]
-    refused = [one for one in result.refused_orders if done is None or one not in done.refused_orders]
-    said = [one for one in refused if any(one.startswith(f"at {instant:g} s: ") for instant in instants)]
-    over = f"the branch ended at {result.simulated_s:g} s"
-    return (*said, *(f"at {at:g} s: {over}" for at in instants if at >= result.simulated_s))
+def _failed_events(
+    change: Change, step_us: int, result: RunResult, outcome: _RunOutcome | None
+) -> tuple[str, ...]:
+    """Describe events that the world refused in the branch only, or that came after its end."""
+    instants = [in_seconds(first_step_at(event.at_s, step_us) * step_us) for event in change.events]
+    refused = [one for one in result.refused_orders if outcome is None or one not in outcome.refused_orders]
+    branch_refusals = [
+        one for one in refused if any(one.startswith(f"at {instant:g} s: ") for instant in instants)
+    ]
+    ended = f"the branch ended at {result.simulated_s:g} s"
+    return (*branch_refusals, *(f"at {at:g} s: {ended}" for at in instants if at >= result.simulated_s))
 
 
 def continue_run(
@@ -169,10 +179,10 @@ def continue_run(
     json: bool,
 ) -> None:
     """Carry out a branch and print its result."""
-    origin, at_s = place_of(place)
+    origin, at_s = parse_branch_point(place)
     try:
         changed = strategy_settings(parse_settings(settings), origin / SCENARIO)
-        change = Change(at_s, strategy, changed, tuple(event(text, at_s) for text in events))
+        change = Change(at_s, strategy, changed, tuple(parse_event(text, at_s) for text in events))
         typed = "" if strategy is None else entry(strategy)
     except StrategyError as error:
         raise OptionError(f"--strategy: {error}") from None
@@ -189,17 +199,17 @@ def continue_run(
     console = create_console(stderr=True)
     changes = "; ".join(change.words) or "no change"
     console.print(
-        f"branch of {origin} at {at_s:g} s: {changes}; replayed up to there in {branched.again_s:.1f} s"
+        f"branch of {origin} at {at_s:g} s: {changes}; replayed up to there in {branched.replay_s:.1f} s"
     )
-    parted = branched.divergence
-    if parted is None:
+    difference = branched.divergence
+    if difference is None:
         console.print(f"identical to {origin}: same digest")
     else:
-        _print_parted(console, parted)
+        _print_difference(console, difference)
     _print_control(console, branched, at_s)
-    if branched.undone:
-        undone = "; ".join(branched.undone)
-        raise AcrcError(f"{branched.result.out}: not all events took effect: {undone}")
+    if branched.failed_events:
+        failed_events = "; ".join(branched.failed_events)
+        raise AcrcError(f"{branched.result.out}: not all events took effect: {failed_events}")
 
 
 def _print_control(console: Console, branched: BranchResult, at_s: float) -> None:
@@ -214,7 +224,7 @@ def _print_control(console: Console, branched: BranchResult, at_s: float) -> Non
         console.print(f"{compared}first difference: {control.divergence.words}")
 
 
-def _print_parted(console: Console, parted: Divergence) -> None:
-    console.print(f"first difference: {parted.words}")
-    robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(parted.robots.items()))
+def _print_difference(console: Console, difference: Divergence) -> None:
+    console.print(f"first difference: {difference.words}")
+    robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(difference.robots.items()))
     console.print(f"robots that differ: {robots or 'none'}")

@@ -1,7 +1,7 @@
 """Change of a branch: strategy, settings and events from the command line.
 
-A changed setting restarts the behaviour, which loses its state. So such a branch is also compared with its
-control: the same strategy restarted at the same instant with its old settings.
+A changed setting restarts the behaviour, which loses its state. Such a branch is therefore also compared with
+a control run: the same strategy, restarted at the same instant with its old settings.
 """
 
 from collections import deque
@@ -30,7 +30,7 @@ from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 
-_STRATEGY: Final = "strategy."
+_STRATEGY_PREFIX: Final = "strategy."
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Change:
 
     at_s: float
     strategy: str | None = None
-    """Strategy from there on; None: unchanged."""
+    """Strategy from `at_s` on; None: unchanged."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
-    """Changed settings of the strategy from there on, or settings of the new strategy."""
+    """Settings from `at_s` on: changed ones of the present strategy, or those of the new one."""
     events: tuple[BranchEvent, ...] = ()
     """Additional orders, in order of the command line."""
 
@@ -59,13 +59,13 @@ class Change:
     def words(self) -> tuple[str, ...]:
         """Changes, as text."""
         from_then = f"from {self.at_s:g} s on"
-        changed = () if self.strategy is None else (f"strategy {self.strategy} {from_then}",)
+        strategy = () if self.strategy is None else (f"strategy {self.strategy} {from_then}",)
         settings = tuple(f"strategy.{name}={value} {from_then}" for name, value in self.settings.items())
         events = (f"{event.words} at {event.at_s:g} s" for event in self.events)
-        return (*changed, *settings, *events)
+        return (*strategy, *settings, *events)
 
 
-def place(text: str) -> tuple[Path, float]:
+def parse_branch_point(text: str) -> tuple[Path, float]:
     """Parse a folder and an instant, s, such as `runs/seen@120`. Raises OptionError."""
     folder, _, instant = text.rpartition("@")
     at_s = handover.instant_of(instant)
@@ -74,17 +74,17 @@ def place(text: str) -> tuple[Path, float]:
     return Path(folder), at_s
 
 
-def event(text: str, branch_s: float) -> BranchEvent:
+def parse_event(text: str, branch_s: float) -> BranchEvent:
     """Parse an event such as `kill r2 at 130`; default instant: that of the branch.
 
     Raises OptionError for an invalid order or an instant before the branch.
     """
     words, at_s = text.split(), branch_s
     if "at" in words[-2:-1]:
-        given = handover.instant_of(words[-1])
-        if given is None or given < branch_s:
+        event_s = handover.instant_of(words[-1])
+        if event_s is None or event_s < branch_s:
             raise wrong_value("--event", text, f"an order ending with a time of at least {branch_s:g} s")
-        words, at_s = words[:-2], given
+        words, at_s = words[:-2], event_s
     if not words:
         raise wrong_value("--event", text, "an order of `acrc order`, such as kill r2 at 130")
     try:
@@ -112,42 +112,46 @@ def merge_events(
 
     The world accepts one message per step, so an event is merged into the first one.
     """
-    own: dict[int, tuple[Order, ...]] = {}
+    added: dict[int, tuple[Order, ...]] = {}
     for event in events:
-        step = boundary(event.at_s, step_us)
-        own[step] = (*own.get(step, ()), event.order)
-    given: list[TimedControl] = []
+        step = first_step_at(event.at_s, step_us)
+        added[step] = (*added.get(step, ()), event.order)
+    merged: list[TimedControl] = []
     for step, payload in recorded:
-        if step in own:
-            told = decode(at(CONTROL).topic, CONTROL.key(), payload)
-            assert isinstance(told, Control)
-            given.append(TimedControl(step, _encoded((*own.pop(step), *told.orders), told.ticket)))
+        if step in added:
+            control = decode(at(CONTROL).topic, CONTROL.key(), payload)
+            assert isinstance(control, Control)
+            merged.append(
+                TimedControl(step, _encode_control((*added.pop(step), *control.orders), control.ticket))
+            )
         else:
-            given.append(TimedControl(step, payload))
-    given += [TimedControl(step, _encoded(orders_there)) for step, orders_there in own.items()]
-    return sorted(given, key=attrgetter("step"))
+            merged.append(TimedControl(step, payload))
+    merged += [TimedControl(step, _encode_control(orders)) for step, orders in added.items()]
+    return sorted(merged, key=attrgetter("step"))
 
 
-def boundary(at_s: float, step_us: int) -> int:
+def first_step_at(at_s: float, step_us: int) -> int:
     """Return the first step that begins at or after the instant."""
     return -(-seconds(at_s) // step_us)
 
 
-def _encoded(given: tuple[Order, ...], ticket: str = "") -> bytes:
-    return encode(Control(0, given, ticket), CONTROL.key())
+def _encode_control(orders: tuple[Order, ...], ticket: str = "") -> bytes:
+    return encode(Control(0, orders, ticket), CONTROL.key())
 
 
-def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[str, Setting]:
+def strategy_settings(settings: Iterable[tuple[str, Any]], file: Path) -> Mapping[str, Setting]:
     """Return the strategy's settings from the command line, by name.
 
     Other keys must have the run's values, as in its scenario `file`. Raises OptionError, and AcrcError for an
     invalid key or value.
     """
     found: dict[str, Setting] = {}
-    for key, value in given:
-        if key.startswith(_STRATEGY) and key != _STRATEGY:
-            found[key.removeprefix(_STRATEGY)] = value
-        elif _told(load_scenario(file, Overrides(settings=((key, value),)))) != _told(load_scenario(file)):
+    for key, value in settings:
+        if key.startswith(_STRATEGY_PREFIX) and key != _STRATEGY_PREFIX:
+            found[key.removeprefix(_STRATEGY_PREFIX)] = value
+        elif _actor_setups(load_scenario(file, Overrides(settings=((key, value),)))) != _actor_setups(
+            load_scenario(file)
+        ):
             raise wrong_value(
                 "--set",
                 key,
@@ -156,72 +160,80 @@ def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[s
     return found
 
 
-def _told(scenario: Scenario) -> tuple[object, ...]:
+def _actor_setups(scenario: Scenario) -> tuple[object, ...]:
     """Return the set-ups of all actors."""
     resolved = resolve(scenario)
     return resolved.world, resolved.radio, resolved.behaviour, resolved.adaptation, resolved.stack
 
 
-def changed(scenario: Scenario, change: Change) -> Scenario:
-    """Return the scenario of the branch, with its strategy or settings from the instant on."""
-    present = _present(scenario, change)
+def branch_scenario(scenario: Scenario, change: Change) -> Scenario:
+    """Return the branch's scenario: another strategy or other settings from `change.at_s` on."""
+    present = _current_behaviour(scenario, change)
     settings = change.settings if change.strategy else {**present.settings, **change.settings}
-    return _from(scenario, BehaviourChange(change.at_s, change.strategy or present.name, settings))
+    return _with_behaviour_change(
+        scenario, BehaviourChange(change.at_s, change.strategy or present.name, settings)
+    )
 
 
 def control_scenario(scenario: Scenario, change: Change) -> Scenario | None:
-    """Return the control's scenario: strategy restarted with old settings; None for another strategy."""
-    present = _present(scenario, change)
+    """Return the control run's scenario: the strategy restarted with its old settings.
+
+    None if the branch has another strategy.
+    """
+    present = _current_behaviour(scenario, change)
     if change.strategy is not None and entry(change.strategy) != entry(present.name):
         return None
-    return _from(scenario, BehaviourChange(change.at_s, present.name, present.settings))
+    return _with_behaviour_change(scenario, BehaviourChange(change.at_s, present.name, present.settings))
 
 
-def _present(scenario: Scenario, change: Change) -> BehaviourChange:
-    """Return the active strategy at the branch."""
-    first, turns = handover.split(scenario.run.strategy)
+def _current_behaviour(scenario: Scenario, change: Change) -> BehaviourChange:
+    """Return the strategy and settings that are active just before the branch."""
+    first, handovers = handover.split(scenario.run.strategy)
     return [
         BehaviourChange(0.0, first, scenario.strategy),
-        *(one for one in turns if one.at_s < change.at_s),
+        *(one for one in handovers if one.at_s < change.at_s),
     ][-1]
 
 
-def _from(scenario: Scenario, turn: BehaviourChange) -> Scenario:
-    first, turns = handover.split(scenario.run.strategy)
-    strategy = handover.join(first, [*(one for one in turns if one.at_s < turn.at_s), turn])
+def _with_behaviour_change(scenario: Scenario, behaviour_change: BehaviourChange) -> Scenario:
+    first, handovers = handover.split(scenario.run.strategy)
+    strategy = handover.join(
+        first, [*(one for one in handovers if one.at_s < behaviour_change.at_s), behaviour_change]
+    )
     return replace(scenario, run=replace(scenario.run, strategy=strategy))
 
 
-class OrderBus(MemoryBus):
-    """A bus that publishes recorded orders, sorted by step, before their steps."""
+class OrderReplayBus(MemoryBus):
+    """A bus that publishes recorded orders, sorted by step, each before its step begins."""
 
     def __init__(self, orders: Iterable[TimedControl]) -> None:
         super().__init__()
-        self.given = 0
-        self._left = deque(orders)
-        self.listen(at(RADIO_READY), lambda _: self._give(0))
-        self.listen(at(TRUTH), self._after)
+        self.orders_published = 0
+        """Number of messages published so far."""
+        self._pending = deque(orders)
+        self.listen(at(RADIO_READY), lambda _: self._publish_until(0))
+        self.listen(at(TRUTH), self._on_truth)
 
-    def _after(self, delivery: Delivery) -> None:
+    def _on_truth(self, delivery: Delivery) -> None:
         """Publish the next step's orders once the world has finished a step."""
         truth = decode(delivery.topic, delivery.key, delivery.payload)
         assert isinstance(truth, Truth)
-        self._give(truth.step + 1)
+        self._publish_until(truth.step + 1)
 
-    def _give(self, step: int) -> None:
-        while self._left and self._left[0].step <= step:
-            self.publish(CONTROL.pattern, self._left.popleft().payload)
-            self.given += 1
+    def _publish_until(self, step: int) -> None:
+        while self._pending and self._pending[0].step <= step:
+            self.publish(CONTROL.pattern, self._pending.popleft().payload)
+            self.orders_published += 1
 
 
 def recorded_orders(world: Path) -> Iterator[TimedControl]:
     """Yield the external orders in the world's recording; each follows the last RadioAdvanced."""
-    boundary = 0
+    step = 0
     for item in read_recording(world):
         if isinstance(item, Note) or item.direction != "in":
             continue
         if item.key == AIRED.pattern:
-            boundary = item.step + 1
+            step = item.step + 1
         elif item.key == CONTROL.pattern:
             assert item.payload is not None, "the receiver of a message keeps it in full"
-            yield TimedControl(boundary, item.payload)
+            yield TimedControl(step, item.payload)

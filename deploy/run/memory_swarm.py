@@ -1,4 +1,4 @@
-"""A run in one process: same cores, messages and recordings as with processes over the mesh."""
+"""A run in one process, with the same cores, messages and recordings as one process per actor."""
 
 import contextlib
 import gc
@@ -55,38 +55,39 @@ def _say(sentence: str) -> None:
 
 
 @contextmanager
-def watched(
+def detect_stalls(
     shells: Sequence[Shell],
     stalls: StallDetector,
-    turn: Callable[[], BoardState],
-    give_up: Callable[[str], None],
+    current_state: Callable[[], BoardState],
+    on_uninterruptible: Callable[[str], None],
 ) -> Iterator[None]:
-    """Raise TimedOut in the main thread if none of the `shells` advances in time.
+    """Raise StepTimeout in the main thread if none of the `shells` advances in time.
 
-    `turn`: returns the current actor. `give_up` is called if TimedOut was caught repeatedly, and must not
-    return. Other threads are not watched, because they receive no signals.
+    `current_state`: returns the current actor and its step. `on_uninterruptible` is called if user code has
+    caught StepTimeout repeatedly; it must not return. A swarm in another thread is not monitored, because
+    only the main thread receives signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     advances = -1
-    in_vain = 0
+    timeouts = 0
 
     def tick(frame: FrameType | None) -> None:
-        nonlocal advances, in_vain
+        nonlocal advances, timeouts
         now = sum(shell.advances for shell in shells)
         if now != advances:
             advances = now
             stalls.step()
             return
-        now_on = turn()
-        me = (AwaitedProcess(now_on.actor, os.getpid()),)
-        stall = stalls.check(me, me, now_on.in_words())
+        state = current_state()
+        awaited = (AwaitedProcess(state.actor, os.getpid()),)
+        stall = stalls.check(awaited, awaited, state.in_words())
         if stall is not None:
-            in_vain += 1
+            timeouts += 1
             sentence = f"{stall.sentence}; it is at {current_line(frame)}"
-            if in_vain > 3:
-                give_up(sentence)
+            if timeouts > 3:
+                on_uninterruptible(sentence)
             raise StepTimeout(sentence)
 
     with interval_timer(_TICK_S, tick):
@@ -96,30 +97,30 @@ def watched(
 @contextmanager
 def raise_on_hard_exit() -> Iterator[None]:
     """Make `os._exit` raise HardExit instead of ending this process."""
-    leave, me = os._exit, os.getpid()
+    original_exit, own_pid = os._exit, os.getpid()
 
-    def refuse(status: int) -> NoReturn:
-        if os.getpid() != me:  # a child process of the strategy
-            leave(status)
+    def raise_hard_exit(status: int) -> NoReturn:
+        if os.getpid() != own_pid:  # a child process of the strategy
+            original_exit(status)
         raise HardExit(status)
 
-    os._exit = refuse
+    os._exit = raise_hard_exit
     try:
         yield
     finally:
-        os._exit = leave
+        os._exit = original_exit
 
 
 @contextmanager
 def end_leftovers() -> Iterator[None]:
-    """End leftover threads and processes of strategies; raise AcrcError if there are any."""
+    """Kill child processes that strategies have left; raise AcrcError if any, or any thread, is left."""
     threads, children = threading.enumerate(), process_table.children(os.getpid(), process_table.processes())
     _adopt_orphans(True)
     try:
         yield
     finally:
-        left = process_table.children(os.getpid(), process_table.processes()) - children
-        fault = leftover_fault(process_table.kill_orphans(left) > 0, threads)
+        leftovers = process_table.children(os.getpid(), process_table.processes()) - children
+        fault = leftover_fault(process_table.kill_orphans(leftovers) > 0, threads)
         _adopt_orphans(False)
     if fault is not None:
         raise AcrcError(f"a strategy failed: {fault}")
@@ -127,7 +128,7 @@ def end_leftovers() -> Iterator[None]:
 
 def _adopt_orphans(adopt: bool) -> None:
     if sys.platform == "linux":
-        # Process emulators lack it: there, only direct children are found.
+        # Process emulators lack this call; without it, only direct children are found.
         with contextlib.suppress(OSError):
             prctl(PR_SET_CHILD_SUBREAPER, int(adopt))
 
@@ -143,11 +144,11 @@ class MemorySwarm:
         self._actors: list[tuple[Program, ActorProcess, Shell, Recorder]] = []
         self._shells: list[Shell] = []
         self._core: WorldCore | None = None
-        self._turn: Shell | None = None
+        self._current: Shell | None = None
         self._shared: list[object] = []
         """Data shared by the robots, kept for robots that start later."""
         self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
-        self._show: WriteBoard | None = None
+        self._write_board: WriteBoard | None = None
         """Publishes the current actor for the watchdog."""
         self._stalls = StallDetector(
             plan.timeout, _say, table=lambda: {os.getpid(): ProcessState(0, 0, "S", time.process_time())}
@@ -166,38 +167,38 @@ class MemorySwarm:
         return tuple(program for program, _, _, _ in self._actors)
 
     def run(self) -> None:
-        """Run to the end; always close the recordings, with a note of how it ended."""
+        """Execute the run; in any case close the recordings, with a note about the end or the failure."""
         with self._stack:
-            if self._plan.own_code:
-                self._show = self._stack.enter_context(run_watchdog(self._plan.timeout.step_s))
+            if self._plan.has_user_code:
+                self._write_board = self._stack.enter_context(run_watchdog(self._plan.timeout.step_s))
             failure.hold_reserve(self._plan.out)
             self._stack.callback(failure.release_reserve)
             with end_leftovers():
                 try:
-                    self._play()
+                    self._execute()
                 except (SystemExit, StepTimeout) as error:
                     raise AcrcError(self._note_failure(error)) from None
                 except Exception as error:
-                    failure.release_reserve()  # first of all: not even a call may be possible
+                    failure.release_reserve()  # first, because memory may be too short even for a call
                     sentence = self._note_failure(error)
                     if isinstance(error, AcrcError) or not (frames := own_frames(error)):
                         raise
                     raise AcrcError(f"{sentence}\n{frames}".rstrip()) from error
             cpu_s = time.process_time() / len(self._actors)  # one process: equal shares
-            for _, part, shell, recorder in self._actors:
-                recorder.note("final", final_note(shell, part, cpu_s))
+            for _, process, shell, recorder in self._actors:
+                recorder.note("final", final_note(shell, process, cpu_s))
 
-    def _play(self) -> None:
+    def _execute(self) -> None:
         fingerprints(kernel_modules())  # before any timeout starts: the first call ever takes a minute
         with (
             self._breakpoints(),
             raise_on_hard_exit(),
-            watched(self._shells, self._stalls, self._whose_turn, self._give_up),
+            detect_stalls(self._shells, self._stalls, self._current_state, self._kill_process),
             captured_output.captured_by(None),
         ):
             self._build()
-            with _settled():
-                run_shells(self._shells, self._hold)
+            with _infrequent_collection():
+                run_shells(self._shells, self._before_turn)
             failure.release_reserve()  # reserve for an orderly end: user code may have left no memory
 
     @contextmanager
@@ -209,7 +210,7 @@ class MemorySwarm:
             return
 
         def stop(*args: object, **kwargs: object) -> None:
-            if self._turn is not None and self._turn.actor == debug.robot:
+            if self._current is not None and self._current.actor == debug.robot:
                 stop_here(sys._getframe(1))
 
         before, sys.breakpointhook = sys.breakpointhook, stop
@@ -220,14 +221,14 @@ class MemorySwarm:
 
     def _build(self) -> None:
         plan = self._plan
-        self._bus.listen(at(PROGRESS), self._take)
-        self._bus.listen(at(ROSTER), self._take)
+        self._bus.listen(at(PROGRESS), self._on_message)
+        self._bus.listen(at(ROSTER), self._on_message)
         world, radio = world_as_program(plan), radio_program(plan)
         assert world.setup is not None and radio.setup is not None
-        part = world_program.actor_process_of(world.setup.actor, plan.folder("world"), plan.commit)
-        assert isinstance(part.core, WorldCore)
-        self._core = part.core
-        self._add(world, part)
+        process = world_program.actor_process_of(world.setup.actor, plan.folder("world"), plan.commit)
+        assert isinstance(process.core, WorldCore)
+        self._core = process.core
+        self._add(world, process)
         self._add(radio, radio_process(radio.setup.actor, plan.folder("radio"), plan.commit))
         self._shared = [share(*words) for words in shared_arguments(plan)]
         for robot in plan.world.robots:
@@ -243,39 +244,43 @@ class MemorySwarm:
         printed = captured_output.output_to_file(program.log, self._plan.world.step_us)
         self._stack.callback(printed.close)
         with printed.during(first_step):
-            part = robot_process(program.setup, folder)
-        self._add(program, part)
+            process = robot_process(program.setup, folder)
+        self._add(program, process)
         self._shells[-1].prints = printed
 
-    def _add(self, program: Program, part: ActorProcess) -> None:
+    def _add(self, program: Program, process: ActorProcess) -> None:
         assert program.record is not None
-        recorder = self._stack.enter_context(Recorder(program.record, part.run.step_us))
-        recorder.note("run", part.run)
+        recorder = self._stack.enter_context(Recorder(program.record, process.run.step_us))
+        recorder.note("run", process.run)
         shell = Shell(
-            part.core, self._bus, recorder, actor=part.run.actor, optional_inputs=part.optional_inputs
+            process.core,
+            self._bus,
+            recorder,
+            actor=process.run.actor,
+            optional_inputs=process.optional_inputs,
         )
-        for address in part.listens:
+        for address in process.listens:
             self._bus.listen(address, shell.deliver)
-        self._actors.append((program, part, shell, recorder))
+        self._actors.append((program, process, shell, recorder))
         self._shells.append(shell)
-        if part.ready is not None:
-            shell.send(part.ready)
+        if process.ready is not None:
+            shell.send(process.ready)
 
     def _note_failure(self, error: BaseException) -> str:
         """Record the failure for the current actor; other recordings are truncated, as with processes."""
         note = failure_note("the run", 0, error)
-        for _, part, shell, recorder in self._actors:
-            if shell is self._turn:
-                note = failure_note(part.run.actor, shell.core.step, error)
+        for _, process, shell, recorder in self._actors:
+            if shell is self._current:
+                note = failure_note(process.run.actor, shell.core.step, error)
                 recorder.note("failure", note)
         return failure_sentence(note)
 
-    def _whose_turn(self) -> BoardState:
-        turn = self._turn
-        return BoardState(0, "") if turn is None else BoardState(turn.core.step, turn.actor)
+    def _current_state(self) -> BoardState:
+        shell = self._current
+        return BoardState(0, "") if shell is None else BoardState(shell.core.step, shell.actor)
 
-    def _give_up(self, sentence: str) -> NoReturn:
-        """Kill this process, in which user code catches every exception."""
+    def _kill_process(self, sentence: str) -> NoReturn:
+        """Kill this process: its user code catches every exception."""
         self._note_failure(StepTimeout(sentence))
         self._stack.close()
         sys.stderr.write(f"acrc: {sentence}\n")
@@ -283,15 +288,15 @@ class MemorySwarm:
         os.kill(os.getpid(), signal.SIGKILL)
         raise AssertionError
 
-    def _hold(self, shell: Shell) -> None:
+    def _before_turn(self, shell: Shell) -> None:
         assert self._core is not None
-        self._turn = shell
-        if self._show is not None:
-            self._show(shell.core.step, shell.actor)
+        self._current = shell
+        if self._write_board is not None:
+            self._write_board(shell.core.step, shell.actor)
         if self._pace is not None and shell.core is self._core and self._core.opening:
             self._pace.wait_until(self._core.instant)
 
-    def _take(self, delivery: Delivery) -> None:
+    def _on_message(self, delivery: Delivery) -> None:
         message = decode(delivery.topic, delivery.key, delivery.payload)
         if isinstance(message, Progress):
             self._on_progress(message)
@@ -312,14 +317,14 @@ class MemorySwarm:
 
 
 @contextmanager
-def _settled() -> Iterator[None]:
-    """Exclude long-lived objects from garbage collection, and collect rarely.
+def _infrequent_collection() -> Iterator[None]:
+    """Exclude present objects from garbage collection, and collect rarely.
 
     A hundred robots create thousands of small objects per step, but hardly any cycles. If the process has
     frozen its initial objects, collections are cheap and these stay frozen.
     """
-    before, cheap = gc.get_threshold(), gc.get_freeze_count() > 0
-    if not cheap:
+    before, is_frozen = gc.get_threshold(), gc.get_freeze_count() > 0
+    if not is_frozen:
         gc.collect()
         gc.freeze()
     gc.set_threshold(20_000, 20, 20)
@@ -327,5 +332,5 @@ def _settled() -> Iterator[None]:
         yield
     finally:
         gc.set_threshold(*before)
-        if not cheap:
+        if not is_frozen:
             gc.unfreeze()

@@ -20,86 +20,86 @@ from actors.runtime.isolation import credentials, rules
 from actors.runtime.zenoh_bus import open_mesh
 
 
-def _numbers(make: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:
+def _number_parser(create: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:
     def order(words: Sequence[str]) -> Order:
         values = [float(word) for word in words]
         if len(values) != count:
             raise ValueError
-        return make(*values)
+        return create(*values)
 
     return order
 
 
-def _robot(make: Callable[[str], Order]) -> Callable[[Sequence[str]], Order]:
+def _robot_parser(create: Callable[[str], Order]) -> Callable[[Sequence[str]], Order]:
     def order(words: Sequence[str]) -> Order:
         (robot,) = words
-        return make(robot)
+        return create(robot)
 
     return order
 
 
-def _speed(word: str) -> float:
+def _parse_factor(word: str) -> float:
     factor = 0.0 if word == "max" else float(word)
     if factor == 0 and word != "max":
         raise ValueError
     return factor
 
 
-def _lose(words: Sequence[str]) -> Order:
+def _parse_lose(words: Sequence[str]) -> Order:
     robot, sender = words
     return orders.LoseFrame(robot, sender)
 
 
-def _move(words: Sequence[str]) -> Order:
+def _parse_move(words: Sequence[str]) -> Order:
     robot, *pose = words
-    return _numbers(lambda x, y, heading: orders.Move(robot, x, y, heading), 3)(pose)
+    return _number_parser(lambda x, y, heading: orders.Move(robot, x, y, heading), 3)(pose)
 
 
-def _give(words: Sequence[str]) -> Order:
+def _parse_give(words: Sequence[str]) -> Order:
     robot, *place = words
-    return _numbers(lambda x, y: orders.AssignPlaces(robot, ((x, y),)), 2)(place)
+    return _number_parser(lambda x, y: orders.AssignPlaces(robot, ((x, y),)), 2)(place)
 
 
-_FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
-    "kill": ("ROBOT", _robot(orders.Kill)),
-    "freeze": ("ROBOT", _robot(orders.Freeze)),
-    "thaw": ("ROBOT", _robot(orders.Thaw)),
-    "restart": ("ROBOT", _robot(orders.Restart)),
-    "move": ("ROBOT X Y HEADING", _move),
-    "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: orders.StartJam(x, y, r, seconds(s)), 4)),
-    "lose": ("ROBOT SENDER", _lose),
-    "obstacle": ("X Y RADIUS", _numbers(orders.Obstacle, 3)),
-    "wall": ("X Y TO_X TO_Y", _numbers(orders.Wall, 4)),
-    "give": ("ROBOT X Y", _give),
-    "close": ("X Y", _numbers(orders.CloseDoor, 2)),
-    "open": ("X Y", _numbers(orders.OpenDoor, 2)),
-    "pause": ("", _numbers(orders.Pause, 0)),
-    "resume": ("", _numbers(orders.Resume, 0)),
+_VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
+    "kill": ("ROBOT", _robot_parser(orders.Kill)),
+    "freeze": ("ROBOT", _robot_parser(orders.Freeze)),
+    "thaw": ("ROBOT", _robot_parser(orders.Thaw)),
+    "restart": ("ROBOT", _robot_parser(orders.Restart)),
+    "move": ("ROBOT X Y HEADING", _parse_move),
+    "jam": ("X Y RADIUS SECONDS", _number_parser(lambda x, y, r, s: orders.StartJam(x, y, r, seconds(s)), 4)),
+    "lose": ("ROBOT SENDER", _parse_lose),
+    "obstacle": ("X Y RADIUS", _number_parser(orders.Obstacle, 3)),
+    "wall": ("X Y TO_X TO_Y", _number_parser(orders.Wall, 4)),
+    "give": ("ROBOT X Y", _parse_give),
+    "close": ("X Y", _number_parser(orders.CloseDoor, 2)),
+    "open": ("X Y", _number_parser(orders.OpenDoor, 2)),
+    "pause": ("", _number_parser(orders.Pause, 0)),
+    "resume": ("", _number_parser(orders.Resume, 0)),
     "step": ("[N]", lambda words: orders.Step(int(*words) if words else 1)),
-    "speed": ("X|max", lambda words: orders.Speed(_speed(*words))),
-    "stop": ("", _numbers(orders.Stop, 0)),
+    "speed": ("X|max", lambda words: orders.Speed(_parse_factor(*words))),
+    "stop": ("", _number_parser(orders.Stop, 0)),
 })  # fmt: skip
 """Arguments and parser of each verb."""
-VERBS: Final = tuple(_FORMS)
+VERBS: Final = tuple(_VERB_SYNTAX)
 
 
-def forms() -> str:
+def syntax() -> str:
     """Return the syntax of all orders."""
-    return ", ".join(f"{verb} {words}".strip() for verb, (words, _) in _FORMS.items())
+    return ", ".join(f"{verb} {words}".strip() for verb, (words, _) in _VERB_SYNTAX.items())
 
 
 def parse(verb: str, words: Sequence[str]) -> Order:
     """Parse an order. Raises OptionError."""
-    if verb not in _FORMS:
-        raise wrong_value("VERB", verb, f"one of: {forms()}")
-    shape, read = _FORMS[verb]
+    if verb not in _VERB_SYNTAX:
+        raise wrong_value("VERB", verb, f"one of: {syntax()}")
+    arguments, read = _VERB_SYNTAX[verb]
     try:
         order = read(words)
     except (ValueError, TypeError, OverflowError):  # too many words, or infinite seconds
-        form = f"{verb} {shape}".strip()
-        raise wrong_value("VERB", " ".join([verb, *words]), f"like {form}") from None
-    if wrong := order_fault(order, OrderLimits()):
-        raise OptionError(wrong)
+        expected = f"{verb} {arguments}".strip()
+        raise wrong_value("VERB", " ".join([verb, *words]), f"like {expected}") from None
+    if fault := order_fault(order, OrderLimits()):
+        raise OptionError(fault)
     return order
 
 

@@ -1,4 +1,4 @@
-"""Files of a run on disk, and the program of each of its processes."""
+"""Plan of a run: its files on disk, and the program of each of its processes."""
 
 import os
 import shutil
@@ -56,21 +56,23 @@ class ScenarioCopy(NamedTuple):
     """Origin of the run, for the result."""
 
 
-def scenario_copy(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
-    """Return the copy for the run's folder, with paths relative to it."""
-    scenario, out = settled.scenario, options.out
-    named = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))
-    files = [name for name in named if name is not None and name.endswith(".toml")]
+def scenario_copy(resolved: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
+    """Return a copy of the scenario with paths relative to the run's folder."""
+    scenario, out = resolved.scenario, options.out
+    models_used = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))
+    files = [name for name in models_used if name is not None and name.endswith(".toml")]
     places = {name: f"{_MODELS}/{number}-{Path(name).name}" for number, name in enumerate(files, start=1)}
 
-    lay = options.modules[0] if options.modules else scenario.run.modules
-    modules = os.path.relpath(lay, out) if ":" in scenario.run.strategy and lay else None
+    modules_folder = options.modules[0] if options.modules else scenario.run.modules
+    modules = (
+        os.path.relpath(modules_folder, out) if ":" in scenario.run.strategy and modules_folder else None
+    )
     run = msgspec.structs.replace(scenario.run, modules=modules)
-    here = msgspec.structs.replace(scenario, map=f"{MAP}/map.yaml", run=run)
-    here = with_models(here, lambda model: places.get(model, model))
+    relative = msgspec.structs.replace(scenario, map=f"{MAP}/map.yaml", run=run)
+    relative = with_models(relative, lambda model: places.get(model, model))
     models = tuple((Path(name), place) for name, place in places.items())
     return ScenarioCopy(
-        to_toml(here), models, origin(scenario, options.scenario, settled.behaviour, software_version())
+        to_toml(relative), models, origin(scenario, options.scenario, resolved.behaviour, software_version())
     )
 
 
@@ -116,9 +118,9 @@ class RunPlan(Swarm):
     """Version of the software."""
     isolate: bool
     warning: str = ""
-    """Missing parts of the robots' isolation; empty if complete."""
+    """Why the robots' isolation is incomplete; empty if it is complete."""
     warnings: tuple[str, ...] = ()
-    """Expected failures of the scenario, one sentence each."""
+    """Problems that the scenario will cause, one sentence each."""
     debug: DebuggedRobot | None = None
     """Robot whose breakpoints stop the run; None: Python's default."""
     timeout: Timeout = field(default=Timeout())
@@ -130,7 +132,7 @@ class RunPlan(Swarm):
         return self.options.out
 
     @property
-    def own_code(self) -> bool:
+    def has_user_code(self) -> bool:
         """Whether any of the strategy's code is the user's."""
         shipped = STRATEGIES.values()
         return any(name not in shipped for name in handover.names(self.behaviour))
@@ -148,8 +150,8 @@ class RunPlan(Swarm):
             (self.out / place).parent.mkdir(exist_ok=True)
             shutil.copy(source, self.out / place)
 
-    def names(self, robot: str, record: str) -> SandboxPaths:
-        """Return the paths to be mapped into a robot's sandbox; `record`: its recording's name."""
+    def sandbox_paths(self, robot: str, record: str) -> SandboxPaths:
+        """Return the paths to map into a robot's sandbox; `record`: file name of its recording."""
         folder = self.folder(robot).resolve()
         hidden = tuple(str(path.absolute()) for path in self.options.hidden)
         return SandboxPaths(str(folder), str(folder / record), self.code, hidden)
@@ -164,8 +166,8 @@ class RunPlan(Swarm):
         return dict(self.radio.robots)[robot]
 
 
-def lay_out(plan: RunPlan) -> None:
-    """Write the actors' files; the folder must be new or empty."""
+def write_run_folder(plan: RunPlan) -> None:
+    """Write all files that the actors read; the run's folder must be new or empty."""
     make_folder(plan.out)
     plan.write_scenario()
     write_strategy_folders(plan)
@@ -176,14 +178,14 @@ def lay_out(plan: RunPlan) -> None:
 
 
 def write_strategy_folders(plan: RunPlan) -> None:
-    """Write the paths of the strategy's code, where no isolated robot can read them."""
+    """Write the paths of the strategy's code to a file that isolated robots cannot read."""
     if plan.code:
         names = StrategyFolders(str(plan.out.resolve()), plan.code)
         (plan.out / NAMES).write_bytes(typed_json.dump(names))
 
 
 def write_robot_folder(plan: RunPlan, robot: BodySetup) -> None:
-    """Write a robot's files other than its set-up."""
+    """Write a robot's folder with its map and model; its set-up follows at its start."""
     own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
     if robot.model.endswith(".toml"):
@@ -191,7 +193,7 @@ def write_robot_folder(plan: RunPlan, robot: BodySetup) -> None:
 
 
 def copy_map(map_file: Path, folder: Path) -> None:
-    """Copy a map_server map into a folder as `map.yaml` and its image, or write a drawn floor there."""
+    """Copy a map_server map (`map.yaml` and its image) into a folder, or write a generated floor there."""
     if offices.is_name(map_file):
         offices.write(str(map_file), folder / "map")
         return
@@ -231,14 +233,17 @@ def relative_radio_setup(plan: RunPlan) -> RadioSetup:
 
 def radio_program(plan: RunPlan) -> Program:
     """Return the radio's program."""
-    process = client(plan, "../world", "radio", "radio.mcap")
+    process = client_setup(plan, "../world", "radio", "radio.mcap")
     return actor_program(
         "radio", "actors.radio", plan.folder("radio"), ActorSetup(relative_radio_setup(plan), process)
     )
 
 
-def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
-    """Return the set-up of a client other than a robot; `place`: folder of router socket and credentials."""
+def client_setup(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
+    """Return the process set-up of a client other than a robot.
+
+    `place`: folder with the router's socket and the credentials. `user`: name on the mesh.
+    """
     return ProcessSetup(
         record=record,
         router=f"{place}/router.sock",
@@ -257,15 +262,15 @@ def actor_program(actor: str, module: str, folder: Path, setup: ActorSetup[Any, 
 def robot_program(
     plan: RunPlan, robot: BodySetup, order: ProcessOrder, first_step: int, name: str | None = None
 ) -> Program:
-    """Return a robot's program, which equals that of a real robot except for endpoint and time source.
+    """Return a robot's program; a physical robot's differs only in endpoint and time source.
 
-    `name`: of its recording and log. Default: the robot's id, after a restart followed by its epoch.
+    `name`: of its recording and log. Default: the robot's id, followed by the epoch after a restart.
     """
     folder = plan.folder(robot.id)
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
-    isolated = plan.isolate and not _is_debugged(plan, robot.id)
+    is_isolated = plan.isolate and not _is_debugged(plan, robot.id)
     modules = plan.options.modules
-    seen, code = (FOLDER, code_paths(len(modules))) if isolated else (folder, modules)
+    seen, code = (FOLDER, code_paths(len(modules))) if is_isolated else (folder, modules)
     process = RobotProcess(
         record=f"{name}.mcap",
         router="router.sock",
@@ -274,19 +279,21 @@ def robot_program(
         with_parent=True,
         code=tuple(str(path) for path in code),
         limits=plan.options.limits,
-        isolate=isolated,
+        isolate=is_isolated,
         debugger=None if plan.debug is None else _terminal(plan, robot.id),
     )
-    told = msgspec.structs.replace(_beside(plan, robot), epoch=order.epoch, first_step=first_step)
-    program = actor_program(robot.id, "actors.robot", folder, ActorSetup(told, process))
-    names = plan.names(robot.id, f"{name}.mcap") if isolated else None
+    setup = msgspec.structs.replace(
+        _relative_robot_setup(plan, robot), epoch=order.epoch, first_step=first_step
+    )
+    program = actor_program(robot.id, "actors.robot", folder, ActorSetup(setup, process))
+    names = plan.sandbox_paths(robot.id, f"{name}.mcap") if is_isolated else None
     return replace(program, argv=(str(seen / SETUP),), names=names)
 
 
-def _beside(plan: RunPlan, robot: BodySetup) -> RobotSetup:
+def _relative_robot_setup(plan: RunPlan, robot: BodySetup) -> RobotSetup:
     """Return the robot's set-up, with the path of a user's model in its folder."""
-    told = msgspec.structs.replace(robot_setup(plan, robot), detail=plan.options.record)
-    return msgspec.structs.replace(told, model=MODEL) if told.model.endswith(".toml") else told
+    setup = msgspec.structs.replace(robot_setup(plan, robot), detail=plan.options.record)
+    return msgspec.structs.replace(setup, model=MODEL) if setup.model.endswith(".toml") else setup
 
 
 def _is_debugged(plan: RunPlan, robot: str) -> bool:
@@ -301,17 +308,17 @@ def _terminal(plan: RunPlan, robot: str) -> str:
 def shared_arguments(
     plan: RunPlan, out: Path | None = None, robots: Collection[str] | None = None
 ) -> list[tuple[str, ...]]:
-    """Return the arguments for `share` of the robot program, for each kind of robot.
+    """Return the arguments for `actors.robot.program.share`, once per combination of model and sensor.
 
-    They contain nothing about a single robot. `out`: path of the run's folder there. `robots`: only these.
+    They do not depend on a single robot. `out`: path of the run's folder on its host. `robots`: only these.
     """
-    some = [robot for robot in plan.world.robots if robots is None or robot.id in robots]
-    kinds = {(robot.model, robot.sensor): robot for robot in some}
+    chosen = [robot for robot in plan.world.robots if robots is None or robot.id in robots]
+    kinds = {(robot.model, robot.sensor): robot for robot in chosen}
     stack = msgspec.json.encode(plan.stack).decode()
-    told = [(_beside(plan, robot), (out or plan.out) / robot.id) for robot in kinds.values()]
+    setups = [(_relative_robot_setup(plan, robot), (out or plan.out) / robot.id) for robot in kinds.values()]
     return [
         (str(folder / one.map), resolve_model(one.model, folder), one.sensor or "", stack)
-        for one, folder in told
+        for one, folder in setups
     ]
 
 
@@ -320,26 +327,26 @@ def router_file(plan: RunPlan) -> Path:
     return plan.folder("world") / credentials.ROUTER_FILE
 
 
-def issue_credentials(plan: RunPlan, gate: HostGateway | None = None) -> Credentials:
+def issue_credentials(plan: RunPlan, gateway: HostGateway | None = None) -> Credentials:
     """Create the run's passwords: the robots' in their folders, all others in the world's.
 
-    `gate`: entrance for robots on hosts, whose passwords are created there.
+    `gateway`: endpoint for robots on hosts; their passwords are created there.
     """
-    away = {robot for robots in gate.robots.values() for robot in robots} if gate else set()
-    here = [robot.id for robot in plan.world.robots if robot.id not in away]
-    issued = credentials.issue({robot: plan.folder(robot) for robot in here}, plan.folder("world"))
-    issued = replace(issued, gate=gate)
+    remote = {robot for robots in gateway.robots.values() for robot in robots} if gateway else set()
+    local = [robot.id for robot in plan.world.robots if robot.id not in remote]
+    issued = credentials.issue({robot: plan.folder(robot) for robot in local}, plan.folder("world"))
+    issued = replace(issued, gate=gateway)
     credentials.write_router_file(router_file(plan), issued)
     return issued
 
 
 def remove_credentials(plan: RunPlan) -> None:
-    """Remove passwords and sockets that the world has not removed."""
+    """Remove passwords and sockets, in case the world has not."""
     credentials.remove_router_file(router_file(plan))
 
 
 def observer_program(plan: RunPlan) -> Program:
-    """Return the observer's program, which reads recordings and does not use the mesh."""
+    """Return the observer's program; it reads recordings and does not connect to the mesh."""
     robots = (word for robot in plan.options.followed for word in ("--robot", robot))
     return Program(
         "observer", "acrc_testbed.view", ("--out", str(plan.out), *robots), plan.out / "view.log", None
@@ -347,7 +354,7 @@ def observer_program(plan: RunPlan) -> Program:
 
 
 CONTROL_ADDRESS: Final = "control.url"
-"""File in a run's folder with the address of its map page while it is served."""
+"""File in a run's folder with the URL of its map page while it is served."""
 
 
 def control_program(plan: RunPlan) -> Program:

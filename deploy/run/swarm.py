@@ -56,7 +56,6 @@ from deploy.run.plan import (
     RunPlan,
     control_program,
     issue_credentials,
-    lay_out,
     observer_program,
     radio_program,
     remove_credentials,
@@ -66,6 +65,7 @@ from deploy.run.plan import (
     shared_arguments,
     world_program,
     write_robot_folder,
+    write_run_folder,
 )
 from deploy.run.supervisor import RunSupervisor
 from deploy.scenario.resolve import ResolvedScenario, Swarm, resolve, robot_setup
@@ -302,7 +302,7 @@ def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) 
     )
     if options.bus == "memory":
         expect_hashes(options.recorded)
-        with run_watchdog(planned.timeout.step_s) if planned.own_code else nullcontext():
+        with run_watchdog(planned.timeout.step_s) if planned.has_user_code else nullcontext():
             preflight_in_process(settled, options.modules)
     return planned
 
@@ -326,7 +326,7 @@ def _debugged(settled: ResolvedScenario, options: RunOptions) -> DebuggedRobot |
 def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
     """Run all actors in this process; return the result."""
     began = time.time()
-    lay_out(plan)
+    write_run_folder(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
     try:
         with signals_as_interrupts():
@@ -352,7 +352,7 @@ def run_processes(
     check_new(plan.out)
     with signals_as_interrupts(), nullcontext(launched) if launched else create_launcher(spawn) as starting:
         preflight(plan, starting)
-        lay_out(plan)
+        write_run_folder(plan)
         with started_hosts(plan, pool) as away:
             supervisor = _supervise(plan, starting, on_progress, away)
     return _finish(plan, supervisor, began, "zenoh", supervisor.cpu_s + time.process_time())

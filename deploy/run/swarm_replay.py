@@ -27,7 +27,7 @@ from actors.topic import Message, sender
 from actors.wording import short_repr
 from cleaning.strategies import entry
 from deploy.run import swarm
-from deploy.run.change import OrderBus, recorded_orders
+from deploy.run.change import OrderReplayBus, recorded_orders
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
 
@@ -66,7 +66,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     missing = [actor for actor in INFRASTRUCTURE if actor not in files]
     if missing:
         raise ReplayError(f"{out}: no recording of the {missing[0]} to compare with")
-    orders = OrderBus(recorded_orders(files["world"]))
+    orders = OrderReplayBus(recorded_orders(files["world"]))
     with scratch_folder() as folder:
         again = folder / "again"
         recorded = _recorded(out, modules, permit)
@@ -84,7 +84,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
                 raise ReplayError(first.words)
             if told.complete:
                 raise ReplayError(f"{out}: recorded digest {told.digest}, replayed {result.digest}")
-    return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
+    return SwarmReplay(told.digest, told.messages, orders.orders_published, told.complete)
 
 
 def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedModules | None:

@@ -20,7 +20,7 @@ from actors.orders import LoseFrame
 from actors.robot.behaviour.code_permit import INSTALLED
 from actors.runtime.errors import AcrcError
 from deploy.run.branching import BranchResult, branch
-from deploy.run.change import BranchEvent, Change, event, strategy_settings
+from deploy.run.change import BranchEvent, Change, parse_event, strategy_settings
 from deploy.run.options import RunOptions
 from deploy.run.swarm_replay import SCENARIO, replay_swarm
 from tests.in_process import acrc
@@ -76,7 +76,7 @@ def test_another_strategy_begins_at_its_instant_and_can_be_replayed(leave: Leave
 
 
 def test_an_event_is_an_order_that_is_recorded_and_can_be_replayed(leave: Leave) -> None:
-    ended = leave(Change(4.0, events=(event("kill r2 at 6", 4.0),)))
+    ended = leave(Change(4.0, events=(parse_event("kill r2 at 6", 4.0),)))
     assert ended.divergence is not None
     assert (
         ended.divergence.words
@@ -120,8 +120,8 @@ def test_impossible_changes(leave: Leave, change: Change, fault: str, tmp_path: 
 
 def test_events_that_do_not_happen_are_named(leave: Leave) -> None:
     words = ("kill r9 at 4.05", "lose r1 r1 at 5", "kill r1 at 12")
-    done = leave(Change(4.0, events=tuple(event(one, 4.0) for one in words)))
-    assert done.undone == (
+    done = leave(Change(4.0, events=tuple(parse_event(one, 4.0) for one in words)))
+    assert done.failed_events == (
         "at 4.1 s: cannot kill 'r9': no such robot",
         "at 5 s: cannot lose a frame of r1 at itself: robot and sender must differ",
         "at 12 s: the branch ended at 12 s",
@@ -204,7 +204,7 @@ def test_random_branches(full: bool, origin: Path, tmp_path: Path) -> None:
         )
         options = RunOptions(tmp_path / f"frame-{number}", bus="memory")
         lost = branch(origin, Change(at_s, events=(order,)), options, permit=INSTALLED)
-        assert lost.divergence is not None and lost.undone == ()
+        assert lost.divergence is not None and lost.failed_events == ()
         assert (lost.divergence.step, lost.divergence.key) == (frame.step + 1, RECEIVED.key(frame.receiver))
         assert f"instant={frame.ended}" in lost.divergence.words
         assert lost.result.frames_by_robot[frame.receiver]["copies_lost_withheld"] >= 1

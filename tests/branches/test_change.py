@@ -34,7 +34,7 @@ def _orders(given: TimedControl) -> tuple[object, ...]:
 
 def test_events_precede_recorded_orders_of_their_step() -> None:
     recorded = [_control(20, Pause()), _control(20, Resume()), _control(50, Thaw("r1"))]
-    events = [change.event("kill r2 at 2", 1.0), change.event("freeze r1 at 3.95", 1.0)]
+    events = [change.parse_event("kill r2 at 2", 1.0), change.parse_event("freeze r1 at 3.95", 1.0)]
     given = change.merge_events(recorded, events, 100_000)
     assert [(one.step, _orders(one)) for one in given] == [
         (20, (Kill("r2"), Pause())),
@@ -45,20 +45,20 @@ def test_events_precede_recorded_orders_of_their_step() -> None:
 
 
 def test_an_event_without_instant_happens_at_the_branch() -> None:
-    assert change.event("kill r2", 7.5).at_s == 7.5
+    assert change.parse_event("kill r2", 7.5).at_s == 7.5
 
 
 @pytest.mark.parametrize("text", ["", "at 5", "kill r2 at 1", "kill r2 at x", "dance r2", "pause", "speed 2"])
 def test_invalid_events(text: str) -> None:
     with pytest.raises(OptionError, match="--event"):
-        change.event(text, 2.0)
+        change.parse_event(text, 2.0)
 
 
 @pytest.mark.parametrize("text", ["runs/seen", "@5", "runs/seen@", "runs/seen@0", "runs/seen@nan"])
 def test_a_branch_point_is_a_run_and_a_positive_instant(text: str) -> None:
-    assert change.place("runs/a@b@59.5") == (Path("runs/a@b"), 59.5)
+    assert change.parse_branch_point("runs/a@b@59.5") == (Path("runs/a@b"), 59.5)
     with pytest.raises(OptionError, match="branch: "):
-        change.place(text)
+        change.parse_branch_point(text)
 
 
 def test_settings_after_a_name_may_contain_any_characters() -> None:

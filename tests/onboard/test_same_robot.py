@@ -171,7 +171,7 @@ def test_set_up_and_module_are_as_in_simulation(alone: RunPlan) -> None:
 
 def test_the_robots_files_are_as_in_simulation(alone: RunPlan, tmp_path: Path) -> None:
     simulated = replace(alone, options=replace(alone.options, out=tmp_path / "simulated"))
-    plan.lay_out(simulated)
+    plan.write_run_folder(simulated)
     onboard_processes.lay_out(OnboardRobot(alone, PORTS, lambda: 0))
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
     for path in filter(Path.is_file, (simulated.out / "r1").iterdir()):
