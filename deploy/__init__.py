@@ -1,1 +1,1 @@
-"""What starts and ends programs on computers: a scenario, its run, branches of it, fleets, the laboratory."""
+"""Deployment: scenarios, runs and their branches, hosts of a cluster, and fleets of physical robots."""

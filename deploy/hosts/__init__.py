@@ -1,1 +1,1 @@
-"""Runs with robots on other computers: found by Dask, connected by mutual TLS."""
+"""Runs with robots on other computers, which are workers of a Dask cluster and connect by mutual TLS."""

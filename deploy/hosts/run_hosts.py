@@ -222,7 +222,7 @@ class RunHosts:
         return text + (f"; clocks differ: {', '.join(words)}" if words else "")
 
     @property
-    def loads(self) -> str:
+    def load_sentence(self) -> str:
         """Load of each host, as text; empty after a very short run."""
         parts = []
         for link in self._links:
@@ -258,7 +258,7 @@ class RunHosts:
         seal.write_hosts(out, HostsFile(pool.address, self._run, hosts, left))
 
     @property
-    def kept(self) -> str:
+    def remaining_files(self) -> str:
         """Files left on hosts and how to fetch them, as text; empty if there are none."""
         out = self._settings.out
         if left := seal.remote_recordings(out):
@@ -271,7 +271,7 @@ class RunHosts:
             f"`{command_line('cluster', 'fetch', out)}`"
         )
 
-    def dismiss(self, wait: Callable[[float], None]) -> None:
+    def finish(self, wait: Callable[[float], None]) -> None:
         """Receive remaining output and end the hosts' tasks."""
         for link in self._links:
             link.finish = True

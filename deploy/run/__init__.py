@@ -1,1 +1,1 @@
-"""A run: preparation, preflight, supervision, result, replay and branches."""
+"""Runs: preparation, preflight, supervision, result, replay and branches."""

@@ -17,9 +17,9 @@ from actors.runtime.process_setup import RecordDetail
 from deploy.run import out_folder
 
 MIN_SPEED = 0.01
-"""At this speed a step of 100 ms takes 10 s, well under the timeout."""
+"""Minimum of --speed, at which a step of 100 ms takes 10 s, well below the default timeout."""
 _LONGEST_STEP_S = 0.1
-"""Longest step of a scenario, s."""
+"""Maximum step of a scenario, s."""
 Bus = Literal["zenoh", "memory"]
 
 
@@ -49,7 +49,7 @@ class RunOptions:
     debug: str | None = None
     """Robot to debug: its breakpoints stop the run, at this terminal."""
     control: bool = False
-    """Serve a map page with controls."""
+    """Serve the map page, which accepts orders."""
     hardware: bool = False
     """Run the robots' hardware processes with emulated devices, in wall time."""
     boards: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ class RunOptions:
 
 
 def check_options(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
-    """Check options; return them with an absolute `out` and the process limits `limit` (NAME=N).
+    """Check the options; return them with an absolute `out` and the process limits `limit` (NAME=N each).
 
     Raises OptionError.
     """
@@ -101,12 +101,12 @@ def check_options(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
 
 
 def _faults(options: RunOptions) -> Iterator[str]:
-    """Yield a sentence per conflict between options."""
+    """Yield one sentence per conflict between options."""
     memory, debug = options.bus == "memory", options.debug
     if options.isolate and memory:
         yield "--isolate: requires --bus zenoh; --bus memory has one process for all robots"
     if options.view and memory:
-        yield ("--view: requires --bus zenoh; --bus memory has one process for all")
+        yield "--view: requires --bus zenoh; --bus memory has one process for all"
     if options.followed and not options.view:
         yield f"--robot: {options.followed[0]!r}; requires --view"
     if debug is not None and options.hardware:
@@ -118,7 +118,7 @@ def _faults(options: RunOptions) -> Iterator[str]:
 
 
 def _hosts_faults(options: RunOptions) -> Iterator[str]:
-    """Yield conflicts with options for other computers."""
+    """Yield one sentence per conflict with options for other computers."""
     memory, debug = options.bus == "memory", options.debug
     if options.on and (memory or options.hardware or debug is not None):
         yield (
@@ -137,7 +137,7 @@ def _hosts_faults(options: RunOptions) -> Iterator[str]:
 
 
 def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]:
-    """Yield conflicts with options for emulated devices."""
+    """Yield one sentence per conflict with options for emulated devices."""
     memory, hardware = options.bus == "memory", options.hardware
     if hardware and (memory or options.view or options.speed not in {"max", "1"}):
         yield (
@@ -156,7 +156,7 @@ def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]
 
 def run_folder_name(scenario: Path) -> str:
     """Return the name of a run's folder: scenario and UTC time."""
-    stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
+    stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # a socket's path must not contain "#" or "?"
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 
 

@@ -18,7 +18,7 @@ _ENVIRONMENT_ERRORS: Final = frozenset({
     errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ELOOP, errno.EMFILE, errno.ENAMETOOLONG,
     errno.ENFILE, errno.ENOSPC, errno.ENOTDIR, errno.EPERM, errno.EROFS, errno.ESTALE,
 })  # fmt: skip
-"""Errors caused by a disk or path, not by this program."""
+"""Errors caused by a disk or path rather than by this program."""
 _ENDPOINT_MARKS: Final = "?#"
 """Characters that end a socket's path in a Zenoh endpoint."""
 
@@ -48,10 +48,7 @@ def newest_run(parent: Path) -> Path | None:
 
 @contextmanager
 def remove_if_empty(folder: Path) -> Iterator[None]:
-    """Remove the folder after an error if it is empty.
-
-    If it is not, Interruption gets its path.
-    """
+    """Remove the folder after an error if it is empty; otherwise add its path to an Interruption."""
     try:
         yield
     except BaseException as error:
@@ -65,7 +62,7 @@ def remove_if_empty(folder: Path) -> Iterator[None]:
 def checked_path(out: Path, *, mesh: bool) -> Path:
     """Return the folder's absolute path without symbolic links, which a sandbox would lack.
 
-    `mesh`: it will contain sockets. Raises OptionError for an unusable folder.
+    `mesh`: the folder will contain sockets. Raises OptionError for an unusable folder.
     """
     try:
         if out.exists() and not out.is_dir():
@@ -125,10 +122,10 @@ def replace_folder(out: Path, marker_file: str) -> Iterator[None]:
 
 @contextmanager
 def convert_write_errors(out: Path) -> Iterator[None]:
-    """Convert errors of the system while results are written into AcrcErrors.
+    """Convert operating-system errors while results are written into AcrcErrors.
 
-    If the folder is no longer writable, other AcrcErrors get that reason appended: a process that cannot
-    write cannot report why it ended.
+    If the folder is no longer writable, that reason is appended to any other AcrcError: a process that
+    cannot write cannot record why it exited.
     """
     try:
         yield

@@ -33,7 +33,7 @@ def line_printer(console: Console) -> Callable[[str], None]:
 def show_progress(
     duration_us: int, places: int, *, quiet: bool
 ) -> Iterator[Callable[[ProgressMessage], None]]:
-    """Yield a function that shows progress on standard error; `quiet`: shows nothing."""
+    """Yield a function that shows a Progress message on standard error; `quiet`: it shows nothing."""
     console, total = create_console(stderr=True, soft_wrap=False), in_seconds(duration_us)
     if quiet:
         yield lambda message: None

@@ -15,7 +15,7 @@ from deploy.run.options import RunOptions, check_options
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
 from deploy.scenario.tables import Scenario
 
-if TYPE_CHECKING:  # a second of imports; a wrong option is reported before
+if TYPE_CHECKING:  # importing takes 1 s; wrong options are reported before
     from acrc_testbed.results.result import RunResult
     from actors.processes.launcher import Launcher
 
@@ -49,7 +49,7 @@ def prepare_run(
 
 
 def with_claimed_folder(prepared: PreparedRun) -> PreparedRun:
-    """Return the run with a new output folder of this name, numbered if it exists."""
+    """Return the run with a new output folder; its name is numbered if it exists already."""
     out = prepared.options.out
     return prepared._replace(options=replace(prepared.options, out=out_folder.claim(out.parent, out.name)))
 
@@ -72,7 +72,7 @@ def start_run(
 ) -> "RunResult":
     """Execute a run. Raises AcrcError.
 
-    `replaces`: file that identifies a folder to be replaced. `by`: used instead of `swarm.run`.
+    `replaces`: file that identifies a folder that may be replaced. `by`: called instead of `swarm.run`.
     """
     scenario, options = prepared
     replacing = out_folder.replace_folder(options.out, replaces) if replaces else nullcontext()
@@ -81,7 +81,7 @@ def start_run(
             return by(scenario, options, None)
         from actors.processes.launcher import create_launcher  # noqa: PLC0415
 
-        # the forkserver imports what all processes need while this process imports what a run needs
+        # the forkserver imports the actors' modules while this process imports those of the run
         with create_launcher(options.spawn) if options.bus == "zenoh" else nullcontext() as launcher:
             from deploy.run import swarm  # noqa: PLC0415
 
@@ -91,7 +91,7 @@ def start_run(
 HEAD_ON: Final = SHIPPED / "scenarios" / "head_on.toml"
 _STRATEGIES: Final = ("none", "chapter")
 _DEMONSTRATION_S: Final = 150.0
-"""1.5 times the duration with adaptation; without it, more time changes nothing."""
+"""1.5 times as long as the robots need with adaptation; without it, they stay blocked."""
 
 
 def demonstrate(options: RunOptions) -> "dict[str, RunResult]":
@@ -113,7 +113,7 @@ def demonstrate(options: RunOptions) -> "dict[str, RunResult]":
 def demonstration_lines(
     results: "dict[str, RunResult]", reassigned: int, pictures: Sequence[Path]
 ) -> Iterator[str]:
-    """Yield the demonstration's result as three lines; `reassigned`: adopted places."""
+    """Yield the demonstration's result as three lines; `reassigned`: number of adopted places."""
     without, adapted = results.values()
     yield (
         f"Without adaptation: {_coverage(without)} in {without.simulated_s:g} s. The robots block each other "

@@ -34,28 +34,28 @@ if TYPE_CHECKING:  # needs the cluster packages
 
 @dataclass(frozen=True)
 class RestartPolicy:
-    """Limit of restarts of exited processes without an order."""
+    """Maximum number of restarts that were not ordered, per period."""
 
     starts: int = 0
     within_s: float = 60.0
 
 
-NEVER: Final = RestartPolicy()
+NO_RESTARTS: Final = RestartPolicy()
 
 
 class Supervisor:
-    """Starts processes, counts restarts and ends all processes in any case."""
+    """Supervisor that starts processes, limits restarts and can end all of them."""
 
     POLL_S = 0.05
     GRACE_S = 3.0
     """Time for a process to exit after SIGTERM, s."""
     RESUMES = True
-    """Whether a process stopped by a signal is continued to exit in order, or killed."""
+    """Whether `end_all` sends SIGCONT, so that stopped processes can exit in order before SIGKILL."""
 
     def __init__(
         self,
         launcher: "Launcher | HostedLauncher",
-        policy: RestartPolicy = NEVER,
+        policy: RestartPolicy = NO_RESTARTS,
         say: Callable[[str], None] = lambda sentence: None,
         poll: Callable[[], None] = lambda: None,
     ) -> None:
@@ -82,7 +82,7 @@ class Supervisor:
         self._children.extend(self._launcher.start(program) for program in programs)
 
     def count_restart(self, owner: str, name: str, child: ChildProcess) -> None:
-        """Count a restart of `child`, named `name`. Raises AcrcError above the policy's limit."""
+        """Count a restart of `child`; end all and raise AcrcError above the policy's limit."""
         now, policy = time.monotonic(), self._policy
         self._restarts.append(now)
         while self._restarts and self._restarts[0] < now - policy.within_s:
@@ -105,14 +105,14 @@ class Supervisor:
             self.await_exits(running)
 
     def await_exits(self, children: Iterable[ChildProcess]) -> None:
-        """Wait until they have exited, for GRACE_S at most."""
+        """Wait until these processes have exited, at most GRACE_S."""
         deadline = time.monotonic() + self.GRACE_S
-        left = [child for child in children if child.exit_code is None]
-        while left and (time.monotonic() < deadline or self._launcher.arriving):
+        remaining = [child for child in children if child.exit_code is None]
+        while remaining and (time.monotonic() < deadline or self._launcher.arriving):
             with contextlib.suppress(LaunchError):  # its server's exit is reported elsewhere
                 self._launcher.wait(self.POLL_S)
             self._poll()
-            left = [child for child in left if child.exit_code is None]
+            remaining = [child for child in remaining if child.exit_code is None]
 
 
 def last_log_line(child: ChildProcess) -> str:
@@ -123,8 +123,8 @@ def last_log_line(child: ChildProcess) -> str:
 def exit_description(child: ChildProcess) -> str:
     """Describe how a process has exited, with the last line of its log."""
     code, last = child.exit_code or 0, last_log_line(child)
-    how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
-    return f"{how}{f': {last}' if last else ''}"
+    outcome = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
+    return f"{outcome}{f': {last}' if last else ''}"
 
 
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
@@ -140,7 +140,7 @@ def host_suffix(children: Iterable[ChildProcess], actor: str) -> str:
 class RunSupervisor(Supervisor):
     """Supervisor of one run, which ends at the first failure or stall."""
 
-    VIEW_S: Final = 15.0
+    OBSERVER_GRACE_S: Final = 15.0
     """Time for the observer to finish its file after the run, s; then it is terminated."""
 
     def __init__(
@@ -153,18 +153,18 @@ class RunSupervisor(Supervisor):
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         """`restart`: returns the program of an ordered restart at a step."""
-        super().__init__(launcher, NEVER, say)
+        super().__init__(launcher, NO_RESTARTS, say)
         self._restart = restart
         self._on_progress = on_progress
         self._resources = resources
         self._stalls = StallDetector(timeout, say, table=launcher.table, queued_s=launcher.queued_s)
         self._complete: set[int] = set()
         """Ids of processes that have exited as planned."""
-        self._recorded = -1
+        self._recording_bytes = -1
         """Size of the world's recording, which grows with every step, bytes."""
         self._paused = self._finished = False
         self._waiting: Progress | None = None
-        """Last report of what the world awaits in this step."""
+        """Last report that the world awaits something in this step; None: it awaits nothing."""
         self.rosters = 0
         """Roster messages received."""
 
@@ -184,37 +184,37 @@ class RunSupervisor(Supervisor):
         return sum(child.cpu_s for child in self._children if child.program.record)
 
     def watch(self, bus: Bus) -> None:
-        """Wait until every process has exited as planned. Raises AcrcError for the first that does not."""
+        """Wait until all processes have exited as planned. Raises AcrcError for the first that has not."""
         while any(child.program.record for child in self.running):
             self._launcher.wait(self.POLL_S)
             self._take_messages(bus)
-            self.look()
+            self.check_all()
         self._take_messages(bus)
         self.check()
-        deadline = time.monotonic() + self.VIEW_S
+        deadline = time.monotonic() + self.OBSERVER_GRACE_S
         while (running := self.running) and time.monotonic() < deadline:
             # processes stopped by a signal do not finish; `end_all` continues and terminates them
-            if all((seen := process_state(child.pid)) is not None and seen.stopped for child in running):
+            if all((state := process_state(child.pid)) is not None and state.stopped for child in running):
                 return
             self._launcher.wait(self.POLL_S)
 
-    def await_file(self, path: Path, needed: str) -> bool:
-        """Wait until the file exists; return False if the process `needed`, which creates it, has exited."""
+    def await_file(self, path: Path, creator: str) -> bool:
+        """Wait until the file exists; return False if `creator`, the actor that creates it, has exited."""
         while not path.exists():
-            if not any(child.program.actor == needed for child in self.running):
+            if not any(child.program.actor == creator for child in self.running):
                 self.check()
                 return False
             self._launcher.wait(0.005)
-            self.look()
+            self.check_all()
         return True
 
-    def look(self) -> None:
+    def check_all(self) -> None:
         """Raise AcrcError if a process has failed, stalls the run or exceeds a limit."""
         self.check()
         running = [child for child in self.running if child.program.record]
         world = next((child for child in self._children if child.program.actor == "world"), None)
         assert world is not None and world.program.record is not None
-        fault = self._stall(running, world.program.record)
+        fault = self._stall_fault(running, world.program.record)
         fault = fault or self._resources.fault(child for child in running if not child.host)
         if fault is not None:
             self.check()  # a process that has just exited explains more
@@ -223,62 +223,65 @@ class RunSupervisor(Supervisor):
     def check(self) -> None:
         """Raise AcrcError if a process has not exited as planned."""
         self._launcher.wait(0.0)
-        ended = [child for child in self._children if child.exit_code is not None and child.program.record]
-        failed = [child for child in ended if child.exit_code]
+        exited = [child for child in self._children if child.exit_code is not None and child.program.record]
+        failed = [child for child in exited if child.exit_code]
         if fault := self._launcher.fault():  # the cause of its robots' exits
             raise AcrcError(fault)
         if failed:
-            raise AcrcError(_cause(failed))
-        for child in ended:
+            raise AcrcError(_failure_cause(failed))
+        for child in exited:
             if child.pid not in self._complete:
                 self._complete.add(child.pid)
-                _check_end(child)
+                _check_completion(child)
 
-    def _stall(self, running: Sequence[ChildProcess], recording: Path) -> str | None:
-        """Describe which process stalls the next step or the end; None if none does."""
+    def _stall_fault(self, running: Sequence[ChildProcess], recording: Path) -> str | None:
+        """Describe the process that stalls the next step or the end; None if none does."""
         if self._finished:
-            return self._overdue(running, f"{_names(running)} did not end after the last step")
+            return self._timeout_fault(running, f"{_actor_names(running)} did not end after the last step")
         size = recording.stat().st_size if recording.is_file() else 0
-        if size != self._recorded or self._paused:
-            self._recorded, self._waiting = size, None
+        if size != self._recording_bytes or self._paused:
+            self._recording_bytes, self._waiting = size, None
             self._stalls.step()
             return None
-        # if the world reports nothing, it stalls itself
-        what, starting = "the world has not taken a step", not size
+        # without a report from the world, the world itself stalls
+        activity, starting = "the world has not taken a step", not size
         names: Sequence[str] = ("world",)
         if self._waiting is not None:
-            what, starting = self._waiting.awaits, self._waiting.starting
+            activity, starting = self._waiting.awaits, self._waiting.starting
             names = self._waiting.awaited or names
         awaited = [child for child in running if child.program.actor in names]
-        what += host_suffix(running, names[0])
-        return self._overdue(running, what, awaited, "start" if starting else "step")
+        activity += host_suffix(running, names[0])
+        return self._timeout_fault(running, activity, awaited, "start" if starting else "step")
 
-    def _overdue(
+    def _timeout_fault(
         self,
         running: Sequence[ChildProcess],
-        what: str,
+        activity: str,
         awaited: Sequence[ChildProcess] | None = None,
         phase: Phase = "end",
     ) -> str | None:
-        """Describe which of `awaited`, or of all, exceeds its timeout, and its position in the code."""
-        everyone = {child.pid: AwaitedProcess(child.program.actor, child.pid) for child in running}
-        suspects = [everyone[child.pid] for child in (running if awaited is None else awaited)]
-        stall = self._stalls.check([*everyone.values()], suspects, what, phase)
+        """Describe which of `awaited` exceeds its timeout, with its current line.
+
+        `activity`: what is overdue, as a clause. `awaited`: default: all of `running`.
+        """
+        processes = {child.pid: AwaitedProcess(child.program.actor, child.pid) for child in running}
+        suspects = [processes[child.pid] for child in (running if awaited is None else awaited)]
+        stall = self._stalls.check([*processes.values()], suspects, activity, phase)
         if stall is None:
             return None
-        guilty = next(child for child in running if child.pid == stall.suspect.pid)
-        place = current_line(guilty, self._launcher.wait)
-        return f"{stall.sentence}; {guilty.program.actor} is at {place}" if place else stall.sentence
+        stalled_child = next(child for child in running if child.pid == stall.suspect.pid)
+        place = current_line(stalled_child, self._launcher.wait)
+        return f"{stall.sentence}; {stalled_child.program.actor} is at {place}" if place else stall.sentence
 
     def _take_messages(self, bus: Bus) -> None:
-        while (progress := _next(bus, PROGRESS)) is not None:
+        while (progress := _poll_message(bus, PROGRESS)) is not None:
             assert isinstance(progress, Progress)
             self._paused, self._waiting = progress.paused, progress if progress.awaits else None
             if progress.finished and not self._finished:
                 self._finished = True
                 self._stalls.step()
             self._on_progress(progress)
-        while (roster := _next(bus, ROSTER)) is not None:
+        while (roster := _poll_message(bus, ROSTER)) is not None:
             assert isinstance(roster, Roster)
             self.rosters += 1
             self._restart_robots(roster)
@@ -289,19 +292,19 @@ class RunSupervisor(Supervisor):
             while old := [child for child in self.running if child.program.actor == order.robot]:
                 self._launcher.wait(self.POLL_S)
                 self.check()
-                if fault := self._overdue(old, f"{order.robot} did not end when it was to"):
+                if fault := self._timeout_fault(old, f"{order.robot} did not exit for its restart"):
                     raise AcrcError(fault)
             self.start([self._restart(order, roster.step)])
 
 
-def _next(bus: Bus, topic: Topic[Progress] | Topic[Roster]) -> Message | None:
+def _poll_message(bus: Bus, topic: Topic[Progress] | Topic[Roster]) -> Message | None:
     delivery = bus.poll(topic)  # type: ignore[arg-type]
     return None if delivery is None else decode(delivery.topic, delivery.key, delivery.payload)
 
 
-def _cause(failed: list[ChildProcess]) -> str:
-    """Describe the first failure: an actor's own error rather than its consequences."""
-    notes = [note for note in (_failure(child) for child in failed) if note is not None]
+def _failure_cause(failed: list[ChildProcess]) -> str:
+    """Describe the most informative failure: an actor's own error before its consequences."""
+    notes = [note for note in (_failure_note(child) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
         return failure_sentence(note) + host_suffix(failed, note.actor)
@@ -310,29 +313,29 @@ def _cause(failed: list[ChildProcess]) -> str:
     assert code is not None
     if code < 0:
         actor = child.program.actor
-        ended = f"{actor} was killed by {signal.Signals(-code).name}{host_suffix(failed, actor)}"
+        sentence = f"{actor} was killed by {signal.Signals(-code).name}{host_suffix(failed, actor)}"
         place = crash_line(child.program.log) if -code in _CRASHES else ""
-        return ended + (f"; it was at {place}" if place else "")
+        return sentence + (f"; it was at {place}" if place else "")
     last = last_log_line(child)
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
 
 
-def _check_end(child: ChildProcess) -> None:
-    """Raise AcrcError if a process exited with code 0 too early, or left something running."""
+def _check_completion(child: ChildProcess) -> None:
+    """Raise AcrcError if a process exited with code 0 before its end, or left processes running."""
     program = child.program
     if "final" not in child.notes():
         raise AcrcError(
             f"{program.actor} ended with exit code 0 during the run, as by os._exit(0); log: {program.log}"
         )
-    if wrong := leftover_fault(child.orphans > 0):
-        raise AcrcError(f"{program.actor} failed: {wrong}")
+    if fault := leftover_fault(child.orphans > 0):
+        raise AcrcError(f"{program.actor} failed: {fault}")
 
 
-def _names(children: Iterable[ChildProcess]) -> str:
+def _actor_names(children: Iterable[ChildProcess]) -> str:
     return ", ".join(child.program.actor for child in children)
 
 
-def _failure(child: ChildProcess) -> FailureNote | None:
+def _failure_note(child: ChildProcess) -> FailureNote | None:
     assert child.program.record is not None
     try:
         text = child.notes().get("failure")

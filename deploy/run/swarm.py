@@ -1,4 +1,4 @@
-"""Execution of a run: plan, hosts, preflight, processes or memory, result."""
+"""Execution of a run: plan, hosts, preflight, processes (or one process), result."""
 
 import contextlib
 import math
@@ -78,59 +78,59 @@ if TYPE_CHECKING:
 
 _KEYS: Final = "keys"
 """Folder of this computer's keys, in the world's folder."""
-_MOST_CODE: Final = 64 << 20
+_MAX_CODE_BYTES: Final = 64 << 20
 """Maximum size of a strategy's code for hosts, bytes."""
 
 
 @contextmanager
 def allocated_hosts(options: RunOptions) -> Iterator["HostPool | None"]:
-    """Allocate the hosts of the options; None if the robots run here. Raises AcrcError."""
+    """Yield the hosts allocated for `options.on`; None if the robots run here. Raises AcrcError."""
     if not options.on:
         yield None
         return
     from deploy.hosts.allocation import allocate_hosts  # noqa: PLC0415
 
-    with allocate_hosts(options.on, place_of(options.listen) if options.listen else None) as found:
-        yield found
+    with allocate_hosts(options.on, place_of(options.listen) if options.listen else None) as pool:
+        yield pool
 
 
 @contextmanager
-def started_hosts(plan: RunPlan, found: "HostPool | None") -> Iterator["RunHosts | None"]:
-    """Start the agents on the hosts of a run; None if the robots run here. Raises AcrcError."""
-    if found is None:
+def started_hosts(plan: RunPlan, pool: "HostPool | None") -> Iterator["RunHosts | None"]:
+    """Yield the hosts of a run, with started agents; None if the robots run here. Raises AcrcError."""
+    if pool is None:
         yield None
         return
     from deploy.hosts.allocation import shares  # noqa: PLC0415
     from deploy.hosts.run_hosts import HostSettings, RunHosts  # noqa: PLC0415
 
     robots = [robot.id for robot in plan.world.robots]
-    placed = shares(robots, {name: offer.cores for name, offer in found.offers.items()})
+    robots_by_host = shares(robots, {name: offer.cores for name, offer in pool.offers.items()})
     shared = HostSettings(
         out=plan.out,
         spawn=plan.options.spawn,
         limits=plan.options.limits,
         timeout_s=plan.timeout.step_s,
-        share=lambda some: tuple(shared_arguments(plan, Path(), some)),
+        share=lambda chosen: tuple(shared_arguments(plan, Path(), chosen)),
         leave=plan.options.leave,
-        code=tuple(tuple(_code(folder, plan.options.hidden)) for folder in plan.options.modules),
+        code=tuple(tuple(_code_files(folder, plan.options.hidden)) for folder in plan.options.modules),
     )
-    away = RunHosts(found, placed, plan.folder("world").resolve() / _KEYS, shared)
+    hosts = RunHosts(pool, robots_by_host, plan.folder("world").resolve() / _KEYS, shared)
     try:
-        yield away
+        yield hosts
     finally:
-        away.close()
+        hosts.close()
 
 
-def _code(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
+def _code_files(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
     """Yield the files of a strategy's folder that a robot may read. Raises AcrcError."""
-    left = _MOST_CODE
+    left = _MAX_CODE_BYTES
     for entry in code_entries(folder.absolute(), unseen(hidden)):
         for path in sorted(entry.rglob("*")) if entry.is_dir() else [entry]:
             if path.is_file() and not path.is_symlink() and "__pycache__" not in path.parts:
                 left -= path.stat().st_size
                 if left < 0:
                     raise AcrcError(
-                        f"--modules: {folder}: has more than {_MOST_CODE >> 20} MiB of files for hosts; "
+                        f"--modules: {folder}: has more than {_MAX_CODE_BYTES >> 20} MiB of files for hosts; "
                         "give a folder with the strategy's code only"
                     )
                 yield path.relative_to(folder.absolute()).as_posix(), path
@@ -145,94 +145,94 @@ class PreflightLimits:
     """Time limits of a preflight."""
 
     patience_s: float = 120.0
-    """Timeout of making a robot, s, including the first compilation of kernels."""
+    """Timeout of the creation of a robot, s, including the first compilation of kernels."""
     grace_s: float = 5.0
     """Additional time for a process that ignores its timeout, s."""
 
 
-def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = PreflightLimits()) -> None:
-    """Make the first robot in a separate process and a temporary folder.
+def preflight(plan: RunPlan, launcher: Launcher, limits: PreflightLimits = PreflightLimits()) -> None:
+    """Create the first robot in a separate process and a temporary folder.
 
-    Raises AcrcError if that fails, hangs or exits; prints the traceback of a bug first.
+    Raises AcrcError if that fails, hangs or exits; the traceback of an unexpected error is printed first.
     """
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
         options = replace(plan.options, out=folder)
-        stage = replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
-        write_robot_folder(stage, robot)
-        program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
-        program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
-        child = launched.start(program)
+        trial = replace(plan, options=options, debug=plan.debug and DebuggedRobot("", ""))
+        write_robot_folder(trial, robot)
+        program = robot_program(trial, robot, ProcessOrder(robot.id, 0), 0)
+        program = replace(program, argv=(*program.argv, "--preflight", f"{limits.patience_s:g}"))
+        child = launcher.start(program)
         try:
-            _await_end(child, launched, bounds)
+            _await_exit(child, launcher, limits)
             hung = child.exit_code is None
         finally:
             child.send(signal.SIGKILL)
-            _await_end(child, launched, replace(bounds, patience_s=0.0))
-        _judge(plan, child, bounds, hung=hung)
+            _await_exit(child, launcher, replace(limits, patience_s=0.0))
+        _check_preflight(plan, child, limits, hung=hung)
 
 
-def preflight_in_process(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
-    """Make and discard the first robot's behaviour in this process, for a run in memory.
+def preflight_in_process(resolved: ResolvedScenario, modules: Sequence[Path]) -> None:
+    """Create and discard the first robot's behaviour in this process, for a run in memory.
 
     Raises AcrcError for wrong settings, areas or equipment, for a missing entry, and for an error in the
     strategy's code, with its frames.
     """
-    name, robot = settled.scenario.run.strategy, settled.world.robots[0]
-    told = robot_setup(settled, robot)
+    name, robot = resolved.scenario.run.strategy, resolved.world.robots[0]
+    setup = robot_setup(resolved, robot)
     model = load_model(robot.model, robot.sensor)
-    floor = assembly.floor(load_map(settled.world.map), model, told.stack)
-    start = assembly.start(told, model, floor)
-    # --json allows no other output; modules imported here keep their streams
+    floor = assembly.floor(load_map(resolved.world.map), model, setup.stack)
+    start = assembly.start(setup, model, floor)
+    # with --json, standard output is for the result only; modules imported here keep their streams
     set_folders(modules)
     with contextlib.redirect_stdout(sys.stderr), captured_by(None), raise_on_hard_exit():
         try:
-            dry_run(settled.behaviour, start)
+            dry_run(resolved.behaviour, start)
         except AcrcError:
             raise
         except Exception as error:
-            which = repr(name) if name == settled.behaviour else f"{name!r}, {settled.behaviour!r},"
+            which = repr(name) if name == resolved.behaviour else f"{name!r}, {resolved.behaviour!r},"
             cause = failure_note("", 0, error).cause
             sentence = f"strategy {which.rstrip(',')}, preflight for {robot.id}: {cause}"
             raise AcrcError(f"{sentence}\n{own_frames(error)}".rstrip()) from error
 
 
-def _await_end(child: ChildProcess, launched: Launcher, bounds: PreflightLimits) -> None:
-    deadline = time.monotonic() + bounds.patience_s + bounds.grace_s
+def _await_exit(child: ChildProcess, launcher: Launcher, limits: PreflightLimits) -> None:
+    deadline = time.monotonic() + limits.patience_s + limits.grace_s
     while child.exit_code is None and time.monotonic() < deadline:
-        launched.wait(0.05)
+        launcher.wait(0.05)
 
 
-def _judge(plan: RunPlan, child: ChildProcess, bounds: PreflightLimits, *, hung: bool) -> None:
-    """Raise AcrcError unless the robot's process has made the robot.
+def _check_preflight(plan: RunPlan, child: ChildProcess, limits: PreflightLimits, *, hung: bool) -> None:
+    """Raise AcrcError unless the process has created its robot.
 
-    `hung`: it had not exited in time and was killed.
+    `hung`: it was killed after the timeout.
     """
-    made = f"strategy {plan.behaviour!r}, preflight for {child.program.actor}"
+    context = f"strategy {plan.behaviour!r}, preflight for {child.program.actor}"
     notes = _notes(child.program)
     if "failure" in notes:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
             raise AcrcError(printable(note.cause))
         print_output(program_output(child.program))
-        raise AcrcError(f"{made}: {printable(note.cause)}")
+        raise AcrcError(f"{context}: {printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
-    told = program_output(child.program)
-    place = _HUNG.search(told)
+    output = program_output(child.program)
+    place = _HUNG.search(output)
     if place is not None:
         where = f"{Path(place[1]).name}:{place[2]}"
-        raise AcrcError(f"{made}: not finished after {bounds.patience_s:g} s; it is at {where}")
-    if child.exit_code == 2 and told.strip():  # its error precedes the strategy
-        raise AcrcError(told.strip().splitlines()[-1])
-    print_output(told)
+        raise AcrcError(f"{context}: not finished after {limits.patience_s:g} s; it is at {where}")
+    if child.exit_code == 2 and output.strip():  # an error before the strategy was loaded
+        raise AcrcError(output.strip().splitlines()[-1])
+    print_output(output)
     if hung:
-        raise AcrcError(f"{made}: not finished after {bounds.patience_s + bounds.grace_s:g} s")
+        raise AcrcError(f"{context}: not finished after {limits.patience_s + limits.grace_s:g} s")
     assert child.exit_code is not None
     if child.exit_code < 0:
         number = signal.Signals(-child.exit_code)
-        raise AcrcError(f"{made}: its process was killed by {number.name}")
-    raise AcrcError(f"{made}: its process ended with exit code {child.exit_code}")
+        raise AcrcError(f"{context}: its process was killed by {number.name}")
+    raise AcrcError(f"{context}: its process ended with exit code {child.exit_code}")
 
 
 def _notes(program: Program) -> dict[str, bytes]:
@@ -248,10 +248,10 @@ OPERATOR: Final = "operator"
 OnProgress = Callable[[Progress], None]
 
 
-def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> RunResult:
+def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = None) -> RunResult:
     """Run the scenario; write run.json and places.csv, and seal the folder. Raises AcrcError.
 
-    `launched`: launcher of processes, if already started.
+    `launcher`: if already started.
     """
     with allocated_hosts(options) as pool:
         prepared = plan(scenario, options, None if pool is None else pool.isolation_fault)
@@ -274,50 +274,54 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
             if options.bus == "memory":
                 result = run_in_memory(prepared, on_progress)
             else:
-                result = run_processes(prepared, options.spawn, on_progress, launched, pool)
+                result = run_processes(prepared, options.spawn, on_progress, launcher, pool)
     seal(options.out, {name: one.sha256 for name, one in remote_recordings(options.out).items()})
     return result
 
 
-def plan(scenario: Scenario, options: RunOptions, elsewhere: str | None = None) -> RunPlan:
+def plan(scenario: Scenario, options: RunOptions, host_isolation_fault: str | None = None) -> RunPlan:
     """Plan a run: resolve the scenario, choose the isolation, check the strategy.
 
-    `elsewhere`: why robots cannot be isolated on hosts; None if they can. For a run in memory the strategy's
-    code runs once in this process, and its exceptions pass.
+    `host_isolation_fault`: why robots cannot be isolated on hosts; None if they can. For a run in memory the
+    strategy's code is executed once in this process; its exceptions are raised as AcrcErrors.
     """
     memory = options.bus == "memory"
-    choice = IsolationChoice(False) if memory else choose_isolation(options.isolate, elsewhere=elsewhere)
-    settled = resolve(scenario)
-    _check_followed(settled, options)
+    choice = (
+        IsolationChoice(False)
+        if memory
+        else choose_isolation(options.isolate, elsewhere=host_isolation_fault)
+    )
+    resolved = resolve(scenario)
+    _check_followed(resolved, options)
     planned = RunPlan(
-        **{one.name: getattr(settled, one.name) for one in fields(Swarm)},
+        **{one.name: getattr(resolved, one.name) for one in fields(Swarm)},
         options=options,
-        scenario=scenario_copy(settled, options),
+        scenario=scenario_copy(resolved, options),
         commit=software_version(),
         isolate=choice.isolate,
         warning=choice.warning,
-        warnings=scenario_warnings(settled),
+        warnings=scenario_warnings(resolved),
         timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
-        debug=_debugged(settled, options),
+        debug=_debugged_robot(resolved, options),
     )
     if options.bus == "memory":
         expect_hashes(options.recorded)
         with run_watchdog(planned.timeout.step_s) if planned.has_user_code else nullcontext():
-            preflight_in_process(settled, options.modules)
+            preflight_in_process(resolved, options.modules)
     return planned
 
 
-def _check_followed(settled: ResolvedScenario, options: RunOptions) -> None:
-    robots = [robot.id for robot in settled.world.robots]
+def _check_followed(resolved: ResolvedScenario, options: RunOptions) -> None:
+    robots = [robot.id for robot in resolved.world.robots]
     for robot in options.followed:
         if robot not in robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
 
 
-def _debugged(settled: ResolvedScenario, options: RunOptions) -> DebuggedRobot | None:
+def _debugged_robot(resolved: ResolvedScenario, options: RunOptions) -> DebuggedRobot | None:
     if options.debug is None:
         return None
-    robots = [robot.id for robot in settled.world.robots]
+    robots = [robot.id for robot in resolved.world.robots]
     if options.debug not in robots:
         raise wrong_value("--debug", options.debug, f"one of {', '.join(robots)}")
     return DebuggedRobot(options.debug, "" if options.bus == "memory" else os.ttyname(0))
@@ -325,49 +329,52 @@ def _debugged(settled: ResolvedScenario, options: RunOptions) -> DebuggedRobot |
 
 def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
     """Run all actors in this process; return the result."""
-    began = time.time()
+    started = time.time()
     write_run_folder(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
     try:
         with signals_as_interrupts():
             swarm.run()
     except Interruption:
-        _tell(swarm.held_up)
+        _report_delays(swarm.held_up)
         raise
-    return _finish(plan, swarm, began, "memory", time.process_time())
+    return _write_result(plan, swarm, started, "memory", time.process_time())
 
 
 def run_processes(
     plan: RunPlan,
     spawn: str,
     on_progress: OnProgress,
-    launched: Launcher | None = None,
+    launcher: Launcher | None = None,
     pool: "HostPool | None" = None,
 ) -> RunResult:
     """Run every actor in its own process; none is left when this returns or raises.
 
-    `launched`: launcher, if already started. `pool`: hosts of the robots.
+    `launcher`: if already started. `pool`: hosts of the robots.
     """
-    began = time.time()
+    started = time.time()
     check_new(plan.out)
-    with signals_as_interrupts(), nullcontext(launched) if launched else create_launcher(spawn) as starting:
-        preflight(plan, starting)
+    with (
+        signals_as_interrupts(),
+        nullcontext(launcher) if launcher else create_launcher(spawn) as run_launcher,
+    ):
+        preflight(plan, run_launcher)
         write_run_folder(plan)
-        with started_hosts(plan, pool) as away:
-            supervisor = _supervise(plan, starting, on_progress, away)
-    return _finish(plan, supervisor, began, "zenoh", supervisor.cpu_s + time.process_time())
+        with started_hosts(plan, pool) as hosts:
+            supervisor = _supervise(plan, run_launcher, on_progress, hosts)
+    return _write_result(plan, supervisor, started, "zenoh", supervisor.cpu_s + time.process_time())
 
 
 def _supervise(
-    plan: RunPlan, launched: Launcher, on_progress: OnProgress, away: "RunHosts | None" = None
+    plan: RunPlan, launcher: Launcher, on_progress: OnProgress, hosts: "RunHosts | None" = None
 ) -> RunSupervisor:
     """Start the processes and wait for their exit."""
-    launched.withdraw(router_file(plan))
-    issued = issue_credentials(plan, None if away is None else away.gate)
+    launcher.withdraw(router_file(plan))
+    credentials = issue_credentials(plan, None if hosts is None else hosts.gate)
     robots = {robot.id: robot for robot in plan.world.robots}
-    starting = launched if away is None else away.launcher(launched, _say)
+    run_launcher = launcher if hosts is None else hosts.launcher(launcher, _say)
     supervisor = RunSupervisor(
-        starting,
+        run_launcher,
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.timeout,
@@ -376,15 +383,15 @@ def _supervise(
     )
     try:
         supervisor.start([world_program(plan), radio_program(plan)])
-        for words in shared_arguments(plan, Path()) if away is None else ():
-            launched.share("actors.robot.program", words, plan.out)
-        supervisor.await_file(issued.sockets[OPERATOR], "world")
-        config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
-        with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
-            if away is not None:
-                away.join(supervisor.check, starting.wait)
-                away.write()
-                _say(away.sentence)
+        for words in shared_arguments(plan, Path()) if hosts is None else ():
+            launcher.share("actors.robot.program", words, plan.out)
+        supervisor.await_file(credentials.sockets[OPERATOR], "world")
+        config = rules.client_config(credentials.files[OPERATOR], credentials.endpoint(OPERATOR))
+        with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.check_all) as bus:
+            if hosts is not None:
+                hosts.join(supervisor.check, run_launcher.wait)
+                hosts.write()
+                _say(hosts.sentence)
             if plan.options.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
@@ -398,18 +405,18 @@ def _supervise(
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
-            if away is not None and (loads := away.loads):
-                _say(loads)
+            if hosts is not None and (load_sentence := hosts.load_sentence):
+                _say(load_sentence)
     except Interruption:
-        _tell(supervisor.held_up)
+        _report_delays(supervisor.held_up)
         raise
     finally:
         supervisor.end_all()
-        if away is not None:
-            away.dismiss(starting.wait)
-            away.write()
-            if kept := away.kept:
-                _say(kept)
+        if hosts is not None:
+            hosts.finish(run_launcher.wait)
+            hosts.write()
+            if remaining_files := hosts.remaining_files:
+                _say(remaining_files)
         remove_credentials(plan)
     return supervisor
 
@@ -418,13 +425,13 @@ def _say(sentence: str) -> None:
     sys.stderr.write(f"acrc: {sentence}\n")
 
 
-def _tell(held_up: Mapping[str, StepDelays]) -> None:
+def _report_delays(held_up: Mapping[str, StepDelays]) -> None:
     for sentence in monitor.delay_sentences(held_up):
         _say(sentence)
 
 
-def _finish(
-    plan: RunPlan, swarm: MemorySwarm | RunSupervisor, began: float, bus: str, cpu_s: float
+def _write_result(
+    plan: RunPlan, swarm: MemorySwarm | RunSupervisor, started: float, bus: str, cpu_s: float
 ) -> RunResult:
     isolation = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
@@ -433,7 +440,7 @@ def _finish(
         swarm.programs,
         swarm.notes if isinstance(swarm, RunSupervisor) else {},
         step_us=plan.world.step_us,
-        began_s=began,
+        began_s=started,
         rosters=swarm.rosters,
         seed=plan.world.seed,
         cpu_s=round(cpu_s, 3),

@@ -1,4 +1,4 @@
-"""Replay of a whole simulated run, in memory, and the first difference between two runs."""
+"""Replay of a simulated run in memory, and the first difference between two runs."""
 
 import math
 from collections import Counter
@@ -39,14 +39,14 @@ CAUSAL_ORDER: Final = tuple(topic.pattern for topic in (RECEIVED, SENSES, TRANSM
 
 @dataclass(frozen=True)
 class SwarmReplay:
-    """Result of a replay that equals its recording."""
+    """Result of a replay without differences from its recording."""
 
     digest: str
     messages: int
     orders: int
     """Number of replayed external orders."""
     complete: bool
-    """Whether the recorded run ended as planned; if not, its recorded part is equal."""
+    """Whether the recorded run ended as planned; if not, only its intact part was compared."""
 
 
 def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
@@ -57,7 +57,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: contains no {SCENARIO}; give the folder of a simulated run")
-    told = check(out, strict=False)
+    report = check(out, strict=False)
     scenario = load_scenario(out / SCENARIO)
     modules = permitted_folders(
         out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit
@@ -68,27 +68,28 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
         raise ReplayError(f"{out}: no recording of the {missing[0]} to compare with")
     orders = OrderReplayBus(recorded_orders(files["world"]))
     with scratch_folder() as folder:
-        again = folder / "again"
-        recorded = _recorded(out, modules, permit)
-        level = read_setup(
-            files["radio"], RadioSetup, "a radio"
-        ).detail  # content that is only recorded is compared as well
-        options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded, record=level)
+        replay_out = folder / "again"
+        recorded = _recorded_modules(out, modules, permit)
+        # equal detail: recorded content is compared, too
+        detail = read_setup(files["radio"], RadioSetup, "a radio").detail
+        options = RunOptions(
+            replay_out, bus="memory", json=True, modules=modules, recorded=recorded, record=detail
+        )
         plan = swarm.plan(scenario, options)
-        with printing_new_lines(again, (ALL_ROBOTS,)) as look:
+        with printing_new_lines(replay_out, (ALL_ROBOTS,)) as look:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)
-        if not told.complete or result.digest != told.digest:
-            until = math.inf if told.complete else (told.good_until or 0)
-            first = divergence(out, again, plan.world.step_us, ("recording", "replay"), until)
-            if first is not None:
-                raise ReplayError(first.words)
-            if told.complete:
-                raise ReplayError(f"{out}: recorded digest {told.digest}, replayed {result.digest}")
-    return SwarmReplay(told.digest, told.messages, orders.orders_published, told.complete)
+        if not report.complete or result.digest != report.digest:
+            until = math.inf if report.complete else (report.good_until or 0)
+            difference = divergence(out, replay_out, plan.world.step_us, ("recording", "replay"), until)
+            if difference is not None:
+                raise ReplayError(difference.words)
+            if report.complete:
+                raise ReplayError(f"{out}: recorded digest {report.digest}, replayed {result.digest}")
+    return SwarmReplay(report.digest, report.messages, orders.orders_published, report.complete)
 
 
-def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedModules | None:
-    """Return the robots' recorded code; None without a record, or if any code is trusted."""
+def _recorded_modules(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedModules | None:
+    """Return the recorded hashes of the robots' modules; None without hashes, or for trusted code."""
     if permit.trust or not modules:
         return None
     recorded = recorded_code(out)
@@ -120,7 +121,7 @@ class _Difference(NamedTuple):
     other: bytes | None
 
 
-class _Trails:
+class _MessageHashes:
     """Hashes of all messages sent and received by world and radio of one run, by key."""
 
     def __init__(self, out: Path) -> None:
@@ -150,10 +151,10 @@ def divergence(
 ) -> Divergence | None:
     """Return the first difference between the recordings of two runs; `until`: last step.
 
-    Ordered jammers and frame losses are not counted: they are changes, not consequences. For a branch only
-    topics in CAUSAL_ORDER count: others also contain the orders.
+    Ordered jammers and frame losses are ignored: they are changes, not consequences. For a branch only
+    topics in CAUSAL_ORDER are compared: others contain the orders, too.
     """
-    first, second = _Trails(one), _Trails(other)
+    first, second = _MessageHashes(one), _MessageHashes(other)
     differences = sorted(
         difference
         for key in dict.fromkeys((*first.by_key, *second.by_key))
@@ -167,7 +168,7 @@ def divergence(
         if (robot := sender(difference.key)) is not None:
             robots.setdefault(robot, in_seconds(difference.step * step_us))
     for difference in differences:
-        if (words := _in_words(difference, first, second, names)) is not None:
+        if (words := _describe(difference, first, second, names)) is not None:
             step, key = difference.step, difference.key
             return Divergence(step, key, f"step {step}: {key}: {words}", robots)
     return None
@@ -176,7 +177,7 @@ def divergence(
 def _differences(
     key: str, one: Mapping[tuple[int, int], bytes], other: Mapping[tuple[int, int], bytes]
 ) -> Iterator[_Difference]:
-    """Yield the differences on a key, up to the first that cannot be an order itself."""
+    """Yield the differences on a key: all of `Truth`, which contains orders; of others the first."""
     pattern = topic_of(key).pattern
     rank = CAUSAL_ORDER.index(pattern) if pattern in CAUSAL_ORDER else len(CAUSAL_ORDER)
     for place in sorted(one.keys() | other.keys()):
@@ -186,8 +187,10 @@ def _differences(
                 return
 
 
-def _in_words(difference: _Difference, first: _Trails, second: _Trails, names: tuple[str, str]) -> str | None:
-    """Describe a difference; None if it is only a jammer or an ordered loss."""
+def _describe(
+    difference: _Difference, first: _MessageHashes, second: _MessageHashes, names: tuple[str, str]
+) -> str | None:
+    """Describe a difference; None if only jammers or ordered frame losses differ."""
     then = first.message(difference.key, difference.one)
     now = second.message(difference.key, difference.other)
     if difference.one is None:
@@ -209,7 +212,7 @@ def replay_with_behaviour(
 ) -> ReplayReport:
     """Replay a robot with another behaviour (an entry string) and that behaviour's default settings.
 
-    Raises ReplayError at the first different message: afterwards its recorded inputs are no longer valid.
+    Raises ReplayError at the first different message: later recorded inputs do not fit the new behaviour.
     """
     if actor in {"world", "radio"}:
         raise ReplayError(f"{actor}: has no strategy; must be a robot")
