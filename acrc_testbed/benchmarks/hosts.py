@@ -225,9 +225,9 @@ def _write_keys(folder: Path, scratch: Path) -> None:
     """Write one key for all hosts and Dask's configuration."""
     folder.mkdir(mode=0o700)
     now = datetime.now(UTC)
-    authority = certificates.authority("hosts", now, 1)
+    authority = certificates.create_authority("hosts", now, 1)
     both = (certificates.SERVER, certificates.CLIENT)
-    pair = certificates.machine(authority, "cluster", both, (), now, 1)
+    pair = certificates.issue_certificate(authority, "cluster", both, (), now, 1)
     (folder / "key.pem").write_bytes(pair.private_pem)
     (folder / "authority.pem").write_bytes(authority.certificate_pem)
     (folder / "certificate.pem").write_bytes(pair.certificate_pem)

@@ -66,7 +66,7 @@ from actors.robot.behaviour.code_permit import Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import choose_isolation
-from deploy.hosts.address import plain
+from deploy.hosts.address import dask_address
 from deploy.run import out_folder
 from deploy.run.progress import line_printer
 
@@ -83,7 +83,7 @@ def campaign(
 ) -> None:
     """Run the study and print its state. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
-        options = replace(options, on=plain(options.on))  # reports errors before anything is written
+        options = replace(options, on=dask_address(options.on))  # reports errors before anything is written
     study_options, notes = resolve_study(study_options)
     study = make_study(study_options)
     if study.isolated and options.on is None:

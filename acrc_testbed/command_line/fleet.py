@@ -368,9 +368,9 @@ def start(address: Address) -> None:
 
     It listens at ADDRESS, which must reach this computer from the others.
     """
-    from deploy.hosts.address import host_and_port, plain
+    from deploy.hosts.address import dask_address, host_and_port
 
-    place = plain(address, "ADDRESS")
+    place = dask_address(address, "ADDRESS")
     host, port = host_and_port(place)
     protocol = place.partition("://")[0]
     _exec("dask_scheduler", "--protocol", protocol, "--host", host, "--port", str(port))
@@ -388,12 +388,12 @@ def join(
     The first call installs packages and compiles kernels.
     """
     from actors.processes.kernel_compilation import compile_kernels
-    from deploy.hosts.address import plain
-    from deploy.hosts.connection import PATIENCE_S, security
+    from deploy.hosts.address import dask_address
+    from deploy.hosts.connection import TIMEOUT_S, create_security
 
-    place = plain(address, "ADDRESS")
+    place = dask_address(address, "ADDRESS")
     if place.startswith("tls://"):
-        security(place, PATIENCE_S, "ADDRESS")  # reports faults of the certificates
+        create_security(place, TIMEOUT_S, "ADDRESS")  # reports faults of the certificates
     compile_kernels()
     local = ("--host", "127.0.0.1") if place.startswith("tcp://") else ()
     number = workers or len(os.sched_getaffinity(0))
@@ -410,10 +410,10 @@ def fetch(
 ) -> None:
     """Fetch a run's recordings from other computers and delete them there."""
     from acrc_testbed.recordings.topics import is_running
-    from deploy.hosts.address import plain
+    from deploy.hosts.address import dask_address
     from deploy.hosts.files import fetch
 
-    address = plain(on) if on else ""
+    address = dask_address(on) if on else ""
     if not (out / "run.json").is_file() and is_running(out):
         raise AcrcError(f"{out}: the run is in progress; wait for its end")
     fetched = fetch(out, address, _log)

@@ -154,7 +154,7 @@ def run(
     from actors.robot.behaviour import code_permit
 
     permit = code_permit.permit_of(modules, trust=trust)
-    from deploy.hosts.address import plain
+    from deploy.hosts.address import dask_address
     from deploy.run.options import RunOptions, run_folder_name
     from deploy.run.start import prepare_run, start_run, with_claimed_folder
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, parse_settings
@@ -184,7 +184,7 @@ def run(
         control=control,
         hardware=hardware,
         boards=tuple(board or ()),
-        on=plain(on) if on else "",
+        on=dask_address(on) if on else "",
         listen=listen or "",
         leave=leave,
         timeout_s=timeout,

@@ -211,7 +211,7 @@ def trial_pool(jobs: int, patience_s: float, on: str | None, commit: str) -> Ite
     this computer; None: no cluster. Raises ClusterError.
     """
     if on is not None:
-        from deploy.hosts.connection import PATIENCE_S, connect
+        from deploy.hosts.connection import TIMEOUT_S, connect
 
         client = connect(on)
         pool = DaskPool(client, on, jobs, commit, patience_s)
@@ -219,7 +219,7 @@ def trial_pool(jobs: int, patience_s: float, on: str | None, commit: str) -> Ite
             yield pool
         finally:
             pool.close()
-            client.close(timeout=PATIENCE_S)
+            client.close(timeout=TIMEOUT_S)
         return
     compile_kernels(quiet=True)
     with create_launcher("forkserver") as launcher:

@@ -328,7 +328,7 @@ def read_certificate(path: Path) -> tuple[str, datetime, datetime]:
         certificates = importlib.import_module("deploy.hosts.certificates")
     except ModuleNotFoundError as error:
         raise ValueError(f"the Python package {error.name} is missing") from None
-    own = certificates.read(path.read_bytes())
+    own = certificates.load_certificate(path.read_bytes())
     return certificates.common_name(own), own.not_valid_before_utc, own.not_valid_after_utc
 
 

@@ -17,7 +17,7 @@ from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE, OPERATOR
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.hosts import certificates
-from deploy.hosts.certificates import CLIENT, SERVER, Pair
+from deploy.hosts.certificates import CLIENT, SERVER, CertifiedKey
 
 AUTHORITY_FOLDER: Final = "authority"
 """Folder of the certificate authority; do not copy it to robots."""
@@ -77,12 +77,14 @@ def create_keys(
             "folder with --out"
         )
     made = _described(fleet, out, hosts, now, days)
-    issuer = certificates.authority(f"fleet {fleet.path.stem}", now, days)
+    issuer = certificates.create_authority(f"fleet {fleet.path.stem}", now, days)
     with _new_folder(out) as draft:
         _write(draft / AUTHORITY_FOLDER, issuer, issuer)
         for machine in made.machines:
             purpose = CLIENT if machine.machine == OPERATOR else SERVER
-            pair = certificates.machine(issuer, machine.machine, [purpose], machine.hosts, now, days)
+            pair = certificates.issue_certificate(
+                issuer, machine.machine, [purpose], machine.hosts, now, days
+            )
             _write(draft / machine.machine, issuer, pair)
         (draft / ".gitignore").write_text("# Never commit private keys.\n*\n")
     return made
@@ -125,7 +127,9 @@ def replace_keys(
 def _held_for(folder: Path) -> tuple[str, ...]:
     """Return the hosts of a machine's certificate; () if it has none."""
     try:
-        return certificates.hosts(certificates.read((folder / CERTIFICATE_FILE).read_bytes()))
+        return certificates.host_names(
+            certificates.load_certificate((folder / CERTIFICATE_FILE).read_bytes())
+        )
     except (OSError, ValueError):
         return ()
 
@@ -166,7 +170,7 @@ def _new_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def _write(folder: Path, issuer: Pair, pair: Pair) -> None:
+def _write(folder: Path, issuer: CertifiedKey, pair: CertifiedKey) -> None:
     folder.mkdir(mode=0o700)
     (folder / AUTHORITY_FILE).write_bytes(issuer.certificate_pem)
     if pair is not issuer:

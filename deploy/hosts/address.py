@@ -1,4 +1,4 @@
-"""Addresses of schedulers and of this computer; independent of the cluster packages."""
+"""Addresses of schedulers and of this computer; does not import the cluster packages."""
 
 import errno
 import ipaddress
@@ -15,29 +15,29 @@ _ADDRESS: Final = re.compile(
 PAGE: Final = "docs/clusters.md"
 
 
-def check(address: str, named: str = "--on") -> None:
+def check_address(address: str, option: str = "--on") -> None:
     """Raise OptionError for an invalid scheduler address, or a remote one without TLS.
 
-    `named`: option or argument with the address.
+    `option`: option or argument with the address.
     """
-    found = _ADDRESS.fullmatch(address)
-    if found is None or not 0 < int(found["port"]) < 65536:
-        raise wrong_value(named, address, "the address of a scheduler, such as tls://192.168.1.5:8786")
+    match = _ADDRESS.fullmatch(address)
+    if match is None or not 0 < int(match["port"]) < 65536:
+        raise wrong_value(option, address, "the address of a scheduler, such as tls://192.168.1.5:8786")
     if not is_safe(address):
         raise OptionError(
-            f"{named}: {address}; must be tls://, except on this computer: without TLS anyone who can "
+            f"{option}: {address}; must be tls://, except on this computer: without TLS anyone who can "
             f"connect can execute code ({PAGE})"
         )
 
 
-def plain(address: str, named: str = "--on") -> str:
-    """Return a typed address in Dask's form: tls:// for dask+tls://, tcp:// for dask://.
+def dask_address(address: str, option: str = "--on") -> str:
+    """Return an address in Dask's form: tls:// for dask+tls://, tcp:// for dask://.
 
-    Raises OptionError, see `check`.
+    Raises OptionError, see `check_address`.
     """
-    check(address, named)
-    how, _, place = address.partition("://")
-    return f"{'tls' if how.endswith('tls') else 'tcp'}://{place}"
+    check_address(address, option)
+    scheme, _, place = address.partition("://")
+    return f"{'tls' if scheme.endswith('tls') else 'tcp'}://{place}"
 
 
 def host_and_port(address: str) -> tuple[str, int]:
@@ -48,9 +48,9 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 def is_safe(address: str) -> bool:
     """Return whether an address has TLS, or is only reachable from this computer."""
-    how, _, place = address.partition("://")
+    scheme, _, place = address.partition("://")
     host = place.rpartition(":")[0].strip("[]")
-    if how in {"tls", "dask+tls", "inproc"} or host == "localhost":
+    if scheme in {"tls", "dask+tls", "inproc"} or host == "localhost":
         return True
     try:
         return ipaddress.ip_address(host).is_loopback
@@ -58,31 +58,31 @@ def is_safe(address: str) -> bool:
         return False
 
 
-_PLACE: Final = re.compile(r"(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\])(?::(?P<port>[0-9]{1,5}))?")
+_HOST_PORT: Final = re.compile(r"(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\])(?::(?P<port>[0-9]{1,5}))?")
 
 
-def place_of(word: str) -> tuple[str, int]:
+def parse_listen(word: str) -> tuple[str, int]:
     """Parse `--listen HOST` or `--listen HOST:PORT`; port 0: any. Raises OptionError."""
-    found = _PLACE.fullmatch(word)
-    port = int(found["port"] or 0) if found else -1
-    if found is None or not 0 <= port < 65536:
+    match = _HOST_PORT.fullmatch(word)
+    port = int(match["port"] or 0) if match else -1
+    if match is None or not 0 <= port < 65536:
         raise wrong_value("--listen", word, "an address of this computer, such as 10.0.0.5 or 10.0.0.5:7450")
-    return found["host"].strip("[]"), port
+    return match["host"].strip("[]"), port
 
 
-def own_address(address: str) -> str:
+def local_address(address: str) -> str:
     """Return the address of this computer on its route to the scheduler at `address`."""
     place = host_and_port(address)
-    family, kind, proto, _, where = socket.getaddrinfo(*place, type=socket.SOCK_DGRAM)[0]
+    family, kind, proto, _, peer_address = socket.getaddrinfo(*place, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, kind, proto) as probe:
-        probe.connect(where)  # sends nothing: a datagram socket
+        probe.connect(peer_address)  # sends nothing: a datagram socket
         return str(probe.getsockname()[0])
 
 
-def bound(address: str) -> str:
+def bind_address(address: str) -> str:
     """Return the address to bind for clients that connect to `address`. Raises AcrcError.
 
-    All addresses if it is not one of this computer, as behind a forwarding router.
+    If this computer does not have `address` (as behind NAT), bind all addresses.
     """
     try:
         with socket.create_server((address, 0), family=_family(address)):
@@ -107,7 +107,7 @@ def free_port(address: str, port: int = 0) -> int:
 
 
 def bracketed(address: str) -> str:
-    """Return the address as written before a port: IPv6 in brackets."""
+    """Return the address as in a URL: IPv6 in brackets."""
     return f"[{address}]" if ":" in address else address
 
 

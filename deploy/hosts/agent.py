@@ -1,7 +1,7 @@
-"""Agent of a run on a host, a Dask actor: robot processes, router and files.
+"""Agent of a run on a host (a Dask actor): robot processes, router and files.
 
-The run calls it about 20 times per second (`HostAgent.exchange`). An agent that is not called for
-`HostTask.silence_s`, or is released, ends its robots.
+The run calls `HostAgent.exchange` about 20 times per second. An agent ends its robots if it is not called for
+`HostTask.silence_s`, or is released.
 """
 
 import shutil
@@ -51,15 +51,15 @@ Seconds = Annotated[float, msgspec.Meta(ge=0)]
 Text = Annotated[str, msgspec.Meta(max_length=2000)]
 CODE: Final = "code"
 _KEYS: Final = "keys"
-_INFRA: Final = ".router"
+_ROUTER_FOLDER: Final = ".router"
 """Folder of the router in the run's folder; not a valid robot id."""
-_MOST_SENT_HERE: Final = 1 << 30
+_MAX_INPUT_BYTES: Final = 1 << 30
 """Maximum size of files before the run (maps, models, code), bytes."""
 _REPORT_BYTES: Final = 1 << 20
 """Maximum file content per report, bytes: 0.1 s at 100 Mbit/s."""
 _POLL_S: Final = 0.05
 _GRACE_S: Final = 3.0
-_ENDS: Final = ("final", "failure")
+_END_NOTES: Final = ("final", "failure")
 """Notes of a process about its end."""
 
 
@@ -74,13 +74,13 @@ class HostTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     spawn: str
     limits: ProcessLimits
     silence_s: float
-    """Timeout of calls, s, after which the run is assumed to have ended."""
+    """Timeout between calls, s; afterwards the run is assumed to have ended."""
     code: int
-    """Number of the strategy's folders in `code/`."""
+    """Count of the strategy's folders in `code/`."""
     share: tuple[tuple[str, ...], ...]
     """Data shared by the robots' processes, see `deploy.run.plan.shared_arguments`."""
     leave: bool
-    """Keep recordings here."""
+    """Keep recordings on this host."""
 
 
 class StartRobot(msgspec.Struct, frozen=True):
@@ -93,19 +93,19 @@ class StartRobot(msgspec.Struct, frozen=True):
 
 
 class HostOrders(msgspec.Struct, frozen=True):
-    """Requests of a run to its host, in this order."""
+    """Requests of a run to its host, carried out in the order of the fields."""
 
     start: tuple[StartRobot, ...] = ()
     signals: tuple[tuple[Number, int], ...] = ()
-    """Numbers of process and signal."""
-    look: bool = False
+    """Process number and signal number of each signal to send."""
+    list_processes: bool = False
     """Report the states of processes."""
     finish: bool = False
     """No more processes will be started."""
 
 
 class EndedProcess(msgspec.Struct, frozen=True):
-    """A process that has exited, after all its output."""
+    """A process that has exited and whose output has been sent."""
 
     number: Number
     code: Annotated[int, msgspec.Meta(ge=-64, le=255)]
@@ -120,7 +120,7 @@ class HostRecording(msgspec.Struct, frozen=True):
     bytes: Size
     sha256: Sha256
     notes: dict[str, Annotated[str, msgspec.Meta(max_length=1 << 20)]]
-    """Notes of its process: `final`, `failure`."""
+    """Notes `final` and `failure` of its process."""
 
 
 class ProcessStatus(msgspec.Struct, frozen=True, array_like=True):
@@ -147,7 +147,7 @@ class HostEvents(msgspec.Struct, frozen=True):
 
     files: tuple[FilePart, ...] = ()
     ending: tuple[Number, ...] = ()
-    """Processes that have exited; the rest of their output follows."""
+    """Processes that have exited; more of their output follows."""
     refused: dict[Number, Text] = {}
     """Errors of processes that could not be started."""
     ended: tuple[EndedProcess, ...] = ()
@@ -163,12 +163,12 @@ class HostReport(msgspec.Struct, frozen=True):
     folder: Text
     joined: bool
     """Its router is connected and the world receives its robots' messages."""
-    unlinked: bool
-    """Its router has lost its connection afterwards."""
+    is_link_lost: bool
+    """Its router has joined and lost its connection."""
     fault: Text
     """Why the run cannot continue; empty if it can."""
     events: HostEvents
-    looked: ProcessList | None
+    process_list: ProcessList | None
     done: bool
     """All processes have exited and all files have been sent."""
 
@@ -196,14 +196,14 @@ class HostAgent:
 _SESSIONS: Final[dict[str, "_Session"]] = {}
 
 
-def occupy(run: str) -> None:
-    """Block a thread of the worker while the run has processes here, so that other tasks wait."""
+def block_worker(run: str) -> None:
+    """Block a thread of the worker while the run has processes here, so that no other task starts."""
     if session := _SESSIONS.get(run):
         session.thread.join()
 
 
 class _FinishedError(AcrcError):
-    """The run has ended or no longer calls this host."""
+    """End of the run, or of its calls to this host."""
 
 
 class _Session:
@@ -211,18 +211,18 @@ class _Session:
 
     def __init__(self, task: HostTask, keys: PemKeys, worker: Worker) -> None:
         self._task, self._worker = task, worker
-        self._begun = threading.Event()
+        self._is_started = threading.Event()
         self._folder = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
         (self._folder / TASK).write_bytes(msgspec.json.encode(task))
         keys.write(self._folder / _KEYS)
-        self._incoming = IncomingFiles(self._folder, {RUN, CODE}.__contains__, _MOST_SENT_HERE, "the limit")
+        self._incoming = IncomingFiles(self._folder, {RUN, CODE}.__contains__, _MAX_INPUT_BYTES, "the limit")
         self._lock = threading.Lock()
         """Guards the processes."""
         self._robots = RobotProcesses(self._folder, task)
         self._called_s = time.monotonic()
-        self._abandoned = self._finishing = self._joined = self._unlinked = False
+        self._abandoned = self._finishing = self._joined = self._is_link_lost = False
         self._fault = ""
-        self._own: Iterator[FilePart] | None = None
+        self._strategy_file_parts: Iterator[FilePart] | None = None
         self.thread = threading.Thread(target=self._serve, name=f"run {task.run}", daemon=True)
         self.thread.start()
 
@@ -230,11 +230,11 @@ class _Session:
         """Write files; an empty list begins the run. Raises FilePartError."""
         self._called_s = time.monotonic()
         if not parts:
-            self._begun.set()
+            self._is_started.set()
         try:
             for part in parts:
-                self._incoming.take(part)
-        except OSError as error:  # the library reports a lost worker as OSError
+                self._incoming.append(part)
+        except OSError as error:  # HostLink would take an OSError for a lost worker
             raise AcrcError(f"{self._folder}: files of the run cannot be written: {error.strerror}") from None
 
     def exchange(self, orders: HostOrders) -> HostReport:
@@ -243,17 +243,17 @@ class _Session:
             self._called_s = time.monotonic()
             self._finishing = self._finishing or orders.finish
             robots = self._robots
-            robots.order(orders)
-            rest = self._rest() if not self.thread.is_alive() and robots.settled else None
+            robots.execute(orders)
+            rest = self._strategy_files() if not self.thread.is_alive() and robots.is_done else None
             events = robots.events(rest)
             return HostReport(
                 clock_s=time.time(),
                 folder=str(self._folder),
                 joined=self._joined,
-                unlinked=self._unlinked,
+                is_link_lost=self._is_link_lost,
                 fault=self._fault,
                 events=events,
-                looked=robots.looked() if orders.look else None,
+                process_list=robots.process_list() if orders.list_processes else None,
                 done=rest is not None and not events.more,
             )
 
@@ -268,21 +268,21 @@ class _Session:
         if not self._task.leave:
             shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _rest(self) -> Iterator[FilePart]:
-        """Return one iterator over the files written by strategies."""
-        if self._own is None:
+    def _strategy_files(self) -> Iterator[FilePart]:
+        """Return the iterator, created once, over the files that strategies have written."""
+        if self._strategy_file_parts is None:
             run = self._folder / RUN
-            owns = (files_below(run / robot / "own", run) for robot in self._task.robots)
-            self._own = read_files(chain.from_iterable(owns))
-        return self._own
+            folders = (files_below(run / robot / "own", run) for robot in self._task.robots)
+            self._strategy_file_parts = read_files(chain.from_iterable(folders))
+        return self._strategy_file_parts
 
     def _serve(self) -> None:
-        secrets = self._folder / RUN / _INFRA / credentials.ROUTER_FILE
+        secrets = self._folder / RUN / _ROUTER_FOLDER / credentials.ROUTER_FILE
         try:
-            while not self._begun.is_set():
-                self._turn()
-            with create_launcher(self._task.spawn) as launched:
-                self._run(launched)
+            while not self._is_started.is_set():
+                self._poll()
+            with create_launcher(self._task.spawn) as launcher:
+                self._run(launcher)
         except _FinishedError:
             pass
         except Exception as error:
@@ -292,68 +292,72 @@ class _Session:
             with self._lock:
                 self._robots.close()
             shutil.rmtree(self._folder / _KEYS, ignore_errors=True)
-            with suppress(AcrcError):  # a robot has replaced them
+            with suppress(AcrcError):  # a robot has replaced the files
                 credentials.remove_router_file(secrets)
             _SESSIONS.pop(self._task.run, None)
 
-    def _run(self, launched: Launcher) -> None:
-        issued = self._lay_out(launched)
+    def _run(self, launcher: Launcher) -> None:
+        router_credentials = self._write_files(launcher)
         keys = tls.load_keys(self._folder / _KEYS)
-        config = tls.host_config(issued, keys, self._task.endpoint)
-        with open_host_router(config, self._task.robots[0], between=self._turn) as router:
+        config = tls.host_config(router_credentials, keys, self._task.endpoint)
+        with open_host_router(config, self._task.robots[0], between=self._poll) as router:
             try:
                 while True:
-                    self._turn()
-                    self._look_at_link(router, issued)
-            finally:  # before the router closes, so that robots exit in order
+                    self._poll()
+                    self._check_link(router, router_credentials)
+            finally:  # while the router runs, so that robots can exit in order
                 self._end_robots()
 
-    def _lay_out(self, launched: Launcher) -> Credentials:
+    def _write_files(self, launcher: Launcher) -> Credentials:
         """Create the robots' passwords and load shared data.
 
-        The launcher's server removes the secrets even if the worker is killed.
+        The launcher's server removes the passwords even if the worker is killed.
         """
         run = self._folder / RUN
-        (run / _INFRA).mkdir(parents=True)
+        (run / _ROUTER_FOLDER).mkdir(parents=True)
         for robot in self._task.robots:
             own_folder(run / robot).mkdir(parents=True, exist_ok=True)
-        issued = credentials.issue({robot: run / robot for robot in self._task.robots}, run / _INFRA, ())
+        router_credentials = credentials.issue(
+            {robot: run / robot for robot in self._task.robots}, run / _ROUTER_FOLDER, ()
+        )
         gate = HostGateway("", self._folder / _KEYS, {})
-        credentials.write_router_file(run / _INFRA / credentials.ROUTER_FILE, replace(issued, gate=gate))
-        launched.withdraw(run / _INFRA / credentials.ROUTER_FILE)
+        credentials.write_router_file(
+            run / _ROUTER_FOLDER / credentials.ROUTER_FILE, replace(router_credentials, gate=gate)
+        )
+        launcher.withdraw(run / _ROUTER_FOLDER / credentials.ROUTER_FILE)
         for words in self._task.share:
-            launched.share("actors.robot.program", words, run)
-        self._robots.open(launched)
-        return issued
+            launcher.share("actors.robot.program", words, run)
+        self._robots.open(launcher)
+        return router_credentials
 
-    def _turn(self) -> None:
-        """Check the processes, then sleep. Raises _FinishedError at the run's end."""
+    def _poll(self) -> None:
+        """Poll the processes, then sleep. Raises _FinishedError at the run's end."""
         silent_s = time.monotonic() - self._called_s
-        leaving = self._worker.status in (Status.closing, Status.closed, Status.failed)
-        if self._abandoned or leaving or silent_s > self._task.silence_s:
+        is_closing = self._worker.status in (Status.closing, Status.closed, Status.failed)
+        if self._abandoned or is_closing or silent_s > self._task.silence_s:
             raise _FinishedError
         with self._lock:
-            self._robots.look()
+            self._robots.poll()
             self._fault = self._fault or self._robots.fault()
-            if self._finishing and self._robots.all_ended:
+            if self._finishing and self._robots.have_all_exited:
                 raise _FinishedError
         time.sleep(_POLL_S)
 
-    def _look_at_link(self, router: HostRouter, issued: Credentials) -> None:
+    def _check_link(self, router: HostRouter, router_credentials: Credentials) -> None:
         if not self._joined and router.joined:
-            publish_sockets(issued)
+            publish_sockets(router_credentials)
             self._joined = True
-        elif self._joined and not self._unlinked:
-            self._unlinked = not router.linked
+        elif self._joined and not self._is_link_lost:
+            self._is_link_lost = not router.linked
 
     def _end_robots(self) -> None:
         for number in (SIGTERM, SIGKILL):
             with self._lock:
                 self._robots.end(number)
             deadline = time.monotonic() + _GRACE_S
-            while not self._robots.all_ended and time.monotonic() < deadline:
+            while not self._robots.have_all_exited and time.monotonic() < deadline:
                 with self._lock:
-                    self._robots.look()
+                    self._robots.poll()
                 time.sleep(_POLL_S)
 
 
@@ -361,12 +365,12 @@ class RobotProcesses:
     """Processes of one run on this host, and their output."""
 
     def __init__(self, folder: Path, task: HostTask) -> None:
-        """`folder`: contains the run's folder and, outside the robots' sandboxes, the code."""
+        """`folder`: contains the run's folder and, where sandboxes have no access, the code."""
         self._folder, self._task = folder / RUN, task
         self._code = tuple(folder / CODE / str(number) for number in range(1, task.code + 1))
-        self._launched: Launcher | None = None
+        self._launcher: Launcher | None = None
         self._closed = False
-        self._waiting: deque[StartRobot] = deque()
+        self._queued: deque[StartRobot] = deque()
         self._children: dict[int, ChildProcess] = {}
         self._files: dict[Path, GrowingFile] = {}
         self._refused: dict[int, str] = {}
@@ -375,18 +379,18 @@ class RobotProcesses:
         self._resources = ResourceMonitor(task.limits)
 
     @property
-    def all_ended(self) -> bool:
+    def have_all_exited(self) -> bool:
         """Whether no process runs or is to be started."""
-        return not self._waiting and all(child.exit_code is not None for child in self._children.values())
+        return not self._queued and all(child.exit_code is not None for child in self._children.values())
 
     @property
-    def settled(self) -> bool:
+    def is_done(self) -> bool:
         """Whether all processes have exited and their output has been sent."""
-        return not (self._waiting or self._children or self._refused or self._ending)
+        return not (self._queued or self._children or self._refused or self._ending)
 
-    def open(self, launched: Launcher) -> None:
-        """Start processes with `launched` from now on."""
-        self._launched = launched
+    def open(self, launcher: Launcher) -> None:
+        """Start processes with `launcher` from now on."""
+        self._launcher = launcher
 
     def close(self) -> None:
         """Start no more processes; running ones are killed with their launcher."""
@@ -394,101 +398,101 @@ class RobotProcesses:
         for child in self._running():
             child.exit_code = -SIGKILL
 
-    def order(self, orders: HostOrders) -> None:
-        """Queue starts until the launcher is ready; send signals."""
+    def execute(self, orders: HostOrders) -> None:
+        """Queue the starts, which `poll` executes, and send the signals."""
         if self._closed:
             self._refused |= {order.number: "the run has ended on this host" for order in orders.start}
         else:
-            self._waiting.extend(orders.start)
+            self._queued.extend(orders.start)
         for number, signal in orders.signals:
             if number in self._children:
                 self._children[number].send(Signals(signal))
 
-    def look(self) -> None:
-        """Start queued processes and poll for exits."""
-        if self._launched is None:
+    def poll(self) -> None:
+        """Start queued processes if the launcher is ready, and poll for exits."""
+        if self._launcher is None:
             return
-        self._launched.wait(0.0)
-        while self._waiting and self._launched.ready:
-            order = self._waiting.popleft()
+        self._launcher.wait(0.0)
+        while self._queued and self._launcher.ready:
+            order = self._queued.popleft()
             try:
-                self._children[order.number] = self._launched.start(self._program(order))
+                self._children[order.number] = self._launcher.start(self._program(order))
             except (AcrcError, msgspec.MsgspecError) as error:
                 self._refused[order.number] = str(error)[:2000]
 
     def fault(self) -> str:
-        """Describe the resource limit that a running process exceeds; empty: none."""
+        """Describe the resource limit that a running process exceeds; empty if there is none."""
         return self._resources.fault(self._running()) or ""
 
     def end(self, signal: Signals) -> None:
-        """Signal every process, including stopped ones."""
-        self._waiting.clear()
+        """Send a signal to every process, then SIGCONT to continue stopped ones."""
+        self._queued.clear()
         for child in self._running():
             child.send(signal)
             child.send(SIGCONT)
 
-    def looked(self) -> ProcessList:
+    def process_list(self) -> ProcessList:
         """Return the states of the processes and their descendants."""
         numbers = {child.pid: number for number, child in self._children.items() if child.exit_code is None}
         table = process_table.processes()
-        seen = (
+        states = (
             ProcessStatus(pid, one.parent, one.session, one.state, one.cpu_s, process_table.queued_s(pid))
             for pid, one in ((pid, table[pid]) for pid in process_table.descendants(numbers, table))
         )
-        return ProcessList(tuple(seen), numbers)
+        return ProcessList(tuple(states), numbers)
 
-    def events(self, rest: Iterator[FilePart] | None) -> HostEvents:
+    def events(self, strategy_files: Iterator[FilePart] | None) -> HostEvents:
         """Return the events since the last call, with output up to _REPORT_BYTES.
 
-        `rest`: files to be sent last.
+        `strategy_files`: parts to be sent after all other output.
         """
         refused, self._refused = self._refused, {}
-        new = {number: child for number, child in self._children.items() if child.exit_code is not None}
-        self._children = {number: one for number, one in self._children.items() if number not in new}
-        self._ending |= new
+        exited = {number: child for number, child in self._children.items() if child.exit_code is not None}
+        self._children = {number: one for number, one in self._children.items() if number not in exited}
+        self._ending |= exited
         parts: list[FilePart] = []
         ended: list[EndedProcess] = []
-        room = _REPORT_BYTES
+        remaining_bytes = _REPORT_BYTES
         for number, child in tuple(self._ending.items()):
-            if (room := self._read(child.program, parts, room)) <= 0:
+            if (remaining_bytes := self._read_output(child.program, parts, remaining_bytes)) <= 0:
                 break
             del self._ending[number]
-            for path in self._written(child.program):
+            for path in self._output_files(child.program):
                 self._files.pop(path).close()
-            left = self._left(child.program)
+            left = self._remaining_recording(child.program)
             ended.append(EndedProcess(number, child.exit_code or 0, child.orphans, child.cpu_s, left))
         for child in self._running():
-            if room > 0:
-                room = self._read(child.program, parts, room)
-        for part in rest or ():
+            if remaining_bytes > 0:
+                remaining_bytes = self._read_output(child.program, parts, remaining_bytes)
+        for part in strategy_files or ():
             parts.append(part)
-            if (room := room - len(part.data)) <= 0:
+            if (remaining_bytes := remaining_bytes - len(part.data)) <= 0:
                 break
-        return HostEvents(tuple(parts), tuple(new), refused, tuple(ended), room <= 0)
+        return HostEvents(tuple(parts), tuple(exited), refused, tuple(ended), remaining_bytes <= 0)
 
     def _running(self) -> list[ChildProcess]:
         return [child for child in self._children.values() if child.exit_code is None]
 
     def _program(self, order: StartRobot) -> Program:
-        """Return the program with the paths of this computer."""
-        told = msgspec.json.decode(order.setup, type=RobotProgram)
-        if order.robot not in self._task.robots or told.actor.id != order.robot:
+        """Return the robot's program with the paths of this computer. Raises AcrcError."""
+        program_setup = msgspec.json.decode(order.setup, type=RobotProgram)
+        if order.robot not in self._task.robots or program_setup.actor.id != order.robot:
             raise AcrcError(f"{order.robot} is not a robot of this host")
-        folder, process = self._folder / order.robot, told.process
+        folder, process = self._folder / order.robot, program_setup.process
         record = folder / Path(process.record).name
-        isolated = process.isolate
-        seen, code = (FOLDER, code_paths(len(self._code))) if isolated else (folder, self._code)
-        names = SandboxPaths(str(folder), str(record), tuple(map(str, self._code))) if isolated else None
+        is_isolated = process.isolate
+        setup_folder, code = (FOLDER, code_paths(len(self._code))) if is_isolated else (folder, self._code)
+        names = SandboxPaths(str(folder), str(record), tuple(map(str, self._code))) if is_isolated else None
         process = msgspec.structs.replace(process, code=tuple(map(str, code)))
-        setup: Any = msgspec.structs.replace(told, process=process)
+        setup: Any = msgspec.structs.replace(program_setup, process=process)
         log = record.with_suffix(".log")
-        return Program(order.robot, "actors.robot", (str(seen / SETUP),), log, record, names, setup)
+        return Program(order.robot, "actors.robot", (str(setup_folder / SETUP),), log, record, names, setup)
 
-    def _written(self, program: Program) -> tuple[Path, ...]:
+    def _output_files(self, program: Program) -> tuple[Path, ...]:
         assert program.record is not None
         return (program.log,) if self._task.leave else (program.record, program.log)
 
-    def _left(self, program: Program) -> HostRecording | None:
+    def _remaining_recording(self, program: Program) -> HostRecording | None:
         if not self._task.leave or program.record is None:
             return None
         try:
@@ -497,15 +501,15 @@ class RobotProcesses:
             return None
         notes: dict[str, str] = {}
         with suppress(RecordingError):  # truncated, as after a full disk
-            notes = {name: text for name, text in read_notes(program.record).items() if name in _ENDS}
+            notes = {name: text for name, text in read_notes(program.record).items() if name in _END_NOTES}
         return HostRecording(size, digest, notes)
 
-    def _read(self, program: Program, parts: list[FilePart], room: int) -> int:
-        """Read new output of a process; return the remaining room, bytes."""
-        for path in self._written(program):
+    def _read_output(self, program: Program, parts: list[FilePart], remaining_bytes: int) -> int:
+        """Append new output of a process to `parts`; return the remaining number of bytes."""
+        for path in self._output_files(program):
             name = path.relative_to(self._folder).as_posix()
             file = self._files.setdefault(path, GrowingFile(path, name))
-            while room > 0 and (part := file.part()) is not None:
+            while remaining_bytes > 0 and (part := file.part()) is not None:
                 parts.append(part)
-                room -= len(part.data)
-        return room
+                remaining_bytes -= len(part.data)
+        return remaining_bytes

@@ -1,4 +1,4 @@
-"""Allocation of hosts: offers of a cluster's computers, checks, and shares of robots."""
+"""Allocation of a cluster's computers to a run: offers, checks, and distribution of robots."""
 
 import os
 import re
@@ -20,14 +20,14 @@ from actors.robot import assembly
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation import sandbox
 from actors.runtime.processor import differing_kernels, first_names
-from deploy.hosts.address import PAGE, own_address
-from deploy.hosts.connection import PATIENCE_S, ClusterError, answer, connect, machines
+from deploy.hosts.address import PAGE, local_address
+from deploy.hosts.connection import TIMEOUT_S, ClusterError, await_result, connect, host_workers
 
 Text = Annotated[str, msgspec.Meta(max_length=2000)]
 
 
 class HostOffer(msgspec.Struct, frozen=True):
-    """Offer of a computer to a run."""
+    """Offer of a computer: its resources and versions."""
 
     name: Text
     """Host name."""
@@ -37,7 +37,7 @@ class HostOffer(msgspec.Struct, frozen=True):
     versions: dict[str, str]
     """Versions of Python and of packages that affect results."""
     kernels: dict[str, str]
-    """Fingerprints of their results."""
+    """Fingerprints of the results of compiled kernels, by name."""
     isolation_fault: Text | None
     """Why robots cannot be isolated there; None if they can."""
     repository: Text
@@ -46,7 +46,7 @@ class HostOffer(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class HostPool:
-    """Suitable hosts for a run."""
+    """Hosts that are suitable for a run."""
 
     client: Client
     address: str
@@ -78,21 +78,21 @@ def allocate_hosts(address: str, listen: tuple[str, int] | None) -> Iterator[Hos
     """
     client = connect(address)
     try:
-        workers = machines(client)
-        here = offer()
+        workers = host_workers(client)
+        here = local_offer()
         found = _offers(client, address, workers)
         for name, there in found.items():
-            if fault := unfit(there, here):
+            if fault := host_fault(there, here):
                 raise ClusterError(f"--on {address}: host {name} {fault} ({PAGE})")
         by_name = dict(zip(found, workers, strict=True))
-        yield HostPool(client, address, found, by_name, listen or (own_address(address), 0))
+        yield HostPool(client, address, found, by_name, listen or (local_address(address), 0))
     finally:
         with suppress(Exception):  # any error of the library about a lost cluster
-            client.close(timeout=PATIENCE_S)
+            client.close(timeout=TIMEOUT_S)
 
 
-def offer() -> HostOffer:
-    """Return the offer of this computer; compile kernels if necessary."""
+def local_offer() -> HostOffer:
+    """Return the offer of this computer, after the compilation of kernels if necessary."""
     compile_kernels(quiet=True)
     return HostOffer(
         name=socket.gethostname(),
@@ -105,8 +105,8 @@ def offer() -> HostOffer:
     )
 
 
-def unfit(there: HostOffer, here: HostOffer) -> str | None:
-    """Return why a computer cannot take part in a run started here; None if it can."""
+def host_fault(there: HostOffer, here: HostOffer) -> str | None:
+    """Return why a computer is unsuitable for a run started here; None if it is suitable."""
     if there.commit != here.commit:
         return printable(
             f"has {there.commit}, this computer {here.commit}; update it: git -C {there.repository} "
@@ -121,7 +121,7 @@ def unfit(there: HostOffer, here: HostOffer) -> str | None:
     return None
 
 
-def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
+def distribute_robots(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
     """Distribute robots to hosts by cores, in order; hosts without robots are omitted.
 
     Each robot goes to the first host with the fewest robots per core.
@@ -138,21 +138,22 @@ def shares(robots: Sequence[str], cores: Mapping[str, int]) -> dict[str, tuple[s
     return found
 
 
-def describe() -> bytes:
-    """Return a worker's offer as JSON. Raises AcrcError if its software has changed since its start."""
+def encoded_offer() -> bytes:
+    """Return this worker's offer as JSON. Raises AcrcError if its software has changed since its start."""
     now, loaded = software_version.__wrapped__(), software_version()
     if now.removesuffix("+") != loaded.removesuffix("+"):
         raise AcrcError(f"it runs {loaded}, but its clone is at {now}; restart the worker")
-    return msgspec.json.encode(offer())
+    return msgspec.json.encode(local_offer())
 
 
 def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostOffer]:
     """Return the offers of these workers' computers, by unique name. Raises ClusterError."""
-    asked = [
-        client.submit(describe, workers=[worker], allow_other_workers=False, pure=False) for worker in workers
+    futures = [
+        client.submit(encoded_offer, workers=[worker], allow_other_workers=False, pure=False)
+        for worker in workers
     ]
     found: dict[str, HostOffer] = {}
-    for worker, future in zip(workers, asked, strict=True):
+    for worker, future in zip(workers, futures, strict=True):
         offer = _offer(client, address, worker, future)
         stem = re.sub(r"[^A-Za-z0-9_-]", "-", offer.name.partition(".")[0])[:24].strip("-_") or "host"
         names = (stem if number == 1 else f"{stem}-{number}" for number in range(1, len(workers) + 1))
@@ -162,7 +163,7 @@ def _offers(client: Client, address: str, workers: list[str]) -> dict[str, HostO
 
 def _offer(client: Client, address: str, worker: str, future: Future[Any]) -> HostOffer:
     try:
-        return msgspec.json.decode(answer(client, address, worker, future), type=HostOffer)
+        return msgspec.json.decode(await_result(client, address, worker, future), type=HostOffer)
     except ClusterError:
         raise
     except Exception as error:  # raised there, or by the library about a lost worker

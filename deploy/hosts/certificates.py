@@ -1,6 +1,6 @@
 """Certificate authority and certificates of fleets and runs: X.509 version 3 (RFC 5280), ECDSA on P-256.
 
-Private keys are generated where the authority is made; a fleet's are copied to its machines by hand.
+All private keys are generated on the computer of the authority; users copy a fleet's to its machines.
 """
 
 import ipaddress
@@ -24,16 +24,16 @@ from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 
 SERVER = ExtendedKeyUsageOID.SERVER_AUTH
-"""Purpose of a robot: it accepts connections. It cannot connect, so its key opens no other robot."""
+"""Purpose of a robot, which accepts connections; its key cannot be used to connect to other robots."""
 CLIENT = ExtendedKeyUsageOID.CLIENT_AUTH
-"""Purpose of an operator station: it connects."""
+"""Purpose of an operator station, which connects to robots."""
 _BACKDATED = timedelta(days=1)
-"""Tolerance for clocks that are behind."""
+"""Backdating of certificates, for clocks that are behind."""
 
 
 @dataclass(frozen=True)
-class Pair:
-    """A private key and the certificate of its public key."""
+class CertifiedKey:
+    """Private key with the certificate of its public key."""
 
     private_key: EllipticCurvePrivateKey
     certificate: x509.Certificate
@@ -51,38 +51,38 @@ class Pair:
         return self.certificate.public_bytes(serialization.Encoding.PEM)
 
 
-def authority(name: str, now: datetime, days: int) -> Pair:
-    """Create a self-signed authority, which cannot sign other authorities."""
+def create_authority(name: str, now: datetime, days: int) -> CertifiedKey:
+    """Create a self-signed certificate authority, which cannot sign other authorities."""
     key = generate_private_key(SECP256R1())
-    builder = _builder(_named(name), _named(name), key, now, days)
+    builder = _certificate_builder(_x509_name(name), _x509_name(name), key, now, days)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-    builder = builder.add_extension(_usage(signs_certificates=True), critical=True)
-    return Pair(key, builder.sign(key, hashes.SHA256()))
+    builder = builder.add_extension(_key_usage(signs_certificates=True), critical=True)
+    return CertifiedKey(key, builder.sign(key, hashes.SHA256()))
 
 
-def machine(
-    issuer: Pair,
+def issue_certificate(
+    issuer: CertifiedKey,
     name: str,
     purposes: Sequence[ObjectIdentifier],
     hosts: Sequence[str],
     now: datetime,
     days: int,
-) -> Pair:
+) -> CertifiedKey:
     """Create a key and a certificate for one machine; purposes: SERVER, CLIENT.
 
     `hosts`: names and addresses of the machine.
     """
     key = generate_private_key(SECP256R1())
-    builder = _builder(_named(name), issuer.certificate.subject, key, now, days)
+    builder = _certificate_builder(_x509_name(name), issuer.certificate.subject, key, now, days)
     builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-    builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
+    builder = builder.add_extension(_key_usage(signs_certificates=False), critical=True)
     builder = builder.add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
     if hosts:
         names = x509.SubjectAlternativeName([general_name(host) for host in hosts])
         builder = builder.add_extension(names, critical=False)
     signer = x509.AuthorityKeyIdentifier.from_issuer_public_key(issuer.private_key.public_key())
     builder = builder.add_extension(signer, critical=False)
-    return Pair(key, builder.sign(issuer.private_key, hashes.SHA256()))
+    return CertifiedKey(key, builder.sign(issuer.private_key, hashes.SHA256()))
 
 
 def general_name(host: str) -> x509.DNSName | x509.IPAddress:
@@ -93,7 +93,7 @@ def general_name(host: str) -> x509.DNSName | x509.IPAddress:
         return x509.DNSName(host)
 
 
-def hosts(certificate: x509.Certificate) -> tuple[str, ...]:
+def host_names(certificate: x509.Certificate) -> tuple[str, ...]:
     """Return the subject alternative names."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -108,12 +108,12 @@ def common_name(certificate: x509.Certificate) -> str:
     return str(names[0].value) if names else ""
 
 
-def read(pem: bytes) -> x509.Certificate:
+def load_certificate(pem: bytes) -> x509.Certificate:
     """Load a PEM certificate. Raises ValueError."""
     return x509.load_pem_x509_certificate(pem)
 
 
-def _builder(
+def _certificate_builder(
     subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, now: datetime, days: int
 ) -> x509.CertificateBuilder:
     begin = now.astimezone(UTC)
@@ -124,11 +124,11 @@ def _builder(
     return builder.add_extension(own, critical=False)
 
 
-def _named(common_name: str) -> x509.Name:
+def _x509_name(common_name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
 
 
-def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
     no = dict.fromkeys(
         ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement"), False
     )
@@ -147,7 +147,7 @@ class PemKeys:
     private_key: bytes
 
     def write(self, folder: Path) -> None:
-        """Write them into a folder that only its owner can read."""
+        """Write the files into a folder that only its owner can read."""
         folder.mkdir(mode=0o700, exist_ok=True)
         (folder / AUTHORITY_FILE).write_bytes(self.authority)
         (folder / CERTIFICATE_FILE).write_bytes(self.certificate)
@@ -157,17 +157,17 @@ class PemKeys:
 
 
 _DAYS: Final = 30
-"""Validity in days: longer than any run. Keys are drawn per run."""
+"""Validity in days, longer than any run; each run has new keys."""
 
 
-def draw(hosts: Sequence[str], address: str) -> tuple[PemKeys, dict[str, PemKeys]]:
-    """Create keys for one run: of this computer at `address`, and of the hosts by name."""
+def create_run_keys(hosts: Sequence[str], address: str) -> tuple[PemKeys, dict[str, PemKeys]]:
+    """Create the keys of one run: of this computer at `address`, and by name of the hosts."""
     now = datetime.now(UTC)
-    issuer = authority("run", now, _DAYS)
-    world = machine(issuer, "world", [SERVER], [address], now, _DAYS)
-    made = {name: machine(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
-    return _pem(issuer, world), {name: _pem(issuer, pair) for name, pair in made.items()}
+    issuer = create_authority("run", now, _DAYS)
+    world = issue_certificate(issuer, "world", [SERVER], [address], now, _DAYS)
+    host_keys = {name: issue_certificate(issuer, name, [CLIENT], [], now, _DAYS) for name in hosts}
+    return _pem_keys(issuer, world), {name: _pem_keys(issuer, pair) for name, pair in host_keys.items()}
 
 
-def _pem(issuer: Pair, pair: Pair) -> PemKeys:
+def _pem_keys(issuer: CertifiedKey, pair: CertifiedKey) -> PemKeys:
     return PemKeys(issuer.certificate_pem, pair.certificate_pem, pair.private_pem)

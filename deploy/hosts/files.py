@@ -19,7 +19,7 @@ from acrc_testbed.results.seal import HostPart, HostsFile, RemoteFile, Sha256, S
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 from deploy.hosts.address import PAGE, host_and_port
-from deploy.hosts.connection import PATIENCE_S, ClusterError, answer, connect, machines
+from deploy.hosts.connection import TIMEOUT_S, ClusterError, await_result, connect, host_workers
 
 PREFIX: Final = "acrc-"
 """Prefix of a run's folder in the temporary folder of a host."""
@@ -27,13 +27,13 @@ RUN: Final = "run"
 """Subfolder with the robots' folders."""
 TASK: Final = "task.json"
 """File in the run's folder with the host's task and the run's id."""
-PART: Final = 1 << 16
+MAX_PART_BYTES: Final = 1 << 16
 """Maximum size of a part of a file in a message, bytes."""
-PIECE: Final = 4 << 20
+MAX_PIECE_BYTES: Final = 4 << 20
 """Maximum size of a part of a fetched file, bytes."""
-MOST: Final = 10_000
+MAX_FILES: Final = 10_000
 """Maximum number of files of a host."""
-_ODD: Final = frozenset({"", ".", ".."})
+_INVALID_NAMES: Final = frozenset({"", ".", ".."})
 _NAME: Final = re.compile(r"(?P<robot>[A-Za-z0-9_-]{1,32})/(?P=robot)(\.[0-9]{1,9})?\.(mcap|log)")
 
 
@@ -41,12 +41,12 @@ class FilePart(msgspec.Struct, frozen=True):
     """The next bytes of a file, in either direction."""
 
     path: Annotated[str, msgspec.Meta(min_length=1, max_length=4096)]
-    """Relative path with `/`: from a host below the run's folder, to a host below its own."""
-    data: Annotated[bytes, msgspec.Meta(max_length=PART)]
+    """Relative path with `/`: below the run's folder here for parts from a host, else below the host's."""
+    data: Annotated[bytes, msgspec.Meta(max_length=MAX_PART_BYTES)]
 
 
 class _RunId(msgspec.Struct, frozen=True):
-    """The required part of TASK."""
+    """Required part of TASK."""
 
     run: str
 
@@ -55,51 +55,53 @@ class HostFile(msgspec.Struct, frozen=True):
     """A file on a host."""
 
     name: str
-    """Path below the run's folder, of a recording or its log."""
+    """Path of a recording or log, relative to the run's folder."""
     bytes: Size
     sha256: Sha256
 
 
-def listed(folder: str, run: str) -> bytes:
-    """Return the files in a run's folder, as JSON; none if the folder is gone. Raises AcrcError."""
+def list_files(folder: str, run: str) -> bytes:
+    """Return the list of HostFiles in a run's folder, as JSON; empty without folder. Raises AcrcError."""
     found: list[HostFile] = []
-    if (place := _place(folder, run)) is None:
+    if (place := _robots_folder(folder, run)) is None:
         return msgspec.json.encode(found)
     for path in sorted(place.glob("*/*")):
         name = path.relative_to(place).as_posix()
-        if is_name(name) and path.is_file() and not path.is_symlink():
+        if is_recording_name(name) and path.is_file() and not path.is_symlink():
             found.append(HostFile(name, *regular_file.size_and_sha256(path)))
-    if len(found) > MOST:
-        raise AcrcError(f"{place} has {len(found)} recordings and logs; at most {MOST} are fetched")
+    if len(found) > MAX_FILES:
+        raise AcrcError(f"{place} has {len(found)} recordings and logs; at most {MAX_FILES} are fetched")
     return msgspec.json.encode(found)
 
 
-def piece(folder: str, run: str, name: str, begin: int) -> bytes:
-    """Return up to PIECE bytes of a file from `begin` on. Raises AcrcError."""
-    place = _place(folder, run)
-    if place is None or not is_name(name):
+def read_piece(folder: str, run: str, name: str, offset: int) -> bytes:
+    """Return up to MAX_PIECE_BYTES of a file from `offset` on. Raises AcrcError."""
+    place = _robots_folder(folder, run)
+    if place is None or not is_recording_name(name):
         raise AcrcError(f"{name[:200]!r} is not a recording")
     with regular_file.open_regular(place / name, links=False) as file:
-        file.seek(begin)
-        return file.read(PIECE)
+        file.seek(offset)
+        return file.read(MAX_PIECE_BYTES)
 
 
-def remove(folder: str, run: str) -> None:
+def remove_folder(folder: str, run: str) -> None:
     """Remove the run's folder if it exists. Raises AcrcError."""
-    if place := _place(folder, run):
+    if place := _robots_folder(folder, run):
         shutil.rmtree(place.parent)
 
 
-def is_name(name: str) -> bool:
+def is_recording_name(name: str) -> bool:
     """Return whether a name is that of a recording or log below a run's folder."""
     return _NAME.fullmatch(name) is not None
 
 
-def _place(folder: str, run: str) -> Path | None:
-    """Return the folder with the robots' folders; None if gone. Raises AcrcError for another run's."""
-    path, ours = Path(folder), Path(tempfile.gettempdir())
-    if path.parent.resolve() != ours.resolve() or not path.name.startswith(PREFIX):
-        raise AcrcError(f"{path} is not a run's folder, which this worker has at {ours / PREFIX}… (TMPDIR)")
+def _robots_folder(folder: str, run: str) -> Path | None:
+    """Return the folder with the robots' folders; None if missing. Raises AcrcError for another run's."""
+    path, temporary = Path(folder), Path(tempfile.gettempdir())
+    if path.parent.resolve() != temporary.resolve() or not path.name.startswith(PREFIX):
+        raise AcrcError(
+            f"{path} is not a run's folder, which this worker has at {temporary / PREFIX}… (TMPDIR)"
+        )
     if path.is_symlink() or not path.is_dir():
         return None
     if typed_json.read(path / TASK, _RunId, "task of a run's host").run != run:
@@ -118,64 +120,72 @@ class FetchedFiles:
 def fetch(out: Path, address: str, say: Callable[[str], None]) -> FetchedFiles:
     """Fetch the files that a run has left on its hosts, then remove them there.
 
-    `address`: of the scheduler, in Dask's form; empty: the run's. Complete files are kept after an error.
+    `address`: of the scheduler, in Dask's form; empty: that of the run. After an error, complete files stay.
     Raises AcrcError.
     """
-    told = seal.read_hosts(out)
-    if told is None:
+    hosts_file = seal.read_hosts(out)
+    if hosts_file is None:
         raise AcrcError(f"{out}: not a run on several computers: no {seal.HOSTS_FILE}")
-    client = connect(address or told.cluster)
+    client = connect(address or hosts_file.cluster)
     try:
-        ways = {host_and_port(worker)[0]: worker for worker in machines(client)}
-        found = [_Host(client, name, part, told, ways, address) for name, part in told.hosts.items()]
+        workers = {host_and_port(worker)[0]: worker for worker in host_workers(client)}
+        found = [
+            _Host(client, name, part, hosts_file, workers, address) for name, part in hosts_file.hosts.items()
+        ]
         files = size = 0
         for host in found:
-            came = [one.bytes for one in host.listed() if host.bring(out, one)]
+            sizes = [one.bytes for one in host.list_files() if host.fetch_file(out, one)]
             host.require_complete(seal.remote_recordings(out))
-            host.remove()
-            files, size = files + len(came), size + sum(came)
-            say(f"host {host.name}: {len(came)} {'file' if len(came) == 1 else 'files'}, {sum(came)} B")
+            host.remove_folder()
+            files, size = files + len(sizes), size + sum(sizes)
+            say(f"host {host.name}: {len(sizes)} {'file' if len(sizes) == 1 else 'files'}, {sum(sizes)} B")
         return FetchedFiles(files, size)
     finally:
         with suppress(Exception):  # any error of the library about a lost cluster
-            client.close(timeout=PATIENCE_S)
+            client.close(timeout=TIMEOUT_S)
 
 
 class _Host:
     """A host of a run, accessed through a worker of its cluster."""
 
     def __init__(
-        self, client: Client, name: str, part: HostPart, told: HostsFile, ways: dict[str, str], address: str
+        self,
+        client: Client,
+        name: str,
+        part: HostPart,
+        hosts_file: HostsFile,
+        workers: dict[str, str],
+        address: str,
     ) -> None:
         self.name = name
-        self._client, self._part, self._told = client, part, told
-        self._address = address or told.cluster
+        self._client, self._part, self._hosts_file = client, part, hosts_file
+        self._address = address or hosts_file.cluster
         self._on = f"--on {self._address}"
-        if part.address not in ways:
+        if part.address not in workers:
             raise ClusterError(
                 f"{self._on}: has no worker at {part.address}, where host {name} has recordings in "
                 f"{part.folder}; start one there with ./acrc cluster join ({PAGE})"
             )
-        self._worker = ways[part.address]
+        self._worker = workers[part.address]
 
-    def listed(self) -> Iterable[HostFile]:
-        """Return the files of its robots. Raises ClusterError."""
-        answer = self._ask(listed)
+    def list_files(self) -> Iterable[HostFile]:
+        """Return the host's files of the run, checked. Raises ClusterError."""
+        answer = self._call(list_files)
         try:
             files = msgspec.json.decode(answer, type=list[HostFile])
         except (msgspec.MsgspecError, TypeError) as error:
-            raise self._lie(f"an invalid list of files: {error}") from None
+            raise self._protocol_error(f"an invalid list of files: {error}") from None
         for one in files:
             robot = one.name.partition("/")[0]
-            if not is_name(one.name) or robot not in self._part.robots or len(files) > MOST:
-                raise self._lie(f"a file {one.name[:100]!r}, which is not its own")
-            known = self._told.left.get(one.name)
+            if not is_recording_name(one.name) or robot not in self._part.robots or len(files) > MAX_FILES:
+                raise self._protocol_error(f"a file {one.name[:100]!r}, which is not its own")
+            known = self._hosts_file.left.get(one.name)
             if known is not None and (known.bytes, known.sha256) != (one.bytes, one.sha256):
-                raise self._lie(f"a different {one.name} than at the run's end")
+                raise self._protocol_error(f"a different {one.name} than at the run's end")
         return files
 
-    def bring(self, out: Path, one: HostFile) -> bool:
-        """Fetch a file; return False if it is here already. Raises ClusterError and AcrcError."""
+    def fetch_file(self, out: Path, one: HostFile) -> bool:
+        """Fetch a file; return False if an equal one is here already. Raises ClusterError and AcrcError."""
         path = out / one.name
         try:
             if (
@@ -189,14 +199,16 @@ class _Host:
             with regular_file.atomic_replacement(path) as part, part.open("wb") as file:
                 done, digest = 0, hashlib.sha256()
                 while done < one.bytes:
-                    data = self._ask(piece, one.name, done)
-                    if not isinstance(data, bytes) or not 0 < len(data) <= min(PIECE, one.bytes - done):
-                        raise self._lie(f"a wrong part of {one.name}")
+                    data = self._call(read_piece, one.name, done)
+                    if not isinstance(data, bytes) or not 0 < len(data) <= min(
+                        MAX_PIECE_BYTES, one.bytes - done
+                    ):
+                        raise self._protocol_error(f"a wrong part of {one.name}")
                     file.write(data)
                     digest.update(data)
                     done += len(data)
                 if digest.hexdigest() != one.sha256:
-                    raise self._lie(f"{one.name} with a wrong SHA-256")
+                    raise self._protocol_error(f"{one.name} with a wrong SHA-256")
         except OSError as error:
             raise AcrcError(
                 f"{path}: cannot be written: {error.strerror}; it stays on host {self.name}"
@@ -205,31 +217,33 @@ class _Host:
 
     def require_complete(self, left: Mapping[str, RemoteFile]) -> None:
         """Raise ClusterError if a recording in `left` is still missing after fetching."""
-        gone = [name for name, one in left.items() if one.host == self.name]
-        if gone:
-            more = f", and {len(gone) - 1} more" if len(gone) > 1 else ""
-            raise ClusterError(f"host {self.name} no longer has {gone[0]}{more}, and there is no copy here")
+        missing = [name for name, one in left.items() if one.host == self.name]
+        if missing:
+            more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
+            raise ClusterError(
+                f"host {self.name} no longer has {missing[0]}{more}, and there is no copy here"
+            )
 
-    def remove(self) -> None:
+    def remove_folder(self) -> None:
         """Remove the run's folder on the host. Raises ClusterError."""
-        self._ask(remove)
+        self._call(remove_folder)
 
-    def _ask(self, function: Callable[..., Any], *words: str | int) -> Any:
+    def _call(self, function: Callable[..., Any], *words: str | int) -> Any:
         """Call a function on the host. Raises ClusterError."""
         future = self._client.submit(
-            function, self._part.folder, self._told.run, *words,
+            function, self._part.folder, self._hosts_file.run, *words,
             workers=[self._worker], allow_other_workers=False, pure=False,
         )  # fmt: skip
         try:
-            return answer(self._client, self._address, self._worker, future)
+            return await_result(self._client, self._address, self._worker, future)
         except ClusterError:
             raise
         except Exception as error:  # raised there, or by the library about a lost worker
-            told = str(error).splitlines()
-            reason = printable(told[0][:300] if told else repr(error))
+            lines = str(error).splitlines()
+            reason = printable(lines[0][:300] if lines else repr(error))
             raise ClusterError(f"{self._on}: host {self.name}: {reason} ({PAGE})") from None
 
-    def _lie(self, what: str) -> ClusterError:
+    def _protocol_error(self, what: str) -> ClusterError:
         return ClusterError(printable(f"{self._on}: host {self.name} has sent {what}"))
 
 
@@ -238,23 +252,23 @@ class FilePartError(AcrcError):
 
 
 class IncomingFiles:
-    """Writer of received parts of files below `folder`, in allowed folders, up to `most` bytes."""
+    """Writer of received files to allowed subfolders of `folder`, up to `max_bytes` in total."""
 
-    def __init__(self, folder: Path, allows: Callable[[str], bool], most: int, limit: str) -> None:
-        """`folder`: without links. `allows`: accepts the name of a subfolder. `limit`: describes `most`."""
+    def __init__(self, folder: Path, is_allowed: Callable[[str], bool], max_bytes: int, limit: str) -> None:
+        """`folder`: without links. `is_allowed`: of a subfolder's name. `limit`: describes `max_bytes`."""
         self._folder = folder
-        self._allows = allows
-        self._most = self._left = most
+        self._is_allowed = is_allowed
+        self._max_bytes = self._remaining_bytes = max_bytes
         self._limit = limit
 
-    def take(self, part: FilePart) -> None:
+    def append(self, part: FilePart) -> None:
         """Append a part to its file. Raises FilePartError and OSError."""
         words = part.path.split("/")
-        if len(words) < 2 or not self._allows(words[0]) or _ODD & {*words} or "\0" in part.path:
+        if len(words) < 2 or not self._is_allowed(words[0]) or _INVALID_NAMES & {*words} or "\0" in part.path:
             raise FilePartError(f"a file {part.path[:200]!r}, which is not its own")
-        self._left -= len(part.data)
-        if self._left < 0:
-            raise FilePartError(f"more than {self._most} B of files, {self._limit}")
+        self._remaining_bytes -= len(part.data)
+        if self._remaining_bytes < 0:
+            raise FilePartError(f"more than {self._max_bytes} B of files, {self._limit}")
         path = self._folder.joinpath(*words)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._check(path)
@@ -263,7 +277,7 @@ class IncomingFiles:
             file.write(part.data)
 
     def _check(self, path: Path) -> None:
-        """Raise FilePartError if a symbolic link leads elsewhere."""
+        """Raise FilePartError if a symbolic link leads out of the folder."""
         if path.parent.resolve() != path.parent or not path.parent.is_relative_to(self._folder):
             raise FilePartError(f"a file {path}, which is behind a link")
 
@@ -283,7 +297,7 @@ class GrowingFile:
                 self._file = regular_file.open_regular(self._path, links=False)
             except OSError:
                 return None
-        data = self._file.read(PART)
+        data = self._file.read(MAX_PART_BYTES)
         if not data and self._begun:
             return None
         self._begun = True
@@ -296,7 +310,7 @@ class GrowingFile:
 
 
 def read_files(files: Iterable[tuple[Path, str]]) -> Iterator[FilePart]:
-    """Yield the parts of files with these names, in order, except links."""
+    """Yield the parts of files, given as path and name, in order; skip symbolic links."""
     for path, name in files:
         file = GrowingFile(path, name)
         yield from iter(file.part, None)

@@ -1,4 +1,4 @@
-"""Link to one host of a run, on the computer that started the run."""
+"""Link to one host of a run, used on the computer that started the run."""
 
 import math
 import signal
@@ -29,15 +29,15 @@ from deploy.hosts.agent import (
 )
 from deploy.hosts.files import FilePart, FilePartError, IncomingFiles, read_files
 
-HIDDEN_S: Final = 3.0
+UNKNOWN_AFTER_S: Final = 3.0
 """Age of a report after which the states of a host's processes are unknown, s."""
 _POLL_S: Final = 0.05
-_LOOK_S: Final = 1.0
-_LONGEST: Final = 1 << 23
+_LIST_INTERVAL_S: Final = 1.0
+_MAX_REPORT_BYTES: Final = 1 << 23
 """Maximum size of a report: files and states of some ten thousand processes, bytes."""
 _PARTS_PER_CALL: Final = 16
 """Maximum number of file parts per call."""
-_PIDS: Final = 1 << 32
+_PID_OFFSET: Final = 1 << 32
 """Offset of process ids, times the host's index, so that they differ from ids here."""
 
 
@@ -58,11 +58,11 @@ class RemoteChild(ChildProcess):
         return self.link.name
 
     def notes(self) -> Mapping[str, str]:
-        """Return its notes; for a recording left there, once it has exited."""
+        """Return the notes of its recording; if that is left on the host, only after the exit."""
         return super().notes() if self.left is None else self.left.notes
 
     def send(self, number: signal.Signals) -> None:
-        """Request a signal from its host."""
+        """Request that the host sends a signal to the process."""
         if self.exit_code is None and not self.ending:
             self.link.signals.append((self.number, int(number)))
 
@@ -71,52 +71,52 @@ class HostLink:
     """Client of a host's agent: one call at a time, and the state from its reports."""
 
     def __init__(
-        self, name: str, place: int, robots: tuple[str, ...], files: IncomingFiles, made: Future[Any]
+        self, name: str, index: int, robots: tuple[str, ...], files: IncomingFiles, agent_future: Future[Any]
     ) -> None:
-        """`place`: index among the hosts, from 1 on. `files`: writes its robots' files. `made`: its agent."""
+        """`index`: among the hosts, from 1 on. `files`: writer of its files. `agent_future`: of its agent."""
         self.name, self.robots = name, robots
         self.begun = self.joined = self.done = self.finish = False
-        """Files are sent; its router is connected; all is received; no more processes will be started."""
+        """Inputs are sent; its router is connected; all output is received; no more starts will follow."""
         self.folder = ""
         """Folder of the run there."""
         self.clock_off_s = 0.0
         """Offset of its clock, s; positive: ahead."""
         self.lost = ""
-        """Why the host is lost; empty: it is not."""
+        """Why the host is lost; empty if it is not."""
         self.fault = ""
-        """Why the run cannot continue, as reported by the host; empty: it can."""
-        self.unlinked_s = math.inf
+        """Why the run cannot continue, as reported by the host; empty if it can."""
+        self.link_lost_s = math.inf
         """Time of the report that its router lost its connection, on this computer's monotonic clock, s."""
         self.queued: dict[int, float | None] = {}
         """Time that its processes have waited for a processor, s, by process id."""
         self.signals: list[tuple[int, int]] = []
         """Signals to be sent: process number, signal."""
         self.meter = LoadMeter()
-        self._place, self._files, self._made = place, files, made
+        self._index, self._files, self._agent_future = index, files, agent_future
         self._agent: Any = None
-        self._first: Iterator[FilePart] | None = None
+        self._input_files: Iterator[FilePart] | None = None
         """Files that are sent before the run."""
         self._call: Any = None
         self._starts: list[StartRobot] = []
         self._children: dict[int, RemoteChild] = {}
-        self._listed = ProcessList()
-        self._heard_s = self._progress_s = time.monotonic()
-        self._called_s = self._looked_s = 0.0
-        self._more = self._closed = False
+        self._process_list = ProcessList()
+        self._answered_s = self._progress_s = time.monotonic()
+        self._called_s = self._list_requested_s = 0.0
+        self._has_more = self._is_closed = False
 
     @property
-    def made(self) -> bool:
+    def is_created(self) -> bool:
         """Whether its agent has been created."""
         return self._agent is not None
 
     @property
     def silent_s(self) -> float:
         """Time since the last answer, s."""
-        return time.monotonic() - self._heard_s
+        return time.monotonic() - self._answered_s
 
     @property
     def idle_s(self) -> float:
-        """Time since the last progress: output or accepted files, s."""
+        """Time since the last progress (received output, accepted files), s."""
         return time.monotonic() - self._progress_s
 
     @property
@@ -132,10 +132,10 @@ class HostLink:
 
     def begin(self, files: Iterable[tuple[Path, str]]) -> None:
         """Send these files, with their names there, then start the host's router."""
-        self._first = read_files(files)
+        self._input_files = read_files(files)
 
     def start(self, program: Program) -> ChildProcess:
-        """Request the start of a robot's process; on a lost host it has exited at once."""
+        """Request the start of a robot's process; on a lost host it counts as killed at once."""
         assert program.setup is not None
         write_setup(program)
         number = len(self._children)
@@ -146,8 +146,8 @@ class HostLink:
             child.exit_code = -signal.SIGKILL
         return child
 
-    def turn(self) -> None:
-        """Process the answer of the last call, if received; make the next call if due.
+    def poll(self) -> None:
+        """Process the answer to the last call, if received; make the next call if due.
 
         Raises LaunchError if files cannot be written here.
         """
@@ -156,43 +156,43 @@ class HostLink:
         try:
             if self._call is not None and self._call.done():
                 call, self._call = self._call, None
-                self._take(call.result())
+                self._process_answer(call.result())
             if self._call is None and not self.is_over:
                 self._call_next()
         except FilePartError as error:
-            self.lose(f"it has sent {error}")
+            self.mark_lost(f"it has sent {error}")
         except msgspec.MsgspecError as error:
-            self.lose(f"it has sent an invalid report: {error}")
+            self.mark_lost(f"it has sent an invalid report: {error}")
         except LaunchError:
             raise
         except Exception as error:  # raised there, or by the library about a lost worker or scheduler
-            self.lose(self._why(error))
+            self.mark_lost(self._failure_reason(error))
 
     @property
     def is_over(self) -> bool:
         """Whether the host is lost or closed."""
-        return bool(self.lost) or self._closed
+        return bool(self.lost) or self._is_closed
 
     def table(self) -> Iterator[tuple[int, ProcessState]]:
-        """Yield its processes with ids unique on this computer; OUT_OF_SIGHT without recent reports."""
-        hidden = self.silent_s > HIDDEN_S or bool(self.lost)
-        numbers = self._listed.numbers
+        """Yield its processes with ids unique on this computer; UNREACHABLE without recent reports."""
+        is_unknown = self.silent_s > UNKNOWN_AFTER_S or bool(self.lost)
+        numbers = self._process_list.numbers
         known = {*numbers.values()}
         for number, child in self._children.items():
             if child.exit_code is None:
-                seen = number in known and not (hidden or child.ending)
+                seen = number in known and not (is_unknown or child.ending)
                 yield child.pid, ProcessState(0, 0, "S" if seen else UNREACHABLE, 0.0)
         roots = {
             pid: self._children[number].pid for pid, number in numbers.items() if number in self._children
         }
-        for one in self._listed.processes:
+        for one in self._process_list.processes:
             parent = roots.get(one.pid, self._pid(one.parent))
-            state = UNREACHABLE if hidden else one.state
+            state = UNREACHABLE if is_unknown else one.state
             yield self._pid(one.pid), ProcessState(parent, self._pid(one.session), state, one.cpu_s)
 
-    def lose(self, why: str) -> None:
-        """Treat the host as lost and its processes as exited."""
-        self.lost = self.lost or why
+    def mark_lost(self, reason: str) -> None:
+        """Treat the host as lost and its processes as killed."""
+        self.lost = self.lost or reason
         self._end_all()
 
     def _end_all(self) -> None:
@@ -201,11 +201,11 @@ class HostLink:
                 child.exit_code = -signal.SIGKILL
 
     def _pid(self, pid: int) -> int:
-        return self._place * _PIDS + pid
+        return self._index * _PID_OFFSET + pid
 
-    def _why(self, error: Exception) -> str:
+    def _failure_reason(self, error: Exception) -> str:
         """Describe why a call failed. The library raises OSError or RuntimeError for a lost worker."""
-        if self._made.status == "cancelled":
+        if self._agent_future.status == "cancelled":
             return "the connection to the scheduler broke"
         if self._agent is not None and isinstance(error, OSError | RuntimeError):
             return "its worker has ended, or left the cluster"
@@ -214,73 +214,73 @@ class HostLink:
 
     def _call_next(self) -> None:
         if self._agent is None:
-            if not self._made.done():
+            if not self._agent_future.done():
                 return
-            self._agent = self._made.result()
-            self._progressed()
-        if self._made.status != "finished":
-            raise RuntimeError(self._made.status)
+            self._agent = self._agent_future.result()
+            self._note_progress()
+        if self._agent_future.status != "finished":
+            raise RuntimeError(self._agent_future.status)
         now = time.monotonic()
         if self.done:
             self._call = self._agent.close()
-        elif self._first is not None:
-            parts = list(islice(self._first, _PARTS_PER_CALL))
+        elif self._input_files is not None:
+            parts = list(islice(self._input_files, _PARTS_PER_CALL))
             self._call = self._agent.put(parts)
             if not parts:
-                self.begun, self._first = True, None
-        elif self._more or self._starts or self.signals or now >= self._called_s + _POLL_S:
-            look = now >= self._looked_s + _LOOK_S
-            if look:
-                self._looked_s = now
-                self.meter.asked()
-            orders = HostOrders(tuple(self._starts), tuple(self.signals), look, self.finish)
+                self.begun, self._input_files = True, None
+        elif self._has_more or self._starts or self.signals or now >= self._called_s + _POLL_S:
+            list_processes = now >= self._list_requested_s + _LIST_INTERVAL_S
+            if list_processes:
+                self._list_requested_s = now
+                self.meter.note_request()
+            orders = HostOrders(tuple(self._starts), tuple(self.signals), list_processes, self.finish)
             self._starts, self.signals, self._called_s = [], [], now
             self._call = self._agent.exchange(orders)
 
-    def _progressed(self) -> None:
-        self._heard_s = self._progress_s = time.monotonic()
+    def _note_progress(self) -> None:
+        self._answered_s = self._progress_s = time.monotonic()
 
-    def _take(self, answer: object) -> None:
+    def _process_answer(self, answer: object) -> None:
         if answer is None:  # of `put` and `close`
-            self._progressed()
-            self._closed = self.done
+            self._note_progress()
+            self._is_closed = self.done
             return
-        if not isinstance(answer, bytes) or len(answer) > _LONGEST:
+        if not isinstance(answer, bytes) or len(answer) > _MAX_REPORT_BYTES:
             raise AcrcError("it has sent an answer that is not a report")
         report = msgspec.msgpack.decode(answer, type=HostReport)
-        self._heard_s = time.monotonic()
+        self._answered_s = time.monotonic()
         events = report.events
         if events.files or events.ended or events.ending:
-            self._progressed()
+            self._note_progress()
         for part in events.files:
             try:
-                self._files.take(part)
+                self._files.append(part)
             except OSError as error:
                 raise LaunchError(f"{part.path} of host {self.name}: {error.strerror}") from error
         if report.joined and not self.joined:
             self.joined, self.folder = True, report.folder
             self.clock_off_s = report.clock_s - time.time()
-        if report.unlinked:
-            self.unlinked_s = min(self.unlinked_s, time.monotonic())
-        self._end(events)
-        if report.looked is not None:
-            self._listed = report.looked
-            self.meter.answered(report.looked.processes)
-            self.queued = {self._pid(one.pid): one.queued_s for one in report.looked.processes}
+        if report.is_link_lost:
+            self.link_lost_s = min(self.link_lost_s, time.monotonic())
+        self._process_events(events)
+        if report.process_list is not None:
+            self._process_list = report.process_list
+            self.meter.add_report(report.process_list.processes)
+            self.queued = {self._pid(one.pid): one.queued_s for one in report.process_list.processes}
         self.fault = self.fault or report.fault
-        self._more, self.done = events.more, report.done
+        self._has_more, self.done = events.more, report.done
         if self.done:
             self._end_all()
 
-    def _end(self, events: HostEvents) -> None:
-        named = (*events.ending, *events.refused, *(one.number for one in events.ended))
-        if unknown := set(named) - set(self._children):
+    def _process_events(self, events: HostEvents) -> None:
+        numbers_reported = (*events.ending, *events.refused, *(one.number for one in events.ended))
+        if unknown := set(numbers_reported) - set(self._children):
             raise AcrcError(f"it reports process {min(unknown)}, which was not requested")
         for number in events.ending:
             self._children[number].ending = True
-        for number, why in events.refused.items():
+        for number, reason in events.refused.items():
             child = self._children[number]
-            self.fault = self.fault or f"{child.program.actor} cannot be started: {why}"
+            self.fault = self.fault or f"{child.program.actor} cannot be started: {reason}"
             child.exit_code = 1
         for one in events.ended:
             child = self._children[one.number]
@@ -292,29 +292,29 @@ class LoadMeter:
     """Load of a host and response time of its agent, from reports."""
 
     def __init__(self) -> None:
-        self._asked_s = self._seen_s = math.nan
+        self._requested_s = self._reported_s = math.nan
         self._before: dict[int, ProcessStatus] = {}
         self._watched_s = self._worked_s = self._waited_s = 0.0
         self._answers, self._answer_s, self._slowest_s = 0, 0.0, 0.0
 
-    def asked(self) -> None:
+    def note_request(self) -> None:
         """Note that a report was requested now."""
-        self._asked_s = time.monotonic()
+        self._requested_s = time.monotonic()
 
-    def answered(self, processes: Sequence[ProcessStatus]) -> None:
+    def add_report(self, processes: Sequence[ProcessStatus]) -> None:
         """Add the processes of a report received now."""
         now = time.monotonic()
-        if not math.isnan(self._asked_s):
+        if not math.isnan(self._requested_s):
             self._answers += 1
-            self._answer_s += now - self._asked_s
-            self._slowest_s = max(self._slowest_s, now - self._asked_s)
-            self._asked_s = math.nan
+            self._answer_s += now - self._requested_s
+            self._slowest_s = max(self._slowest_s, now - self._requested_s)
+            self._requested_s = math.nan
         both = [(self._before[one.pid], one) for one in processes if one.pid in self._before]
         if both:
-            self._watched_s += now - self._seen_s
+            self._watched_s += now - self._reported_s
             self._worked_s += math.fsum(max(one.cpu_s - before.cpu_s, 0.0) for before, one in both)
             self._waited_s += math.fsum(_waited_s(before, one) for before, one in both)
-        self._before, self._seen_s = {one.pid: one for one in processes}, now
+        self._before, self._reported_s = {one.pid: one for one in processes}, now
 
     @property
     def load(self) -> HostLoad:

@@ -1,4 +1,4 @@
-"""Hosts of one run: agents, certificates, launcher and release."""
+"""Hosts of one run: their agents, certificates, launcher and release."""
 
 import math
 import secrets
@@ -22,35 +22,40 @@ from actors.runtime.isolation.credentials import HostGateway
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_table import ProcessState
 from deploy.hosts import certificates
-from deploy.hosts.address import PAGE, bound, bracketed, free_port, host_and_port
-from deploy.hosts.agent import CODE, HostAgent, HostTask, occupy
+from deploy.hosts.address import PAGE, bind_address, bracketed, free_port, host_and_port
+from deploy.hosts.agent import CODE, HostAgent, HostTask, block_worker
 from deploy.hosts.allocation import HostPool
 from deploy.hosts.files import RUN, IncomingFiles, files_below
 from deploy.hosts.host_link import HostLink
 
-_FIRST_TOLD_S: Final = 5.0
-_UNLINKED_S: Final = 2.0
-"""A lost connection is an error if the mesh still exists after this time, s; else the run has ended."""
-_TURN_S: Final = 0.02
-_HERE: Final = 1 << 32
-"""Smaller process ids belong to this computer."""
+_FIRST_REPORT_S: Final = 5.0
+"""Delay of an answer after which it is reported first, s."""
+_LINK_LOST_TIMEOUT_S: Final = 2.0
+"""A lost connection is an error if the mesh still exists after this time, s; else the run is ending."""
+_POLL_S: Final = 0.02
+_FIRST_REMOTE_PID: Final = 1 << 32
+"""Process ids below this belong to this computer."""
 
 
 class HostedLauncher:
-    """Launcher of robots on their hosts and of all other actors here."""
+    """Launcher that starts robots on their hosts and all other actors on this computer."""
 
     def __init__(
-        self, here: Launcher, links: Sequence[HostLink], silence_s: float, say: Callable[[str], None]
+        self,
+        local_launcher: Launcher,
+        links: Sequence[HostLink],
+        silence_s: float,
+        say: Callable[[str], None],
     ) -> None:
         """`silence_s`: timeout of a host's answers."""
-        self._here = here
+        self._here = local_launcher
         self._links = links
         self._silence_s = silence_s
         self._say = say
-        self._of = {robot: link for link in links for robot in link.robots}
+        self._link_by_robot = {robot: link for link in links for robot in link.robots}
         self._world: ChildProcess | None = None
         """The world's process, which is the mesh's router."""
-        self._told_s = dict.fromkeys((link.name for link in links), _FIRST_TOLD_S)
+        self._next_report_s = dict.fromkeys((link.name for link in links), _FIRST_REPORT_S)
 
     @property
     def arriving(self) -> bool:
@@ -59,36 +64,36 @@ class HostedLauncher:
 
     def start(self, program: Program) -> ChildProcess:
         """Start one program on its host or here."""
-        link = self._of.get(program.actor)
+        link = self._link_by_robot.get(program.actor)
         child = self._here.start(program) if link is None else link.start(program)
         if program.actor == "world":
             self._world = child
         return child
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
-        """Do nothing: hosts share data among their own robots."""
+        """Do nothing: each host loads the data that its robots share."""
 
     def wait(self, timeout_s: float) -> None:
         """Wait for events, at most `timeout_s`. Raises LaunchError."""
-        select.select([self._here.fileno()], [], [], min(timeout_s, _TURN_S))
+        select.select([self._here.fileno()], [], [], min(timeout_s, _POLL_S))
         self._here.wait(0.0)
         for link in self._links:
-            link.turn()
-            self._tell(link)
+            link.poll()
+            self._report_silence(link)
 
     def fault(self) -> str | None:
         """Describe the first failure of a host; None if there is none."""
         for link in self._links:
             if link.fault:
                 return f"host {link.name}: {link.fault}"
-            if time.monotonic() > link.unlinked_s + _UNLINKED_S and self._mesh_is_there:
+            if time.monotonic() > link.link_lost_s + _LINK_LOST_TIMEOUT_S and self._has_mesh:
                 return f"host {link.name}: its link to the mesh broke"
             if link.lost and not link.done:
-                return f"host {link.name} is lost, with {_names(link.robots)}: {link.lost}"
+                return f"host {link.name} is lost, with {_robot_list(link.robots)}: {link.lost}"
         return None
 
     @property
-    def _mesh_is_there(self) -> bool:
+    def _has_mesh(self) -> bool:
         return self._world is not None and self._world.exit_code is None
 
     def table(self) -> Mapping[int, ProcessState]:
@@ -100,27 +105,27 @@ class HostedLauncher:
 
     def queued_s(self, pid: int) -> float | None:
         """Return the time that a process has waited for a processor, s; None if unknown."""
-        if pid < _HERE:
+        if pid < _FIRST_REMOTE_PID:
             return process_table.queued_s(pid)
         return next((link.queued[pid] for link in self._links if pid in link.queued), None)
 
-    def _tell(self, link: HostLink) -> None:
+    def _report_silence(self, link: HostLink) -> None:
         """Report a host that does not answer; after the timeout it is lost."""
         if link.is_over:
             return
         silent_s = link.silent_s
-        if silent_s < _FIRST_TOLD_S:
-            if self._told_s[link.name] > _FIRST_TOLD_S:
+        if silent_s < _FIRST_REPORT_S:
+            if self._next_report_s[link.name] > _FIRST_REPORT_S:
                 self._say(f"host {link.name} answers again")
-            self._told_s[link.name] = _FIRST_TOLD_S
+            self._next_report_s[link.name] = _FIRST_REPORT_S
         elif silent_s >= self._silence_s:
-            link.lose(f"no answer for {silent_s:.0f} s")
-        elif silent_s >= self._told_s[link.name]:
-            self._told_s[link.name] *= 2
+            link.mark_lost(f"no answer for {silent_s:.0f} s")
+        elif silent_s >= self._next_report_s[link.name]:
+            self._next_report_s[link.name] *= 2
             self._say(f"no answer from host {link.name} for {silent_s:.0f} s; the run waits for it")
 
 
-def _names(robots: tuple[str, ...]) -> str:
+def _robot_list(robots: tuple[str, ...]) -> str:
     return ", ".join(robots[:3]) + (f" and {len(robots) - 3} more" if len(robots) > 3 else "")
 
 
@@ -129,11 +134,12 @@ _CLOCK_S: Final = 1.0
 """Clock offset above which a host is reported, s."""
 _SILENCE_FACTOR: Final = 4.0
 """Timeout of a host, as a multiple of the timeout of a robot."""
-_COMING_S: Final = 60.0
-"""Timeout for a host to begin, and again to join, s: own choice, ample for a slow computer."""
-_FAREWELL_S: Final = 10.0
-_ENDING_S: Final = 30.0
-"""Timeout of a host's progress at the end, s."""
+_JOIN_TIMEOUT_S: Final = 60.0
+"""Timeout for a host to start, and again to join the mesh, s; our choice, for slow computers."""
+_FINAL_SILENCE_S: Final = 10.0
+"""Timeout of a host's answers during the release, s."""
+_FINAL_PROGRESS_S: Final = 30.0
+"""Timeout of a host's progress during the release, s."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +152,7 @@ class HostSettings:
     limits: ProcessLimits
     timeout_s: float
     share: Callable[[tuple[str, ...]], tuple[tuple[str, ...], ...]]
-    """Returns the arguments of `share` of the robot program for these robots."""
+    """Returns the `HostTask.share` of these robots."""
     leave: bool
     """Keep recordings on the hosts."""
     code: tuple[tuple[tuple[str, Path], ...], ...] = ()
@@ -169,61 +175,66 @@ class RunHosts:
         `robots`: by host name. `keys`: new folder for this computer's keys.
         """
         address, port = pool.listen
-        own, drawn = certificates.draw(list(robots), address)
-        own.write(keys)
-        here = bound(address)
-        port = free_port(here, port)
-        self.gate = HostGateway(f"tls/{bracketed(here)}:{port}", keys, robots)
+        own_keys, host_keys = certificates.create_run_keys(list(robots), address)
+        own_keys.write(keys)
+        bound = bind_address(address)
+        port = free_port(bound, port)
+        self.gate = HostGateway(f"tls/{bracketed(bound)}:{port}", keys, robots)
         """Endpoint of the world's router for hosts."""
-        self._place = f"{bracketed(address)}:{port}"
+        self._endpoint = f"{bracketed(address)}:{port}"
         self._pool, self._settings = pool, settings
-        self._run = secrets.token_hex(8)
+        self._run_id = secrets.token_hex(8)
         self._futures: list[Future[Any]] = []
         self._links = tuple(
-            self._link(name, place, some, drawn[name])
-            for place, (name, some) in enumerate(robots.items(), start=1)
+            self._link(name, index, group, host_keys[name])
+            for index, (name, group) in enumerate(robots.items(), start=1)
         )
 
-    def launcher(self, here: Launcher, say: Callable[[str], None]) -> HostedLauncher:
-        """Return a launcher of robots on the hosts and of other actors with `here`."""
-        return HostedLauncher(here, self._links, self._settings.silence_s, say)
+    def launcher(self, local_launcher: Launcher, say: Callable[[str], None]) -> HostedLauncher:
+        """Return a launcher of robots on the hosts and of other actors with `local_launcher`."""
+        return HostedLauncher(local_launcher, self._links, self._settings.silence_s, say)
 
-    def join(self, look: Callable[[], None], wait: Callable[[float], None]) -> None:
+    def join(self, check_failures: Callable[[], None], wait: Callable[[float], None]) -> None:
         """Connect all hosts to the mesh, whose router must be running. Raises AcrcError.
 
-        `look`: raises other failures meanwhile. `wait`: waits for a number of seconds.
+        `check_failures`: called while waiting; raises other failures. `wait`: waits for a number of seconds.
         """
         for link in self._links:
             link.begin(self._files(link.robots))
         while missing := [link for link in self._links if not link.joined]:
             wait(0.02)
-            look()
-            if late := next((link for link in missing if link.idle_s > _COMING_S), None):
+            check_failures()
+            if late := next((link for link in missing if link.idle_s > _JOIN_TIMEOUT_S), None):
                 raise AcrcError(
-                    f"host {late.name} cannot reach {self._place}, where the run's router listens; open "
+                    f"host {late.name} cannot reach {self._endpoint}, where the run's router listens; open "
                     f"the port, or choose another address: --listen HOST:PORT ({PAGE})"
                     if late.begun
-                    else f"host {late.name} has not started within {_COMING_S:g} s; its worker is busy"
+                    else f"host {late.name} has not started within {_JOIN_TIMEOUT_S:g} s; its worker is busy"
                 )
-        self._futures += [self._pool.submit(link.name, occupy, self._run) for link in self._links]
+        self._futures += [self._pool.submit(link.name, block_worker, self._run_id) for link in self._links]
 
     @property
     def sentence(self) -> str:
-        """Robots and cores of each host, address of the router, and clock offsets, as text."""
+        """Robots and cores of each host, the router's address, and large clock offsets, as text."""
         parts = []
         for link in self._links:
             cores = self._pool.offers[link.name].cores
-            parts.append(f"{link.name} ({cores} {'core' if cores == 1 else 'cores'}): {_range(link.robots)}")
-        text = f"hosts: {'; '.join(parts)}; they connect to {self._place}"
-        off = {link.name: link.clock_off_s for link in self._links if math.fabs(link.clock_off_s) > _CLOCK_S}
+            parts.append(
+                f"{link.name} ({cores} {'core' if cores == 1 else 'cores'}): {_robot_range(link.robots)}"
+            )
+        text = f"hosts: {'; '.join(parts)}; they connect to {self._endpoint}"
+        clock_offsets = {
+            link.name: link.clock_off_s for link in self._links if math.fabs(link.clock_off_s) > _CLOCK_S
+        }
         words = [
-            f"{name}'s is {math.fabs(s):.0f} s {'behind' if s < 0 else 'ahead'}" for name, s in off.items()
+            f"{name}'s is {math.fabs(s):.0f} s {'behind' if s < 0 else 'ahead'}"
+            for name, s in clock_offsets.items()
         ]
         return text + (f"; clocks differ: {', '.join(words)}" if words else "")
 
     @property
     def load_sentence(self) -> str:
-        """Load of each host, as text; empty after a very short run."""
+        """Average load of each host, as text; empty after a very short run."""
         parts = []
         for link in self._links:
             if not link.meter.load.worked:
@@ -237,7 +248,7 @@ class RunHosts:
         return f"hosts, on average: {'; '.join(parts)}"
 
     def write(self) -> None:
-        """Write the file about hosts, their loads and recordings left there."""
+        """Write the file with the hosts, their loads and the recordings left on them."""
         out = self._settings.out
         pool = self._pool
         hosts = {
@@ -255,7 +266,7 @@ class RunHosts:
             for link in self._links
             for record, one in link.left.items()
         }
-        seal.write_hosts(out, HostsFile(pool.address, self._run, hosts, left))
+        seal.write_hosts(out, HostsFile(pool.address, self._run_id, hosts, left))
 
     @property
     def remaining_files(self) -> str:
@@ -280,17 +291,17 @@ class RunHosts:
             wait(0.02)
 
     def close(self) -> None:
-        """Release the agents; hosts that were not dismissed end their robots."""
+        """Release the agents; those that were not finished end their robots."""
         for future in self._futures:
             with suppress(Exception):  # any error of the library about a lost cluster
                 future.cancel()
 
-    def _link(self, name: str, place: int, robots: tuple[str, ...], keys: certificates.PemKeys) -> HostLink:
+    def _link(self, name: str, index: int, robots: tuple[str, ...], keys: certificates.PemKeys) -> HostLink:
         settings = self._settings
         task = HostTask(
-            run=self._run,
+            run=self._run_id,
             robots=robots,
-            endpoint=f"tls/{self._place}",
+            endpoint=f"tls/{self._endpoint}",
             spawn=settings.spawn,
             limits=settings.limits,
             silence_s=settings.silence_s,
@@ -298,16 +309,16 @@ class RunHosts:
             share=settings.share(robots),
             leave=settings.leave,
         )
-        made = self._pool.submit(name, HostAgent, task, keys, actor=True)
-        self._futures.append(made)
-        most = settings.limits.disk_mb * _MB * len(robots)
+        agent_future = self._pool.submit(name, HostAgent, task, keys, actor=True)
+        self._futures.append(agent_future)
+        max_bytes = settings.limits.disk_mb * _MB * len(robots)
         files = IncomingFiles(
             settings.out.resolve(),
             frozenset(robots).__contains__,
-            most,
+            max_bytes,
             "the limit of its robots (disk_mb)",
         )
-        return HostLink(name, place, robots, files, made)
+        return HostLink(name, index, robots, files, agent_future)
 
     def _files(self, robots: tuple[str, ...]) -> Iterator[tuple[Path, str]]:
         """Yield the files of these robots, with their names on the host."""
@@ -319,12 +330,12 @@ class RunHosts:
                 yield path, f"{CODE}/{number}/{name}"
 
     def _is_awaited(self, link: HostLink, waited_s: float) -> bool:
-        """Return whether a host may still send output."""
-        late = link.silent_s > _FAREWELL_S or min(waited_s, link.idle_s) > _ENDING_S
-        return link.made and not (link.is_over or late)
+        """Return whether output of the host is still expected."""
+        is_late = link.silent_s > _FINAL_SILENCE_S or min(waited_s, link.idle_s) > _FINAL_PROGRESS_S
+        return link.is_created and not (link.is_over or is_late)
 
 
-def _range(robots: tuple[str, ...]) -> str:
+def _robot_range(robots: tuple[str, ...]) -> str:
     if len(robots) < 3:
         return " and ".join(robots)
     return f"{len(robots)} robots, {robots[0]} to {robots[-1]}"

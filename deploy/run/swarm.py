@@ -45,7 +45,7 @@ from actors.runtime.isolation.sandbox import IsolationChoice, choose_isolation, 
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.shell import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
-from deploy.hosts.address import place_of
+from deploy.hosts.address import parse_listen
 from deploy.run import progress
 from deploy.run.memory_swarm import MemorySwarm, raise_on_hard_exit
 from deploy.run.options import RunOptions
@@ -90,7 +90,7 @@ def allocated_hosts(options: RunOptions) -> Iterator["HostPool | None"]:
         return
     from deploy.hosts.allocation import allocate_hosts  # noqa: PLC0415
 
-    with allocate_hosts(options.on, place_of(options.listen) if options.listen else None) as pool:
+    with allocate_hosts(options.on, parse_listen(options.listen) if options.listen else None) as pool:
         yield pool
 
 
@@ -100,11 +100,11 @@ def started_hosts(plan: RunPlan, pool: "HostPool | None") -> Iterator["RunHosts 
     if pool is None:
         yield None
         return
-    from deploy.hosts.allocation import shares  # noqa: PLC0415
+    from deploy.hosts.allocation import distribute_robots  # noqa: PLC0415
     from deploy.hosts.run_hosts import HostSettings, RunHosts  # noqa: PLC0415
 
     robots = [robot.id for robot in plan.world.robots]
-    robots_by_host = shares(robots, {name: offer.cores for name, offer in pool.offers.items()})
+    robots_by_host = distribute_robots(robots, {name: offer.cores for name, offer in pool.offers.items()})
     shared = HostSettings(
         out=plan.out,
         spawn=plan.options.spawn,

@@ -222,12 +222,12 @@ import sys, threading, time
 from distributed import Client, Event
 from deploy.hosts import connection
 from deploy.hosts.connection import ClusterError
-from deploy.hosts.connection import answer
+from deploy.hosts.connection import await_result
 
 def late():
     raise TimeoutError("of its own")
 
-connection._LOOK_S = 0.1
+connection._CHECK_INTERVAL_S = 0.1
 with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
     (worker,) = client.nthreads()
     sys.stdout.write(worker + chr(10))
@@ -236,21 +236,21 @@ with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_addres
     while before.key not in client.processing([worker])[worker]:
         time.sleep(0.01)
     threading.Timer(1.0, free.set).start()
-    print(answer(client, "inproc", worker, client.submit(divmod, 7, 3, workers=[worker], pure=False)))
+    print(await_result(client, "inproc", worker, client.submit(divmod, 7, 3, workers=[worker], pure=False)))
     try:
-        answer(client, "inproc", worker, client.submit(late, workers=[worker], pure=False))
+        await_result(client, "inproc", worker, client.submit(late, workers=[worker], pure=False))
     except TimeoutError as error:
         print(error)
     left = "inproc://nobody/1/1"
     try:
-        answer(client, "inproc", left, client.submit(divmod, 7, 3, workers=[left], pure=False))
+        await_result(client, "inproc", left, client.submit(divmod, 7, 3, workers=[left], pure=False))
     except ClusterError as error:
         print(error)
-    connection._LOOK_S = 60.0
+    connection._CHECK_INTERVAL_S = 60.0
     late = client.submit(lambda: Event("never").wait(1.0), workers=[worker], pure=False)
     threading.Timer(0.3, late.cancel).start()  # as the library does with all of them without a scheduler
     try:
-        answer(client, "inproc", worker, late)
+        await_result(client, "inproc", worker, late)
     except ClusterError as error:
         print(error)
 """

@@ -22,8 +22,8 @@ from acrc_testbed.experiments import store
 from acrc_testbed.experiments.trial_pool import validated_answer
 from acrc_testbed.experiments.trial_record import MAX_BYTES, TrialOutcome
 from actors.installation.usage import OptionError
-from deploy.hosts.address import check, is_safe
-from deploy.hosts.connection import ClusterError, check_tls, security
+from deploy.hosts.address import check_address, is_safe
+from deploy.hosts.connection import ClusterError, check_tls, create_security
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -134,19 +134,19 @@ def test_a_killed_worker_neither_loses_nor_changes_results(cluster: Cluster, tmp
 def test_without_a_configuration_of_dask_the_missing_key_is_named() -> None:
     missing = pytest.raises(ClusterError, match=r"distributed\.comm\.tls\.ca-file in Dask's con")
     with dask.config.set({"distributed.comm.tls.ca-file": None}), missing:
-        security("tls://127.0.0.1:1", 1.0)
+        create_security("tls://127.0.0.1:1", 1.0)
 
 
 def test_without_tls_a_cluster_is_one_of_this_computer() -> None:
     for address in ("tls://cluster.example-1.org:8786", "tcp://[::1]:8786", "tcp://localhost:1"):
-        check(address)
+        check_address(address)
     for address in ("tls://nowhere", "ucx://127.0.0.1:8786"):
         with pytest.raises(OptionError, match="must be the address of a scheduler, such"):
-            check(address)
+            check_address(address)
     for address in ("tcp://0.0.0.0:8786", "tcp://10.0.0.1:1", "tcp://[fe80::1]:1", "tcp://127.0.0.1.a.org:1"):
         assert not is_safe(address)
         with pytest.raises(OptionError, match="must be tls://, except on this computer"):
-            check(address)
+            check_address(address)
 
 
 def test_a_scheduler_that_listens_to_all_is_refused_though_reached_on_this_computer() -> None:
@@ -182,7 +182,7 @@ def reason(keys: Path, server: Path | None) -> str:
         try:
             tls = yaml.safe_load((keys / "cluster.yaml").read_text())["distributed"]["comm"]["tls"]
             with dask.config.set({f"distributed.comm.tls.{name}": value for name, value in tls.items()}):
-                security(address, 10.0)
+                create_security(address, 10.0)
         except ClusterError as error:
             return str(error).removeprefix(f"--on {address}: ")
         finally:

@@ -169,7 +169,7 @@ def made(out: Path) -> FleetKeys:
 
 
 def certificate(folder: Path, name: str = "certificate.pem") -> x509.Certificate:
-    return certificates.read((folder / name).read_bytes())
+    return certificates.load_certificate((folder / name).read_bytes())
 
 
 def test_every_machine_gets_its_own_folder_without_the_authoritys_key(tmp_path: Path) -> None:

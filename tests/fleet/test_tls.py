@@ -30,7 +30,7 @@ from actors.topic import Message
 from deploy.fleet import operator_station
 from deploy.fleet.operator_station import OrderResult
 from deploy.hosts import certificates
-from deploy.hosts.certificates import CLIENT, SERVER, Pair
+from deploy.hosts.certificates import CLIENT, SERVER, CertifiedKey
 from tests.fleet.fleet_texts import ROOT
 
 pytestmark = pytest.mark.timeout(60)
@@ -44,17 +44,17 @@ class Robot:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.issuer = certificates.authority("fleet", NOW, 1)
-        self.stranger = certificates.authority("fleet", NOW, 1)
+        self.issuer = certificates.create_authority("fleet", NOW, 1)
+        self.stranger = certificates.create_authority("fleet", NOW, 1)
         self.own = self.keys("r1", self.issuer, SERVER, ["127.0.0.1"])
         self.issued = self._issued()
         self.endpoint = f"tls/127.0.0.1:{_free_port()}"
 
-    def keys(self, name: str, issuer: Pair, purpose: Any = CLIENT, hosts: Any = ()) -> Keys:
+    def keys(self, name: str, issuer: CertifiedKey, purpose: Any = CLIENT, hosts: Any = ()) -> Keys:
         """Create a machine's folder of keys."""
         folder = self.folder / f"{name}-{len(list(self.folder.iterdir()))}"
         folder.mkdir()
-        pair = certificates.machine(issuer, name, [purpose], hosts, NOW, 1)
+        pair = certificates.issue_certificate(issuer, name, [purpose], hosts, NOW, 1)
         (folder / "authority.pem").write_bytes(issuer.certificate_pem)
         (folder / "certificate.pem").write_bytes(pair.certificate_pem)
         (folder / "key.pem").write_bytes(pair.private_pem)

@@ -57,7 +57,7 @@ def answers(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any]) -> None
 
     client = SimpleNamespace(submit=submit, close=lambda timeout: None)
     monkeypatch.setattr(fetching, "connect", lambda address: client)
-    monkeypatch.setattr(fetching, "machines", lambda client: ["tls://10.0.0.2:4000"])
+    monkeypatch.setattr(fetching, "host_workers", lambda client: ["tls://10.0.0.2:4000"])
 
 
 def quiet(sentence: str) -> None:
@@ -79,7 +79,7 @@ def test_a_missing_recording_is_named(there: Path, out: Path) -> None:
     with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap, and there is no copy here"):
         fetch(out, "", quiet)
     assert (there / "run" / "r2" / "r2.mcap").is_file()  # nothing is removed
-    fetching.remove(str(there), RUN)
+    fetching.remove_folder(str(there), RUN)
     with pytest.raises(AcrcError, match=r"host h no longer has r1/r1.mcap, and there is no copy here"):
         fetch(out, "", quiet)
 
@@ -87,7 +87,7 @@ def test_a_missing_recording_is_named(there: Path, out: Path) -> None:
 def test_more_files_than_are_fetched_are_not_removed(
     there: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fetching, "MOST", 3)
+    monkeypatch.setattr(fetching, "MAX_FILES", 3)
     with pytest.raises(AcrcError, match="has 4 recordings and logs; at most 3 are fetched"):
         fetch(out, "", quiet)
     assert there.exists()
@@ -95,20 +95,20 @@ def test_more_files_than_are_fetched_are_not_removed(
 
 def test_a_worker_serves_recordings_and_logs_of_its_run_only(there: Path, tmp_path: Path) -> None:
     for folder in ("/etc", "acrc-y/../../acrc-x"):
-        for ask in (fetching.listed, fetching.remove):
+        for ask in (fetching.list_files, fetching.remove_folder):
             with pytest.raises(AcrcError, match="is not a run's folder"):
                 ask(str(tmp_path / folder), RUN)
     for name in ("r1/setup.json", "r1/../../x", ".router/passwords"):
         with pytest.raises(AcrcError, match="is not a recording"):
-            fetching.piece(str(there), RUN, name, 0)
+            fetching.read_piece(str(there), RUN, name, 0)
     with pytest.raises(AcrcError, match="belongs to another run"):
-        fetching.remove(str(there), "fedcba9876543210")
+        fetching.remove_folder(str(there), "fedcba9876543210")
     (tmp_path / "acrc-link").symlink_to(there)
-    fetching.remove(str(tmp_path / "acrc-link"), RUN)
+    fetching.remove_folder(str(tmp_path / "acrc-link"), RUN)
     assert there.exists()
     (there / "run" / "r1" / "r1.2.mcap").symlink_to("/etc/passwd")
     with pytest.raises(OSError):
-        fetching.piece(str(there), RUN, "r1/r1.2.mcap", 0)
+        fetching.read_piece(str(there), RUN, "r1/r1.2.mcap", 0)
 
 
 SUM = hashlib.sha256(FILES["r1/r1.mcap"]).hexdigest()
@@ -137,7 +137,8 @@ def test_an_invalid_part_is_refused_and_the_existing_file_kept(
     (out / "r1").mkdir()
     (out / "r1" / "r1.mcap").write_bytes(b"begun")
     answers(
-        monkeypatch, lambda f, *words: lie if f is fetching.piece and "r1.mcap" in words[2] else f(*words)
+        monkeypatch,
+        lambda f, *words: lie if f is fetching.read_piece and "r1.mcap" in words[2] else f(*words),
     )
     with pytest.raises(AcrcError, match=r"host h has sent"):
         fetch(out, "", quiet)
@@ -152,7 +153,7 @@ def test_a_dead_or_missing_worker_is_named(out: Path, monkeypatch: pytest.Monkey
     answers(monkeypatch, dies)
     with pytest.raises(AcrcError, match=r"--on tls://10.0.0.1:8786: host h: the worker is gone"):
         fetch(out, "", quiet)
-    monkeypatch.setattr(fetching, "machines", lambda client: ["tls://10.0.0.9:4000"])
+    monkeypatch.setattr(fetching, "host_workers", lambda client: ["tls://10.0.0.9:4000"])
     with pytest.raises(AcrcError, match=r"--on tls://new:1: has no worker at 10.0.0.2, where host h has"):
         fetch(out, "tls://new:1", quiet)
 

@@ -13,9 +13,9 @@ from acrc_testbed.results.seal import HostLoad, HostPart, HostsFile, RemoteFile
 from actors.installation.usage import OptionError, command_line
 from actors.runtime.errors import AcrcError
 from deploy.hosts import host_link
-from deploy.hosts.address import bound, free_port, place_of, plain
+from deploy.hosts.address import bind_address, dask_address, free_port, parse_listen
 from deploy.hosts.agent import HostEvents, HostOrders, HostReport, ProcessStatus
-from deploy.hosts.allocation import HostOffer, shares, unfit
+from deploy.hosts.allocation import HostOffer, distribute_robots, host_fault
 from deploy.hosts.files import FilePart, FilePartError, GrowingFile, IncomingFiles, files_below, read_files
 from deploy.hosts.host_link import HostLink, LoadMeter
 
@@ -27,7 +27,7 @@ def test_every_robot_is_on_one_host_and_no_core_has_two_more_than_another(
     count: int, cores: dict[str, int]
 ) -> None:
     robots = [f"r{number}" for number in range(count)]
-    placed = shares(robots, cores)
+    placed = distribute_robots(robots, cores)
     assert [robot for some in placed.values() for robot in some] == robots
     assert all(placed.values())
     loads = {host: len(placed.get(host, ())) for host in cores}
@@ -42,7 +42,7 @@ def test_every_robot_is_on_one_host_and_no_core_has_two_more_than_another(
 def test_files_outside_the_robots_folders_are_refused(tmp_path: Path, path: str) -> None:
     incoming = IncomingFiles(tmp_path, {"r1"}.__contains__, 100, "")
     with pytest.raises(FilePartError):
-        incoming.take(FilePart(path, b"x"))
+        incoming.append(FilePart(path, b"x"))
     assert list(tmp_path.rglob("*")) == []
 
 
@@ -52,18 +52,18 @@ def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
     (tmp_path / "run" / "r1" / "own").symlink_to(tmp_path / "away")
     incoming = IncomingFiles(tmp_path / "run", {"r1"}.__contains__, 100, "")
     with pytest.raises(FilePartError):
-        incoming.take(FilePart("r1/own/x", b"x"))
+        incoming.append(FilePart("r1/own/x", b"x"))
     (tmp_path / "run" / "r1" / "r1.mcap").symlink_to(tmp_path / "away" / "y")
     with pytest.raises(OSError, match="symbolic"):
-        incoming.take(FilePart("r1/r1.mcap", b"x"))
+        incoming.append(FilePart("r1/r1.mcap", b"x"))
     assert list((tmp_path / "away").iterdir()) == []
 
 
 def test_a_host_sends_no_more_than_its_robots_may_write(tmp_path: Path) -> None:
     incoming = IncomingFiles(tmp_path, {"r1"}.__contains__, 5, "disk_mb")
-    incoming.take(FilePart("r1/a", b"xyz"))
+    incoming.append(FilePart("r1/a", b"xyz"))
     with pytest.raises(FilePartError):
-        incoming.take(FilePart("r1/b", b"xyz"))
+        incoming.append(FilePart("r1/b", b"xyz"))
     assert (tmp_path / "r1" / "a").read_bytes() == b"xyz"
 
 
@@ -81,9 +81,9 @@ def test_files_arrive_as_they_are_also_while_they_grow(tmp_path: Path) -> None:
         with (here / "r1" / "log").open("ab") as log:
             log.write(piece)
         while (part := growing.part()) is not None:
-            incoming.take(part)
+            incoming.append(part)
     for part in read_files(files_below(here / "r1" / "own", here)):
-        incoming.take(part)
+        incoming.append(part)
     growing.close()
     assert {path.name: path.read_bytes() for path in there.rglob("*") if path.is_file()} == {
         "log": b"firstsecond",
@@ -110,7 +110,7 @@ OFFER = HostOffer("lab1", 8, "abc", {"python": "3.11.7"}, {"arrays": "1" * 64}, 
     ],
 )  # fmt: skip
 def test_unsuitable_hosts_are_refused_with_a_reason(there: HostOffer, fault: str | None) -> None:
-    assert unfit(there, OFFER) == fault
+    assert host_fault(there, OFFER) == fault
 
 
 @pytest.mark.parametrize(
@@ -118,25 +118,25 @@ def test_unsuitable_hosts_are_refused_with_a_reason(there: HostOffer, fault: str
     [("10.0.0.5:7450", ("10.0.0.5", 7450)), ("lab", ("lab", 0)), ("[::1]:7450", ("::1", 7450))],
 )
 def test_hosts_connect_to_an_address_with_a_port_or_without(word: str, place: tuple[str, int]) -> None:
-    assert place_of(word) == place
+    assert parse_listen(word) == place
 
 
 @pytest.mark.parametrize("word", ["", ":7450", "10.0.0.5:", "10.0.0.5:65536", "a b", "10.0.0.5:7450:1"])
 def test_invalid_listen_addresses_are_refused(word: str) -> None:
     with pytest.raises(OptionError, match="must be an address of this computer"):
-        place_of(word)
+        parse_listen(word)
 
 
 def test_addresses_are_bound_and_schemes_are_equal() -> None:
-    assert bound(HERE) == HERE
-    assert bound("203.0.113.7") == "0.0.0.0"  # kept for documentation (RFC 5737): nobody has it
+    assert bind_address(HERE) == HERE
+    assert bind_address("203.0.113.7") == "0.0.0.0"  # kept for documentation (RFC 5737): nobody has it
     assert free_port(HERE, port := free_port(HERE)) == port
     with pytest.raises(AcrcError, match="--listen"):
-        bound("no.such.host.invalid")
-    assert plain("dask+tls://lab:8786") == plain("tls://lab:8786") == "tls://lab:8786"
-    assert plain("dask://127.0.0.1:8786") == "tcp://127.0.0.1:8786"
+        bind_address("no.such.host.invalid")
+    assert dask_address("dask+tls://lab:8786") == dask_address("tls://lab:8786") == "tls://lab:8786"
+    assert dask_address("dask://127.0.0.1:8786") == "tcp://127.0.0.1:8786"
     with pytest.raises(OptionError, match="must be tls://"):
-        plain("dask://lab:8786")
+        dask_address("dask://lab:8786")
 
 
 class FakeHost:
@@ -177,8 +177,8 @@ def answered(answer: object) -> SimpleNamespace:
 
 
 REPORT = HostReport(
-    clock_s=0.0, folder="/tmp/acrc-1", joined=True, unlinked=False, fault="", events=HostEvents(),
-    looked=None, done=False,
+    clock_s=0.0, folder="/tmp/acrc-1", joined=True, is_link_lost=False, fault="", events=HostEvents(),
+    process_list=None, done=False,
 )  # fmt: skip
 
 
@@ -200,7 +200,7 @@ def test_files_are_sent_before_a_host_begins_and_its_folder_is_removed_at_the_en
     link = link_to(host, tmp_path)
     link.begin([(large, "run/r1/large"), (empty, "code/1/empty")])
     for _ in range(8):
-        link.turn()
+        link.poll()
     assert b"".join(part.data for part in host.put_parts if part.path == "run/r1/large") == large.read_bytes()
     assert host.put_parts[-1] == FilePart("code/1/empty", b"")
     assert (tmp_path / "r1" / "log").read_bytes() == b"said"
@@ -226,8 +226,8 @@ def test_files_are_sent_before_a_host_begins_and_its_folder_is_removed_at_the_en
 )
 def test_a_host_with_an_impossible_answer_is_lost(tmp_path: Path, answer: object, why: str) -> None:
     link = link_to(FakeHost(answer), tmp_path)
-    link.turn()
-    link.turn()
+    link.poll()
+    link.poll()
     assert link.lost.startswith(why)
     assert link.is_over
     assert list(tmp_path.iterdir()) == []
@@ -243,17 +243,17 @@ def test_the_load_is_measured_between_answers(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(host_link, "time", clock)
     meter = LoadMeter()
     assert meter.load == HostLoad()
-    meter.asked()
+    meter.note_request()
     clock.now_s += 0.01
-    meter.answered([process(1, 5.0, 1.0), process(2, 7.0, None)])
+    meter.add_report([process(1, 5.0, 1.0), process(2, 7.0, None)])
     assert meter.load == HostLoad(0.0, 0.0, 0.01, 0.01)
     clock.now_s += 1.96
-    meter.asked()
+    meter.note_request()
     clock.now_s += 0.04
-    meter.answered([process(1, 6.0, 2.0), process(2, 8.0, 9.0), process(3, 50.0, 50.0)])
+    meter.add_report([process(1, 6.0, 2.0), process(2, 8.0, 9.0), process(3, 50.0, 50.0)])
     assert meter.load == HostLoad(worked=1.0, waited=0.5, answer_s=0.025, slowest_s=0.04)
     clock.now_s += 2.0  # asked by nobody: another process has ended and its number is used again
-    meter.answered([process(1, 0.5, 0.5), process(2, 12.0, 9.0)])
+    meter.add_report([process(1, 0.5, 0.5), process(2, 12.0, 9.0)])
     assert meter.load == HostLoad(worked=1.5, waited=0.25, answer_s=0.025, slowest_s=0.04)
 
 

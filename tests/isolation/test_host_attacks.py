@@ -32,7 +32,7 @@ SETTLE_S = 0.3
 class AttackedHosts:
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._stack, self._folder, self._marks = stack, folder, 0
-        self._world_keys, self._keys = certificates.draw(list(ROBOTS), HERE)
+        self._world_keys, self._keys = certificates.create_run_keys(list(ROBOTS), HERE)
         self._endpoint = f"tls/{HERE}:{free_port(HERE)}"
         self._heard: dict[str, list[str]] = {"world": [], "r1": [], "r2": []}
         issued = credentials.issue({}, self._made("world"))
@@ -56,7 +56,7 @@ class AttackedHosts:
         return load_keys(self._written("stolen", self._keys["h2"]))
 
     def foreign_keys(self) -> Keys:
-        other = certificates.draw(["h1"], HERE)[1]["h1"]
+        other = certificates.create_run_keys(["h1"], HERE)[1]["h1"]
         mixed = PemKeys(self._world_keys.authority, other.certificate, other.private_key)
         return load_keys(self._written("foreign", mixed))
 
