@@ -211,9 +211,9 @@ def run(
     chosen, options = prepared
     if not json:
         adapted = chosen.run.strategy not in _BASELINES
-        summary.print_next(options.out, [*_baseline_arguments(sys.argv[1:], out)] if adapted else ())
+        summary.print_next_commands(options.out, [*_baseline_arguments(sys.argv[1:], out)] if adapted else ())
     if view:
-        summary.print_view(options.out)
+        summary.print_observer_messages(options.out)
     require_delivery(result.undelivered, result.not_delivered)
     if check:
         _check_replay(options.out, options.modules)

@@ -107,7 +107,7 @@ NO_TEST: Final = PairedTest(0, 0, 1.0)
 
 
 def signed_rank(differences: ArrayLike) -> PairedTest:
-    """Wilcoxon's signed-rank test.
+    """Return the result of Wilcoxon's signed-rank test.
 
     Zero differences are ranked, then dropped (Pratt, "Remarks on zeros and ties in the Wilcoxon signed rank
     procedures", JASA 54, 1959).
@@ -117,7 +117,10 @@ def signed_rank(differences: ArrayLike) -> PairedTest:
 
 
 def mean_test(differences: ArrayLike) -> PairedTest:
-    """Fisher's randomisation test of the mean ("The Design of Experiments", 1935, section 21)."""
+    """Return the result of Fisher's randomisation test of the mean.
+
+    "The Design of Experiments", 1935, section 21.
+    """
     found = np.asarray(differences, np.float64)
     return _two_sided(found, _whole_steps(found))
 

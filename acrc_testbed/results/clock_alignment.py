@@ -8,7 +8,7 @@ latencies. Errors are simultaneous for all clocks and follow from the residuals 
 
 A constant latency of all stamps of one robot cannot be distinguished from a clock offset. Its spread between
 robots is therefore a parameter; only causality (a frame is received after it was handed over) bounds it; see
-Fit.causal_bound.
+ClockFit.causal_bound.
 """
 
 import math
@@ -109,16 +109,17 @@ def spanning_trees(clocks: int, first: NDArray[np.int64], second: NDArray[np.int
         if root in trees:
             continue
         trees[root] = ClockNode(root, None, 0)
-        group, left = [root], [clock for clock in range(clocks) if clock not in trees]
-        while left:
-            edges = counts[np.ix_(group, left)]
+        group, remaining = [root], [clock for clock in range(clocks) if clock not in trees]
+        while remaining:
+            edges = counts[np.ix_(group, remaining)]
             if not edges.any():
                 break
             row, column = np.unravel_index(np.argmax(edges), edges.shape)
-            parent, clock = group[int(row)], left.pop(int(column))
+            parent, clock = group[int(row)], remaining.pop(int(column))
             both = pairs[(pairs[:, 0] == clock) & (pairs[:, 2] == parent)]
-            more = np.sort(both[:, 1] - both[:, 3])
-            trees[clock] = ClockNode(root, parent, trees[parent].ahead + int(more[more.size // 2]))
+            trees[clock] = ClockNode(
+                root, parent, trees[parent].ahead + int(np.sort(both[:, 1] - both[:, 3])[len(both) // 2])
+            )
             group.append(clock)
     return tuple(trees[clock] for clock in range(clocks))
 
@@ -174,19 +175,19 @@ def solve(
     """Estimate all unknowns together; stops when no estimate changes by 1 ns."""
     clocks, count = len(trees), len(pairs.weight)
     ahead = np.array([tree.ahead for tree in trees], dtype=np.int64)
-    rows, whole, shown = np.arange(count), np.zeros((count, 2 * clocks + 2)), []
+    rows, full_design, coarse = np.arange(count), np.zeros((count, 2 * clocks + 2)), []
     for side, sign in ((pairs.first, 1.0), (pairs.second, -1.0)):
         clock, instant, kind = side[:, 0], side[:, 1], side[:, 2]
-        whole[rows, 2 * clock] += sign
-        whole[rows, 2 * clock + 1] += sign * (instant - origins[clock]) / 1e6
+        full_design[rows, 2 * clock] += sign
+        full_design[rows, 2 * clock + 1] += sign * (instant - origins[clock]) / 1e6
         lagging = kind > 0
-        whole[rows[lagging], 2 * clocks + kind[lagging] - 1] += sign
-        shown.append(instant - ahead[clock])
-    target: Floats = (shown[0] - shown[1]).astype(np.float64)
-    blocks: NDArray[np.int64] = shown[1] // p.block_us
+        full_design[rows[lagging], 2 * clocks + kind[lagging] - 1] += sign
+        coarse.append(instant - ahead[clock])
+    target: Floats = (coarse[0] - coarse[1]).astype(np.float64)
+    blocks: NDArray[np.int64] = coarse[1] // p.block_us
     fixed = np.repeat([tree.parent is None for tree in trees], 2)
     free = np.concatenate((np.flatnonzero(~fixed), [2 * clocks, 2 * clocks + 1]))
-    design = whole[:, free]
+    design = full_design[:, free]
     drifts = np.tile([0.0, p.drift_ppm**-2], clocks)
     prior = np.concatenate((drifts, np.full(2, p.lag_spread_us**-2)))[free]
     expected = np.concatenate((np.zeros(2 * clocks), p.lag_us))[free]
@@ -207,11 +208,11 @@ def solve(
     _, block = np.unique(blocks, return_inverse=True)
     sums = np.zeros((int(block.max(initial=-1)) + 1, len(free)))
     np.add.at(sums, block, slopes)
-    variance = np.zeros((whole.shape[1], whole.shape[1]))
-    variance[np.ix_(free, free)] = _larger(bread @ (sums.T @ sums + np.diag(prior)) @ bread, bread)
-    every = np.zeros(whole.shape[1])
-    every[free] = estimate
-    return Solution(every, variance, noise, blocks)
+    variance = np.zeros((full_design.shape[1], full_design.shape[1]))
+    variance[np.ix_(free, free)] = _upper_covariance(bread @ (sums.T @ sums + np.diag(prior)) @ bread, bread)
+    full_estimate = np.zeros(full_design.shape[1])
+    full_estimate[free] = estimate
+    return Solution(full_estimate, variance, noise, blocks)
 
 
 def _residual(
@@ -231,7 +232,7 @@ def _huber(residual: Floats, noise: float) -> Floats:
     return share
 
 
-def _larger(one: Floats, other: Floats) -> Floats:
+def _upper_covariance(one: Floats, other: Floats) -> Floats:
     """Return a covariance that is at least `one` and `other` in every direction."""
     values, vectors = np.linalg.eigh(one - other)
     larger: Floats = other + (vectors * np.maximum(values, 0.0)) @ vectors.T
@@ -271,19 +272,19 @@ class ClockFit(NamedTuple):
 
     def error(self, instant: int) -> float:
         """Return the error bound of `reference`, µs, at the confidence level for all clocks together."""
-        likely = math.hypot(self.scatter(instant), self.normal_factor * self.latency_spread)
-        return min(likely, self.causal_bound(instant))
+        statistical = math.hypot(self.scatter(instant), self.normal_factor * self.latency_spread)
+        return min(statistical, self.causal_bound(instant))
 
     def scatter(self, instant: int) -> float:
         """Return the part of the error bound that follows from the residuals, µs."""
-        since = (instant - self.origin) / 1e6
-        offset, both, drift = self.variance
-        return self.factor * math.sqrt(max(0.0, offset + 2 * since * both + since**2 * drift))
+        elapsed_s = (instant - self.origin) / 1e6
+        offset, covariance, drift = self.variance
+        return self.factor * math.sqrt(max(0.0, offset + 2 * elapsed_s * covariance + elapsed_s**2 * drift))
 
     def causal_bound(self, instant: int) -> float:
         """Return the error bound by causality, valid for any latencies, µs; inf: none."""
-        since = abs(instant - self.origin) / 1e6
-        return self.limit + self.normal_factor * since * math.sqrt(self.variance[2])
+        elapsed_s = abs(instant - self.origin) / 1e6
+        return self.limit + self.normal_factor * elapsed_s * math.sqrt(self.variance[2])
 
 
 class Alignment(NamedTuple):
@@ -354,11 +355,11 @@ def _limits(
     for frame in frames:
         if frame.handed is None:
             continue
-        begun = reference(frame.handed)
+        handed_at = reference(frame.handed)
         for stamp in frame.stamps:
             if stamp.kind is StampKind.HEARD:
                 link = frame.handed.clock, stamp.clock
-                slack[link] = min(slack[link], reference(stamp) - begun)
+                slack[link] = min(slack[link], reference(stamp) - handed_at)
     for middle in range(clocks):
         slack = np.minimum(slack, slack[:, middle, None] + slack[None, middle, :])
     return [float(max(slack[tree.root, clock], slack[clock, tree.root])) for clock, tree in enumerate(trees)]

@@ -23,18 +23,16 @@ from acrc_testbed.results.field_recordings import FieldTrial, FieldTrialError, M
 from acrc_testbed.results.result import ClockReport
 from actors.messages import FrameReceived, RadioEvents
 
-_STEADY_US: Final = 50_000
-"""A larger jump against the step count begins a new clock segment."""
-_SLOPE: Final = 1e-3
-"""Tolerated drift: twice the largest slew of an NTP daemon, 500 ppm (RFC 5905)."""
-_AHEAD_US: Final = 1_000_000
-"""An event so much later than the step that delivers it was stamped by a clock that was set."""
-_BEHIND_US: Final = 10_000_000
-"""The same for an event so much earlier."""
-
-
+_MAX_JUMP_US: Final = 50_000
+"""Maximum jump of a clock against its step count within a segment."""
+_MAX_DRIFT: Final = 1e-3
+"""Maximum drift within a segment: twice the largest slew of an NTP daemon, 500 ppm (RFC 5905)."""
+_MAX_AHEAD_US: Final = 1_000_000
+"""Maximum time by which an event may be later than the step that delivers it; beyond, its clock was set."""
+_MAX_BEHIND_US: Final = 10_000_000
+"""Maximum time by which an event may be earlier than that step."""
 _MAX_NOISE_US: Final = 1_000_000
-"""With larger residual noise the frames are not the same."""
+"""Maximum residual noise; beyond, the frames are not those of one field trial."""
 
 
 @dataclass
@@ -46,11 +44,11 @@ class ClockSegment:
     """Its first step."""
     last: int
     event_error: int = 0
-    """Possible error of events relative to steps, µs."""
+    """Error bound of events relative to steps, µs."""
     fit: ClockFit = field(init=False)
-    """Its own, or that of the robot's nearest segment that frames connect with the reference."""
+    """Fit of this segment; if it is not aligned, of the robot's nearest aligned one."""
     is_aligned: bool = False
-    """True if `fit` is its own."""
+    """True if frames connect this segment with the reference."""
     frames: int = 0
     """Frames in common with other clocks."""
 
@@ -74,7 +72,7 @@ class AlignedClocks:
         for logs in trial.logs.values():
             before: Tick | None = None
             for log in logs:
-                self._lay_out(log, before)
+                self._add_segments(log, before)
                 before = log.ticks[-1] if log.ticks else before
         if not self._segments:
             raise FieldTrialError(
@@ -87,8 +85,8 @@ class AlignedClocks:
                 f"{', '.join(trial.logs)}: clock offsets between common frames vary by "
                 f"{alignment.noise_us / 1e6:.0f} s; the recordings must be of one field trial"
             )
-        self._main = self._choose(alignment.fits)
-        self.reference = self._main.robot
+        self._reference_segment = self._assign_fits(alignment.fits)
+        self.reference = self._reference_segment.robot
         """Robot whose clock is the time base."""
         self.begin = min(one.fit.reference(one.first) for one in self._segments)
         """First step of all robots, µs by the reference."""
@@ -103,14 +101,14 @@ class AlignedClocks:
 
     def reports(self, robot: str) -> tuple[ClockReport, ...]:
         """Return reports of all segments of a robot's clock."""
-        return tuple(map(self._report, self._of(robot)))
+        return tuple(map(self._clock_report, self._segments_of(robot)))
 
-    def _of(self, robot: str) -> list[ClockSegment]:
+    def _segments_of(self, robot: str) -> list[ClockSegment]:
         return [one for one in self._segments if one.robot == robot]
 
-    def _lay_out(self, log: RobotLog, before: Tick | None) -> None:
+    def _add_segments(self, log: RobotLog, before: Tick | None) -> None:
         """Append the segments of one recording; `before`: the robot's previous step."""
-        shifts = _shifts(log)
+        shifts = _stamp_corrections(log)
         steps = self._steps[id(log)] = []
         for number, tick in enumerate(log.ticks):
             if before is None or not _is_continuous(before, tick, log.identity.step_us):
@@ -131,56 +129,59 @@ class AlignedClocks:
         clock, shift = self._steps[id(log)][moment.tick]
         return Stamp(clock, moment.instant + (0 if kind is StampKind.HANDED else shift), kind)
 
-    def _choose(self, fits: Sequence[ClockFit]) -> ClockSegment:
+    def _assign_fits(self, fits: Sequence[ClockFit]) -> ClockSegment:
         """Assign a fit to each segment; return the reference of the group with most robots."""
         robots: dict[int, set[str]] = {}
         for segment, fit in zip(self._segments, fits, strict=True):
             robots.setdefault(fit.group, set()).add(segment.robot)
-        main = max(sorted(robots), key=lambda group: len(robots[group]))
+        reference = max(sorted(robots), key=lambda group: len(robots[group]))
         for number, (segment, fit) in enumerate(zip(self._segments, fits, strict=True)):
-            segment.frames, segment.is_aligned = fit.frames, fit.group == main
-            kin = [
+            segment.frames, segment.is_aligned = fit.frames, fit.group == reference
+            connected = [
                 place
                 for place, other in enumerate(fits)
-                if other.group == main and self._segments[place].robot == segment.robot
+                if other.group == reference and self._segments[place].robot == segment.robot
             ]
             segment.fit = fit._replace(origin=segment.first, ahead=0, offset=0.0, drift_ppm=0.0)
-            if kin:
-                segment.fit = fits[min(kin, key=lambda place: abs(place - number))]
-        return self._segments[main]
+            if connected:
+                segment.fit = fits[min(connected, key=lambda place: abs(place - number))]
+        return self._segments[reference]
 
     def _note_unaligned(self, robot: str) -> None:
         """Add a note if frames do not connect a robot. Raises FieldTrialError for disjoint times."""
-        segments = self._of(robot)
-        known = [one.is_aligned for one in segments]
-        if not any(known):
-            main = self._of(self.reference)
+        segments = self._segments_of(robot)
+        aligned = [one.is_aligned for one in segments]
+        if not any(aligned):
+            reference = self._segments_of(self.reference)
             first, last = min(one.first for one in segments), max(one.last for one in segments)
-            apart = max(first - max(one.last for one in main), min(one.first for one in main) - last) / 1e6
-            if apart > 0:
+            gap_s = (
+                max(first - max(one.last for one in reference), min(one.first for one in reference) - last)
+                / 1e6
+            )
+            if gap_s > 0:
                 raise FieldTrialError(
-                    f"{self.reference} and {robot}: their recordings share no frame and are {apart:.0f} s "
+                    f"{self.reference} and {robot}: their recordings share no frame and are {gap_s:.0f} s "
                     "apart by their own clocks; the recordings must be of one field trial"
                 )
             self.notes.append(
                 f"{robot}: no common frame with {self.reference}, so its instants are those of its own "
                 "clock, with an unknown error"
             )
-        elif not all(known):
+        elif not all(aligned):
             self.notes.append(
                 f"{robot}: its clock was restarted and then has no common frame with {self.reference}; "
                 "assumed to have run on, with an unknown error"
             )
 
-    def _report(self, clock: ClockSegment) -> ClockReport:
+    def _clock_report(self, clock: ClockSegment) -> ClockReport:
         fit, known = clock.fit, clock.is_aligned
         first, last = fit.reference(clock.first), fit.reference(clock.last)
-        error = scatter = surely = 0.0
-        if clock is not self._main:
+        error = scatter = causal = 0.0
+        if clock is not self._reference_segment:
             ends = (clock.first, clock.last)
             error = max(fit.error(end) for end in ends) + clock.event_error
             scatter = max(fit.scatter(end) for end in ends)
-            surely = max(fit.causal_bound(end) for end in ends) + clock.event_error
+            causal = max(fit.causal_bound(end) for end in ends) + clock.event_error
         return ClockReport(
             from_s=(first - self.begin) / 1e6,
             to_s=(last - self.begin) / 1e6,
@@ -188,25 +189,25 @@ class AlignedClocks:
             drift_ppm=round(fit.drift_ppm, 3),
             error_s=round(error / 1e6, 6) if known else None,
             scatter_s=round(scatter / 1e6, 6) if known else None,
-            surely_within_s=round(surely / 1e6, 6) if known and math.isfinite(surely) else None,
+            surely_within_s=round(causal / 1e6, 6) if known and math.isfinite(causal) else None,
             frames=clock.frames,
         )
 
 
 def _is_continuous(before: Tick, tick: Tick, step_us: int) -> bool:
     """Return whether a clock advanced as much as the step count."""
-    due = (tick.step - before.step) * step_us
-    return abs(tick.instant - before.instant - due) <= _STEADY_US + _SLOPE * abs(due)
+    expected = (tick.step - before.step) * step_us
+    return abs(tick.instant - before.instant - expected) <= _MAX_JUMP_US + _MAX_DRIFT * abs(expected)
 
 
-def _shifts(log: RobotLog) -> dict[int, int]:
+def _stamp_corrections(log: RobotLog) -> dict[int, int]:
     """Return the corrections of event instants by tick, where another clock has stamped the events.
 
     The newest event of a message is shortly before the step that delivers it.
     """
     lags = {
         tick: log.ticks[tick].instant - max(event.instant for event in received.events)
-        for tick, received in log.of(RadioEvents)
+        for tick, received in log.messages_of(RadioEvents)
         if received.events
     }
     runs: list[list[int]] = [[]]
@@ -221,7 +222,7 @@ def _shifts(log: RobotLog) -> dict[int, int]:
 
 
 def _is_plausible(lag: int) -> bool:
-    return -_AHEAD_US <= lag <= _BEHIND_US
+    return -_MAX_AHEAD_US <= lag <= _MAX_BEHIND_US
 
 
 StampFunction = Callable[[RobotLog, Moment, StampKind], Stamp]
@@ -233,29 +234,29 @@ def shared_frames(trial: FieldTrial, stamp: StampFunction) -> list[StampedFrame]
     Frames of one sender with equal bytes are skipped if a robot has sent or heard more than one of them.
     `stamp`: converts a robot's record of a frame.
     """
-    found: dict[tuple[int, bytes], list[tuple[str, Stamp]]] = {}
+    stamps_by_frame: dict[tuple[int, bytes], list[tuple[str, Stamp]]] = {}
     for log in trial.all_logs():
         robot = log.identity.id
         for sent in log.sent_frames():
-            seen = found.setdefault((log.identity.address, sent.data), [])
-            seen.append((robot, stamp(log, sent.handed, StampKind.HANDED)))
+            stamps = stamps_by_frame.setdefault((log.identity.address, sent.data), [])
+            stamps.append((robot, stamp(log, sent.handed, StampKind.HANDED)))
             if sent.sent is not None:
-                seen.append((robot, stamp(log, sent.sent, StampKind.SENT)))
-        for tick, received in log.of(RadioEvents):
+                stamps.append((robot, stamp(log, sent.sent, StampKind.SENT)))
+        for tick, received in log.messages_of(RadioEvents):
             for event in received.events:
                 if isinstance(event, FrameReceived):
-                    seen = found.setdefault((event.sender, event.data), [])
-                    seen.append((robot, stamp(log, Moment(tick, event.instant), StampKind.HEARD)))
-    return [frame for seen in found.values() if (frame := _frame(seen)) is not None]
+                    stamps = stamps_by_frame.setdefault((event.sender, event.data), [])
+                    stamps.append((robot, stamp(log, Moment(tick, event.instant), StampKind.HEARD)))
+    return [frame for stamps in stamps_by_frame.values() if (frame := _stamped_frame(stamps)) is not None]
 
 
-def _frame(seen: Sequence[tuple[str, Stamp]]) -> StampedFrame | None:
+def _stamped_frame(robot_stamps: Sequence[tuple[str, Stamp]]) -> StampedFrame | None:
     """Return the sender's best stamp and all receivers'; None for fewer than two or ambiguous stamps."""
     sent, handed = (
-        [one for _, one in seen if one.kind is kind] for kind in (StampKind.SENT, StampKind.HANDED)
+        [one for _, one in robot_stamps if one.kind is kind] for kind in (StampKind.SENT, StampKind.HANDED)
     )
-    heard = {robot: one for robot, one in seen if one.kind is StampKind.HEARD}
+    heard = {robot: one for robot, one in robot_stamps if one.kind is StampKind.HEARD}
     stamps = (*(sent or handed), *heard.values())  # an unconfirmed frame was sent if a robot heard it
-    if len(handed) > 1 or len(stamps) < 2 or len(seen) != len(sent) + len(handed) + len(heard):
+    if len(handed) > 1 or len(stamps) < 2 or len(robot_stamps) != len(sent) + len(handed) + len(heard):
         return None
     return StampedFrame(stamps, handed[0] if handed else None)

@@ -46,7 +46,7 @@ from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 from firmware_bridge.onboard.base_core import BaseReport
 
-FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
+EVENT_COUNTERS: Final[Mapping[type[Any], str]] = {
     FrameSent: "frames_sent",
     AccessFailure: "frames_access_failure",
     FrameOverflow: "frames_overflowed",
@@ -122,7 +122,7 @@ class RobotLog:
     damage: str | None = None
     """Reason why the rest of the file cannot be read; None: complete."""
 
-    def of(self, kind: type[M]) -> Iterator[tuple[int, M]]:
+    def messages_of(self, kind: type[M]) -> Iterator[tuple[int, M]]:
         """Yield the messages of a type with their ticks."""
         return ((one.tick, one.message) for one in self.messages if isinstance(one.message, kind))
 
@@ -156,9 +156,9 @@ def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -
     try:
         for item in RecordingReader(path, strict=True):
             if isinstance(item, Note):
-                _take_note(log, item)
+                _add_note(log, item)
             elif item.key in topics:
-                _take_message(log, item, topics[item.key], full)
+                _add_message(log, item, topics[item.key], full)
             else:
                 topic_of(item.key)  # raises for keys of no topic
     except RecordingError as error:
@@ -168,14 +168,14 @@ def read_log(path: Path, identity: RobotIdentity, full: Mapping[bytes, bytes]) -
     return log
 
 
-def _take_note(log: RobotLog, note: Note) -> None:
+def _add_note(log: RobotLog, note: Note) -> None:
     if note.name == "final":
         log.final = decode_note(log.path, note.name, note.json, FinalNote)
     elif note.name == "failure":
         log.failure = decode_note(log.path, note.name, note.json, FailureNote)
 
 
-def _take_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[bytes, bytes]) -> None:
+def _add_message(log: RobotLog, entry: Entry, topic: Topic[Any], full: Mapping[bytes, bytes]) -> None:
     payload = entry.payload if entry.payload is not None else full.get(entry.sha256)
     if payload is None:
         log.hashed[topic.kind] += 1
@@ -202,26 +202,26 @@ def _instants(message: Message) -> Iterator[int]:
             yield from (event.instant for event in message.events)
 
 
-def large_messages(path: Path, least: int) -> dict[bytes, bytes]:
-    """Return the robots' messages above `least` bytes that the recording's process received, by SHA-256.
+def large_messages(path: Path, min_bytes: int) -> dict[bytes, bytes]:
+    """Return the robots' messages above `min_bytes` bytes that the recording's process received, by SHA-256.
 
     Stops at damage.
     """
-    found: dict[bytes, bytes] = {}
+    messages: dict[bytes, bytes] = {}
     prefix = DRIVE.pattern.partition("{id}")[0]
     try:
         for item in read_recording(path):
             if isinstance(item, Note) or item.direction != "in" or not item.key.startswith(prefix):
                 continue
-            if item.payload is not None and len(item.payload) > least:
-                found[hashlib.sha256(item.payload).digest()] = item.payload
+            if item.payload is not None and len(item.payload) > min_bytes:
+                messages[hashlib.sha256(item.payload).digest()] = item.payload
     except AcrcError:
-        return found  # missing messages matter, and are noted, only if a robot recorded their hash alone
-    return found
+        return messages  # missing messages matter, and are noted, only if a robot recorded their hash alone
+    return messages
 
 
 class FieldTrialError(AcrcError):
-    """Error: the recordings are not those of one field trial."""
+    """Recordings that are not those of one field trial."""
 
 
 class _BaseSetup(msgspec.Struct, frozen=True):
@@ -256,32 +256,32 @@ def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
     read, too.
     """
     trial = FieldTrial({}, {}, Counter())
-    own: list[tuple[Path, RobotIdentity]] = []
-    others: list[tuple[Path, RunNote]] = []
+    robots: list[tuple[Path, RobotIdentity]] = []
+    other_recordings: list[tuple[Path, RunNote]] = []
     for path in _recordings(folders):
         run = _first_record(path, trial.notes)
         if run is None:
             continue
         identity = _identity(run)
         if identity is None:
-            others.append((path, run))
+            other_recordings.append((path, run))
         else:
-            own.append((path, identity))
-    if not own:
+            robots.append((path, identity))
+    if not robots:
         damaged = f"; {trial.notes[0]}" if trial.notes else ""
         raise FieldTrialError(
             f"{', '.join(map(str, folders))}: no recording of a robot, such as r2.mcap{damaged}"
         )
-    _check_twice(own)
-    kept: dict[bytes, bytes] = {}
-    for path, run in others:
-        kept |= large_messages(path, LARGE)
-        _take_base(path, run, trial)
-    for path, identity in sorted(own, key=lambda one: (natural_key(one[1].id), one[1].epoch)):
-        log = read_log(path, identity, kept)
+    _check_unique(robots)
+    full_messages: dict[bytes, bytes] = {}
+    for path, run in other_recordings:
+        full_messages |= large_messages(path, LARGE)
+        _add_base_counters(path, run, trial)
+    for path, identity in sorted(robots, key=lambda one: (natural_key(one[1].id), one[1].epoch)):
+        log = read_log(path, identity, full_messages)
         trial.logs.setdefault(identity.id, []).append(log)
-        trial.notes += _gaps(log)
-    trial.notes += _unknown_senders(trial)
+        trial.notes += _gap_sentences(log)
+    trial.notes += _unknown_sender_sentences(trial)
     return trial
 
 
@@ -293,7 +293,7 @@ def natural_key(robot: str) -> tuple[tuple[int, int, str], ...]:
 
 def _recordings(folders: Iterable[Path]) -> list[Path]:
     """Return every recording once, in a fixed order."""
-    found: dict[Path, Path] = {}
+    recordings: dict[Path, Path] = {}
     for folder in folders:
         if not folder.is_dir():
             raise FieldTrialError(
@@ -301,16 +301,16 @@ def _recordings(folders: Iterable[Path]) -> list[Path]:
             )
         own = sorted(folder.glob("*.mcap"))
         place = folder.absolute()
-        beside = sorted(place.parent.glob(f"{_literal(place.name)}.*/*.mcap")) if own else []
+        siblings = sorted(place.parent.glob(f"{_escaped_pattern(place.name)}.*/*.mcap")) if own else []
         inside = sorted(folder.glob("*/*.mcap"))
         if not own and not inside:
             raise FieldTrialError(f"{folder}: no recordings (*.mcap or */*.mcap)")
-        for path in (*own, *inside, *beside):
-            found.setdefault(Path(os.path.realpath(path)), path)
-    return list(found.values())
+        for path in (*own, *inside, *siblings):
+            recordings.setdefault(Path(os.path.realpath(path)), path)
+    return list(recordings.values())
 
 
-def _literal(name: str) -> str:
+def _escaped_pattern(name: str) -> str:
     return re.sub(r"([*?[])", r"[\1]", name)
 
 
@@ -339,18 +339,18 @@ def _identity(run: RunNote) -> RobotIdentity | None:
         return None
 
 
-def _check_twice(own: Sequence[tuple[Path, RobotIdentity]]) -> None:
+def _check_unique(robots: Sequence[tuple[Path, RobotIdentity]]) -> None:
     seen: dict[tuple[str, int], Path] = {}
-    for path, identity in own:
-        known = seen.setdefault((identity.id, identity.epoch), path)
-        if known != path:
+    for path, identity in robots:
+        first = seen.setdefault((identity.id, identity.epoch), path)
+        if first != path:
             raise FieldTrialError(
-                f"{known} and {path}: two recordings of {identity.id} in epoch {identity.epoch}; "
+                f"{first} and {path}: two recordings of {identity.id} in epoch {identity.epoch}; "
                 "give one of each epoch, from one field trial"
             )
 
 
-def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
+def _add_base_counters(path: Path, run: RunNote, trial: FieldTrial) -> None:
     """Add the counters of a robot's base, if this is a base's recording with a final record."""
     if run.actor != "base":
         return
@@ -368,13 +368,13 @@ def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
     trial.overruns[robot] += report.overruns
 
 
-def _unknown_senders(trial: FieldTrial) -> Iterator[str]:
+def _unknown_sender_sentences(trial: FieldTrial) -> Iterator[str]:
     """Yield a sentence for each sender without a recording."""
     known = {log.identity.address for log in trial.all_logs()}
     heard = Counter(
         event.sender
         for log in trial.all_logs()
-        for _, received in log.of(RadioEvents)
+        for _, received in log.messages_of(RadioEvents)
         for event in received.events
         if isinstance(event, FrameReceived)
     )
@@ -385,7 +385,7 @@ def _unknown_senders(trial: FieldTrial) -> Iterator[str]:
         )
 
 
-def _gaps(log: RobotLog) -> Iterator[str]:
+def _gap_sentences(log: RobotLog) -> Iterator[str]:
     """Yield a sentence for each gap in a robot's recording."""
     if log.damage is not None:
         yield f"{log.damage}; used up to there"

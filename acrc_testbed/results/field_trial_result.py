@@ -10,7 +10,7 @@ import msgspec
 
 from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import (
-    FRAME_OUTCOMES,
+    EVENT_COUNTERS,
     FieldTrial,
     FieldTrialError,
     Moment,
@@ -27,7 +27,7 @@ from acrc_testbed.results.result import (
     RobotResult,
     RunResult,
     field_trial_struct,
-    rate,
+    octet_rate,
     robot_reports,
 )
 from actors.instant import Duration, in_seconds, seconds
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from firmware_bridge.laboratory.laboratory import LaboratoryResult
 
 _SWITCH_OFF: Final[Duration] = seconds(30)
-"""A robot that stopped so long before the last one still counts at the end: people switch robots off one by
-one."""
+"""Robots that stopped at most so long before the last one count as running at the end, because they are
+switched off one by one."""
 _MAX_PLACES: Final = 10_000
 """Upper limit of place numbers of a robot without a recording."""
 
@@ -62,7 +62,7 @@ class ReportedPlaces(NamedTuple):
     places: tuple[PlaceOutcome, ...]
     """In the order of robots and their lists; x and y are NaN if only the place's number is known."""
     notes: tuple[str, ...]
-    """Unknown data, a sentence each."""
+    """Sentences on unknown data."""
     contacts: int | None = None
     """Number of contacts; None without ground truth."""
 
@@ -73,49 +73,49 @@ class _Owner(NamedTuple):
 
 
 def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
-    """Return the final state of every place given or reported; instants since the begin of the trial."""
+    """Return the final state of every place assigned or reported; instants since the start of the trial."""
     reports: list[tuple[int, str, PlaceReport | PlaceGivenUp]] = []
     for robot, logs in trial.logs.items():
         for log in logs:
-            for tick, drive in log.of(Drive):
-                stated: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
-                reports += [(clocks.instant(log, Moment(tick, one.instant)), robot, one) for one in stated]
+            for tick, drive in log.messages_of(Drive):
+                changes: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
+                reports += [(clocks.instant(log, Moment(tick, one.instant)), robot, one) for one in changes]
     reports.sort(key=itemgetter(0))
     begin = clocks.begin
     known = {robot: logs[0].identity.places for robot, logs in trial.logs.items()}
-    mentioned = {(report.owner, report.place) for _, _, report in reports}
-    most: dict[str, int] = {}
-    for owner, place in mentioned:
+    reported_keys = {(report.owner, report.place) for _, _, report in reports}
+    place_numbers: dict[str, int] = {}
+    for owner, place in reported_keys:
         if owner not in known and 0 <= place < _MAX_PLACES:
-            most[owner] = max(most.get(owner, 0), place + 1)
-    unknown = {owner: ((math.nan, math.nan),) * number for owner, number in sorted(most.items())}
+            place_numbers[owner] = max(place_numbers.get(owner, 0), place + 1)
+    unknown = {owner: ((math.nan, math.nan),) * number for owner, number in sorted(place_numbers.items())}
     referee = Referee([_Owner(*one) for one in (known | unknown).items()], reach=0.0)
-    outside = 0
+    unknown_places = 0
     for instant, robot, recorded in reports:
         report = msgspec.structs.replace(recorded, instant=instant - begin)
         if not referee.has_place(report):
-            outside += 1
+            unknown_places += 1
         elif isinstance(report, PlaceReport):
             referee.report(robot, report)
         else:
             referee.give_up(robot, report)
     places = (
         ClaimedPlace(**msgspec.structs.asdict(place))
-        for place in referee.outcomes(_routes(trial, clocks))
-        if place.owner in known or (place.owner, place.place) in mentioned
+        for place in referee.outcomes(_final_routes(trial, clocks))
+        if place.owner in known or (place.owner, place.place) in reported_keys
     )
     notes = [
         f"{owner}: its list of places is unknown, so the table has only those in others' reports, without "
         "positions"
         for owner in unknown
     ]
-    if outside:
-        notes.append(f"{outside} reports were about places that do not exist, and are left out")
+    if unknown_places:
+        notes.append(f"{unknown_places} reports were about places that do not exist, and are left out")
     return ReportedPlaces(tuple(places), tuple(notes))
 
 
-def _routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKey, ...]]:
-    """Return the routes of the robots that run at the end."""
+def _final_routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKey, ...]]:
+    """Return the routes of the robots that were running at the end."""
     last = {
         robot: steps[-1]
         for robot, logs in trial.logs.items()
@@ -126,13 +126,13 @@ def _routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKe
         for robot, log in last.items()
     }
     latest = max(ends.values())
-    return {robot: _route(log) for robot, log in last.items() if latest - ends[robot] <= _SWITCH_OFF}
+    return {robot: _final_route(log) for robot, log in last.items() if latest - ends[robot] <= _SWITCH_OFF}
 
 
-def _route(log: RobotLog) -> tuple[PlaceKey, ...]:
-    routes = [drive.route for _, drive in log.of(Drive) if drive.route is not None]
-    given = tuple(PlaceKey(log.identity.id, number) for number in range(len(log.identity.places)))
-    return routes[-1] if routes else given
+def _final_route(log: RobotLog) -> tuple[PlaceKey, ...]:
+    routes = [drive.route for _, drive in log.messages_of(Drive) if drive.route is not None]
+    initial_route = tuple(PlaceKey(log.identity.id, number) for number in range(len(log.identity.places)))
+    return routes[-1] if routes else initial_route
 
 
 def field_trial_result(
@@ -151,12 +151,12 @@ def field_trial_result(
     missing = [log.path for log in trial.all_logs() if log.final is None]
     unknown = (f"{path}: no final record, so the counters of its node are unknown" for path in missing)
     reports = robot_reports(ended)
-    frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
+    frames = {robot: _frame_counts(logs) for robot, logs in trial.logs.items()}
     names = next(iter(frames.values()))
     whole = {name: sum(counts[name] for counts in frames.values()) for name in names}
     segments = {robot: clocks.reports(robot) for robot in trial.logs}
     robot_seconds = sum(one.to_s - one.from_s for parts in segments.values() for one in parts)
-    sent_bytes = rate(whole["bytes_sent"], robot_seconds)
+    sent_bytes = octet_rate(whole["bytes_sent"], robot_seconds)
     if truth is not None:
         by_robot = truth.frames_by_robot
         frames = {robot: _true_frames(counts, by_robot.get(robot, {})) for robot, counts in frames.items()}
@@ -165,7 +165,7 @@ def field_trial_result(
         RunResult,
         robots=len(trial.logs),
         duration_s=in_seconds(Duration(clocks.span)),
-        **place_counts(reported.places, watched=reported.contacts is not None),
+        **place_counts(reported.places, has_truth=reported.contacts is not None),
         per_robot={
             robot: _robot(robot, trial, reported, frames[robot], segments[robot]) for robot in trial.logs
         },
@@ -187,10 +187,10 @@ def _robot(
     clock: tuple[ClockReport, ...],
 ) -> RobotResult:
     logs, lateness = trial.logs[robot], trial.lateness_ms.get(robot)
-    drives = [drive for log in logs for _, drive in log.of(Drive)]
+    drives = [drive for log in logs for _, drive in log.messages_of(Drive)]
     return field_trial_struct(
         RobotResult,
-        **robot_place_counts(reported.places, robot, watched=reported.contacts is not None),
+        **robot_place_counts(reported.places, robot, has_truth=reported.contacts is not None),
         reports=sum(len(drive.reports) for drive in drives),
         gave_up=sum(len(drive.given_up) for drive in drives),
         frames=frames,
@@ -198,24 +198,24 @@ def _robot(
         lateness_p99_ms=None if lateness is None else nearest_rank(lateness, 99),
         overruns=trial.overruns.get(robot),
         clock=clock,
-        recordings=tuple(_recording(log) for log in logs),
+        recordings=tuple(_recording_report(log) for log in logs),
     )
 
 
-def _frames(logs: Sequence[RobotLog]) -> dict[str, int]:
+def _frame_counts(logs: Sequence[RobotLog]) -> dict[str, int]:
     """Count frames by outcome, from the robot's own messages."""
-    frames = dict.fromkeys(("frames_handed", *FRAME_OUTCOMES.values(), "bytes_sent"), 0)
+    frames = dict.fromkeys(("frames_handed", *EVENT_COUNTERS.values(), "bytes_sent"), 0)
     for log in logs:
-        frames["frames_handed"] += sum(drive.transmits for _, drive in log.of(Drive))
-        for _, received in log.of(RadioEvents):
+        frames["frames_handed"] += sum(drive.transmits for _, drive in log.messages_of(Drive))
+        for _, received in log.messages_of(RadioEvents):
             for event in received.events:
-                frames[FRAME_OUTCOMES[type(event)]] += 1
+                frames[EVENT_COUNTERS[type(event)]] += 1
         confirmed = (frame for frame in log.sent_frames() if frame.sent is not None)
         frames["bytes_sent"] += sum(octets(len(frame.data)) for frame in confirmed)
     return frames
 
 
-def _recording(log: RobotLog) -> RecordingReport:
+def _recording_report(log: RobotLog) -> RecordingReport:
     if log.damage is not None:
         ended = "damaged"
     elif log.failure is not None:

@@ -24,54 +24,55 @@ Outcomes = dict[str, dict[str, bool | int | float | str]]
 
 _RESERVED: Final = frozenset({"adaptation", "deeco", "localisation", "navigation"})
 """Subjects reserved for the robot program and the component model."""
-_MAX_OWN, _LONGEST_NAME = 20, 100
+_MAX_OWN, _MAX_NAME_LENGTH = 20, 100
 """Limits of a behaviour's outcome: values, and characters of a name."""
 _Own = bool | Annotated[int, msgspec.Meta(ge=-(1 << 53), le=1 << 53)] | float | Name | list[Any] | None
 _OwnSubject = _Own | dict[str, _Own]
 
 
 class OutcomeError(AcrcError):
-    """Error: a malformed subject of an outcome."""
+    """A malformed subject of an outcome."""
 
 
 def decode_subject(
-    record: Path, outcome: Mapping[str, msgspec.Raw], subject: str, kind: type[T], whose: str
+    record: Path, outcome: Mapping[str, msgspec.Raw], subject: str, kind: type[T], origin: str
 ) -> T | None:
     """Decode a subject of the final record of the file `record`; None if absent. Raises OutcomeError.
 
-    `whose`: expected origin of the outcome, for the error message.
+    `origin`: expected origin of the outcome, for the error message.
     """
     if subject not in outcome:
         return None
     try:
         return typed_json.decode(outcome[subject], kind)
     except ValueError as error:
-        raise OutcomeError(f"{record}: outcome {subject!r} is not that of {whose}: {error}") from None
+        raise OutcomeError(f"{record}: outcome {subject!r} is not that of {origin}: {error}") from None
 
 
-def own_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> dict[str, bool | int | float | str]:
-    """Return numbers, texts and booleans of a behaviour's `outcome()`, by name.
+def strategy_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> dict[str, bool | int | float | str]:
+    """Return the numbers, texts and booleans of a behaviour's `outcome()`, by name.
 
     Names in nested dicts are joined by a dot. Lists and null (also NaN, which JSON lacks) are left out.
     Raises OutcomeError above the limits.
     """
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for subject in sorted(outcome.keys() - _RESERVED):
         value: Any = decode_subject(record, outcome, subject, _OwnSubject, "a behaviour")  # type: ignore[arg-type]
         parts = {f".{name}": part for name, part in value.items()} if isinstance(value, dict) else {"": value}
-        found |= {subject + name: part for name, part in parts.items() if not isinstance(part, list | None)}
-    if len(found) > _MAX_OWN or max(map(len, found), default=0) > _LONGEST_NAME:
+        values |= {subject + name: part for name, part in parts.items() if not isinstance(part, list | None)}
+    if len(values) > _MAX_OWN or max(map(len, values), default=0) > _MAX_NAME_LENGTH:
         raise OutcomeError(
-            f"outcome has {len(found)} values; must have at most {_MAX_OWN}, "
-            f"with names of at most {_LONGEST_NAME} characters"
+            f"outcome has {len(values)} values; must have at most {_MAX_OWN}, "
+            f"with names of at most {_MAX_NAME_LENGTH} characters"
         )
-    return found
+    return values
 
 
 def outcome_means(outcomes: Outcomes) -> dict[str, float]:
     """Return the mean of each numeric value over the robots that have it; true counts as 1."""
     numbers = {
-        name: [one for one in of.values() if not isinstance(one, str)] for name, of in outcomes.items()
+        name: [one for one in by_robot.values() if not isinstance(one, str)]
+        for name, by_robot in outcomes.items()
     }
     return {name: fmean(values) for name, values in numbers.items() if values}
 
@@ -162,7 +163,7 @@ def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
         for name in ("goals", "succeeded", "recoveries", "retreats"):
             counts[name] += getattr(outcome, name)
         aborted.update(outcome.aborted)
-        intervals.update(ending for _, _, ending in outcome.no_valid_trajectory)
+        intervals.update(end_cause for _, _, end_cause in outcome.no_valid_trajectory)
         intervals["unlisted"] += outcome.no_valid_trajectory_unlisted
         lasted_us += sum(end - begin for begin, end, _ in outcome.no_valid_trajectory)
     return NavigationResult(
@@ -171,7 +172,7 @@ def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
         aborted=dict(sorted(aborted.items())),
         recoveries=counts["recoveries"],
         retreats=counts["retreats"],
-        no_valid_trajectory={ending: count for ending, count in sorted(intervals.items()) if count},
+        no_valid_trajectory={end_cause: count for end_cause, count in sorted(intervals.items()) if count},
         no_valid_trajectory_s=lasted_us / 1_000_000,
     )
 
@@ -182,24 +183,24 @@ COLUMNS: Final = (
 )  # fmt: skip
 
 
-_OF_ROBOTS: Final = ("places_total", "places_done", "places_claimed", "places_given_up", "completion_s")
+_ROBOT_FIELDS: Final = ("places_total", "places_done", "places_claimed", "places_given_up", "completion_s")
 
 
-def place_counts(places: Sequence[PlaceOutcome], *, watched: bool = True) -> dict[str, Any]:
+def place_counts(places: Sequence[PlaceOutcome], *, has_truth: bool = True) -> dict[str, Any]:
     """Count places by their final state, keyed by field of `RunResult`; instants in simulated s.
 
-    `watched`: ground truth is available.
+    `has_truth`: ground truth is available.
     """
     verdicts = Counter(place.verdict for place in places)
     reported = [place.reported_at for place in places if place.reported_at is not None]
     settled = [place.settled_at for place in places if place.settled_at is not None]
     done, last = (
-        verdicts[PlaceVerdict.DONE] if watched else len(reported),
+        verdicts[PlaceVerdict.DONE] if has_truth else len(reported),
         in_seconds(max(reported, default=0)),
     )
     return {
         "places_total": len(places),
-        "places_done": done if watched else None,
+        "places_done": done if has_truth else None,
         "places_claimed": len(reported),
         "places_given_up": verdicts[PlaceVerdict.GIVEN_UP],
         "places_lost": verdicts[PlaceVerdict.LOST],
@@ -209,10 +210,12 @@ def place_counts(places: Sequence[PlaceOutcome], *, watched: bool = True) -> dic
     }
 
 
-def robot_place_counts(places: Iterable[PlaceOutcome], robot: str, *, watched: bool = True) -> dict[str, Any]:
+def robot_place_counts(
+    places: Iterable[PlaceOutcome], robot: str, *, has_truth: bool = True
+) -> dict[str, Any]:
     """Count the places of one robot, keyed by field of `RobotResult`."""
-    found = place_counts([place for place in places if place.owner == robot], watched=watched)
-    return {name: found[name] for name in _OF_ROBOTS}
+    counts = place_counts([place for place in places if place.owner == robot], has_truth=has_truth)
+    return {name: counts[name] for name in _ROBOT_FIELDS}
 
 
 def write_places(places: Iterable[PlaceOutcome], path: Path) -> None:
@@ -220,10 +223,10 @@ def write_places(places: Iterable[PlaceOutcome], path: Path) -> None:
     with regular_file.atomic_replacement(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        writer.writerows(_rows(places))
+        writer.writerows(_place_rows(places))
 
 
-def _rows(places: Iterable[PlaceOutcome]) -> Iterator[tuple[object, ...]]:
+def _place_rows(places: Iterable[PlaceOutcome]) -> Iterator[tuple[object, ...]]:
     for place in places:
         yield (
             *(place.owner, place.place, place.x, place.y, place.verdict.value),

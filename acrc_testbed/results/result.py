@@ -18,9 +18,9 @@ from acrc_testbed.results.outcome import (
     decode_subject,
     deeco_result,
     navigation_result,
-    own_outcome,
     place_counts,
     robot_place_counts,
+    strategy_outcome,
 )
 from actors.instant import in_seconds
 from actors.messages import ROSTER
@@ -42,7 +42,7 @@ PARENT = "its parent"
 
 
 class UndeliveredError(AcrcError):
-    """Error: messages were lost between processes."""
+    """Messages lost between processes."""
 
 
 def count_undelivered(finals: Sequence[tuple[str, FinalNote]], rosters: int) -> tuple[int, tuple[str, ...]]:
@@ -60,13 +60,13 @@ def count_undelivered(finals: Sequence[tuple[str, FinalNote]], rosters: int) -> 
         for keys, actors in ((final.sent, senders), (final.arrived, receivers)):
             for key in keys:
                 actors[key][actor] = None
-    wrong = [key for key in sorted(sent.keys() | arrived.keys()) if sent[key] != arrived[key]]
+    different = [key for key in sorted(sent.keys() | arrived.keys()) if sent[key] != arrived[key]]
     sentences = (
         f"{key}: {sent[key]} sent by {' and '.join(senders[key]) or 'no process'}, "
         f"{arrived[key]} received by {' and '.join(receivers[key]) or 'no process'}"
-        for key in wrong
+        for key in different
     )
-    return sum(abs(sent[key] - arrived[key]) for key in wrong), tuple(sentences)
+    return sum(abs(sent[key] - arrived[key]) for key in different), tuple(sentences)
 
 
 def require_delivery(missing: int, sentences: Sequence[str]) -> None:
@@ -139,12 +139,12 @@ def package_versions() -> dict[str, str]:
 
 REPORTED_BY_ROBOTS: Final = ("deeco", "navigation", "outcome", "unread")
 """Keys of a result that are reports of the robots' own processes."""
-_LONGEST: Final = 300
+_MAX_REASON: Final = 300
 """Maximum length of a reason, characters."""
 
 
 class ResultError(AcrcError):
-    """Error: a run's files do not yield a result."""
+    """Files of a run that do not yield a result."""
 
 
 _ABSENT: Any = msgspec.UNSET
@@ -152,7 +152,7 @@ _ABSENT: Any = msgspec.UNSET
 
 
 class ClockReport(msgspec.Struct, frozen=True):
-    """One interval of one robot's clock in which the clock was not set."""
+    """Interval of a robot's clock in which the clock was not set."""
 
     from_s: float
     """Its first step, s of the field trial."""
@@ -314,9 +314,9 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
         return self.simulated_s if self.is_simulated else self.duration_s
 
 
-def field_trial_struct(kind: type[S], **known: Any) -> S:
-    """Return a result of a field trial; all fields not given are absent in JSON."""
-    return kind(**dict.fromkeys(kind.__struct_fields__, _ABSENT) | known)
+def field_trial_struct(kind: type[S], **fields: Any) -> S:
+    """Return a result of a field trial with these fields; all others are absent in JSON."""
+    return kind(**dict.fromkeys(kind.__struct_fields__, _ABSENT) | fields)
 
 
 def gather_result(
@@ -326,22 +326,22 @@ def gather_result(
     step_us: int,
     began_s: float,
     rosters: int,
-    **known: Any,
+    **fields: Any,
 ) -> tuple[RunResult, tuple[PlaceOutcome, ...]]:
     """Return the result of a run whose processes all exited as planned, and its places.
 
     `notes`: notes of recordings that are on other hosts or already read. `began_s`: start of the command, s
-    since the epoch. `rosters`: see `count_undelivered`. `known`: fields of the result known to the parent.
+    since the epoch. `rosters`: see `count_undelivered`. `fields`: fields of the result known to the parent.
     """
     finals = [(program, _final(program.record, notes)) for program in programs if program.record is not None]
     world = next(final for program, final in finals if program.actor == "world")
     radio = next(final for program, final in finals if program.actor == "radio")
-    truth, air = world.report(WorldReport), radio.report(RadioReport)
+    world_report, radio_report = world.report(WorldReport), radio.report(RadioReport)
     places = msgspec.json.decode(world.outcome["places"], type=tuple[PlaceOutcome, ...])
-    simulated, robots = in_seconds(truth.steps * step_us), list(truth.pose_errors)
+    simulated, robots = in_seconds(world_report.steps * step_us), list(world_report.pose_errors)
     wall = max(world.ended_s - world.started_s, 1e-9)
     missing, sentences = count_undelivered([(program.actor, final) for program, final in finals], rosters)
-    pairs = {name: air.frames.pop(name) for name in ("pairs", "pairs_in_reach")}
+    pairs = {name: radio_report.frames.pop(name) for name in ("pairs", "pairs_in_reach")}
     reports = robot_reports(
         (program.actor, program.record, final)
         for program, final in finals
@@ -358,28 +358,28 @@ def gather_result(
         per_robot={
             robot: RobotResult(
                 **robot_place_counts(places, robot),
-                pose_error=truth.pose_errors[robot],
-                driven_m=truth.driven[robot],
+                pose_error=world_report.pose_errors[robot],
+                driven_m=world_report.driven[robot],
             )
             for robot in robots
         },
         undelivered=missing,
         not_delivered=sentences,
         unread=world.unread + radio.unread + reports.unread,
-        contacts=truth.contacts,
-        refused_orders=truth.refused_orders,
-        frames=air.frames,
-        radio_bytes_per_robot_s=rate(air.frames["bytes_sent"], len(robots) * simulated),
+        contacts=world_report.contacts,
+        refused_orders=world_report.refused_orders,
+        frames=radio_report.frames,
+        radio_bytes_per_robot_s=octet_rate(radio_report.frames["bytes_sent"], len(robots) * simulated),
         direct_reach=share(pairs),
-        frames_by_robot=air.frames_by_robot,
+        frames_by_robot=radio_report.frames_by_robot,
         deeco=reports.deeco,
         navigation=reports.navigation,
         reported_by_robots=REPORTED_BY_ROBOTS,
         refused_reports=reports.refused,
         processor=processor(),
-        driven_m=round(sum(truth.driven.values()), 3),
+        driven_m=round(sum(world_report.driven.values()), 3),
         outcome=reports.outcomes,
-        **known,
+        **fields,
     )
     return result, places
 
@@ -404,15 +404,15 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports
     unread = 0
     for robot, record, final in finals:
         unread += final.unread
-        with _refusing(refused, robot, "node"):
+        with _collect_refusal(refused, robot, "node"):
             nodes += filter(None, (decode_subject(record, final.outcome, "deeco", NodeReport, "a node"),))
-        with _refusing(refused, robot, "navigation"):
+        with _collect_refusal(refused, robot, "navigation"):
             report = decode_subject(
                 record, final.outcome, "navigation", NavigationReport, "a robot's navigation"
             )
             navigations += filter(None, (report,))
-        with _refusing(refused, robot, "outcome"):
-            for name, value in own_outcome(record, final.outcome).items():
+        with _collect_refusal(refused, robot, "outcome"):
+            for name, value in strategy_outcome(record, final.outcome).items():
                 outcomes.setdefault(name, {})[robot] = value
     return RobotReports(
         deeco_result(nodes),
@@ -424,16 +424,16 @@ def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]]) -> RobotReports
 
 
 @contextmanager
-def _refusing(refused: list[str], robot: str, subject: str) -> Iterator[None]:
+def _collect_refusal(refused: list[str], robot: str, subject: str) -> Iterator[None]:
     """Append a raised OutcomeError to `refused` as a sentence."""
     try:
         yield
     except OutcomeError as error:
-        why = printable(str(error)[:_LONGEST]).replace("\n", " ")
-        refused.append(f"{robot}: malformed {subject} report, not counted: {why}")
+        reason = printable(str(error)[:_MAX_REASON]).replace("\n", " ")
+        refused.append(f"{robot}: malformed {subject} report, not counted: {reason}")
 
 
-def rate(count: int, robot_seconds: float) -> float:
+def octet_rate(count: int, robot_seconds: float) -> float:
     """Return octets per robot and second; 0 for no time."""
     return round(count / robot_seconds, 3) if robot_seconds else 0.0
 

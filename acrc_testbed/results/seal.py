@@ -19,7 +19,7 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError, printable
 
 HOSTS_FILE: Final = "hosts.json"
-_LARGEST: Final = 16 << 20
+_MAX_BYTES: Final = 16 << 20
 PrintableText = Annotated[str, msgspec.Meta(max_length=4096, pattern=r"\A[^\x00-\x1f\x7f-\x9f]*\Z")]
 """Text without control characters, safe to print."""
 Id = Annotated[str, msgspec.Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
@@ -83,7 +83,7 @@ def write_hosts(out: Path, hosts: HostsFile) -> None:
 def read_hosts(out: Path) -> HostsFile | None:
     """Read hosts.json of a run; None if all robots ran on one computer. Raises AcrcError."""
     path = out / HOSTS_FILE
-    return typed_json.read(path, HostsFile, "list of a run's hosts", _LARGEST) if path.exists() else None
+    return typed_json.read(path, HostsFile, "list of a run's hosts", _MAX_BYTES) if path.exists() else None
 
 
 def remote_recordings(out: Path) -> Mapping[str, RemoteFile]:
@@ -96,24 +96,24 @@ def remote_recordings(out: Path) -> Mapping[str, RemoteFile]:
 def fetch_sentence(out: Path, left: Mapping[str, RemoteFile]) -> str:
     """Return a sentence that names recordings still on hosts and the command to fetch them."""
     hosts = sorted({one.host for one in left.values()})
-    some = next(iter(left))
+    first = next(iter(left))
     others = "1 more is" if len(left) == 2 else f"{len(left) - 1} more are"
     more = f" and {others}" if len(left) > 1 else " is"
     return (
-        f"{out / some}{more} still on {'host' if len(hosts) == 1 else 'hosts'} {', '.join(hosts)}; "
+        f"{out / first}{more} still on {'host' if len(hosts) == 1 else 'hosts'} {', '.join(hosts)}; "
         f"fetch with `{command_line('cluster', 'fetch', out)}`"
     )
 
 
 SUMS: Final = "SHA256SUMS"
-_NEW: Final = f"{SUMS}.new"
-_OWN: Final = "own"
-_OWN_BYTES: Final = 1_000_000_000
+_TEMPORARY: Final = f"{SUMS}.new"
+_OWN_FOLDER: Final = "own"
+_MAX_OWN_BYTES: Final = 1_000_000_000
 """Size up to which a strategy's own folder is sealed, bytes; own choice: about a second of hashing."""
-_OWN_FILES: Final = 10_000
-_SEAL_LARGEST: Final = 64 * 1024 * 1024
+_MAX_OWN_FILES: Final = 10_000
+_MAX_SEAL_BYTES: Final = 64 * 1024 * 1024
 """Upper limit of SHA256SUMS, bytes."""
-_NAMED: Final = 5
+_SHOWN: Final = 5
 """Files named in a sentence."""
 _DERIVED: Final = re.compile(r"[^/]*\.rrd|report/[^/]+\.(html|png|svg|csv)")
 """Derived files, not sealed: views, traces, a campaign's report."""
@@ -123,7 +123,7 @@ _END: Final = "# SHA-256 of the lines above: "
 
 
 class SealError(AcrcError):
-    """Error: a folder differs from its seal."""
+    """A folder that differs from its seal."""
 
 
 class SealReport(NamedTuple):
@@ -139,7 +139,7 @@ class SealReport(NamedTuple):
 def checksum_lines(sums: Mapping[str, str], left_out: Iterable[str] = ()) -> bytes:
     """Return the content of SHA256SUMS; `sums`: by name relative to its folder."""
     text = b"".join(
-        [_line(sums[name], name) for name in sorted(sums)]
+        [_checksum_line(sums[name], name) for name in sorted(sums)]
         + [os.fsencode(f"{_LEFT_OUT}{_escaped(name)}\n") for name in sorted(left_out)]
     )
     return text + f"{_END}{hashlib.sha256(text).hexdigest()}\n".encode()
@@ -153,11 +153,11 @@ def seal(folder: Path, missing: Mapping[str, str] | None = None) -> None:
     sums = dict(missing or {})
     left_out: list[str] = []
     for name, is_file in _entries(folder):
-        found = _sum(folder / name) if is_file else None
-        if found is None:
+        checksum = _sha256_of(folder / name) if is_file else None
+        if checksum is None:
             left_out.append(name)
         else:
-            sums[name] = found
+            sums[name] = checksum
     regular_file.write_atomically(folder / SUMS, checksum_lines(sums, left_out))
 
 
@@ -166,19 +166,19 @@ def check_seal(folder: Path) -> SealReport | None:
     path = folder / SUMS
     if not os.path.lexists(path):
         return None
-    sums, left_out = _read(path)
-    sums = {name: was for name, was in sums.items() if not _DERIVED.fullmatch(name)}
-    present, away = dict(_entries(folder)), remote_recordings(folder)
-    for name, was in sums.items():
-        place = _place(folder, name)
-        if name in away:
-            raise SealError(fetch_sentence(folder, away))
+    sums, left_out = _read_seal(path)
+    sums = {name: expected for name, expected in sums.items() if not _DERIVED.fullmatch(name)}
+    present, remote = dict(_entries(folder)), remote_recordings(folder)
+    for name, expected in sums.items():
+        place = _shown_path(folder, name)
+        if name in remote:
+            raise SealError(fetch_sentence(folder, remote))
         if name not in present:
             raise SealError(f"{place}: missing; it is listed in {SUMS}")
-        found = _sum(folder / name) if present[name] else None
-        if found is None:
+        actual = _sha256_of(folder / name) if present[name] else None
+        if actual is None:
             raise SealError(f"{place}: not a readable file; it is listed in {SUMS}")
-        if found != was:
+        if actual != expected:
             raise SealError(f"{place}: changed; its SHA-256 differs from {SUMS}")
     parts = {name.partition("/")[0] for name in (*sums, *left_out) if "/" in name}
     added = []
@@ -187,7 +187,9 @@ def check_seal(folder: Path) -> SealReport | None:
             continue
         top, inside, _ = name.partition("/")
         if inside and (top in parts or name.endswith(".mcap")):
-            raise SealError(f"{_place(folder, name)}: added among the run's own files; not listed in {SUMS}")
+            raise SealError(
+                f"{_shown_path(folder, name)}: added among the run's own files; not listed in {SUMS}"
+            )
         added.append(name)
     return SealReport(len(sums), tuple(left_out), tuple(sorted(added)))
 
@@ -202,14 +204,14 @@ def seal_sentence(folder: Path, sealed: SealReport | None) -> str:
     text = f"sealed: all {sealed.files} files match {SUMS}"
     for label, names in (("not sealed", sealed.left_out), ("added since", sealed.added)):
         if names:
-            more = ", …" if len(names) > _NAMED else ""
-            text += f"; {label}: {len(names)} ({printable(', '.join(map(_escaped, names[:_NAMED])))}{more})"
+            more = ", …" if len(names) > _SHOWN else ""
+            text += f"; {label}: {len(names)} ({printable(', '.join(map(_escaped, names[:_SHOWN])))}{more})"
     return text
 
 
-def _read(path: Path) -> tuple[dict[str, str], list[str]]:
+def _read_seal(path: Path) -> tuple[dict[str, str], list[str]]:
     """Return the checksums and the entries not sealed. Raises SealError for a damaged file."""
-    content = _content(path)
+    content = _seal_content(path)
     body, mark, end = content.rpartition(_END.encode())
     if not mark or end != f"{hashlib.sha256(body).hexdigest()}\n".encode():
         raise SealError(f"{path}: damaged or truncated: the checksum of its own lines does not match")
@@ -218,20 +220,20 @@ def _read(path: Path) -> tuple[dict[str, str], list[str]]:
     for line in os.fsdecode(body).split("\n")[:-1]:
         entry = _LINE.fullmatch(line)
         if entry:
-            sums[_plain(entry[3]) if entry[1] else entry[3]] = entry[2]
+            sums[_unescaped(entry[3]) if entry[1] else entry[3]] = entry[2]
         elif line.startswith(_LEFT_OUT):
-            left_out.append(_plain(line.removeprefix(_LEFT_OUT)))
+            left_out.append(_unescaped(line.removeprefix(_LEFT_OUT)))
         else:
             raise SealError(f"{path}: invalid line {printable(line[:80])!r}")
     return sums, left_out
 
 
-def _content(path: Path) -> bytes:
+def _seal_content(path: Path) -> bytes:
     with suppress(OSError), regular_file.open_regular(path, links=False) as file:
-        content = file.read(min(os.fstat(file.fileno()).st_size, _SEAL_LARGEST) + 1)
-        if len(content) <= _SEAL_LARGEST:
+        content = file.read(min(os.fstat(file.fileno()).st_size, _MAX_SEAL_BYTES) + 1)
+        if len(content) <= _MAX_SEAL_BYTES:
             return content
-    raise SealError(f"{path}: must be a regular file of at most {_SEAL_LARGEST} bytes")
+    raise SealError(f"{path}: must be a regular file of at most {_MAX_SEAL_BYTES} bytes")
 
 
 def _entries(folder: Path) -> Iterator[tuple[str, bool]]:
@@ -251,9 +253,9 @@ def _entries(folder: Path) -> Iterator[tuple[str, bool]]:
         for entry in entries:
             name = f"{inside}/{entry.name}" if inside else entry.name
             if not entry.is_dir(follow_symlinks=False):
-                if name not in (SUMS, _NEW) and not _DERIVED.fullmatch(name):
+                if name not in (SUMS, _TEMPORARY) and not _DERIVED.fullmatch(name):
                     yield name, entry.is_file(follow_symlinks=False)
-            elif entry.name == _OWN and name.count("/") == 1 and _is_too_large(folder / name):
+            elif entry.name == _OWN_FOLDER and name.count("/") == 1 and _is_too_large(folder / name):
                 yield name, False
             else:
                 waiting.append(name)
@@ -262,7 +264,7 @@ def _entries(folder: Path) -> Iterator[tuple[str, bool]]:
 def _is_too_large(folder: Path) -> bool:
     size = files = 0
     waiting = [folder]
-    while waiting and size <= _OWN_BYTES and files <= _OWN_FILES:
+    while waiting and size <= _MAX_OWN_BYTES and files <= _MAX_OWN_FILES:
         with suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
                 files += 1
@@ -270,32 +272,32 @@ def _is_too_large(folder: Path) -> bool:
                     waiting.append(Path(entry.path))
                 elif entry.is_file(follow_symlinks=False):
                     size += entry.stat(follow_symlinks=False).st_size
-                if files > _OWN_FILES:
+                if files > _MAX_OWN_FILES:
                     break
-    return size > _OWN_BYTES or files > _OWN_FILES
+    return size > _MAX_OWN_BYTES or files > _MAX_OWN_FILES
 
 
-def _sum(path: Path) -> str | None:
+def _sha256_of(path: Path) -> str | None:
     """Return a file's SHA-256; None if it cannot be read."""
     with suppress(OSError):
         return regular_file.size_and_sha256(path)[1]
     return None
 
 
-def _place(folder: Path, name: str) -> str:
+def _shown_path(folder: Path, name: str) -> str:
     return printable(f"{folder}/{_escaped(name)}")
 
 
-def _line(found: str, name: str) -> bytes:
+def _checksum_line(checksum: str, name: str) -> bytes:
     """Return a line in the format of sha256sum."""
     escaped = _escaped(name)
-    return os.fsencode(f"{'' if escaped == name else chr(92)}{found}  {escaped}\n")
+    return os.fsencode(f"{'' if escaped == name else chr(92)}{checksum}  {escaped}\n")
 
 
 def _escaped(name: str) -> str:
     return name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
 
 
-def _plain(name: str) -> str:
+def _unescaped(name: str) -> str:
     signs = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
     return re.sub(r"\\[\\nr]", lambda found: signs[found.group()], name)

@@ -27,7 +27,7 @@ def print_result(result: RunResult, *, json: bool) -> None:
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
         return
     console = create_console()
-    print_table(console, _table(result))
+    print_table(console, _result_table(result))
     for sentence in result_sentences(result):
         console.print(sentence)
     if not result.is_simulated:
@@ -53,17 +53,17 @@ def result_sentences(result: RunResult) -> Iterator[str]:
         if result.places_done is not None:
             done = f"{result.places_done} of {result.places_total} places cleaned"
             yield f"Ground truth: {done}, {result.contacts} contacts."
-        yield from _radio(result)
+        yield from _radio_sentences(result)
         return
-    yield from _places_done(result)
+    yield from _completion_sentences(result)
     yield from _place_sentences(result)
-    yield from _wall_time(result)
+    yield from _wall_time_sentence(result)
     yield from monitor.delay_sentences(result.held_up)
-    yield from _radio(result)
-    yield from _driving(result)
+    yield from _radio_sentences(result)
+    yield from _driving_sentences(result)
 
 
-def print_next(out: Path, baseline: Sequence[str] = ()) -> None:
+def print_next_commands(out: Path, baseline: Sequence[str] = ()) -> None:
     """Print commands that show the run, and one that repeats it without adaptation.
 
     `baseline`: arguments of the last command; empty: none.
@@ -79,12 +79,12 @@ LIVE_VIEW: Final = "To watch the run live"
 """Beginning of the sentence that is omitted once the run has ended."""
 
 
-def print_viewer(out: Path) -> None:
+def print_live_view_address(out: Path) -> None:
     """Print the address of the live view on standard error."""
     _print_lines(_view_log(out))
 
 
-def print_view(out: Path) -> None:
+def print_observer_messages(out: Path) -> None:
     """Print the observer's final messages on standard error."""
     _print_lines([line for line in _view_log(out) if not line.startswith(LIVE_VIEW)])
 
@@ -99,19 +99,19 @@ def _print_lines(lines: Sequence[str]) -> None:
         create_console(stderr=True).print(line)
 
 
-def _table(result: RunResult) -> Table:
+def _result_table(result: RunResult) -> Table:
     """Return a row per robot and one for all; columns without values are left out."""
     cells: dict[str, Callable[[RobotResult | RunResult], str]] = {}
     if result.is_simulated:
-        cells["places cleaned"] = lambda of: f"{of.places_done} of {of.places_total}"
+        cells["places cleaned"] = lambda result: f"{result.places_done} of {result.places_total}"
     else:
-        cells["reported"] = lambda of: f"{of.places_claimed} of {of.places_total}"
+        cells["reported"] = lambda result: f"{result.places_claimed} of {result.places_total}"
     if result.places_given_up:
-        cells["given up"] = lambda of: str(of.places_given_up)
-    cells["finished at"] = lambda of: _instant(of.completion_s)
+        cells["given up"] = lambda result: str(result.places_given_up)
+    cells["finished at"] = lambda result: _completion_text(result.completion_s)
     if not result.is_simulated:
-        cells["sent"] = lambda of: str(of.frames["frames_sent"])
-        cells["heard"] = lambda of: str(of.frames["copies_heard"])
+        cells["sent"] = lambda result: str(result.frames["frames_sent"])
+        cells["heard"] = lambda result: str(result.frames["copies_heard"])
         if any(map(_lateness, result.per_robot.values())):
             cells["late p50, p99"] = _lateness
         cells[f"clock against {result.reference}"] = _clock
@@ -127,36 +127,36 @@ def _table(result: RunResult) -> Table:
     return table
 
 
-def _lateness(of: RobotResult | RunResult) -> str:
-    if isinstance(of, RunResult) or of.lateness_p50_ms is None:
+def _lateness(part: RobotResult | RunResult) -> str:
+    if isinstance(part, RunResult) or part.lateness_p50_ms is None:
         return ""
-    return f"{of.lateness_p50_ms} ms, {of.lateness_p99_ms} ms"
+    return f"{part.lateness_p50_ms} ms, {part.lateness_p99_ms} ms"
 
 
-def _clock(of: RobotResult | RunResult) -> str:
+def _clock(part: RobotResult | RunResult) -> str:
     """Return a line for each interval of the clock."""
-    if isinstance(of, RunResult):
+    if isinstance(part, RunResult):
         return ""
     return "\n".join(
         "unknown" if one.error_s is None else f"{one.offset_s:+.4f} s ± {one.error_s * 1000:.2f} ms"
-        for one in of.clock
+        for one in part.clock
     )
 
 
 def _place_sentences(result: RunResult) -> Iterator[str]:
     """Yield sentences on settled, falsely reported and lost places."""
     if result.completion_s is None and result.settled_s is not None:
-        yield f"Every place was reported or given up by {_s(result.settled_s)} s."
+        yield f"Every place was reported or given up by {_seconds_text(result.settled_s)} s."
     if result.places_done is not None and result.places_claimed > result.places_done:
-        untrue = result.places_claimed - result.places_done
-        yield f"{_places(untrue)} reported although no robot had visited {'it' if untrue == 1 else 'them'}."
+        false = result.places_claimed - result.places_done
+        yield f"{_places(false)} reported although no robot had visited {'it' if false == 1 else 'them'}."
         if result.settled_s is not None:
             yield "False reports ended the run."
     if result.places_lost:
         yield f"{_places(result.places_lost)} lost: neither reported nor given up, and on no robot's route."
 
 
-def _places_done(result: RunResult) -> Iterator[str]:
+def _completion_sentences(result: RunResult) -> Iterator[str]:
     """Yield a sentence on places cleaned and time, the chapter's first two metrics."""
     if not result.places_total:
         yield "There were no places to clean."
@@ -166,17 +166,17 @@ def _places_done(result: RunResult) -> Iterator[str]:
     if by and result.origin.navigation:
         by += f" and navigation {printable(result.origin.navigation)}"
     if result.completion_s is not None:
-        lasted = _s(result.completion_s)
+        lasted = _seconds_text(result.completion_s)
         yield f"{robots}{by} cleaned all {result.places_total} places in {lasted} simulated s."
         return
     left = result.places_total - (result.places_done or 0)
     yield (
         f"{robots}{by} cleaned {result.places_done} of {result.places_total} places in "
-        f"{_s(result.simulated_s)} simulated s; {left} {'is' if left == 1 else 'are'} left."
+        f"{_seconds_text(result.simulated_s)} simulated s; {left} {'is' if left == 1 else 'are'} left."
     )
 
 
-def _wall_time(result: RunResult) -> Iterator[str]:
+def _wall_time_sentence(result: RunResult) -> Iterator[str]:
     """Yield a sentence on wall time."""
     yield (
         f"Wall time: {result.wall_s:.1f} s ({result.real_time_factor:.3g} times faster than real time), "
@@ -184,7 +184,7 @@ def _wall_time(result: RunResult) -> Iterator[str]:
     )
 
 
-def _radio(result: RunResult) -> Iterator[str]:
+def _radio_sentences(result: RunResult) -> Iterator[str]:
     """Yield sentences on the outcomes of frames."""
     counts = result.frames
     sent = counts.get("frames_sent", 0)
@@ -195,19 +195,21 @@ def _radio(result: RunResult) -> Iterator[str]:
         known = f", {sum(lost.values())} lost{_causes(lost)}" if lost or result.is_simulated else ""
         heard = counts.get("copies_heard", 0)
         yield f"Radio: {_frames(sent)} sent; copies at other robots: {heard} received{known}."
-    never = {name: count for name, count in _named_counts(counts, "frames_").items() if name not in _NOT_LOST}
-    if never:
-        yield f"Radio: {_frames(sum(never.values()))} not sent{_causes(never)}."
+    not_sent = {
+        name: count for name, count in _named_counts(counts, "frames_").items() if name not in _NOT_LOST
+    }
+    if not_sent:
+        yield f"Radio: {_frames(sum(not_sent.values()))} not sent{_causes(not_sent)}."
     if missed := _named_counts(counts, "events_"):
         yield f"Radio: events missed by robots: {sum(missed.values())}{_causes(missed)}."
     if result.is_simulated and result.direct_reach is not None:
         yield f"Pairs of robots in direct radio range: {result.direct_reach:.0%} of the time."
 
 
-def _driving(result: RunResult) -> Iterator[str]:
+def _driving_sentences(result: RunResult) -> Iterator[str]:
     """Yield sentences on contacts, localisation errors and navigation goals."""
-    touched = result.contacts or 0
-    yield f"Contacts: {touched or 'none'}."
+    contacts = result.contacts or 0
+    yield f"Contacts: {contacts or 'none'}."
     errors = [part.pose_error for part in result.per_robot.values() if part.pose_error.samples]
     if errors:
         samples = sum(error.samples for error in errors)
@@ -216,7 +218,7 @@ def _driving(result: RunResult) -> Iterator[str]:
         yield (
             f"Localisation error{_in_brackets(result.origin.localisation)}: RMSE {rmse:.2f} m, "
             f"maximum {max(error.greatest for error in errors):.2f} m; "
-            f"{f'robots were lost {_times(lost)}' if lost else 'no robot was lost'}."
+            f"{f'robots were lost {_times_text(lost)}' if lost else 'no robot was lost'}."
         )
     goals = result.navigation
     if goals.goals:
@@ -252,12 +254,12 @@ def _frames(count: int) -> str:
     return "1 frame" if count == 1 else f"{count} frames"
 
 
-def _s(seconds: float) -> str:
+def _seconds_text(seconds: float) -> str:
     """Return seconds to the tenth."""
     return f"{seconds:.1f}".removesuffix(".0")
 
 
-def _times(count: int) -> str:
+def _times_text(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
@@ -265,5 +267,5 @@ def _places(count: int) -> str:
     return "1 place was" if count == 1 else f"{count} places were"
 
 
-def _instant(completion_s: float | None) -> str:
+def _completion_text(completion_s: float | None) -> str:
     return "not all" if completion_s is None else f"{completion_s:.1f} s"

@@ -89,7 +89,7 @@ def _computed(log: RobotLog, process: RecordedProcess) -> RobotInternals:
             if not isinstance(item, Note) and item.payload is not None and topic_of(item.key) in topics:
                 model.extend(decode(topic_of(item.key), item.key, item.payload))
     last = max((tick.step for tick in log.ticks), default=-1)
-    return model.take(last, {drive.step: drive for _, drive in log.of(Drive)})
+    return model.take(last, {drive.step: drive for _, drive in log.messages_of(Drive)})
 
 
 class _Times:
@@ -145,7 +145,7 @@ def _grid(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
         for path in (log.path.parent / "map.yaml", log.path.parent.parent / "map" / "map.yaml"):
             if path.is_file():
                 return load_map(path), ()
-    poses = [drive.pose[:2] for log in trial.all_logs() for _, drive in log.of(Drive) if drive.pose]
+    poses = [drive.pose[:2] for log in trial.all_logs() for _, drive in log.messages_of(Drive) if drive.pose]
     known = np.array(poses, np.float64).reshape(-1, 2)
     low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else (np.zeros(2), np.ones(2))
     columns, rows = np.ceil((high - low + 2 * _MARGIN) / _CELL).astype(np.int64).tolist()

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acrc_testbed.results.field_recordings import FRAME_OUTCOMES
+from acrc_testbed.results.field_recordings import EVENT_COUNTERS
 from acrc_testbed.run_model.data import RunDescription
 from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
 from acrc_testbed.view.run_drawing import RunDrawing
@@ -110,7 +110,7 @@ class FleetView:
         match message:
             case Drive() | RadioEvents() if robot in self.robots:
                 if isinstance(message, RadioEvents):
-                    self._counts.update(FRAME_OUTCOMES[type(event)] for event in message.events)
+                    self._counts.update(EVENT_COUNTERS[type(event)] for event in message.events)
                 self._model.extend(key, with_instants(message, lambda _: round(second * 1e6)), second)
             case Progress():
                 who, told = robot or endpoint, operator_station.progress_text(message)
@@ -122,7 +122,7 @@ class FleetView:
 
     def _plot_frames(self, now: float) -> None:
         """Plot frames per second by outcome."""
-        for name in FRAME_OUTCOMES.values():
+        for name in EVENT_COUNTERS.values():
             path = f"plots/copies/{name}"
             if self._counts[name] and name not in self._drawn:
                 self._drawn.add(name)

@@ -395,7 +395,7 @@ def _supervise(
             if plan.options.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
-                summary.print_viewer(plan.out)
+                summary.print_live_view_address(plan.out)
             if plan.options.control:
                 supervisor.start([control_program(plan)])
                 if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):

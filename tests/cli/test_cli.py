@@ -242,13 +242,13 @@ def test_a_result_names_the_next_commands(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(REPOSITORY)
-    summary.print_next(Path("/o/my run"), ["run", "my.toml", "--strategy", "none"])
+    summary.print_next_commands(Path("/o/my run"), ["run", "my.toml", "--strategy", "none"])
     assert capsys.readouterr().out.splitlines() == [
         "Draw the run: ./acrc view '/o/my run' --png",
         "Open the run in the viewer: ./acrc view '/o/my run'",
         "Repeat it without adaptation: ./acrc run my.toml --strategy none",
     ]
-    summary.print_next(REPOSITORY / "runs" / "a")
+    summary.print_next_commands(REPOSITORY / "runs" / "a")
     assert capsys.readouterr().out.splitlines() == [
         "Draw the run: ./acrc view runs/a --png",
         "Open the run in the viewer: ./acrc view runs/a",

@@ -246,9 +246,9 @@ OPEN = place(5, ("r1", "r4"), given_at=60 * S)
 def test_places_are_counted_by_final_state() -> None:
     every = (DONE, MISTAKEN, GIVEN_UP, LATE, LOST, OPEN)
     assert list(place_counts(every).values()) == [6, 2, 3, 1, 1, None, None, 40.5]
-    assert list(place_counts(every, watched=False).values()) == [6, None, 3, 1, 1, None, None, 40.5]
+    assert list(place_counts(every, has_truth=False).values()) == [6, None, 3, 1, 1, None, None, 40.5]
     assert place_counts((MISTAKEN,))["completion_s"] is None
-    assert place_counts((MISTAKEN,), watched=False)["completion_s"] == 12.0
+    assert place_counts((MISTAKEN,), has_truth=False)["completion_s"] == 12.0
 
 
 @pytest.mark.parametrize(
