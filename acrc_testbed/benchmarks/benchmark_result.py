@@ -61,17 +61,17 @@ class SpeedGoal:
         return f"goal, {self.words}: {figure}, {'met' if self.met else 'MISSED'}"
 
 
-def at_least(name: str, figure: float, goal: float) -> SpeedGoal:
+def min_goal(name: str, figure: float, goal: float) -> SpeedGoal:
     """Return the goal that the figure is at least `goal`."""
     return SpeedGoal(f"{name}, at least {goal:,.6g}", figure, goal, figure >= goal)
 
 
-def at_most(name: str, figure: float, goal: float) -> SpeedGoal:
+def max_goal(name: str, figure: float, goal: float) -> SpeedGoal:
     """Return the goal that the figure is at most `goal`."""
     return SpeedGoal(f"{name}, at most {goal:,.6g}", figure, goal, figure <= goal)
 
 
-def table_of(rows: Sequence[Mapping[str, object]], title: str, form: str = "") -> Table:
+def make_table(rows: Sequence[Mapping[str, object]], title: str, form: str = "") -> Table:
     """Return a table of at least one row, given by column; `form`: format of values that are not text."""
     table = Table(*rows[0], title=title)
     for row in rows:

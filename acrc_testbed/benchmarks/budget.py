@@ -16,13 +16,13 @@ from rich.table import Table
 from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, CommandCost, run_timed
 from acrc_testbed.benchmarks.swarm_runs import (
     SwarmTask,
-    by_package,
     count_allocations,
+    display_name,
     entries,
-    name_of,
     plan_run,
     profile_run,
     recorded_bytes,
+    sum_by_package,
 )
 from actors.console import create_console
 from actors.installation.repository import clone
@@ -39,7 +39,7 @@ TABLE: Final = Path(__file__).with_name("python{}.{}.toml".format(*sys.version_i
 """Saved counts of this version of Python; other versions, which call other functions, may have none."""
 TOLERANCE: Final = 0.02
 """Maximum relative difference of a sum from the saved one."""
-KEPT: Final = {
+SAVED_FIELDS: Final = {
     "calls": "Python calls",
     "messages": "messages",
     "sent": "bytes sent",
@@ -49,14 +49,14 @@ KEPT: Final = {
 _SEED: Final = 1
 _STEPS_PER_SECOND: Final = 10
 """Steps of the scenario per simulated second."""
-_OWN: Final = "acrc_testbed/benchmarks"
+_OWN_PACKAGE: Final = "acrc_testbed/benchmarks"
 """Package of the counting code, whose calls are excluded."""
 _TRACER: Final = "strace"
-_LEAST: Final = 0.0005
-_NAMED: Final = 5
+_MIN_COUNT: Final = 0.0005
+_MAX_NAMED: Final = 5
 """Maximum number of packages named per difference."""
 _DIGITS: Final = 3
-_HEAD: Final = (
+_HEADER: Final = (
     "# Counted cost of a robot-step, written by `acrc bench budget --write`.\n"
     "# The commit that changes it gives the reason.\n\n"
 )
@@ -71,12 +71,12 @@ class CountedSteps:
 
     @property
     def first_s(self) -> float:
-        """Return the start of the counted steps, simulated s (integral)."""
+        """Start of the counted steps, simulated s (integral)."""
         return float(self.seconds // 3)
 
     @property
     def tasks(self) -> tuple[SwarmTask, SwarmTask]:
-        """Return the shorter run and the longer one."""
+        """The shorter run and the longer one."""
         return (
             SwarmTask((ROBOTS,), self.first_s, None, seed=_SEED),
             SwarmTask((ROBOTS,), self.seconds, None, seed=_SEED),
@@ -123,7 +123,7 @@ def count_steps(window: CountedSteps) -> StepCounts:
     """Count in memory, after a short run that imports modules and loads kernels."""
     with plan_run(ROBOTS, replace(window.tasks[0], seconds=2.0), "memory") as plan:
         swarm.run_in_memory(plan, lambda progress: None)
-    short, long = map(_profiled, window.tasks)
+    short, long = map(_profile_counts, window.tasks)
     names = [field.name for field in fields(StepCounts)]
     return StepCounts(*(window.per_step(getattr(short, name), getattr(long, name)) for name in names))
 
@@ -138,15 +138,17 @@ def count_blocks(window: CountedSteps) -> float:
     return window.per_step(*found)[""]
 
 
-def _profiled(task: SwarmTask) -> StepCounts:
+def _profile_counts(task: SwarmTask) -> StepCounts:
     """Count one complete run, from planning to the result."""
     bus = _CountingBus()
     profile, recorded = profile_run(ROBOTS, task, bus)
     called = entries(profile)
     functions: defaultdict[str, float] = defaultdict(float)
     for function, (times, _) in called.items():
-        functions[name_of(function)] += times
-    packages = {name: times for name, times in by_package(called).items() if not name.startswith(_OWN)}
+        functions[display_name(function)] += times
+    packages = {
+        name: times for name, times in sum_by_package(called).items() if not name.startswith(_OWN_PACKAGE)
+    }
     return StepCounts(packages, bus.messages, bus.sent, recorded, functions)
 
 
@@ -171,16 +173,18 @@ class _CountingBus(MemoryBus):
 
 def count_over_mesh(window: CountedSteps) -> MeshCounts:
     """Count over Zenoh. Raises AcrcError if a run fails."""
-    plain = [_over_mesh(task) for task in window.tasks]
-    switches = window.per_step(*({"voluntary": of.voluntary, "forced": of.forced} for of, _, _ in plain))
+    plain = [_count_mesh_run(task) for task in window.tasks]
+    switches = window.per_step(
+        *({"voluntary": cost.voluntary, "forced": cost.forced} for cost, _, _ in plain)
+    )
     traced = None
     if shutil.which(_TRACER):
-        traced = window.per_step(*(_over_mesh(task, traced=True)[2] for task in window.tasks))
+        traced = window.per_step(*(_count_mesh_run(task, traced=True)[2] for task in window.tasks))
     recorded = window.per_step(*(sizes for _, sizes, _ in plain))
     return MeshCounts(traced, switches["voluntary"], switches["forced"], recorded)
 
 
-def _over_mesh(
+def _count_mesh_run(
     task: SwarmTask, *, traced: bool = False
 ) -> tuple[CommandCost, Mapping[str, float], Mapping[str, float]]:
     """Return cost and recorded bytes of a run and, if `traced`, system calls by name."""
@@ -191,20 +195,22 @@ def _over_mesh(
             *("run", str(task.scenario), "--robots", str(ROBOTS), "--seed", str(task.seed)),
             *("--duration", f"{task.seconds:g}", "--bus", "zenoh", "--json", "--out", str(out)),
         )
-        of = run_timed([*tracer, *ACRC, *words])
+        cost = run_timed([*tracer, *ACRC, *words])
         rows = [line.split() for line in table.read_text().splitlines()] if traced else []
         counts = {row[0]: float(row[1]) for row in rows if len(row) == 2 and row[1].isdecimal()}
         counts.pop("total", None)
-        return of, recorded_bytes(out), counts
+        return cost, recorded_bytes(out), counts
 
 
-def as_toml(counts: StepCounts) -> str:
+def counts_text(counts: StepCounts) -> str:
     """Return the text of the file of saved counts, without negligible ones."""
     tables = {
-        name: {one: round(value, _DIGITS) for one, value in getattr(counts, name).items() if value >= _LEAST}
-        for name in KEPT
+        name: {
+            one: round(value, _DIGITS) for one, value in getattr(counts, name).items() if value >= _MIN_COUNT
+        }
+        for name in SAVED_FIELDS
     }
-    return _HEAD + document(tables)
+    return _HEADER + document(tables)
 
 
 def saved_counts() -> StepCounts | None:
@@ -215,29 +221,29 @@ def saved_counts() -> StepCounts | None:
     return StepCounts(**{field.name: content.get(field.name, {}) for field in fields(StepCounts)})
 
 
-def differences(now: StepCounts, kept: StepCounts) -> Iterator[str]:
+def differences(now: StepCounts, saved: StepCounts) -> Iterator[str]:
     """Yield a sentence per sum that differs by more than TOLERANCE, with the packages that differ most."""
-    for name, words in KEPT.items():
-        new, old = getattr(now, name), getattr(kept, name)
+    for name, words in SAVED_FIELDS.items():
+        new, old = getattr(now, name), getattr(saved, name)
         change = sum(new.values()) / sum(old.values()) - 1
         if abs(change) > TOLERANCE:
             yield (
                 f"a robot-step has {sum(new.values()):.1f} {words}, {TABLE.name} "
-                f"{sum(old.values()):.1f} ({change:+.1%}): {_causes(new, old)}; if intended, run "
+                f"{sum(old.values()):.1f} ({change:+.1%}): {_change_text(new, old)}; if intended, run "
                 "`acrc bench budget --write` and give the reason in the commit"
             )
 
 
-def _causes(new: Mapping[str, float], old: Mapping[str, float]) -> str:
+def _change_text(new: Mapping[str, float], old: Mapping[str, float]) -> str:
     """Return the greatest changes as text."""
     changes = {name: new.get(name, 0.0) - old.get(name, 0.0) for name in {**old, **new}}
-    most = sorted(changes, key=lambda name: -abs(changes[name]))[:_NAMED]
-    return ", ".join(f"{name} {changes[name]:+.1f}" for name in most if abs(changes[name]) >= 0.05)
+    largest = sorted(changes, key=lambda name: -abs(changes[name]))[:_MAX_NAMED]
+    return ", ".join(f"{name} {changes[name]:+.1f}" for name in largest if abs(changes[name]) >= 0.05)
 
 
-_LEAST_S: Final = 3.0
+_MIN_DURATION_S: Final = 3.0
 _MAX_CALLED: Final = 25
-_SHOWN: Final = 0.05
+_MIN_SHOWN: Final = 0.05
 """Minimum count per robot-step in the tables."""
 
 
@@ -247,64 +253,64 @@ def measure(bus: str | None = None, duration: float = SECONDS, write: bool = Fal
     `write`: save the counts in memory for this version of Python.
     """
     check_choice("--bus", bus, get_args(Bus))
-    if duration < _LEAST_S:
-        raise wrong_value("--duration", f"{duration:g}", f"at least {_LEAST_S:g} for budget")
+    if duration < _MIN_DURATION_S:
+        raise wrong_value("--duration", f"{duration:g}", f"at least {_MIN_DURATION_S:g} for budget")
     if write and (bus == "zenoh" or duration != SECONDS):
         raise OptionError("--write: cannot be combined with --bus zenoh or --duration")
     if write:
         clone("acrc bench budget --write")
-    say, window = create_console(stderr=True), CountedSteps(duration)
+    console, window = create_console(stderr=True), CountedSteps(duration)
     figures: dict[str, Any] = {"robots": ROBOTS, "from_s": window.first_s, "to_s": window.seconds}
-    shown: list[Table | str] = []
+    output: list[Table | str] = []
     if bus != "zenoh":
-        say.print(f"{ROBOTS} robots in memory …")
-        found, allocated = count_steps(window), count_blocks(window)
-        figures["memory"] = asdict(found) | {"blocks": allocated}
-        shown += _memory(found, allocated, saved_counts() if duration == SECONDS else None)
+        console.print(f"{ROBOTS} robots in memory …")
+        counts, allocated = count_steps(window), count_blocks(window)
+        figures["memory"] = asdict(counts) | {"blocks": allocated}
+        output += _memory_output(counts, allocated, saved_counts() if duration == SECONDS else None)
         if write:
-            TABLE.write_text(as_toml(found))
-            shown.append(f"{TABLE.name} written")
+            TABLE.write_text(counts_text(counts))
+            output.append(f"{TABLE.name} written")
     if bus != "memory":
-        say.print(f"{ROBOTS} robots over Zenoh …")
+        console.print(f"{ROBOTS} robots over Zenoh …")
         mesh = count_over_mesh(window)
         figures["zenoh"] = asdict(mesh)
-        shown += _mesh(mesh)
-    return BenchmarkResult(figures, shown)
+        output += _mesh_output(mesh)
+    return BenchmarkResult(figures, output)
 
 
-def _memory(found: StepCounts, allocated: float, kept: StepCounts | None) -> list[Table | str]:
+def _memory_output(counts: StepCounts, allocated: float, saved: StepCounts | None) -> list[Table | str]:
     tables: list[Table | str] = [
-        _table(f"{words} per robot-step, in memory", getattr(found, name), getattr(kept, name, None))
-        for name, words in KEPT.items()
+        _table(f"{words} per robot-step, in memory", getattr(counts, name), getattr(saved, name, None))
+        for name, words in SAVED_FIELDS.items()
     ]
-    most = dict(islice(found.functions.items(), _MAX_CALLED))
-    tables.insert(1, _table("most frequent functions, calls per robot-step", most, None, whole=False))
+    most_called = dict(islice(counts.functions.items(), _MAX_CALLED))
+    tables.insert(1, _table("most frequent functions, calls per robot-step", most_called, None, whole=False))
     tables.append(f"memory blocks allocated per robot-step, including freed ones: {allocated:.1f}")
-    if kept is not None:
-        tables += [*differences(found, kept)] or [f"equal to {TABLE.name} within 2 %"]
+    if saved is not None:
+        tables += [*differences(counts, saved)] or [f"equal to {TABLE.name} within 2 %"]
     return tables
 
 
-def _mesh(found: MeshCounts) -> list[Table | str]:
-    shown: list[Table | str] = [_table("bytes recorded per robot-step, over Zenoh", found.recorded, None)]
-    if found.system_calls is None:
-        shown.append("system calls not counted: strace is not installed")
+def _mesh_output(counts: MeshCounts) -> list[Table | str]:
+    output: list[Table | str] = [_table("bytes recorded per robot-step, over Zenoh", counts.recorded, None)]
+    if counts.system_calls is None:
+        output.append("system calls not counted: strace is not installed")
     else:
-        shown.append(_table("system calls per robot-step, over Zenoh", found.system_calls, None))
-    switches = f"{found.voluntary:.1f} voluntary, {found.forced:.1f} forced"
-    return [*shown, f"context switches per robot-step, over Zenoh: {switches}"]
+        output.append(_table("system calls per robot-step, over Zenoh", counts.system_calls, None))
+    switches = f"{counts.voluntary:.1f} voluntary, {counts.forced:.1f} forced"
+    return [*output, f"context switches per robot-step, over Zenoh: {switches}"]
 
 
 def _table(
-    title: str, found: Mapping[str, float], kept: Mapping[str, float] | None, *, whole: bool = True
+    title: str, counts: Mapping[str, float], saved: Mapping[str, float] | None, *, whole: bool = True
 ) -> Table:
-    """Return a table of current and saved counts by name, with the sum if they are the `whole`."""
-    rows = Table("", "now", *(("saved",) if kept is not None else ()), title=title)
-    old = kept or {}
-    lines = {name: (found.get(name, 0.0), old.get(name, 0.0)) for name in {**found, **old}}
+    """Return a table of current and saved counts by name, with their sum if they are all counts (`whole`)."""
+    rows = Table("", "now", *(("saved",) if saved is not None else ()), title=title)
+    old = saved or {}
+    lines = {name: (counts.get(name, 0.0), old.get(name, 0.0)) for name in {**counts, **old}}
     if whole:
-        lines["all"] = (sum(found.values()), sum(old.values()))
+        lines["all"] = (sum(counts.values()), sum(old.values()))
     for name, values in lines.items():
-        if max(values) >= _SHOWN:
+        if max(values) >= _MIN_SHOWN:
             rows.add_row(name, *(f"{value:.1f}" for value in values[: len(rows.columns) - 1]))
     return rows

@@ -15,7 +15,7 @@ from typing import Final, get_args
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, run_timed, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, make_table, run_timed
 from acrc_testbed.experiments.paired_tests import Interval, mean_interval
 from actors.console import create_console
 from actors.installation.repository import REPOSITORY, clone
@@ -27,14 +27,14 @@ from deploy.run.options import Bus
 
 HERE: Final = "here"
 ROBOTS: Final = (4, 20, 100)
-_FOREIGN: Final = ("PYTHONPATH", "NUMBA_")
+_EXCLUDED_VARIABLES: Final = ("PYTHONPATH", "NUMBA_")
 """Prefixes of environment variables that could load code of one state into the other."""
-_MOST_S: Final = 120.0
-_LEAST_S: Final = 20.0
+_MAX_S: Final = 120.0
+_MIN_S: Final = 20.0
 _ROBOT_S: Final = 1200.0
 """Robots times simulated seconds of a run; makes runs of all sizes take about equally long."""
 _WARM_UP_S: Final = 2.0
-_WORDS: Final = {
+_FIGURES: Final = {
     "wall_s": "wall, first step to last, s",
     "command_s": "wall, whole command, s",
     "cpu_s": "CPU, all processes, s",
@@ -81,7 +81,7 @@ class ProjectState:
 
     @property
     def chapter(self) -> Path:
-        """Return the path of its scenario `chapter`."""
+        """Path of its scenario `chapter`."""
         return self.folder / "scenarios" / "chapter.toml"
 
     def run(self, case: PairedCase) -> RunCost:
@@ -89,7 +89,7 @@ class ProjectState:
         seed = () if case.seed is None else ("--seed", str(case.seed))
         options = {"--navigation": case.navigation, "--record": case.record} if self.name == HERE else {}
         own = [word for name, value in options.items() if value is not None for word in (name, value)]
-        env = {name: value for name, value in os.environ.items() if not name.startswith(_FOREIGN)}
+        env = {name: value for name, value in os.environ.items() if not name.startswith(_EXCLUDED_VARIABLES)}
         with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
             words = (
                 *(str(self.folder / "acrc"), "run", str(case.scenario or self.chapter)),
@@ -133,9 +133,9 @@ def open_state(name: str) -> Iterator[ProjectState]:
     with tempfile.TemporaryDirectory(prefix="acrc-") as scratch:
         folder = Path(scratch) / "clone"
         try:
-            made = _git("worktree", "add", "--detach", str(folder), name)
-            if made.returncode != 0:
-                raise AcrcError(f"git worktree add {name} fails: {made.stderr.strip()[-300:]}")
+            process = _git("worktree", "add", "--detach", str(folder), name)
+            if process.returncode != 0:
+                raise AcrcError(f"git worktree add {name} fails: {process.stderr.strip()[-300:]}")
             if not (folder / "acrc").is_file():
                 raise wrong_value("COMMIT", name, "a commit that contains a file acrc")
             yield ProjectState(name, folder)
@@ -176,7 +176,7 @@ def measure(
     if scenario is not None and not scenario.is_file():
         raise wrong_value("--scenario", scenario, "a file")
     path = None if scenario is None else scenario.resolve()
-    lengths = {count: duration or min(_MOST_S, max(_LEAST_S, _ROBOT_S // count)) for count in robots}
+    lengths = {count: duration or min(_MAX_S, max(_MIN_S, _ROBOT_S // count)) for count in robots}
     cases = [PairedCase(count, lengths[count], bus, seed, path, navigation, record) for count in robots]
     mine = ProjectState(HERE, clone("acrc bench beside"))
     with open_state(commit) as theirs:
@@ -186,18 +186,18 @@ def measure(
         warnings = list(_differences(mine, theirs, scenario is None))
         for sentence in warnings:
             _log(sentence)
-        found = [(case, _run_pairs(case, mine, theirs, pairs)) for case in cases]
+        results = [(case, _run_pairs(case, mine, theirs, pairs)) for case in cases]
     figures = [
         {
             "robots": case.robots, "simulated_s": case.seconds, "bus": case.bus,
-            "pairs": [{mine.name: asdict(one), theirs.name: asdict(two)} for one, two in of_case],
-            "times_as_fast": {name: _times(of_case, name)._asdict() for name in _WORDS},
-            "digests_equal": _digests_equal(of_case),
+            "pairs": [{mine.name: asdict(one), theirs.name: asdict(two)} for one, two in pair_costs],
+            "times_as_fast": {name: _speed_up(pair_costs, name)._asdict() for name in _FIGURES},
+            "digests_equal": _digests_equal(pair_costs),
         }
-        for case, of_case in found
+        for case, pair_costs in results
     ]  # fmt: skip
-    shown = [one for case, of_case in found for one in _shown(case, of_case, theirs.name)]
-    return BenchmarkResult({"unlike": warnings, "cases": figures}, [*shown, *warnings])
+    output = [one for case, pair_costs in results for one in _case_output(case, pair_costs, theirs.name)]
+    return BenchmarkResult({"unlike": warnings, "cases": figures}, [*output, *warnings])
 
 
 def _log(sentence: str) -> None:
@@ -216,16 +216,16 @@ def _differences(mine: ProjectState, theirs: ProjectState, own_scenarios: bool) 
 
 def _run_pairs(case: PairedCase, mine: ProjectState, theirs: ProjectState, pairs: int) -> list[Pair]:
     """Run the pairs in alternating order, so that machine drift affects both states equally."""
-    found: list[Pair] = []
+    pair_costs: list[Pair] = []
     for number in range(pairs):
         _log(f"{case.robots} robots, pair {number + 1} of {pairs} …")
         order = (mine, theirs) if number % 2 == 0 else (theirs, mine)
         costs = {state.name: state.run(case) for state in order}
-        found.append((costs[mine.name], costs[theirs.name]))
-    return found
+        pair_costs.append((costs[mine.name], costs[theirs.name]))
+    return pair_costs
 
 
-def _times(pairs: Sequence[Pair], name: str) -> Interval:
+def _speed_up(pairs: Sequence[Pair], name: str) -> Interval:
     """Return the geometric mean over pairs of the other state's figure divided by ours."""
     logs = [math.log(getattr(theirs, name) / getattr(mine, name)) for mine, theirs in pairs]
     return Interval(*map(math.exp, mean_interval(logs)))
@@ -235,14 +235,14 @@ def _digests_equal(pairs: Sequence[Pair]) -> bool:
     return len({one.digest for pair in pairs for one in pair}) == 1
 
 
-def _shown(case: PairedCase, pairs: Sequence[Pair], name: str) -> list[Table | str]:
+def _case_output(case: PairedCase, pairs: Sequence[Pair], name: str) -> list[Table | str]:
     rows = []
-    for figure, words in _WORDS.items():
+    for figure, words in _FIGURES.items():
         one, two = (median(getattr(run, figure) for run in runs) for runs in zip(*pairs, strict=True))
-        times = _times(pairs, figure)
+        times = _speed_up(pairs, figure)
         interval = f"{times.low:.2f} to {times.high:.2f}"
         row = {HERE: one, name: two, "speed-up here": times.value, "95 % interval": interval}
         rows.append({"medians": words, **row})
     title = f"{case.robots} robots, {case.seconds:g} s simulated, --bus {case.bus}, {len(pairs)} pairs"
     equal = "equal" if _digests_equal(pairs) else "different: the two states do different work"
-    return [table_of(rows, title, ".2f"), f"digests: {equal}"]
+    return [make_table(rows, title, ".2f"), f"digests: {equal}"]

@@ -23,7 +23,7 @@ from typing import Final, Self
 import msgspec
 import yaml
 
-from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, table_of
+from acrc_testbed.benchmarks.benchmark_result import ACRC, BenchmarkResult, make_table
 from actors.installation.repository import REPOSITORY
 from actors.runtime import process_table
 from actors.runtime.errors import AcrcError
@@ -46,7 +46,7 @@ _HOLD: Final = (
 
 
 class HostsError(AcrcError):
-    """Hosts or a cluster cannot be started."""
+    """Hosts or a cluster that cannot be started."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ class Hosts(ExitStack):
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="acrc-host-")))
             names = ["here", *(f"h{number}" for number in range(1, self._count + 1))]
-            holders = [self._hold(stack, name, folder) for name in names]
-            _link(holders)
+            holders = [self._start_holder(stack, name, folder) for name in names]
+            _connect_hosts(holders)
             disk = folder if self._disk_bytes else None
             self.here, *each = (
                 RigHost(name, f"10.77.{number}.2" if number else HERE, disk if number else None, holder)
@@ -111,7 +111,7 @@ class Hosts(ExitStack):
             self.push(stack.pop_all())
         return self
 
-    def _hold(self, stack: ExitStack, name: str, folder: Path) -> int:
+    def _start_holder(self, stack: ExitStack, name: str, folder: Path) -> int:
         size = 0 if name == "here" else self._disk_bytes
         words = ("unshare", "--net", "--uts", "--mount", "sh", "-c", _HOLD, name, str(size), folder)
         holder = subprocess.Popen(
@@ -133,7 +133,7 @@ class Hosts(ExitStack):
                     raise HostsError(f"links cannot be delayed: {done.stderr.strip()}")
 
     def stall(self, *, stalled: bool) -> None:
-        """Drop all packets to the hosts by a wrong link-layer address, or stop dropping them."""
+        """Drop all packets to the hosts by a wrong link-layer address, or deliver them if not `stalled`."""
         for host in self.each:
             wrong = ("replace", host.address, "lladdr", "02:00:00:00:00:99", "nud", "permanent")
             words = ["ip", "neigh", *(wrong if stalled else ("del", host.address)), "dev", host.name]
@@ -147,7 +147,7 @@ def _uts(pid: int) -> str | None:
         return None
 
 
-def _link(holders: Sequence[int]) -> None:
+def _connect_hosts(holders: Sequence[int]) -> None:
     lines = ["link set lo up", f"address add {HERE}/32 dev lo"]
     for number, holder in enumerate(holders[1:], 1):
         lines += (
@@ -155,13 +155,13 @@ def _link(holders: Sequence[int]) -> None:
             f"address add 10.77.{number}.1/24 dev h{number}",
             f"link set h{number} up",
         )
-    _ip(holders[0], lines)
+    _run_ip(holders[0], lines)
     for number, holder in enumerate(holders[1:], 1):
         own = ("link set lo up", f"address add 10.77.{number}.2/24 dev here", "link set here up")
-        _ip(holder, (*own, f"route add {HERE}/32 via 10.77.{number}.1"))
+        _run_ip(holder, (*own, f"route add {HERE}/32 via 10.77.{number}.1"))
 
 
-def _ip(holder: int, lines: Sequence[str]) -> None:
+def _run_ip(holder: int, lines: Sequence[str]) -> None:
     words = ["nsenter", f"--target={holder}", "--net", "ip", "-batch", "-"]
     subprocess.run(words, input="\n".join(lines) + "\n", text=True, check=True)
 
@@ -182,15 +182,15 @@ class TlsCluster(ExitStack):
         self.folder.mkdir(parents=True)
         _write_keys(self.folder / "keys", self.folder / "scratch")
         with ExitStack() as stack:
-            stack.callback(self._end)
+            stack.callback(self._stop)
             where = ("--protocol", "tls", "--host", HERE, "--port", ADDRESS.rpartition(":")[2])
-            self._start(self._hosts.here, f"Scheduler at: {ADDRESS}", "dask_scheduler", *where)
+            self._start_program(self._hosts.here, f"Scheduler at: {ADDRESS}", "dask_scheduler", *where)
             for host in self._hosts.each:
                 self.start_worker(host)
             self.push(stack.pop_all())
         return self
 
-    def _end(self) -> None:
+    def _stop(self) -> None:
         for name in self._processes:
             self.kill(name)
         for host in self._hosts.each:
@@ -200,14 +200,14 @@ class TlsCluster(ExitStack):
         """Start a worker and wait until it joins."""
         words = (ADDRESS, "--host", host.address, "--name", host.name, "--nthreads", "1", "--no-nanny")
         disk = () if host.disk is None else ("--local-directory", str(host.disk))
-        self._start(host, "Registered to:", "dask_worker", *words, *disk)
+        self._start_program(host, "Registered to:", "dask_worker", *words, *disk)
 
     def kill(self, name: str) -> None:
         """Kill the program on the host of that name (SIGKILL)."""
         self._processes[name].kill()
         self._processes[name].wait()
 
-    def _start(self, host: RigHost, sign: str, program: str, *words: str) -> None:
+    def _start_program(self, host: RigHost, sign: str, program: str, *words: str) -> None:
         path = self.folder / f"{host.name}.log"
         command = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
         with path.open("wb") as log:
@@ -248,10 +248,10 @@ _COLUMNS: Final = ("hosts", "robots", "delay, ms", "steps/s", "CPU of world and 
 
 def measure(robots: Sequence[int] | None = None, duration: float | None = None) -> BenchmarkResult:
     """Measure each number of robots on 1 to 3 hosts, with delays if the kernel supports them."""
-    found: list[dict[str, float]] = []
+    swarms: list[dict[str, float]] = []
     notes: dict[str, None] = {}
     numbers, seconds = tuple(robots or (6, 20, 60)), duration or 10.0
-    found += (_figures(0, 0.0, count, seconds, None, None) for count in numbers)
+    swarms += (_measure_swarm(0, 0.0, count, seconds, None, None) for count in numbers)
     for hosted in (1, 2, 3):
         with (
             tempfile.TemporaryDirectory(prefix="acrc-") as name,
@@ -265,20 +265,24 @@ def measure(robots: Sequence[int] | None = None, duration: float | None = None) 
                 except HostsError as error:
                     notes[str(error)] = None
                     break
-                found += (_figures(hosted, delay_ms, count, seconds, hosts, cluster) for count in numbers)
-    rows = [dict(zip(_COLUMNS, one.values(), strict=True)) for one in found]
+                swarms += (
+                    _measure_swarm(hosted, delay_ms, count, seconds, hosts, cluster) for count in numbers
+                )
+    rows = [dict(zip(_COLUMNS, one.values(), strict=True)) for one in swarms]
     title = "swarms on emulated hosts, CPU per step; 0 hosts: all on this computer"
-    return BenchmarkResult({"cores": os.cpu_count(), "swarms": found}, [table_of(rows, title, ".4g"), *notes])
+    return BenchmarkResult(
+        {"cores": os.cpu_count(), "swarms": swarms}, [make_table(rows, title, ".4g"), *notes]
+    )
 
 
-def _figures(
+def _measure_swarm(
     number: int, delay_ms: float, robots: int, seconds: float, hosts: Hosts | None, cluster: TlsCluster | None
 ) -> dict[str, float]:
     """Run one swarm and return speed and CPU per step; without hosts, on this computer."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         out = Path(name) / "run"
-        given = {"--robots": str(robots), "--duration": f"{seconds:g}", "--out": str(out)}
-        words = [*ACRC, "run", "--json", *chain(*given.items())]
+        options = {"--robots": str(robots), "--duration": f"{seconds:g}", "--out": str(out)}
+        words = [*ACRC, "run", "--json", *chain(*options.items())]
         environment: Mapping[str, str] = os.environ
         if hosts is not None and cluster is not None:
             words, environment = hosts.here.command([*words, "--on", ADDRESS]), cluster.environment
@@ -288,7 +292,7 @@ def _figures(
         if done.returncode:
             raise HostsError(f"run of {robots} robots on {number} hosts failed: {done.stderr.strip()[-500:]}")
         steps = seconds * 10
-        spent = {path.stem: _spent_s(path) for path in out.glob("*/*.mcap")}
+        spent = {path.stem: _cpu_s(path) for path in out.glob("*/*.mcap")}
         centre = spent.pop("world") + spent.pop("radio")
         rate = steps / float(json.loads(done.stdout)["wall_s"])
         return {
@@ -301,7 +305,7 @@ def _figures(
         }
 
 
-def _spent_s(recording: Path) -> float:
+def _cpu_s(recording: Path) -> float:
     """Return the CPU time of an actor from its first to its last step, s."""
     note = msgspec.json.decode(read_notes(recording)["final"], type=FinalNote)
     return note.cpu_s - note.startup_cpu_s

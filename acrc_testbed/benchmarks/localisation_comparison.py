@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, make_table
 from acrc_testbed.benchmarks.localisation_tracking import (
-    BEYOND,
-    LOST,
+    LOST_ERROR,
     NEES_BOUNDS,
     PRESETS,
     STEP_US,
+    TRACKED,
     CourseLogError,
     FilterRun,
     Preset,
     errors_against_truth,
     localisation,
-    read,
+    read_course,
     replay,
 )
 from acrc_testbed.experiments.paired_tests import Interval
@@ -65,7 +65,7 @@ def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
         "median run": f"{np.median([run.rmse for run in runs]):.3f}",
         "median": f"{np.median(errors):.3f}",
         "max": f"{errors.max():.2f}",
-        f"> {BEYOND:g} m": f"{np.mean(errors > BEYOND):.1%}",
+        f"> {TRACKED:g} m": f"{np.mean(errors > TRACKED):.1%}",
         "lost": f"{lost}/{len(runs)} [{share.low:.0%}, {share.high:.0%}]",
         "NEES": f"{np.median(nees):.2f}" if nees.size and math.isfinite(np.median(nees)) else "∞",
         "low/high": "/".join(f"{one:.0%}" for one in outside),
@@ -77,15 +77,15 @@ def table_row(runs: Sequence[FilterRun]) -> dict[str, str]:
 
 LEGEND: Final = (
     "rmse: over all poses of all runs [95 %, bootstrap over runs]; median run: median rmse of runs; "
-    f"lost: runs with a final error > {LOST:g} m [95 %, Wilson]; NEES: median while the error is at most "
-    f"{BEYOND:g} m, ideally 2.37; low/high: share of that time below and above the two-sided 95 % bounds, "
-    "ideally 2.5 % each; detected: intervals of at least 3 s in which the robot was lost and reported it; "
-    f"false: reports with an error of at most {BEYOND:g} m for 5 s before and after; µs: CPU per update, "
+    f"lost: runs with a final error > {LOST_ERROR:g} m [95 %, Wilson]; NEES: median while the error is at "
+    f"most {TRACKED:g} m, ideally 2.37; low/high: share of that time below and above the two-sided 95 % "
+    "bounds, ideally 2.5 % each; detected: intervals of 3 s or more in which the robot was lost and reported "
+    f"it; false: reports with an error up to {TRACKED:g} m for 5 s before and after; µs: CPU per update, "
     "mean (minimum)."
 )
 
 
-_LARGEST: Final = 10_000_000
+_MAX_BYTES: Final = 10_000_000
 
 
 class ReferenceRun(msgspec.Struct):
@@ -130,9 +130,9 @@ def load_reference_runs(file: Path) -> dict[str, ReferenceRuns]:
     """Read the results of another localisation, by log. Raises CourseLogError."""
     try:
         with file.open("rb") as stream:
-            data = stream.read(_LARGEST + 1)
-        if len(data) > _LARGEST:
-            raise CourseLogError(f"{file}: larger than the limit of {_LARGEST} bytes.")
+            data = stream.read(_MAX_BYTES + 1)
+        if len(data) > _MAX_BYTES:
+            raise CourseLogError(f"{file}: larger than the limit of {_MAX_BYTES} bytes.")
         others = msgspec.json.decode(data, type=list[ReferenceRuns])
     except OSError as error:
         raise CourseLogError(f"{file}: cannot be read: {error.strerror}.") from None
@@ -154,10 +154,10 @@ def paired_rows(ours: _Runs, others: Mapping[str, ReferenceRuns]) -> list[Paired
     """Return a row per preset and log and, for several logs, one for all; odometry alone has no row."""
     found = []
     for preset in PRESETS:
-        its = [_row(log, preset, by[preset], others[log].runs) for log, by in ours.items()]
-        found += its
-        if len(its) > 1:
-            found.append(_together(preset, its, ours, others))
+        rows = [_paired_row(log, preset, by[preset], others[log].runs) for log, by in ours.items()]
+        found += rows
+        if len(rows) > 1:
+            found.append(_overall_row(preset, rows, ours, others))
     return found
 
 
@@ -170,7 +170,9 @@ def is_as_good(found: Sequence[PairedRow], ours: _Runs, others: Mapping[str, Ref
     return ratio <= 1.0 and sum(lost) / len(lost) <= sum(their) / len(their)
 
 
-def _row(log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[ReferenceRun]) -> PairedRow:
+def _paired_row(
+    log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[ReferenceRun]
+) -> PairedRow:
     ours, theirs = (np.array([run.rmse for run in side]) for side in (runs, others))
     low, high = np.percentile(bootstrap_means(ours) / bootstrap_means(theirs), (2.5, 97.5)).tolist()
     nees = [
@@ -185,22 +187,22 @@ def _row(log: str, preset: str, runs: Sequence[FilterRun], others: Sequence[Refe
         ratio=float(ours.mean() / theirs.mean()),
         low=low,
         high=high,
-        lost=f"{_lost(runs)}, {_lost(others)}",
-        nees=", ".join(f"{np.median(known):.2f}" if known else "-" for known in nees),
+        lost=f"{_lost_text(runs)}, {_lost_text(others)}",
+        nees=", ".join(f"{np.median(values):.2f}" if values else "-" for values in nees),
     )
 
 
-def _together(
-    preset: Preset, its: Sequence[PairedRow], ours: _Runs, others: Mapping[str, ReferenceRuns]
+def _overall_row(
+    preset: Preset, rows: Sequence[PairedRow], ours: _Runs, others: Mapping[str, ReferenceRuns]
 ) -> PairedRow:
-    logs = np.log([(row.ours, row.theirs, row.ratio) for row in its])
+    logs = np.log([(row.ours, row.theirs, row.ratio) for row in rows])
     low, high = np.exp(np.percentile(bootstrap_means(logs[:, 2]), (2.5, 97.5))).tolist()
-    own = [run for row in its for run in ours[row.log][preset]]
-    their = [run for row in its for run in others[row.log].runs]
+    own = [run for row in rows for run in ours[row.log][preset]]
+    their = [run for row in rows for run in others[row.log].runs]
     mean, other, ratio = np.exp(logs.mean(axis=0)).tolist()
-    lost = f"{_lost(own)}, {_lost(their)}"
+    lost = f"{_lost_text(own)}, {_lost_text(their)}"
     return PairedRow(
-        f"all {len(its)}",
+        f"all {len(rows)}",
         preset,
         ours=mean,
         theirs=other,
@@ -212,11 +214,11 @@ def _together(
     )
 
 
-def _lost(runs: Sequence[FilterRun] | Sequence[ReferenceRun]) -> str:
+def _lost_text(runs: Sequence[FilterRun] | Sequence[ReferenceRun]) -> str:
     return f"{sum(run.lost for run in runs)}/{len(runs)}"
 
 
-def _table_row(row: PairedRow) -> dict[str, str]:
+def _display_row(row: PairedRow) -> dict[str, str]:
     return {
         "log": row.log,
         "preset": row.preset,
@@ -235,32 +237,36 @@ def check(source: Path, seeds: int = 1, other: Path | None = None) -> BenchmarkR
     of another localisation on the same logs (docs/localisation-log.md); the claim holds if preset `chapter`
     has no larger error over all logs and no larger share of lost runs. Raises CourseLogError.
     """
-    known = None if other is None else load_reference_runs(other)
-    runs = {file.stem: _run_all(file, seeds) for file in _logs(source, other, known)}
+    reference = None if other is None else load_reference_runs(other)
+    runs = {file.stem: _run_all(file, seeds) for file in _log_files(source, other, reference)}
     by_log: dict[str, Any] = {
-        log: {preset: [one.figures() for one in its] for preset, its in by_preset.items()}
+        log: {preset: [one.figures() for one in rows] for preset, rows in by_preset.items()}
         for log, by_preset in runs.items()
     }
     figures = by_log if source.is_dir() else next(iter(by_log.values()))
-    if known is None:
+    if reference is None:
         tables = [
-            table_of([{"preset": preset, **table_row(its)} for preset, its in by_preset.items()], log)
+            make_table([{"preset": preset, **table_row(rows)} for preset, rows in by_preset.items()], log)
             for log, by_preset in runs.items()
         ]
         return BenchmarkResult(figures, [*tables, LEGEND])
-    rows = paired_rows(runs, known)
-    table = table_of([_table_row(row) for row in rows], "compared with another localisation on the same logs")
+    rows = paired_rows(runs, reference)
+    table = make_table(
+        [_display_row(row) for row in rows], "compared with another localisation on the same logs"
+    )
     figures = {"logs": figures, "against": [asdict(row) for row in rows]}
-    return BenchmarkResult(figures, [table], is_as_good(rows, runs, known))
+    return BenchmarkResult(figures, [table], is_as_good(rows, runs, reference))
 
 
-def _logs(source: Path, other: Path | None, known: dict[str, ReferenceRuns] | None) -> Sequence[Path]:
+def _log_files(
+    source: Path, other: Path | None, reference: dict[str, ReferenceRuns] | None
+) -> Sequence[Path]:
     files = sorted(source.glob("*.zip")) if source.is_dir() else [source]
     if not files:
         raise CourseLogError(f"{source}: contains no log (*.zip).")
-    if known is None:
+    if reference is None:
         return files
-    unknown = [file.stem for file in files if file.stem not in known]
+    unknown = [file.stem for file in files if file.stem not in reference]
     if unknown:
         raise CourseLogError(
             f"{other}: the log {unknown[0]!r} is missing; every log must be listed with its runs."
@@ -269,7 +275,7 @@ def _logs(source: Path, other: Path | None, known: dict[str, ReferenceRuns] | No
 
 
 def _run_all(file: Path, seeds: int) -> dict[Preset, list[FilterRun]]:
-    course = read(file)
+    course = read_course(file)
 
     def run(preset: Preset, seed: int) -> FilterRun:
         track = replay(course, localisation(course, preset, seed))

@@ -35,7 +35,7 @@ POSES: Final = "time_us,x,y,heading"
 
 
 class CourseLogError(AcrcError):
-    """A log is not readable."""
+    """A log that cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +69,12 @@ _SMALL_BYTES: Final = 65_536
 """Largest about.json and map.yaml."""
 _IMAGE_BYTES: Final = 32_000_000
 """Largest map.png in the archive."""
-_FARTHEST: Final = 1e6
+_MAX_COORDINATE: Final = 1e6
 """Largest coordinate, m."""
-_Coordinate = Annotated[float, msgspec.Meta(ge=-_FARTHEST, le=_FARTHEST)]
+_Coordinate = Annotated[float, msgspec.Meta(ge=-_MAX_COORDINATE, le=_MAX_COORDINATE)]
 
 
-def read(file: Path) -> Course:
+def read_course(file: Path) -> Course:
     """Return the course of a log; ground truth is interpolated between rows. Raises CourseLogError."""
     try:
         with zipfile.ZipFile(file) as archive:
@@ -98,7 +98,7 @@ class _Log:
         instants, odometry = self._poses("odometry.csv")
         stamps, truth = self._poses("truth.csv")
         if stamps[0] > instants[0] or stamps[-1] < instants[-1]:
-            raise self._wrong(
+            raise self._error(
                 f"truth.csv covers {stamps[0]} to {stamps[-1]} µs, but must cover odometry.csv, "
                 f"{instants[0]} to {instants[-1]} µs"
             )
@@ -111,18 +111,18 @@ class _Log:
         try:
             about = json.loads(self._bytes("about.json", _SMALL_BYTES))
         except (ValueError, RecursionError) as error:
-            raise self._wrong(f"about.json is not JSON: {error}") from error
+            raise self._error(f"about.json is not JSON: {error}") from error
         if not isinstance(about, dict) or (about.get("format"), about.get("version")) != (FORMAT, VERSION):
-            raise self._wrong(f'about.json must have "format": "{FORMAT}" and "version": {VERSION}')
+            raise self._error(f'about.json must have "format": "{FORMAT}" and "version": {VERSION}')
         try:
             sensor = decode(RangeSensor, about.get("sensor"), "sensor")
         except AcrcError as error:
-            raise self._wrong(f"in about.json, {error}") from None
+            raise self._error(f"in about.json, {error}") from None
         start = about.get("start")
         try:
             x, y, heading = msgspec.convert(start, tuple[_Coordinate, _Coordinate, _Coordinate])
         except msgspec.ValidationError:
-            raise self._wrong(
+            raise self._error(
                 f"start in about.json is {start!r}, but must be x and y in m and a heading in rad"
             ) from None
         return sensor, Pose(x, y, wrap(heading))
@@ -136,12 +136,12 @@ class _Log:
             try:
                 return load_map(header)
             except MapError as error:
-                raise self._wrong(str(error).replace(f"{folder}/", "").rstrip(".")) from error
+                raise self._error(str(error).replace(f"{folder}/", "").rstrip(".")) from error
 
     def _poses(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         times, poses = self._numbers(name, POSES)
-        if not (np.abs(poses) <= _FARTHEST).all():
-            raise self._wrong(f"{name} has a value beyond ± {_FARTHEST:g} or NaN")
+        if not (np.abs(poses) <= _MAX_COORDINATE).all():
+            raise self._error(f"{name} has a value beyond ± {_MAX_COORDINATE:g} or NaN")
         beyond = (poses[:, 2] <= -np.pi) | (poses[:, 2] > np.pi)
         poses[beyond, 2] = [wrap(angle) for angle in poses[beyond, 2].tolist()]
         return times, poses
@@ -150,7 +150,7 @@ class _Log:
         columns = ",".join(["time_us", *(f"r{i}" for i in range(rays))])
         times, ranges = self._numbers("scans.csv", columns)
         if not ((ranges >= 0) & (ranges <= NO_ECHO_MM) & (ranges == np.floor(ranges))).all():
-            raise self._wrong(f"scans.csv has a range that is not a whole number from 0 to {NO_ECHO_MM} mm")
+            raise self._error(f"scans.csv has a range that is not a whole number from 0 to {NO_ECHO_MM} mm")
         return times, ranges.astype(np.uint16)
 
     def _numbers(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -159,36 +159,36 @@ class _Log:
         header, _, rows = raw.decode("ascii", "replace").partition("\n")
         if header.strip() != columns:
             short = columns if len(columns) < 80 else f"{columns[:30]}… with {columns.count(',')} rays"
-            raise self._wrong(
+            raise self._error(
                 f"{name} begins with {header.strip()[:40]!r}, but its first line must be {short}"
             )
         if not rows.strip():
-            raise self._wrong(f"{name} has no rows; at least one is required")
+            raise self._error(f"{name} has no rows; at least one is required")
         try:
             table = np.loadtxt(io.StringIO(rows), delimiter=",", comments=None, ndmin=2)
         except (ValueError, OverflowError) as error:
-            raise self._wrong(f"{name} is not a table of numbers: {error}") from error
+            raise self._error(f"{name} is not a table of numbers: {error}") from error
         if table.shape[1] != columns.count(",") + 1:
-            raise self._wrong(f"{name} has {table.shape[1]} columns, but its first line names another number")
+            raise self._error(f"{name} has {table.shape[1]} columns, but its first line names another number")
         times = table[:, 0]
         if not (np.isfinite(times) & (np.abs(times) < 2**53) & (times == np.floor(times))).all():
-            raise self._wrong(f"{name} has a time_us that is not a whole number")
+            raise self._error(f"{name} has a time_us that is not a whole number")
         if (np.diff(times) <= 0).any():
             row = int(np.argmax(np.diff(times) <= 0)) + 2
-            raise self._wrong(f"time_us in row {row} of {name} is not later than in the row before")
+            raise self._error(f"time_us in row {row} of {name} is not later than in the row before")
         return times.astype(np.int64), table[:, 1:]
 
-    def _bytes(self, name: str, most: int) -> bytes:
+    def _bytes(self, name: str, max_bytes: int) -> bytes:
         try:
             with self._archive.open(name) as member:
-                content = member.read(most + 1)
+                content = member.read(max_bytes + 1)
         except KeyError:
-            raise self._wrong(f"{name} is missing") from None
-        if len(content) > most:
-            raise self._wrong(f"{name} has more than the {most} bytes allowed")
+            raise self._error(f"{name} is missing") from None
+        if len(content) > max_bytes:
+            raise self._error(f"{name} has more than the {max_bytes} bytes allowed")
         return content
 
-    def _wrong(self, problem: str) -> CourseLogError:
+    def _error(self, problem: str) -> CourseLogError:
         return CourseLogError(f"{self._file}: {problem}.")
 
 
@@ -197,20 +197,20 @@ Preset = Literal["chapter", "robust", "odometry"]
 PRESETS: Final[tuple[Preset, ...]] = ("chapter", "robust")
 STEP_US: Final = 100_000
 """Interval between odometry poses of the simulated courses, µs."""
-BEYOND: Final = 0.5
+TRACKED: Final = 0.5
 """Error above which a robot is not tracking, m."""
-LOST: Final = 1.0
+LOST_ERROR: Final = 1.0
 """Error above which a robot is lost, m."""
 NEES_BOUNDS: Final = (0.2158, 9.3484)
 """The two-sided 95 % bounds of χ² with three degrees of freedom (quantiles 0.025 and 0.975)."""
-ANNOUNCED: Final = 0.95
+REPORT_PROBABILITY: Final = 0.95
 """Estimated probability above which a robot reports that it is lost. With 0.5, more than half of the reports
-among many robots at 58° would be short doubts."""
-SPELL: Final = 30
+among many robots at 58° would be short false alarms."""
+LOST_STEPS: Final = 30
 """Minimum number of consecutive steps with an error above LOST that count as a lost interval; 3 s."""
-AROUND: Final = 50
+CLEAR_STEPS: Final = 50
 """Number of steps before and after a report without an error above BEYOND that make it false; 5 s."""
-FOUND: Final = (0.5, math.radians(15.0))
+RELOCALISED: Final = (0.5, math.radians(15.0))
 """Position and heading errors, m and rad, below which a lost robot has relocalised."""
 
 Floats = NDArray[np.float64]
@@ -265,9 +265,9 @@ def replay(course: Course, localisation: Localisation) -> EstimatedTrack:
             taken = int(newest[step])
             scan = Scan(int(course.stamps[taken]), course.scans[taken].astype("<u2").tobytes())
         sweep = sweeps.take(Instant(int(course.instants[step])), Pose(*here), scan)
-        begun = time.process_time_ns()
+        began = time.process_time_ns()
         estimate = localisation.update(Pose(*here), sweep)
-        costs[step] = (time.process_time_ns() - begun) / 1e9
+        costs[step] = (time.process_time_ns() - began) / 1e9
         track[step] = *estimate.pose, *estimate.covariance, estimate.lost
     covariances = track[:, 3:12].reshape(-1, 3, 3)
     return EstimatedTrack(track[:, :3], covariances, track[:, 12], costs, localisation.outcome())
@@ -303,32 +303,35 @@ class FilterRun:
     @property
     def tracking(self) -> NDArray[np.float32]:
         """NEES of the steps with an error of at most BEYOND."""
-        return self.nees[self.errors <= BEYOND]
+        return self.nees[self.errors <= TRACKED]
 
     @property
     def spells(self) -> list[bool]:
-        """For each lost interval: whether the robot reported it."""
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], self.errors > LOST, [False])).astype(int)))
+        """Whether the robot reported each lost interval."""
+        edges = np.flatnonzero(
+            np.diff(np.concatenate(([False], self.errors > LOST_ERROR, [False])).astype(int))
+        )
         pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-        return [bool(self.announced[begin:end].any()) for begin, end in pairs if end - begin >= SPELL]
+        return [bool(self.announced[begin:end].any()) for begin, end in pairs if end - begin >= LOST_STEPS]
 
     @property
     def false_alarms(self) -> int:
         """Number of reports while the robot was not lost."""
         starts = np.flatnonzero(np.diff(self.announced.astype(int)) > 0) + 1
         return sum(
-            bool((self.errors[max(at - AROUND, 0) : at + AROUND] <= BEYOND).all()) for at in starts.tolist()
+            bool((self.errors[max(at - CLEAR_STEPS, 0) : at + CLEAR_STEPS] <= TRACKED).all())
+            for at in starts.tolist()
         )
 
     @property
     def lost(self) -> bool:
         """True if the final error exceeds LOST."""
-        return bool(self.errors[-1] > LOST)
+        return bool(self.errors[-1] > LOST_ERROR)
 
     def found(self, step: int) -> bool:
         """Return whether the errors are within FOUND at a step, or at the last one."""
         step = min(step, len(self.errors) - 1)
-        return bool(self.errors[step] <= FOUND[0] and self.turns[step] <= FOUND[1])
+        return bool(self.errors[step] <= RELOCALISED[0] and self.turns[step] <= RELOCALISED[1])
 
     def figures(self) -> dict[str, Any]:
         """Return the figures for JSON."""
@@ -338,7 +341,7 @@ class FilterRun:
             "rmse": self.rmse,
             "median": float(np.median(self.errors)),
             "max": float(self.errors.max()),
-            "share_beyond": float(np.mean(self.errors > BEYOND)),
+            "share_beyond": float(np.mean(self.errors > TRACKED)),
             "end": float(self.errors[-1]),
             "lost": self.lost,
             "nees_median": finite(np.median(self.nees)),
@@ -357,14 +360,14 @@ class FilterRun:
 
 def errors_against_truth(seed: int, truth: Floats, odometry: Floats, track: EstimatedTrack) -> FilterRun:
     """Return the errors of a run. `truth`, `odometry`: (n, 3), m and rad."""
-    off = track.poses - truth
-    off[:, 2] -= math.tau * np.rint(off[:, 2] / math.tau)
+    errors = track.poses - truth
+    errors[:, 2] -= math.tau * np.rint(errors[:, 2] / math.tau)
     return FilterRun(
         seed,
-        np.hypot(off[:, 0], off[:, 1]).astype(np.float32),
-        np.abs(off[:, 2]).astype(np.float32),
-        nees(off, track.covariances).astype(np.float32),
-        track.lost > ANNOUNCED,
+        np.hypot(errors[:, 0], errors[:, 1]).astype(np.float32),
+        np.abs(errors[:, 2]).astype(np.float32),
+        nees(errors, track.covariances).astype(np.float32),
+        track.lost > REPORT_PROBABILITY,
         track.costs[weighed_calls(odometry, track.poses)].astype(np.float32),
         track.outcome,
     )
@@ -382,17 +385,17 @@ def weighed_calls(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
     return changed
 
 
-def nees(off: Floats, covariances: Floats) -> Floats:
+def nees(errors: Floats, covariances: Floats) -> Floats:
     """Return (n,) normalised estimation errors squared eᵀ P⁻¹ e of errors (n, 3), covariances (n, 3, 3).
 
     inf where P is not positive definite, even for an error of zero (Bar-Shalom, Li and
     Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.2).
     """
-    values = np.full(len(off), math.inf)
+    values = np.full(len(errors), math.inf)
     # scaled to a unit diagonal, since m² and rad² may differ by orders of magnitude
     scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
     sound = (scale > 0).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
-    scale, unit = scale[sound], off[sound] / scale[sound]
+    scale, unit = scale[sound], errors[sound] / scale[sound]
     correlation = covariances[sound] / (scale[:, :, None] * scale[:, None, :])
     definite = np.linalg.eigvalsh(correlation)[:, 0] > 1e-9
     solved = np.linalg.solve(correlation[definite], unit[definite][:, :, None])[:, :, 0]

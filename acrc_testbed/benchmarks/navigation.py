@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from rich.table import Table
 
-from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, make_table
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
@@ -44,15 +44,15 @@ _SAME: Final = 1e-4
 _NOW: Final = Instant(1)
 Rows = Mapping[str, NDArray[Any]]
 _T = TypeVar("_T")
-_DAMAGE: Final = (
+_DATA_ERRORS: Final = (
     *(OSError, EOFError, zipfile.BadZipFile, zlib.error),
     *(ValueError, TypeError, IndexError, AttributeError, ParameterError),
 )
 """Errors of files of another kind, or with inconsistent arrays."""
 
 
-class RowsError(AcrcError):
-    """Reference data are not readable."""
+class ReferenceDataError(AcrcError):
+    """Reference data that cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class CycleComparison:
 
 @dataclass(frozen=True)
 class CycleFigures:
-    """Figures of some cycles; shares refer to cycles with a valid trajectory on both sides."""
+    """Figures of several cycles; shares refer to cycles with a valid trajectory on both sides."""
 
     cycles: int
     same: float
@@ -101,53 +101,53 @@ class PlanFigures:
     """Maximum distance of our points from the original's plan, m."""
 
 
-def _body() -> RobotModel:
+def _robot_model() -> RobotModel:
     return load_model("turtlebot2", None)
 
 
 def check(folder: Path) -> BenchmarkResult:
-    """Compare with all reference data in a folder. Raises RowsError."""
-    logs = dict(_of_files(folder, "local_*.npz", _cycles))
-    judged = [cycle for of_file in logs.values() for cycle in of_file]
-    if not judged:
-        raise RowsError(f"{folder}: contains no local_*.npz; give a folder of reference data")
-    cycles = _by_category(judged)
+    """Compare with all reference data in a folder. Raises ReferenceDataError."""
+    logs = dict(_compare_files(folder, "local_*.npz", _compare_cycles))
+    compared = [cycle for of_file in logs.values() for cycle in of_file]
+    if not compared:
+        raise ReferenceDataError(f"{folder}: contains no local_*.npz; give a folder of reference data")
+    cycles = _by_category(compared)
     files = {name: _by_category(of_file) for name, of_file in logs.items()}
-    costs = next((found for _, found in _of_files(folder, "inflation.npz", _inflation)), None)
-    plans = dict(found for _, found in _of_files(folder, "global_*.npz", _plans))
+    costs = next((found for _, found in _compare_files(folder, "inflation.npz", _inflation)), None)
+    plans = dict(found for _, found in _compare_files(folder, "global_*.npz", _compare_plans))
     own: dict[str, Any] = {**cycles, "files": files, "plans": plans, "inflation": costs}
     figures = msgspec.to_builtins(own)
     title = f"preset {PRESET} compared with dwa_local_planner of ROS Indigo"
     shown: list[Table | str] = [
-        table_of([_cycles_row(name, one) for name, one in cycles.items()], title),
-        table_of([_file_row(*one) for one in files.items()], "same, within one sample, of n cycles"),
+        make_table([_cycles_row(name, one) for name, one in cycles.items()], title),
+        make_table([_file_row(*one) for one in files.items()], "same, within one sample, of n cycles"),
         *_map_sentences(plans, costs),
     ]
-    return BenchmarkResult(figures, shown, _holds(cycles, plans, costs))
+    return BenchmarkResult(figures, shown, _is_claim_met(cycles, plans, costs))
 
 
-def _by_category(judged: Sequence[CycleComparison]) -> dict[str, CycleFigures]:
+def _by_category(cycles: Sequence[CycleComparison]) -> dict[str, CycleFigures]:
     """Return the figures of all cycles and of each category."""
-    named = {name: [one for one in judged if one.category == index] for index, name in enumerate(CATEGORIES)}
-    return {name: _figures(cycles) for name, cycles in {"all": judged, **named}.items()}
+    named = {name: [one for one in cycles if one.category == index] for index, name in enumerate(CATEGORIES)}
+    return {name: _cycle_figures(cycles) for name, cycles in {"all": cycles, **named}.items()}
 
 
-def _of_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[tuple[str, _T]]:
-    """Compare each file, with any arrays. Raises RowsError."""
+def _compare_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[tuple[str, _T]]:
+    """Compare each file, with any arrays. Raises ReferenceDataError."""
     for file in sorted(folder.glob(pattern)):
         try:
             with np.load(file, allow_pickle=False) as rows:
                 found = compare({name: rows[name] for name in rows.files})
         except KeyError as error:
-            raise RowsError(f"{file}: array {error} is missing; give reference data") from None
-        except _DAMAGE as error:
-            raise RowsError(f"{file}: cannot be compared: {error}; give reference data") from None
+            raise ReferenceDataError(f"{file}: array {error} is missing; give reference data") from None
+        except _DATA_ERRORS as error:
+            raise ReferenceDataError(f"{file}: cannot be compared: {error}; give reference data") from None
         yield file.stem, found
 
 
-def _cycles(rows: Rows) -> list[CycleComparison]:
+def _compare_cycles(rows: Rows) -> list[CycleComparison]:
     """Choose the velocity of every cycle from the original's inputs, and compare."""
-    model = _body()
+    model = _robot_model()
     local = CostMap(model.sensor, model.footprint.circumradius, LOCAL_MAP_PRESETS[PRESET])
     planner = DwaLocalPlanner(local, model.drive, DWA_PRESETS[PRESET])
     for name in ("plan_points", "pose_odometry", "pose_map", "velocity"):
@@ -156,10 +156,10 @@ def _cycles(rows: Rows) -> list[CycleComparison]:
     side = len(local.squared)
     if rows["costs"].shape[1:] != (side, side):
         raise ValueError(f"the windows of costs must have {side} by {side} cells")
-    return [_compared_cycle(rows, index, local, planner) for index in range(len(rows["time"]))]
+    return [_compare_cycle(rows, index, local, planner) for index in range(len(rows["time"]))]
 
 
-def _compared_cycle(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) -> CycleComparison:
+def _compare_cycle(rows: Rows, index: int, local: CostMap, planner: DwaLocalPlanner) -> CycleComparison:
     column, row = rows["corner"][index]
     local.restore(_NOW, Cell(int(row), int(column)), (rows["costs"][index] == 254).astype(np.uint8))
     begin, end = rows["plan_start"][rows["plan"][index] :][:2]
@@ -170,10 +170,10 @@ def _compared_cycle(rows: Rows, index: int, local: CostMap, planner: DwaLocalPla
     category, there = int(rows["category"][index]), bool(rows["indigo_valid"][index])
     if chosen.cost < 0.0 or not there:
         return CycleComparison(category, chosen.cost >= 0.0, there)
-    return _compared_choice(rows, index, category, (chosen.speed, chosen.turn))
+    return _compare_choice(rows, index, category, (chosen.speed, chosen.turn))
 
 
-def _compared_choice(rows: Rows, index: int, category: int, choice: tuple[float, float]) -> CycleComparison:
+def _compare_choice(rows: Rows, index: int, category: int, choice: tuple[float, float]) -> CycleComparison:
     """Return the comparison of a cycle in which both sides have a valid trajectory."""
     samples = [values[~np.isnan(values)] for values in (rows["vx"][index], rows["omega"][index])]
     spacing = [np.ptp(values) / (count - 1) for values, count in zip(samples, (15, 20), strict=True)]
@@ -195,29 +195,29 @@ def _compared_choice(rows: Rows, index: int, category: int, choice: tuple[float,
     )
 
 
-def _figures(judged: Sequence[CycleComparison]) -> CycleFigures:
-    both = [one for one in judged if one.here and one.there]
+def _cycle_figures(cycles: Sequence[CycleComparison]) -> CycleFigures:
+    both = [one for one in cycles if one.here and one.there]
     regrets = [one.regret for one in both if not math.isnan(one.regret)] or [0.0]
     share = 1.0 / max(len(both), 1)
     return CycleFigures(
-        cycles=len(judged),
+        cycles=len(cycles),
         same=share * sum(one.same for one in both),
         within_one=share * sum(one.within_one for one in both),
         regret_median=float(np.percentile(regrets, 50)),
         regret_90=float(np.percentile(regrets, 90)),
         refused=share * sum(one.refused for one in both),
-        only_ours=sum(one.here and not one.there for one in judged),
-        only_theirs=sum(one.there and not one.here for one in judged),
+        only_ours=sum(one.here and not one.there for one in cycles),
+        only_theirs=sum(one.there and not one.here for one in cycles),
     )
 
 
-def _plans(rows: Rows) -> tuple[str, PlanFigures]:
+def _compare_plans(rows: Rows) -> tuple[str, PlanFigures]:
     """Return the map's name, and the comparison of our plans with navfn's."""
     about = json.loads(str(rows["about"]))
     cells = np.where(rows["occupied"], OCCUPIED, np.where(rows["unknown"], UNKNOWN, FREE))
     grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
     parameters = PLANNER_PRESETS[PRESET]
-    planner = NavfnPlanner(global_costs(grid, _body().footprint.circumradius, parameters), parameters)
+    planner = NavfnPlanner(global_costs(grid, _robot_model().footprint.circumradius, parameters), parameters)
     ratios, apart = [], []
     theirs = np.split(rows["plan_points"], rows["plan_start"][1:-1])
     for start, goal, path in zip(rows["starts"], rows["goals"], theirs, strict=True):
@@ -241,12 +241,12 @@ def _inflation(rows: Rows) -> dict[str, float]:
     about = json.loads(str(rows["about"]))
     marks = np.unpackbits(rows["marks"], axis=-1)
     parts = {"costs_local": "local", "costs_global": "glob"}
-    equal = sum(_equal(marks, rows[name], about[numbers]) for name, numbers in parts.items())
+    equal = sum(_equal_costs(marks, rows[name], about[numbers]) for name, numbers in parts.items())
     return {"cells": 2 * marks.size, "equal": equal / (2 * marks.size)}
 
 
-def _equal(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping[str, float]) -> int:
-    model = _body()
+def _equal_costs(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping[str, float]) -> int:
+    model = _robot_model()
     parameters: CostMapParameters = replace(
         LOCAL_MAP_PRESETS[PRESET],
         inflation_radius=numbers["inflation_radius"],
@@ -260,7 +260,7 @@ def _equal(marks: NDArray[np.uint8], theirs: NDArray[np.uint8], numbers: Mapping
     return equal
 
 
-def _holds(
+def _is_claim_met(
     cycles: Mapping[str, CycleFigures], plans: Mapping[str, PlanFigures], costs: Mapping[str, float] | None
 ) -> bool:
     agree = all(
@@ -276,12 +276,12 @@ def _holds(
     return agree and lengths and (costs is None or costs["equal"] >= MIN_EQUAL)
 
 
-def _cycles_row(name: str, of: CycleFigures) -> dict[str, object]:
+def _cycles_row(name: str, row: CycleFigures) -> dict[str, object]:
     return {
-        "cycles": name.replace("_", " "), "n": of.cycles, "same": f"{of.same:.1%}",
-        "within one sample": f"{of.within_one:.1%}", "regret: median": f"{of.regret_median:.3f}",
-        "90 %": f"{of.regret_90:.3f}", "refused": f"{of.refused:.1%}", "only ours": of.only_ours,
-        "only theirs": of.only_theirs,
+        "cycles": name.replace("_", " "), "n": row.cycles, "same": f"{row.same:.1%}",
+        "within one sample": f"{row.within_one:.1%}", "regret: median": f"{row.regret_median:.3f}",
+        "90 %": f"{row.regret_90:.3f}", "refused": f"{row.refused:.1%}", "only ours": row.only_ours,
+        "only theirs": row.only_theirs,
     }  # fmt: skip
 
 

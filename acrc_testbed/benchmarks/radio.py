@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, make_table
 from acrc_testbed.benchmarks.radio_trials import (
     NS3,
     SECOND,
     LossTable,
     OperatingPoint,
-    contend,
-    points,
+    read_points,
+    run_contention,
     scene,
 )
 from acrc_testbed.picture import style
@@ -71,11 +71,11 @@ def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int) -> flo
     places = (free[rng.integers(0, len(free), robots)][:, ::-1] + 0.5) * plan.resolution + plan.origin
     swing = rng.uniform(-0.3, 0.3, (robots, 2))
 
-    def where(instant_ns: int) -> NDArray[np.float64]:
+    def positions(instant_ns: int) -> NDArray[np.float64]:
         at: NDArray[np.float64] = places + swing * math.sin(instant_ns / 1e9)
         return at
 
-    medium.follow(where)
+    medium.follow(positions)
     for number in range(robots):
         medium.offer(number, PoissonTraffic(_CROWD_OCTETS, 1.0))
     return 1e6 * _frame_s(medium, (1 + seconds) * SECOND, _STEP_NS)
@@ -83,7 +83,7 @@ def frame_cost(plan: OccupancyGrid, robots: int, seconds: int, seed: int) -> flo
 
 _SPACING_NS: Final = 45_000_000
 """Interval between frames without contention; longer than the longest channel access."""
-_ARRIVES: Final = "share of frames received"
+_RECEIVED: Final = "share of frames received"
 _WIDTH, _HEIGHT = 7.6, 3.8
 """Inches."""
 _BLACK: Final = 3
@@ -130,14 +130,14 @@ def draw(
             axes.grid(color="#dddddd")
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
             style.save(figure, folder / name)
-    _corridor(folder / "corridor.png", map_file, task)
+    _draw_corridor(folder / "corridor.png", map_file, task)
     written = [str(folder / name) for name in (*_FIGURES, "corridor.png")]
     dots = [] if data else ["Results of ns-3 not drawn: --data is missing."]
     return BenchmarkResult({"written": written, "reference": data is not None}, [*written, *dots])
 
 
 def _label(
-    axes: Axes, title: str, label: str, ticks: Sequence[float], *, y: str = _ARRIVES, scale: str = "linear"
+    axes: Axes, title: str, label: str, ticks: Sequence[float], *, y: str = _RECEIVED, scale: str = "linear"
 ) -> None:
     """Label the axes; x goes from the first tick to the last."""
     axes.set_xscale(scale)
@@ -155,15 +155,15 @@ def _dots(axes: Axes, name: str, x: ArrayLike = (), y: ArrayLike = (), colour: i
     axes.plot(x, y, color=_COLOURS[colour], label=name, linestyle="none", marker="o", markersize=4)
 
 
-def _points(axes: Axes, data: Path | None, family: str) -> list[OperatingPoint]:
+def _reference_points(axes: Axes, data: Path | None, family: str) -> list[OperatingPoint]:
     """Return the points of a family of ns-3; add a legend entry if there are any."""
-    found = [] if data is None else points(data, family)
+    found = [] if data is None else read_points(data, family)
     if found:
         _dots(axes, "dots: ns-3.44")
     return found
 
 
-def _heard(
+def _received_share(
     parameters: RadioParameters, distance: float, task: PlotTask, wifi: WifiParameters | None = None
 ) -> float:
     """Simulate the share of 127-octet frames received over a distance in line of sight."""
@@ -181,14 +181,14 @@ def _heard(
     return float(medium.outcomes()[1, Outcome.HEARD]) / task.frames
 
 
-def _arriving(parameters: RadioParameters, loss_db: NDArray[np.float64]) -> NDArray[np.float64]:
+def _formula_share(parameters: RadioParameters, loss_db: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the share of 127-octet frames received for each loss, by formula."""
     snr_db = parameters.transceiver.tx_power_dbm - loss_db - parameters.phy.noise_dbm
     arriving: NDArray[np.float64] = 1.0 - frame_error_rate(snr_db, 127)
     return arriving
 
 
-def _reach(axes: Axes, task: PlotTask, data: Path | None) -> None:
+def _plot_range(axes: Axes, task: PlotTask, data: Path | None) -> None:
     ticks = (4, 6, 8, 10, 15, 20, 30, 40, 60, 80)
     _label(axes, "Range of 127-octet frames", "distance in line of sight, m", ticks, scale="log")
     distances = np.geomspace(4.0, 80.0, 300)
@@ -197,18 +197,18 @@ def _reach(axes: Axes, task: PlotTask, data: Path | None) -> None:
     for colour, name in enumerate(("chapter", "rosomnet", "beeclick")):
         parameters = preset(name)
         propagation = IndoorPropagation(parameters.propagation)
-        shares = _arriving(parameters, propagation.loss_db(np.zeros((1, 2)), away)[0])
+        shares = _formula_share(parameters, propagation.loss_db(np.zeros((1, 2)), away)[0])
         _line(axes, name, distances, shares, colour)
         grey = distances[(shares > 0.005) & (shares < 0.995)]
         counted = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9)
-        _dots(axes, "_", counted, [_heard(parameters, d, task) for d in counted.tolist()], colour)
+        _dots(axes, "_", counted, [_received_share(parameters, d, task) for d in counted.tolist()], colour)
 
 
-def _error_rate(axes: Axes, task: PlotTask, data: Path | None) -> None:
+def _plot_errors(axes: Axes, task: PlotTask, data: Path | None) -> None:
     label, ticks = "signal to noise, dB", (-3, -2, -1, 0, 1, 2, 3, 4)
     _label(axes, "Frames lost in white noise", label, ticks, y="share of frames lost")
     ratios = np.linspace(-3.0, 4.0, 200).astype(np.float64)
-    reference = _points(axes, data, "a_per")
+    reference = _reference_points(axes, data, "a_per")
     for colour, octets in enumerate(_LENGTHS):
         _line(axes, f"{octets} octets", ratios, frame_error_rate(ratios, octets), colour)
         found = [p for p in reference if p.settings["psdu"] == str(octets)]
@@ -216,7 +216,7 @@ def _error_rate(axes: Axes, task: PlotTask, data: Path | None) -> None:
         _dots(axes, "_", at, [p.figures["per"].value for p in found], colour)
 
 
-def _grey_zone(axes: Axes, task: PlotTask, data: Path | None) -> None:
+def _plot_grey(axes: Axes, task: PlotTask, data: Path | None) -> None:
     label, ticks = "mean received power, dBm", (-100, -96, -92, -88, -84, -80)
     _label(axes, "The grey zone of 127-octet frames", label, ticks)
     for colour, sigma_db in enumerate((0.0, 3.0, 6.0)):
@@ -238,31 +238,31 @@ def grey_zone(sigma_db: float, places: int = PlotTask.places) -> tuple[NDArray[A
         losses = [propagation.loss_db(one[None], other[None])[0, 0] for one, other in zip(*ends, strict=True)]
         shadows = np.array(losses) - 200.0
     losses_db = parameters.transceiver.tx_power_dbm - powers[:, None] + shadows
-    return powers, _arriving(parameters, losses_db).mean(axis=1)
+    return powers, _formula_share(parameters, losses_db).mean(axis=1)
 
 
-def _wifi(axes: Axes, task: PlotTask, data: Path | None) -> None:
+def _plot_wifi(axes: Axes, task: PlotTask, data: Path | None) -> None:
     title = "127-octet frames over 3 m with Wi-Fi on the same channel"
     label = "distance of the Wi-Fi station from the receiver, m"
     _label(axes, title, label, (1, 2, 3, 5, 8, 12, 20, 40), scale="log")
     distances = np.geomspace(1.0, 40.0, 12).tolist()
     for colour, duty in enumerate((0.1, 0.3, 0.6)):
         stations = [WifiParameters((3.0, distance), 1, duty) for distance in distances]
-        shares = [_heard(preset("chapter"), 3.0, task, station) for station in stations]
+        shares = [_received_share(preset("chapter"), 3.0, task, station) for station in stations]
         _dots(axes, f"on {duty:.0%} of the time", distances, shares, colour)
         _line(axes, "_", distances, shares, colour)
 
 
-def _contention(axes: Axes, task: PlotTask, data: Path | None) -> None:
+def _plot_senders(axes: Axes, task: PlotTask, data: Path | None) -> None:
     label = "senders, all in range of each other"
     _label(axes, "60-octet broadcasts received, share of those sent", label, (2, 5, 10, 20, 50), scale="log")
-    reference = _points(axes, data, "c_contention")
+    reference = _reference_points(axes, data, "c_contention")
     for colour, load in enumerate(_PLOTTED_LOADS):
         scenes = [
             scene("c_contention", {"n": str(senders), "psdu": "60", "load": load}) for senders in task.senders
         ]
         seeds = range(1, task.seeds + 1)
-        shares = [np.mean([contend(stage, seed)["pdr_tx"] for seed in seeds]) for stage in scenes]
+        shares = [np.mean([run_contention(stage, seed)["pdr_tx"] for seed in seeds]) for stage in scenes]
         _line(axes, "backlogged" if load == "sat" else f"G = {float(load):g}", task.senders, shares, colour)
         found = [p for p in reference if (p.settings["psdu"], p.settings["load"]) == ("60", load)]
         heard = [p.figures["pdr_tx"].value for p in found]
@@ -270,12 +270,12 @@ def _contention(axes: Axes, task: PlotTask, data: Path | None) -> None:
 
 
 _FIGURES: Final[Mapping[str, Callable[[Axes, PlotTask, Path | None], None]]] = {
-    "reach.svg": _reach, "error_rate.svg": _error_rate, "grey_zone.svg": _grey_zone, "wifi.svg": _wifi,
-    "contention.svg": _contention,
+    "reach.svg": _plot_range, "error_rate.svg": _plot_errors, "grey_zone.svg": _plot_grey,
+    "wifi.svg": _plot_wifi, "contention.svg": _plot_senders,
 }  # fmt: skip
 
 
-def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
+def _draw_corridor(file: Path, map_file: Path, task: PlotTask) -> None:
     """Draw received power on the free floor: darker is stronger; red: fewer than half of frames received."""
     setup = RadioSetup(seed=1, step_us=100_000, robots=(), preset="chapter", map=str(map_file))
     found, grid = radio_model(setup), load_map(map_file)
@@ -319,7 +319,7 @@ _DRAWS: Final = 10
 
 
 def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> BenchmarkResult:
-    """Measure; or, with `out`, only draw the figures of docs/radio.md into that folder.
+    """Measure the medium; with `out`, only draw the figures of docs/radio.md into that folder.
 
     `data`: results of ns-3, drawn as dots. `map_file`: floor of the crowds and of the last figure.
     """
@@ -344,14 +344,14 @@ def measure(out: Path | None = None, data: Path | None = None, map_file: Path = 
         }
         for robots in _CROWDS
     ]
-    costs = [_assessment(side, load) for side in _SIDES for load in _PAIR_LOADS]
+    costs = [_compare_assessments(side, load) for side in _SIDES for load in _PAIR_LOADS]
     shown = (
-        table_of(speeds, "medium only: frames on the air per CPU second"),
-        table_of(
+        make_table(speeds, "medium only: frames on the air per CPU second"),
+        make_table(
             [{"robots": one["robots"], "µs": f"{one['us']:.0f}"} for one in crowds],
             f"medium only, {PER_FLOOR} driving robots per copy of the floor: CPU time per frame",
         ),
-        table_of(costs, "mean pair delivery, robots in a square", ".3g"),
+        make_table(costs, "mean pair delivery, robots in a square", ".3g"),
     )
     return BenchmarkResult({"speeds": speeds, "crowds": crowds, "assessment": costs}, shown)
 
@@ -372,14 +372,14 @@ def _frame_s(medium: Medium, end_ns: int, step_ns: int | None = None) -> float:
     """Return the CPU time per frame from the first second to `end_ns`, s."""
     medium.run(SECOND)  # loads kernels and rows of losses, fills queues
     before = int(medium.counters()["sent"].sum())
-    begun = time.process_time()
+    began = time.process_time()
     for until_ns in range(SECOND + step_ns, end_ns + 1, step_ns) if step_ns else [end_ns]:
         medium.run(until_ns)
-    spent = time.process_time() - begun
+    spent = time.process_time() - began
     return spent / (int(medium.counters()["sent"].sum()) - before)
 
 
-def _assessment(side: float, load: float) -> dict[str, float]:
+def _compare_assessments(side: float, load: float) -> dict[str, float]:
     """Return the delivery ratios of pairs with textbook and with BEE-click clear channel assessment.
 
     Textbook: energy from 10 dB above the sensitivity, or while receiving. Firmware: energy from -69 dBm only

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, table_of
+from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, make_table
 from acrc_testbed.benchmarks.radio_trials import (
     FAMILIES,
     LATENCIES,
@@ -23,7 +23,7 @@ from acrc_testbed.benchmarks.radio_trials import (
     OperatingPoint,
     ReferenceEstimate,
     measure,
-    points,
+    read_points,
 )
 from acrc_testbed.results.clock_alignment import t_quantile
 from actors.console import create_console
@@ -75,16 +75,16 @@ class Agreement:
 def check(data: Path, runs: int = 10) -> BenchmarkResult:
     """Compare the medium with reference data in a folder; `runs`: our frames per reference frame."""
     console = create_console(stderr=True)
-    every: list[FigureComparison] = []
+    comparisons: list[FigureComparison] = []
     agreements: list[Agreement] = []
     throughput = [0.0]
     for family in FAMILIES:
-        there = points(data, family)
-        if not there:
+        reference_points = read_points(data, family)
+        if not reference_points:
             console.print(f"{family}: skipped, {family}.csv is missing or empty.")
             continue
         found: list[FigureComparison] = []
-        for point in there:
+        for point in reference_points:
             own = measure(point, runs)
             found += [
                 compare(point, name, reference, own[name])
@@ -93,18 +93,18 @@ def check(data: Path, runs: int = 10) -> BenchmarkResult:
             ]
             if family.startswith("b_"):
                 throughput.append(abs(own["goodput_kbps"].value / formula_kbps(point) - 1))
-        agreements.append(agreement(family, len(there), found))
-        every += found
+        agreements.append(agreement(family, len(reference_points), found))
+        comparisons += found
     if not agreements:
         raise AcrcError(f"{data}: contains none of the files {', '.join(FAMILIES)} (.csv).")
-    return _result(agreements, every, max(throughput), runs)
+    return _result(agreements, comparisons, max(throughput), runs)
 
 
 def _result(
-    agreements: Sequence[Agreement], every: Sequence[FigureComparison], worst: float, runs: int
+    agreements: Sequence[Agreement], comparisons: Sequence[FigureComparison], worst: float, runs: int
 ) -> BenchmarkResult:
     """Check the goals; `worst`: greatest throughput error."""
-    total = agreement("all", sum(one.points for one in agreements), every)
+    total = agreement("all", sum(one.points for one in agreements), comparisons)
     met = {
         "inside": total.inside >= GOALS["inside_goal"] * total.comparisons,
         "excess": total.worst_ratio_excess <= GOALS["excess_goal"],
@@ -116,12 +116,12 @@ def _result(
         "families": [asdict(one) for one in agreements],
         "all": asdict(total),
         "throughput_error": worst,
-        "outside": [asdict(c) for c in every if not c.inside],
+        "outside": [asdict(c) for c in comparisons if not c.inside],
         "met": met,
     }
     missed = [name for name, reached in met.items() if not reached]
     shown = (
-        table_of([_row(one) for one in (*agreements, total)], "Medium and reference, preset ns3"),
+        make_table([_row(one) for one in (*agreements, total)], "Medium and reference, preset ns3"),
         f"Worst: {total.worst}",
         f"One backlogged sender: throughput within {worst:.3%} of the formula.",
         f"Goals missed: {', '.join(missed)}." if missed else "All goals met.",
@@ -205,10 +205,10 @@ def _ratio(difference: float, error: float) -> float:
     return 0.0 if abs(difference) <= _ROUNDING else math.copysign(_FAR, difference)
 
 
-def _row(of: Agreement) -> dict[str, object]:
-    share = f"{of.inside} ({of.inside / of.comparisons:.1%})" if of.comparisons else "0"
+def _row(row: Agreement) -> dict[str, object]:
+    share = f"{row.inside} ({row.inside / row.comparisons:.1%})" if row.comparisons else "0"
     return {
-        "family": of.family, "points": of.points, "comparisons": of.comparisons, "inside": share,
-        "trivial": of.trivial, "worst z": f"{of.worst_z:.2f}",
-        "worst excess": f"{of.worst_ratio_excess:+.4f}",
+        "family": row.family, "points": row.points, "comparisons": row.comparisons, "inside": share,
+        "trivial": row.trivial, "worst z": f"{row.worst_z:.2f}",
+        "worst excess": f"{row.worst_ratio_excess:+.4f}",
     }  # fmt: skip

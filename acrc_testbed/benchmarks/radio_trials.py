@@ -82,7 +82,7 @@ def mean_estimate(values: Sequence[float]) -> ReferenceEstimate:
     return ReferenceEstimate(mean(values), stdev(values) / math.sqrt(len(values)), len(values) - 1)
 
 
-def points(folder: Path, family: str) -> list[OperatingPoint]:
+def read_points(folder: Path, family: str) -> list[OperatingPoint]:
     """Return the points of a family in the order of its file; empty if the file is missing.
 
     Raises AcrcError if a column is missing or not a number.
@@ -181,7 +181,7 @@ def measure(point: OperatingPoint, times: int) -> Mapping[str, ReferenceEstimate
     if point.family in CAPTURE:
         return _measured_capture(point.settings, times * point.frames)
     stage = scene(point.family, point.settings)
-    runs = [contend(stage, seed) for seed in range(1, times * point.runs + 1)]
+    runs = [run_contention(stage, seed) for seed in range(1, times * point.runs + 1)]
     return {name: mean_estimate([run[name] for run in runs]) for name in runs[0]}
 
 
@@ -189,12 +189,14 @@ def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
     """Return the experiment of a row of a contention family."""
     senders = int(settings["n"])
     fields = {"min_be": "minbe", "max_be": "maxbe", "max_backoffs": "maxnb"}
-    given: dict[str, Any] = {field: int(settings[name]) for field, name in fields.items() if name in settings}
-    transceiver = replace(NS3.transceiver, **given)
+    overrides: dict[str, Any] = {
+        field: int(settings[name]) for field, name in fields.items() if name in settings
+    }
+    transceiver = replace(NS3.transceiver, **overrides)
     load = math.inf if settings["load"] == "sat" else float(settings["load"])
     hidden = family.startswith("d_hidden")
     equal = np.full((senders + 1, senders + 1), 60.0)
-    table = _hidden(10.0 if family.endswith("delta10dB") else 0.0) if hidden else LossTable(equal)
+    table = _hidden_losses(10.0 if family.endswith("delta10dB") else 0.0) if hidden else LossTable(equal)
     stage = TrialScene(
         propagation=table,
         places=table.places,
@@ -210,13 +212,13 @@ def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
     return replace(
         stage,
         propagation=IndoorPropagation(NS3.propagation),
-        places=_scattered(senders, 60.0),
+        places=_scattered_places(senders, 60.0),
         phy=replace(NS3.phy, noise_dbm=-85.0 - _SENSITIVITY_LEAD_DB),
         settings=replace(transceiver, cca_threshold_dbm=-75.0),
     )
 
 
-def contend(stage: TrialScene, seed: int) -> dict[str, float]:
+def run_contention(stage: TrialScene, seed: int) -> dict[str, float]:
     """Run an experiment and return its figures."""
     sink = len(stage.places) - 1
     medium = Medium(
@@ -224,7 +226,7 @@ def contend(stage: TrialScene, seed: int) -> dict[str, float]:
         stage.propagation, stage.phy, seed=seed, watched=[sink],
     )  # fmt: skip
     medium.place(stage.places)
-    _load(medium, stage, seed)
+    _offer_traffic(medium, stage, seed)
     medium.run(SECOND)
     before, heard_before, busy_before = medium.counters(), medium.outcomes()[:, Outcome.HEARD], medium.busy_ns
     events = medium.run((1 + stage.seconds) * SECOND)
@@ -250,20 +252,22 @@ def contend(stage: TrialScene, seed: int) -> dict[str, float]:
     }
 
 
-def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
-    """Offer traffic of all transceivers but the sink; backlogged senders begin at random phases."""
+def _offer_traffic(medium: Medium, stage: TrialScene, seed: int) -> None:
+    """Offer the traffic of all transceivers except the sink; backlogged senders begin at random phases."""
     sink = len(stage.places) - 1
-    to = sink if stage.acknowledged else BROADCAST
+    destination = sink if stage.acknowledged else BROADCAST
     phases = np.random.default_rng(seed).integers(0, SECOND // 10, sink).tolist()
     for sender in range(sink):
         if math.isinf(stage.load):
-            medium.offer(sender, SaturatedTraffic(stage.octets, phases[sender], to, stage.acknowledged))
+            medium.offer(
+                sender, SaturatedTraffic(stage.octets, phases[sender], destination, stage.acknowledged)
+            )
         else:
             rate = stage.load / (sink * airtime_ns(stage.octets) / SECOND)
-            medium.offer(sender, PoissonTraffic(stage.octets, rate, to, stage.acknowledged))
+            medium.offer(sender, PoissonTraffic(stage.octets, rate, destination, stage.acknowledged))
 
 
-def _hidden(weaker_db: float) -> LossTable:
+def _hidden_losses(weaker_db: float) -> LossTable:
     """Return losses with which 0 and 1 reach only 2; 1 is `weaker_db` weaker there than 0."""
     losses = np.full((3, 3), 200.0)
     losses[0, 2] = losses[2, 0] = 70.0
@@ -271,7 +275,7 @@ def _hidden(weaker_db: float) -> LossTable:
     return LossTable(losses)
 
 
-def _scattered(senders: int, side: float) -> NDArray[np.float64]:
+def _scattered_places(senders: int, side: float) -> NDArray[np.float64]:
     """Return positions by a linear congruential generator, x before y; the last one is the centre."""
     state, draws = 1, []
     for _ in range(2 * (senders + 1)):
@@ -286,26 +290,32 @@ def _measured_error_rate(settings: Mapping[str, str], frames: int) -> Mapping[st
     octets = int(settings["psdu"])
     losses = LossTable(np.full((2, 2), -float(settings["rx_dbm"])))
     phy = replace(NS3.phy, noise_dbm=float(settings["noise_dbm"]))
-    heard = _heard(losses, phy, lambda k: [Request(k, 0, octets)], airtime_ns(octets), frames)
+    heard = _count_received(losses, phy, lambda k: [Request(k, 0, octets)], airtime_ns(octets), frames)
     return {"per": share(frames - heard[0], frames)}
 
 
 def _measured_capture(settings: Mapping[str, str], frames: int) -> Mapping[str, ReferenceEstimate]:
     first, second = int(settings["psdu0"]), int(settings["psdu1"])
-    late = round(float(settings["offset_us"]) * 1000)
+    offset_ns = round(float(settings["offset_us"]) * 1000)
 
     def overlapping(start_ns: int) -> list[Request]:
-        return [Request(start_ns, 0, first), Request(start_ns + late, 1, second)]
+        return [Request(start_ns, 0, first), Request(start_ns + offset_ns, 1, second)]
 
-    lasts_ns = airtime_ns(first) + late + airtime_ns(second)
-    heard = _heard(_hidden(float(settings["delta_db"])), NS3.phy, overlapping, lasts_ns, frames)
+    lasts_ns = airtime_ns(first) + offset_ns + airtime_ns(second)
+    heard = _count_received(
+        _hidden_losses(float(settings["delta_db"])), NS3.phy, overlapping, lasts_ns, frames
+    )
     return {"pdr_first": share(heard[0], frames), "pdr_second": share(heard[1], frames)}
 
 
-def _heard(
-    losses: LossTable, phy: PhyParameters, one: Callable[[int], list[Request]], lasts_ns: int, frames: int
+def _count_received(
+    losses: LossTable,
+    phy: PhyParameters,
+    requests_of: Callable[[int], list[Request]],
+    lasts_ns: int,
+    frames: int,
 ) -> list[int]:
-    """Return how many frames of each sender the last transceiver receives in separate rounds."""
+    """Count the frames of each sender that the last transceiver receives in separate rounds."""
     last, round_ns = len(losses.places) - 1, lasts_ns + SECOND // 50
     sender = replace(NS3.transceiver, cca=Cca.NEVER, min_be=0)
     transceivers = [replace(sender, address=address) for address in range(last + 1)]
@@ -314,7 +324,7 @@ def _heard(
     heard = np.zeros(last + 1, np.int64)
     for begin in range(0, frames, _BATCH):
         rounds = range(begin, min(begin + _BATCH, frames))
-        requests = [request for k in rounds for request in one(k * round_ns)]
+        requests = [request for k in rounds for request in requests_of(k * round_ns)]
         medium.submit(requests)
         events = medium.run(requests[-1].instant_ns + SECOND // 50)
         heard += np.bincount(events["other"][events["kind"] == EventKind.HEARD], minlength=last + 1)

@@ -63,18 +63,18 @@ def entries(
     whole: Counter[Function] = Counter()
     callers: defaultdict[Function, Counter[Function]] = defaultdict(Counter)
     for entry in profile.getstats():
-        caller = _label(entry.code)
+        caller = _function_of(entry.code)
         whole[caller] += getattr(entry, weight)
         for callee in entry.calls or ():
-            callers[_label(callee.code)][caller] += getattr(callee, weight)
+            callers[_function_of(callee.code)][caller] += getattr(callee, weight)
     return {function: (value, callers[function]) for function, value in whole.items()}
 
 
-def _label(code: CodeType | str) -> Function:
+def _function_of(code: CodeType | str) -> Function:
     return ("~", 0, code) if isinstance(code, str) else (code.co_filename, code.co_firstlineno, code.co_name)
 
 
-def by_package(called: Mapping[Function, Entry]) -> dict[str, float]:
+def sum_by_package(called: Mapping[Function, Entry]) -> dict[str, float]:
     """Sum `called` by package folder.
 
     Functions outside this project are attributed to their callers in proportion; the total is preserved.
@@ -105,7 +105,7 @@ def package_of(function: Function) -> str | None:
     return inside.parent.as_posix() if inside.parts[0] in PACKAGES else None
 
 
-def name_of(function: Function) -> str:
+def display_name(function: Function) -> str:
     """Return file and name of a function for display."""
     file, _, name = function
     if file == "~":
@@ -130,7 +130,7 @@ def count_allocations() -> Iterator[NDArray[np.int64]]:
     """
     count, before = np.zeros(1, np.int64), _Allocator()
     ctypes.pythonapi.PyMem_GetAllocator(_OBJECTS, ctypes.byref(before))
-    malloc = _counting(ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)(before.malloc))
+    malloc = _count_calls(ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)(before.malloc))
     assert not before.context, "the context would not reach the original allocator"
     counting = _Allocator(int(count.ctypes.data), malloc.address, before.calloc, before.realloc, before.free)
     ctypes.pythonapi.PyMem_SetAllocator(_OBJECTS, ctypes.byref(counting))
@@ -140,7 +140,7 @@ def count_allocations() -> Iterator[NDArray[np.int64]]:
         ctypes.pythonapi.PyMem_SetAllocator(_OBJECTS, ctypes.byref(before))
 
 
-def _counting(plain: Any) -> Any:
+def _count_calls(plain: Any) -> Any:
     """Compile a malloc that increments the count at its context's address, then calls `plain`."""
 
     @cfunc(types.voidptr(types.voidptr, types.uintp))  # type: ignore[untyped-decorator]
@@ -154,7 +154,7 @@ def _counting(plain: Any) -> Any:
 KINDS: Final = ("world", "radio", "robots")
 """Kinds of processes of a run; world and radio are one process each."""
 _CLEARANCE: Final = 0.22
-_APART: Final = 0.42
+_DISTANCE: Final = 0.42
 """Clearance and distance if the scenario's are too large, m; a TurtleBot is 0.354 m wide."""
 _MEMORY_REPEATS: Final = 2
 
@@ -206,15 +206,15 @@ def plan_run(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
         try:
             plan = swarm.plan(scenario, options)
         except LayoutError:  # with starts 0.6 m apart the corridor fits about 140 robots
-            plan = swarm.plan(_dense(scenario, count), options)
+            plan = swarm.plan(_dense_scenario(scenario, count), options)
         yield plan
 
 
-def _dense(scenario: Scenario, count: int) -> Scenario:
+def _dense_scenario(scenario: Scenario, count: int) -> Scenario:
     """Return the scenario with random starts at minimum distances from walls and each other."""
     grid = load_map(scenario.map)
     rng = np.random.default_rng(scenario.run.seed)
-    points = draw_points(grid, count, rng=rng, clearance=_CLEARANCE, apart=_APART)
+    points = draw_points(grid, count, rng=rng, clearance=_CLEARANCE, apart=_DISTANCE)
     starts = tuple((point.x, point.y, 0.0) for point in points)
     return replace(scenario, robots=replace(scenario.robots, start=starts))
 
@@ -235,11 +235,11 @@ class MemoryFigures:
     """Sums of the counters of all robots' nodes."""
 
 
-def in_memory(count: int, task: SwarmTask) -> MemoryFigures:
-    """Measure the fastest of several runs and profile another one."""
-    runs = [_timed(count, task) for _ in range(min(task.repeat, _MEMORY_REPEATS))]
+def measure_in_memory(count: int, task: SwarmTask) -> MemoryFigures:
+    """Return the figures of the fastest of several runs in memory, and profile another one."""
+    runs = [_run_timed(count, task) for _ in range(min(task.repeat, _MEMORY_REPEATS))]
     ms, result = min(runs, key=itemgetter(0))
-    packages = by_package(entries(profile_run(count, task, MemoryBus())[0], "inlinetime"))
+    packages = sum_by_package(entries(profile_run(count, task, MemoryBus())[0], "inlinetime"))
     total = sum(packages.values())
     return MemoryFigures(
         real_time_factor=result.real_time_factor,
@@ -253,10 +253,10 @@ def in_memory(count: int, task: SwarmTask) -> MemoryFigures:
 
 def memory_ms(count: int, task: SwarmTask) -> float:
     """Return the CPU of one run per robot and simulated second, ms."""
-    return _timed(count, task)[0]
+    return _run_timed(count, task)[0]
 
 
-def _timed(count: int, task: SwarmTask) -> tuple[float, RunResult]:
+def _run_timed(count: int, task: SwarmTask) -> tuple[float, RunResult]:
     """Run in memory; return the CPU from the first step to the last, ms per robot-second, and the result."""
     spent: list[int] = []
 
@@ -279,7 +279,7 @@ def profile_run(count: int, task: SwarmTask, bus: MemoryBus) -> tuple[cProfile.P
         return profile, recorded_bytes(plan.out)
 
 
-def kind(actor: str) -> str:
+def process_kind(actor: str) -> str:
     """Return the kind of process of an actor."""
     return actor if actor in KINDS else KINDS[-1]
 
@@ -288,7 +288,7 @@ def recorded_bytes(out: Path) -> dict[str, float]:
     """Return the size of a run's recordings by kind of actor."""
     sizes: defaultdict[str, float] = defaultdict(float)
     for file in out.glob("*/*.mcap"):
-        sizes[kind(file.stem)] += file.stat().st_size
+        sizes[process_kind(file.stem)] += file.stat().st_size
     return sizes
 
 
@@ -312,7 +312,7 @@ class MemoryUsage:
 
     @property
     def mean_pss_mb(self) -> float:
-        """Return the proportional memory of one process, MB."""
+        """Mean proportional memory of one process, MB."""
         return self.pss_mb / self.processes
 
 
@@ -339,7 +339,7 @@ class _MeshRun:
     startup_cpu_s: float
 
 
-def over_mesh(count: int, task: SwarmTask) -> MeshFigures:
+def measure_over_mesh(count: int, task: SwarmTask) -> MeshFigures:
     """Read the memory of one run and time `task.repeat` others."""
     memory = _memory_of_run(count, task)
     runs = [_mesh_run(count, task) for _ in range(task.repeat)]
@@ -372,7 +372,7 @@ def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
         }
     by_actor = dict.fromkeys(KINDS, 0.0)
     for actor, final in finals.items():
-        by_actor[kind(actor)] += final.cpu_s - final.startup_cpu_s
+        by_actor[process_kind(actor)] += final.cpu_s - final.startup_cpu_s
     by_actor[PARENT] = parent[-1] - parent[0]
     return _MeshRun(result, by_actor, sum(final.startup_cpu_s for final in finals.values()))
 
@@ -388,9 +388,9 @@ def _memory_of_run(count: int, task: SwarmTask) -> dict[str, MemoryUsage]:
     def read_memory(progress: Progress) -> None:
         if in_seconds(progress.instant) < task.simulated_s(count):
             return
-        pids = actors_of(plan.out) | {PARENT: [os.getpid()]}
+        pids = process_ids(plan.out) | {PARENT: [os.getpid()]}
         pids["forkserver"] = [int(_stat(pids["world"][0])[1])]
-        memory.update({name: memory_of(each) for name, each in pids.items()})
+        memory.update({name: memory_usage(each) for name, each in pids.items()})
         raise _MemoryRead
 
     endless = SwarmTask((count,), _ENDLESS_S, None, task.repeat, task.scenario, task.seed)
@@ -399,7 +399,7 @@ def _memory_of_run(count: int, task: SwarmTask) -> dict[str, MemoryUsage]:
     return memory
 
 
-def actors_of(out: Path) -> dict[str, list[int]]:
+def process_ids(out: Path) -> dict[str, list[int]]:
     """Return the process ids of a run by kind; an actor is identified by its log file."""
     pids: dict[str, list[int]] = {name: [] for name in KINDS}
     for entry in _PROC.iterdir():
@@ -410,7 +410,7 @@ def actors_of(out: Path) -> dict[str, list[int]]:
         except OSError:  # the process has exited, or belongs to another user
             continue
         if log.parent.parent == out:
-            pids[kind(log.stem)].append(int(entry.name))
+            pids[process_kind(log.stem)].append(int(entry.name))
     return pids
 
 
@@ -419,7 +419,7 @@ def _stat(pid: int) -> list[str]:
     return (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
 
 
-def memory_of(pids: Sequence[int]) -> MemoryUsage:
+def memory_usage(pids: Sequence[int]) -> MemoryUsage:
     """Return the memory of these processes, from their files smaps_rollup (proc_pid_smaps(5))."""
     kib: Counter[str] = Counter()
     for pid in pids:

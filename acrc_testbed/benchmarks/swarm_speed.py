@@ -12,17 +12,23 @@ from typing import Final
 
 from rich.table import Table
 
-from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, SpeedGoal, at_least, at_most, table_of
+from acrc_testbed.benchmarks.benchmark_result import (
+    BenchmarkResult,
+    SpeedGoal,
+    make_table,
+    max_goal,
+    min_goal,
+)
 from acrc_testbed.benchmarks.swarm_runs import (
     KINDS,
     MemoryFigures,
     MeshFigures,
     Range,
     SwarmTask,
-    in_memory,
+    measure_in_memory,
+    measure_over_mesh,
     memory_ms,
     mesh_ms,
-    over_mesh,
 )
 from actors.console import create_console
 from actors.runtime.errors import AcrcError
@@ -30,15 +36,15 @@ from actors.runtime.errors import AcrcError
 ROBOTS: Final = KINDS[-1]
 STEPS_PER_SECOND: Final = 10
 """Steps of the measured scenarios per simulated second."""
-SPEED: Final = {4: 100.0, 20: 16.0, 50: 6.0, 100: 2.0}
+SPEED_GOALS: Final = {4: 100.0, 20: 16.0, 50: 6.0, 100: 2.0}
 """Goal: simulated seconds per second over Zenoh, by the number of robots."""
 FEW: Final = 4
 MANY: Final = 100
-GROWTH: Final = 1.3
+MAX_GROWTH: Final = 1.3
 """Goal: CPU per robot and second of MANY robots, relative to FEW."""
-START_S: Final = 6.0
+MAX_START_S: Final = 6.0
 """Goal: time until the first step of MANY robots."""
-PSS_MB: Final = 25.0
+MAX_PSS_MB: Final = 25.0
 """Goal: mean memory (PSS) of the processes of MANY robots, MB."""
 _IDLE: Final = Path(__file__).with_name("idle.toml")
 _YARDSTICK: Final = 300_007
@@ -101,22 +107,22 @@ def measure(
         "swarms": [asdict(one) for one in swarms],
         "goals": [asdict(goal) for goal in goals],
     }
-    return BenchmarkResult(figures, _shown(task, swarms, goals))
+    return BenchmarkResult(figures, _output(task, swarms, goals))
 
 
 def _measure(task: SwarmTask) -> Iterator[SwarmFigures]:
     """Measure over Zenoh first: in-memory runs enlarge this process, the parent of the others."""
-    say = create_console(stderr=True)
+    console = create_console(stderr=True)
     idle_task = replace(task, scenario=_IDLE)
     meshes = []
     for count in task.robots:
-        say.print(f"{count} robots over Zenoh …")
-        load, before = os.getloadavg()[0], yardstick()
-        mesh = _mesh(count, task)
+        console.print(f"{count} robots over Zenoh …")
+        load, before = os.getloadavg()[0], measure_yardstick()
+        mesh = _try_mesh(count, task)
         meshes.append((count, load, before, mesh, None if mesh is None else mesh_ms(count, idle_task)))
     for count, load, before, mesh, idle_ms in meshes:
-        say.print(f"{count} robots in memory …")
-        memory = in_memory(count, task)
+        console.print(f"{count} robots in memory …")
+        memory = measure_in_memory(count, task)
         yield SwarmFigures(
             robots=count,
             simulated_s=task.simulated_s(count),
@@ -126,19 +132,19 @@ def _measure(task: SwarmTask) -> Iterator[SwarmFigures]:
             idle_memory_ms=memory_ms(count, idle_task),
             traffic=_traffic(count, memory),
             load=load,
-            yardstick_ms=median((before, yardstick(), yardstick())),
+            yardstick_ms=median((before, measure_yardstick(), measure_yardstick())),
         )
 
 
-def _mesh(robots: int, task: SwarmTask) -> MeshFigures | None:
+def _try_mesh(robots: int, task: SwarmTask) -> MeshFigures | None:
     try:
-        return over_mesh(robots, task)
+        return measure_over_mesh(robots, task)
     except AcrcError as error:
         sys.stderr.write(f"acrc: run of {robots} robots over Zenoh failed: {error}\n")
         return None
 
 
-def yardstick() -> float:
+def measure_yardstick() -> float:
     """Return the CPU of irregular accesses to more memory than a core's cache, ms."""
     numbers = list(range(_YARDSTICK))
     began = time.thread_time_ns()
@@ -163,16 +169,16 @@ def _traffic(robots: int, run: MemoryFigures) -> Traffic:
 
 
 def speed_goals(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
-    """Return the goals of swarms measured over Zenoh."""
+    """Compare the figures of swarms that ran over Zenoh with the performance goals."""
     meshes = {one.robots: one.mesh for one in swarms if one.mesh}
     speed, rate = "simulated seconds per second over Zenoh", "robot-steps per second of one core in memory"
     goals = [
-        at_least(f"{robots} robots: {speed}", meshes[robots].real_time_factor.median, goal)
-        for robots, goal in SPEED.items()
+        min_goal(f"{robots} robots: {speed}", meshes[robots].real_time_factor.median, goal)
+        for robots, goal in SPEED_GOALS.items()
         if robots in meshes
     ]
     goals += [
-        at_least(
+        min_goal(
             f"{one.robots} robots: {rate}, rate over Zenoh on all cores",
             STEPS_PER_SECOND / one.memory.ms * 1e3,
             STEPS_PER_SECOND * one.robots * one.mesh.real_time_factor.median,
@@ -184,41 +190,43 @@ def speed_goals(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
         return goals
     if FEW in meshes:
         factor = many.ms.median / meshes[FEW].ms.median
-        goals.append(at_most(f"{MANY} robots: CPU per robot and second, times that of {FEW}", factor, GROWTH))
+        goals.append(
+            max_goal(f"{MANY} robots: CPU per robot and second, times that of {FEW}", factor, MAX_GROWTH)
+        )
     size = many.memory[ROBOTS].mean_pss_mb
     return [
         *goals,
-        at_most(f"{MANY} robots: s until the first step", many.startup_s.median, START_S),
-        at_most(f"{MANY} robots: MB of memory (PSS) per robot process", size, PSS_MB),
+        max_goal(f"{MANY} robots: s until the first step", many.startup_s.median, MAX_START_S),
+        max_goal(f"{MANY} robots: MB of memory (PSS) per robot process", size, MAX_PSS_MB),
     ]
 
 
-def _shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[SpeedGoal]) -> list[Table | str]:
+def _output(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[SpeedGoal]) -> list[Table | str]:
     meshes = {one.robots: one.mesh for one in swarms if one.mesh}
     speeds = (
         f"{task.scenario.name}, over Zenoh: median (least-greatest) of {task.repeat}; CPU ms per robot and "
         "simulated second;\nyardstick: CPU ms of fixed work"
     )
-    air = [{"robots": str(one.robots), **_air(one.traffic)} for one in swarms]
+    air = [{"robots": str(one.robots), **_traffic_row(one.traffic)} for one in swarms]
     tables: list[Table | str] = [
-        table_of([_speed(one) for one in swarms], speeds),
-        _by_room(swarms),
-        table_of(air, "radio traffic per robot and simulated second", ".2f"),
+        make_table([_speed_row(one) for one in swarms], speeds),
+        _package_table(swarms),
+        make_table(air, "radio traffic per robot and simulated second", ".2f"),
     ]
     if meshes:
         title = "processes: CPU ms per robot and simulated second; MB of memory, sum by kind"
-        tables.append(table_of([row for each in meshes.items() for row in _processes(*each)], title))
+        tables.append(make_table([row for each in meshes.items() for row in _process_rows(*each)], title))
     return [*tables, *map(str, goals)]
 
 
-def _speed(one: SwarmFigures) -> dict[str, str]:
+def _speed_row(one: SwarmFigures) -> dict[str, str]:
     mesh, memory = one.mesh, one.memory
     return {
         "robots": str(one.robots),
         "simulated s": f"{one.simulated_s:g}",
-        "x real time": _spread(mesh.real_time_factor, 1) if mesh else "-",
+        "x real time": _range_text(mesh.real_time_factor, 1) if mesh else "-",
         "x, in memory": f"{memory.real_time_factor:.1f}",
-        "CPU ms": _spread(mesh.ms, 2) if mesh else "-",
+        "CPU ms": _range_text(mesh.ms, 2) if mesh else "-",
         "CPU, in memory": f"{memory.ms:.2f}",
         "idle": "-" if one.idle_ms is None else f"{one.idle_ms:.2f}",
         "idle, in memory": f"{one.idle_memory_ms:.2f}",
@@ -229,11 +237,11 @@ def _speed(one: SwarmFigures) -> dict[str, str]:
     }
 
 
-def _spread(spread: Range, digits: int) -> str:
+def _range_text(spread: Range, digits: int) -> str:
     return f"{spread.median:.{digits}f} ({spread.least:.{digits}f}-{spread.greatest:.{digits}f})"
 
 
-def _by_room(swarms: Sequence[SwarmFigures]) -> Table:
+def _package_table(swarms: Sequence[SwarmFigures]) -> Table:
     """Return a table of packages by number of robots, the most expensive first."""
     title = "CPU by package in memory, ms per robot and simulated second, in the proportions of a profile"
     table = Table("package", *(f"{one.robots} robots" for one in swarms), title=title)
@@ -244,18 +252,19 @@ def _by_room(swarms: Sequence[SwarmFigures]) -> Table:
     return table
 
 
-def _air(of: Traffic) -> dict[str, float]:
+def _traffic_row(radio: Traffic) -> dict[str, float]:
     return {
-        "published": of.published, "frames sent": of.frames, "copies computed": of.copies,
-        "frames heard": of.heard, "packets": of.packets, "new": of.packets - of.stale, "stale": of.stale,
+        "published": radio.published, "frames sent": radio.frames, "copies computed": radio.copies,
+        "frames heard": radio.heard, "packets": radio.packets, "new": radio.packets - radio.stale,
+        "stale": radio.stale,
     }  # fmt: skip
 
 
-def _processes(robots: int, mesh: MeshFigures) -> Iterator[dict[str, str]]:
-    for name, of in mesh.memory.items():
+def _process_rows(robots: int, mesh: MeshFigures) -> Iterator[dict[str, str]]:
+    for name, usage in mesh.memory.items():
         yield {
-            "robots": str(robots), "kind": name, "processes": str(of.processes),
+            "robots": str(robots), "kind": name, "processes": str(usage.processes),
             "CPU ms": f"{mesh.by_actor[name]:.3f}" if name in mesh.by_actor else "-",
-            "RSS": f"{of.rss_mb:.1f}", "PSS": f"{of.pss_mb:.1f}", "private": f"{of.private_mb:.1f}",
-            "PSS of one": f"{of.mean_pss_mb:.1f}",
+            "RSS": f"{usage.rss_mb:.1f}", "PSS": f"{usage.pss_mb:.1f}", "private": f"{usage.private_mb:.1f}",
+            "PSS of one": f"{usage.mean_pss_mb:.1f}",
         }  # fmt: skip

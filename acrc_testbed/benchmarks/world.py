@@ -12,7 +12,13 @@ import pymunk
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult, SpeedGoal, at_least, at_most, table_of
+from acrc_testbed.benchmarks.benchmark_result import (
+    BenchmarkResult,
+    SpeedGoal,
+    make_table,
+    max_goal,
+    min_goal,
+)
 from actors.floor.grid import OccupancyGrid, outline
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
@@ -35,9 +41,9 @@ def fastest_s(prepare: Callable[[], T], work: Callable[[T], object], repeats: in
     times = []
     for _ in range(repeats):
         prepared = prepare()
-        begun = time.process_time()
+        began = time.process_time()
         work(prepared)
-        times.append(time.process_time() - begun)
+        times.append(time.process_time() - began)
     return min(times)
 
 
@@ -74,11 +80,11 @@ def measure_scans(map_file: Path, task: ScanTask | None = None) -> BenchmarkResu
     goals = []
     for speed in speeds:
         rays = f"pymunk with {speed['rays']} rays"
-        goals.append(at_least(f"speed relative to {rays}", speed["ratio"], task.ratio_goal))
-        goals.append(at_most(f"mm from {rays}", speed["median_difference_mm"], task.difference_goal_mm))
+        goals.append(min_goal(f"speed relative to {rays}", speed["ratio"], task.ratio_goal))
+        goals.append(max_goal(f"mm from {rays}", speed["median_difference_mm"], task.difference_goal_mm))
     figures = {"task": asdict(task), "speeds": speeds, "goal_met": all(goal.met for goal in goals)}
     title = f"scans by {task.robots} robots on {map_file.name}; disagreements: share of rays beyond 5 mm"
-    return BenchmarkResult(figures, (table_of(speeds, title, ".4g"), *map(str, goals)))
+    return BenchmarkResult(figures, (make_table(speeds, title, ".4g"), *map(str, goals)))
 
 
 def _measure_scan(map_file: Path, rays: int, task: ScanTask) -> dict[str, float]:
@@ -149,7 +155,7 @@ class _PymunkScene:
 
 
 _CORRIDOR: Final = SHIPPED / "maps" / "corridor.yaml"
-STAGE: Final = {
+STAGE_SPEEDS: Final = {
     **{(640, 4): 71.0, (640, 20): 9.3, (640, 50): 3.5, (640, 100): 1.9},
     **{(60, 4): 422.0, (60, 20): 61.0, (60, 50): 24.0, (60, 100): 9.6},
 }
@@ -184,7 +190,7 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Benchm
         "scans": scans.figures,
     }
     shown = (
-        table_of(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s", ".4g"),
+        make_table(speeds, f"physics and scans on {map_file.name}: simulated s per CPU s", ".4g"),
         "Stage: published figures of Stage 4.3, one core of such a machine.",
         *map(str, goals),
         *scans.shown,
@@ -196,11 +202,11 @@ def _goals(speeds: list[dict[str, Any]], task: WorldTask) -> list[SpeedGoal]:
     """Return the goals of the measured speeds."""
     dense = [speed["ratio"] for speed in speeds if (speed["rays"], speed["robots"]) == (640, 20)]
     goals = (
-        [at_least("speed relative to Stage with 640 rays and 20 robots", dense[0], task.stage_goal)]
+        [min_goal("speed relative to Stage with 640 rays and 20 robots", dense[0], task.stage_goal)]
         if dense
         else []
     )
-    goals.append(at_least("minimum speed relative to Stage", min(speed["ratio"] for speed in speeds), 1))
+    goals.append(min_goal("minimum speed relative to Stage", min(speed["ratio"] for speed in speeds), 1))
     return goals
 
 
@@ -213,7 +219,7 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> di
     contacts: list[int] = []
     whole = fastest_s(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
     physics = fastest_s(swarm, lambda it: it.wander(scanning=False), task.repeats)
-    speed, stage = task.seconds_long / whole, STAGE[rays, robots]
+    speed, stage = task.seconds_long / whole, STAGE_SPEEDS[rays, robots]
     return {
         "robots": robots,
         "rays": rays,
@@ -240,7 +246,10 @@ class _WanderingSwarm:
         )
 
     def wander(self, scanning: bool) -> int:
-        """Drive, and scan, in steps of 0.1 s, with a new velocity every second; return the contacts begun."""
+        """Drive in steps of 0.1 s with a new velocity every second; return the number of contacts.
+
+        `scanning`: each robot also scans in each step.
+        """
         arena, everyone = self.arena, range(len(self.arena))
         for second in self.velocities.tolist():
             twists = [Twist(*velocity) for velocity in second]

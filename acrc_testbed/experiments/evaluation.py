@@ -28,12 +28,7 @@ from acrc_testbed.experiments.statistical_models import MIN_CELLS, RandomEffects
 from acrc_testbed.experiments.store import Store, plan_sentences
 from acrc_testbed.experiments.study import Study, Variant
 from acrc_testbed.experiments.trial_record import TrialRecord
-from acrc_testbed.experiments.verdicts import (
-    InterimAnalysis,
-    PairVerdict,
-    family_size,
-    verdicts,
-)
+from acrc_testbed.experiments.verdicts import InterimAnalysis, PairVerdict, family_size, verdicts
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
 

@@ -14,11 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acrc_testbed.explanation import robot_states
-from acrc_testbed.explanation.episodes import (
-    STANDARD,
-    CauseCriteria,
-    true_intervals,
-)
+from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria, true_intervals
 from acrc_testbed.explanation.robot_states import NO_ROBOT, Flags, RobotStates, in_wall
 from acrc_testbed.explanation.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
 from acrc_testbed.explanation.true_floor import Passages, TrueFloor

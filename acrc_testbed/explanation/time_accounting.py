@@ -17,12 +17,7 @@ from acrc_testbed.explanation.cause_classification import (
     deadlocks,
     findings,
 )
-from acrc_testbed.explanation.episodes import (
-    STANDARD,
-    CauseCriteria,
-    interval_mask,
-    true_intervals,
-)
+from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria, interval_mask, true_intervals
 from acrc_testbed.explanation.robot_states import NO_ROBOT
 from acrc_testbed.explanation.time_spent import (
     Cause,

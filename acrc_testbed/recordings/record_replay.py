@@ -34,13 +34,7 @@ from actors.runtime.linux import die_with_parent
 from actors.runtime.process import ActorProcess, FinalNote, RunNote
 from actors.runtime.process_table import child_environment
 from actors.runtime.processor import difference_cause, differing_kernels
-from actors.runtime.recording import (
-    Entry,
-    RecordingError,
-    decode_note,
-    read_notes,
-    read_recording,
-)
+from actors.runtime.recording import Entry, RecordingError, decode_note, read_notes, read_recording
 from actors.runtime.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.shell import Shell
 from actors.world import program as world_program

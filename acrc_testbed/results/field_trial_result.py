@@ -16,11 +16,7 @@ from acrc_testbed.results.field_recordings import (
     Moment,
     RobotLog,
 )
-from acrc_testbed.results.outcome import (
-    nearest_rank,
-    place_counts,
-    robot_place_counts,
-)
+from acrc_testbed.results.outcome import nearest_rank, place_counts, robot_place_counts
 from acrc_testbed.results.result import (
     ClockReport,
     RecordingReport,

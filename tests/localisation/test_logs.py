@@ -62,7 +62,7 @@ def changed(file: Path, to: Path, **changes: Change) -> Path:
 
 
 def test_a_log_is_read_exactly(written: Path, tmp_path: Path) -> None:
-    course, back = drive(SETUP), tracking.read(written)
+    course, back = drive(SETUP), tracking.read_course(written)
     assert (course.sensor, course.start) == (back.sensor, back.start)
     np.testing.assert_array_equal(course.grid.cells, back.grid.cells)
     for name in ("instants", "odometry", "truth", "stamps", "scans"):
@@ -89,7 +89,7 @@ def test_the_reader_of_the_page_reads_a_log(written: Path) -> None:
 def test_truth_is_interpolated_and_the_odometry_frame_may_be_any(written: Path, tmp_path: Path) -> None:
     course = drive(SETUP)
     lines = {"truth": lambda content: b"\n".join([content.split(b"\n")[0], *content.split(b"\n")[1::2], b""])}
-    sparse = tracking.read(changed(written, tmp_path / "sparse.zip", **lines))
+    sparse = tracking.read_course(changed(written, tmp_path / "sparse.zip", **lines))
     np.testing.assert_allclose(sparse.truth, course.truth, atol=0.02)
     frame = Pose(-700.0, 3000.0, 2.5)
     moved = np.array([frame.compose(Pose(*pose)) for pose in course.odometry.tolist()])
@@ -128,14 +128,14 @@ def test_a_faulty_log_gives_one_sentence(
 ) -> None:
     bad = changed(written, tmp_path / "bad.zip", **{member: change})
     with pytest.raises(CourseLogError, match=re.escape(sentence)) as caught:
-        tracking.read(bad)
+        tracking.read_course(bad)
     assert str(caught.value).startswith(f"{bad}: ") and "\n" not in str(caught.value)
 
 
 def test_the_size_of_a_table_is_limited(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracking, "TEXT_BYTES", 1000)
     with pytest.raises(CourseLogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
-        tracking.read(written)
+        tracking.read_course(written)
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -150,7 +150,7 @@ def test_damaged_bytes_are_read_or_refused(written: Path, tmp_path: Path, data: 
     file = tmp_path / "damaged.zip"
     file.write_bytes(damaged[: data.draw(st.just(len(whole)) | places)])
     try:
-        tracking.read(file)
+        tracking.read_course(file)
     except CourseLogError as error:
         assert "\n" not in str(error)
 

@@ -200,7 +200,7 @@ def test_it_chooses_as_the_original_chose() -> None:
 
 
 def refused(folder: Path) -> str:
-    with pytest.raises(original.RowsError) as caught:
+    with pytest.raises(original.ReferenceDataError) as caught:
         original.check(folder)
     return str(caught.value)
 

@@ -26,10 +26,10 @@ from acrc_testbed.benchmarks.radio_trials import (
     LossTable,
     OperatingPoint,
     ReferenceEstimate,
-    contend,
     mean_estimate,
     measure,
-    points,
+    read_points,
+    run_contention,
     scene,
     share,
 )
@@ -52,7 +52,7 @@ def test_one_backlogged_sender_has_the_throughput_of_the_closed_formula(
     family = f"b_single_saturated{ack}"
     settings = {"n": "1", "psdu": str(octets), "load": "sat"}
     seeds = range(1, 121 if full else 13)
-    own = mean(contend(scene(family, settings), seed)["goodput_kbps"] for seed in seeds)
+    own = mean(run_contention(scene(family, settings), seed)["goodput_kbps"] for seed in seeds)
     error = own / formula_kbps(OperatingPoint(family, settings, 1, 1, {})) - 1
     record_property(f"{octets} octets{ack}: error (%)", round(100 * error, 3))
     assert abs(error) < (0.001 if full else 0.002)  # the standard error of 360 s is below 0.06 %
@@ -133,7 +133,7 @@ def test_contention_is_that_of_ns3(
     family: str, settings: Mapping[str, str], row: Mapping[str, float], tolerance: float
 ) -> None:
     stage = scene(family, settings)
-    runs = [contend(stage, seed) for seed in range(1, 4)]
+    runs = [run_contention(stage, seed) for seed in range(1, 4)]
     for figure, reference in row.items():
         assert mean(run[figure] for run in runs) == pytest.approx(reference, abs=tolerance)
 
@@ -180,10 +180,10 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_runs_of_one_setting_are_one_point(folder: Path) -> None:
-    (point,) = points(folder, "b_single_saturated")
+    (point,) = read_points(folder, "b_single_saturated")
     assert (point.settings, point.runs, point.frames) == ({"n": "1", "psdu": "127", "load": "sat"}, 2, 9465)
     assert point.figures["chan_busy"] == mean_estimate([0.67131, 0.67145])
-    assert points(folder, "c_contention") == []
+    assert read_points(folder, "c_contention") == []
 
 
 def test_a_small_reference_is_met(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -200,7 +200,7 @@ def test_invalid_references_are_refused(folder: Path) -> None:
         check(folder / "none")
     (folder / "e_capture.csv").write_text("psdu0,frames\n60,many\n")
     with pytest.raises(AcrcError, match=r"e_capture\.csv: a row has a missing or non-numeric column: .*many"):
-        points(folder, "e_capture")
+        read_points(folder, "e_capture")
 
 
 def test_errors_of_both_sides_are_combined() -> None:

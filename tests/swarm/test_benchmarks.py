@@ -31,7 +31,7 @@ from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 
-KEPT = budget.saved_counts()
+SAVED_FIELDS = budget.saved_counts()
 SMALL = StepCounts({"deeco": 60.0, "actors/world": 40.0}, {"a": 2.0}, {"a": 50.0}, {"world": 9.0}, {})
 
 
@@ -99,14 +99,14 @@ def test_many_robots_start_closer_and_for_less_time() -> None:
     assert min(math.dist(one, other) for one, other in combinations(places, 2)) >= 0.42 - 1e-9
 
 
-@pytest.mark.skipif(KEPT is None, reason=f"{budget.TABLE.name} is for another version of Python")
+@pytest.mark.skipif(SAVED_FIELDS is None, reason=f"{budget.TABLE.name} is for another version of Python")
 def test_a_step_costs_the_saved_counts() -> None:
     with ProcessPoolExecutor(
         1, get_context("forkserver")
     ) as pool:  # other tests may have changed this process
         found = pool.submit(budget.count_steps, CountedSteps()).result()
-    assert KEPT is not None
-    assert list(budget.differences(found, KEPT)) == []
+    assert SAVED_FIELDS is not None
+    assert list(budget.differences(found, SAVED_FIELDS)) == []
 
 
 def test_differences_name_the_packages_that_changed_most() -> None:
@@ -123,7 +123,7 @@ def test_differences_name_the_packages_that_changed_most() -> None:
 def test_saved_counts_are_written_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(budget, "TABLE", tmp_path / "python3.11.toml")
     assert budget.saved_counts() is None
-    budget.TABLE.write_text(budget.as_toml(replace(SMALL, functions={"len": 9.0})))
+    budget.TABLE.write_text(budget.counts_text(replace(SMALL, functions={"len": 9.0})))
     assert budget.saved_counts() == SMALL
 
 
@@ -133,7 +133,7 @@ def test_calls_outside_the_project_count_for_their_callers() -> None:
     package: Function = (f"{REPOSITORY}/.venv/lib/p.py", 1, "h")
     built_in: Function = ("~", 0, "<built-in len>")
     lost: Function = ("~", 0, "<lost>")
-    found = runs.by_package(
+    found = runs.sum_by_package(
         {
             ours: (5, {}),
             theirs: (7, {}),
