@@ -30,7 +30,7 @@ from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.runtime.shell import MemoryBus
 from deploy.run import swarm
 from deploy.run.options import Bus
-from deploy.scenario.tables import document
+from deploy.scenario.tables import toml_document
 
 ROBOTS: Final = 8
 SECONDS: Final = 9.0
@@ -210,7 +210,7 @@ def counts_text(counts: StepCounts) -> str:
         }
         for name in SAVED_FIELDS
     }
-    return _HEADER + document(tables)
+    return _HEADER + toml_document(tables)
 
 
 def saved_counts() -> StepCounts | None:

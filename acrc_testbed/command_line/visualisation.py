@@ -300,4 +300,4 @@ def _answer_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: b
         with out_folder.convert_write_errors(png.parent):
             scenario_picture.write(found, png)
     drawn = [] if png is None else [str(png)]
-    answer([*survey.sentences(found), *drawn], survey.as_json(found) | {"picture": png}, json=json)
+    answer([*survey.sentences(found), *drawn], survey.json_content(found) | {"picture": png}, json=json)

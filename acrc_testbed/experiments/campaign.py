@@ -30,7 +30,7 @@ from acrc_testbed.experiments.trial_record import (
 from acrc_testbed.results.outcome import outcome_means
 from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
-from deploy.scenario.tables import inline
+from deploy.scenario.tables import inline_toml
 
 
 class RemainingTime:
@@ -274,7 +274,7 @@ def command(study: Study, record: TrialRecord) -> str:
     """Return the command that repeats one trial as a run."""
     words = ["acrc", "run", study.scenario, "--seed", str(record.seed), "--strategy", record.strategy]
     for key, value in (*study.settings_of(tuple(record.variant.items())), *record.drawn.items()):
-        words += ["--set", f"{key}={inline(value)}"]
+        words += ["--set", f"{key}={inline_toml(value)}"]
     return shlex.join(words)
 
 

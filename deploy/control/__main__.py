@@ -18,11 +18,11 @@ from actors.runtime.process_setup import SETUP, ArgumentParser, read_setup
 from actors.runtime.zenoh_bus import open_mesh
 from actors.world.program import load_setup
 from deploy.control.scene import Scene
-from deploy.control.server import LISTENS, ControlServer, RunLink
+from deploy.control.server import ADDRESSES, ControlServer, RunLink
 
-LOOK_S: Final = 0.05
+POLL_INTERVAL_S: Final = 0.05
 """Interval between polls of the run's messages, s: 20 updates per second."""
-_FAREWELL_S: Final = 0.5
+_CLOSING_DELAY_S: Final = 0.5
 
 
 def main(argv: Sequence[str]) -> int:
@@ -42,7 +42,7 @@ def main(argv: Sequence[str]) -> int:
         observer = client_config(world / "observer.credentials", router, lossy=True)
         operator = client_config(world / "operator.credentials", router)
         with ExitStack() as stack:
-            messages = stack.enter_context(open_mesh(observer, LISTENS, lossy=True))
+            messages = stack.enter_context(open_mesh(observer, ADDRESSES, lossy=True))
             orders = stack.enter_context(open_mesh(operator, ()))
             asyncio.run(_serve(scene, RunLink(scene, messages, orders), options.address))
         return 0
@@ -59,9 +59,9 @@ async def _serve(scene: Scene, link: RunLink, address: Path) -> None:
         try:
             while not scene.over:
                 link.poll()
-                pages.renew()
-                await asyncio.sleep(LOOK_S)
-            await asyncio.sleep(_FAREWELL_S)
+                pages.send_changes()
+                await asyncio.sleep(POLL_INTERVAL_S)
+            await asyncio.sleep(_CLOSING_DELAY_S)
         finally:
             address.unlink(missing_ok=True)
 

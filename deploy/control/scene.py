@@ -29,7 +29,7 @@ from actors.topic import Message
 from actors.world.world_setup import WorldSetup
 
 STATES: Final = ("driving", "standing", "blocked", "idle", "frozen", "off")
-"""Externally observed states of a robot. "blocked": it stands near another robot."""
+"""Externally observed states of a robot; "blocked": it stands near another robot."""
 LEGEND: Final[Mapping[str, Mark]] = {
     **{name: MARKS[name] for name in ("open", "given")},
     "done": MARKS["done"]._replace(shape="dim disc", says="place reported as done"),
@@ -44,10 +44,10 @@ LEGEND: Final[Mapping[str, Mark]] = {
 TRAIL_S: Final = 20.0
 TRAIL_STEP_S: Final = 0.5
 LINK_S: Final = 3.0
-"""Time for which a link is shown after a frame, s. Own choice: the chapter's robots send every second."""
-LINKS: Final = 400
+"""Time for which a link is shown after a frame, s; our choice: the chapter's robots send every second."""
+MAX_LINKS: Final = 400
 """Maximum number of links shown, newest first."""
-PENDING: Final = 256
+MAX_PENDING_ORDERS: Final = 256
 """Maximum number of unanswered orders; older ones are dropped."""
 
 
@@ -65,7 +65,7 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
     for door in doorways.regions.doors:
         try:
             doors.append([(end.x, end.y) for end in doorways.ends_of(doorways.closed_cells(door))])
-        except DoorError:  # an order to close it would be refused as well
+        except DoorError:  # an order to close it would be refused, too
             continue
     cells, file = grid.cells[::-1], io.BytesIO()
     alpha = np.where(cells == FREE, 0, np.where(cells == UNKNOWN, 40, 255)).astype(np.uint8)
@@ -107,9 +107,9 @@ class Scene:
         self._trail: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=int(TRAIL_S / TRAIL_STEP_S) + 1)
         """Times, s, and poses of all robots, (robots, 3)."""
         self._pending: OrderedDict[str, tuple[Order, ...]] = OrderedDict()
-        self._things: dict[int, UnmappedObstacle] = {}
+        self._obstacles: dict[int, UnmappedObstacle] = {}
         self._jams: list[Jam] = []
-        self._heard: dict[tuple[int, int], float] = {}
+        self._received: dict[tuple[int, int], float] = {}
         self._instant, self._step, self._missed, self._paused_at = 0, -1, 0, -1
         self.changed, self.over = True, False
 
@@ -121,12 +121,12 @@ class Scene:
                 self._paused_at = message.step if message.paused else -1
                 self.over = self.over or message.finished
             case FloorChanged():
-                self._things |= {one.number: one for one in message.put}
+                self._obstacles |= {one.number: one for one in message.put}
                 for number in message.gone:
-                    self._things.pop(number, None)
+                    self._obstacles.pop(number, None)
             case Control():
                 self._pending[message.ticket] = message.orders
-                while len(self._pending) > PENDING:
+                while len(self._pending) > MAX_PENDING_ORDERS:
                     self._pending.popitem(last=False)
             case OrderOutcomes():
                 orders = self._pending.pop(message.ticket, ())
@@ -139,9 +139,9 @@ class Scene:
                     self._missed += max(0, message.step - self._step - 1) if self._step >= 0 else 0
                     self._step, self._instant = message.step, message.instant
                     self._jams += message.jams
-                    self._extend(self._model.advance(message.step))
+                    self._apply_run(self._model.advance(message.step))
 
-    def _extend(self, run: RunData) -> None:
+    def _apply_run(self, run: RunData) -> None:
         self._apply(one.order for one in run.orders if isinstance(one.order, AssignPlaces | Speed))
         self._routes |= {route.robot: list(route.places) for route in run.routes}
         for what, events in (("given up", run.given_up), ("done", run.reported)):
@@ -150,7 +150,7 @@ class Scene:
                     self._reported[event.place] = what
         for second, sender, receiver, _ in run.heard.tolist():
             pair = (int(min(sender, receiver)), int(max(sender, receiver)))
-            self._heard[pair] = max(second, self._heard.get(pair, 0.0))
+            self._received[pair] = max(second, self._received.get(pair, 0.0))
         for second, poses in zip(run.seconds.tolist(), run.true, strict=True):
             self._poses = dict(zip(self._own, map(tuple, poses.tolist()), strict=True))
             if not self._trail or second - self._trail[-1][0] >= TRAIL_STEP_S:
@@ -187,9 +187,9 @@ class Scene:
         """Return the current state; lengths in m, times in simulated s."""
         now = in_seconds(self._instant)
         self._jams = [jam for jam in self._jams if jam.until > self._instant]
-        self._heard = {pair: second for pair, second in self._heard.items() if second >= now - LINK_S}
-        newest = sorted(self._heard, key=lambda pair: (-self._heard[pair], pair))[:LINKS]
-        things = [(one.kind, list(one.points), one.radius, 0.0) for one in self._things.values()]
+        self._received = {pair: second for pair, second in self._received.items() if second >= now - LINK_S}
+        newest = sorted(self._received, key=lambda pair: (-self._received[pair], pair))[:MAX_LINKS]
+        things = [(one.kind, list(one.points), one.radius, 0.0) for one in self._obstacles.values()]
         things += [("jammer", [(j.x, j.y)], j.radius, in_seconds(j.until) - now) for j in self._jams]
         return {
             "kind": "state", "t": now, "step": max(self._step, 0), "paused": self._step < self._paused_at,
@@ -211,5 +211,5 @@ class Scene:
             distance, nearest = min(others, default=(math.inf, ""))
             if distance <= STANDARD.near:
                 state, blocker = "blocked", nearest
-        heads = self._places.get(route[0]) if route and state not in ("frozen", "off") else None
-        return (robot, *(round(one, 3) for one in pose), state, heads, blocker)
+        next_place = self._places.get(route[0]) if route and state not in ("frozen", "off") else None
+        return (robot, *(round(one, 3) for one in pose), state, next_place, blocker)

@@ -1,7 +1,8 @@
-"""Server of the map page, on loopback: states of a run out, orders in.
+"""Server of the map page on loopback: sends the run's state to pages and their orders to the run.
 
-The page requires a token, and orders from other origins are rejected. Messages from a page are untrusted:
-bounded, checked, counted. A slow page skips states; one that reads nothing is closed.
+The page's address contains a token, and connections from other origins are rejected. Messages from a page
+are untrusted: their size is limited, their content checked and invalid ones counted. A slow page skips
+states; one that reads nothing is closed.
 """
 
 import asyncio
@@ -33,24 +34,24 @@ from actors.messages import (
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Bus, at
 from actors.runtime.errors import AcrcError
-from deploy.control.scene import PENDING, Scene
+from deploy.control.scene import MAX_PENDING_ORDERS, Scene
 from deploy.run import order_bus
 
 HOST: Final = "127.0.0.1"
-ORDER_LENGTH: Final = 200
+MAX_ORDER_LENGTH: Final = 200
 """Maximum length of an order from a page, in the syntax of `acrc order RUN`."""
-PAGES: Final = 8
+MAX_PAGES: Final = 8
 """Maximum number of open pages; further ones are closed with an error."""
-TOO_MANY: Final = f"{PAGES} pages of this run are open already. Close one, then reload this one."
-JUNK: Final = 20
+TOO_MANY_PAGES: Final = f"{MAX_PAGES} pages of this run are open already. Close one, then reload this one."
+MAX_INVALID_MESSAGES: Final = 20
 """Number of invalid messages after which a page is closed."""
 SEND_TIMEOUT_S: Final = 10.0
-"""Time after which a page that reads nothing is closed, s; own choice."""
-LINES: Final = 100
+"""Time after which a page that reads nothing is closed, s; our choice."""
+MAX_LINES: Final = 100
 """Maximum length of the list of orders; older ones are dropped."""
 TOPICS: Final = (DRIVE, RECEIVED, FLOOR_NEWS, TRUTH, CONTROL, ANSWERED, PROGRESS)
 """Topics in polling order: an order precedes its answer."""
-LISTENS: Final = tuple(at(topic, "*" if "{id}" in topic.pattern else "") for topic in TOPICS)
+ADDRESSES: Final = tuple(at(topic, "*" if "{id}" in topic.pattern else "") for topic in TOPICS)
 ANSWER_TIMEOUT_S: Final = 10.0
 """Time after which the list of orders shows a missing answer, s."""
 POLICY: Final = (
@@ -61,12 +62,12 @@ UNANSWERED: Final = "no answer yet; the run executes the order at its next step"
 
 
 class OrderLine(msgspec.Struct, tag_field="kind", tag="order"):
-    """One line of the list of orders, for repeated orders or moves of one robot; shows the last one."""
+    """Line of the list of orders: the last of equal orders, or of moves of one robot, in a row."""
 
     number: int
     order: str
     times: int = 0
-    """Number of orders in this line; below: those without an answer, and those refused."""
+    """Number of orders in this line; `waiting`: those without an answer; `refused`: those refused."""
     waiting: int = 0
     refused: int = 0
     refusal: str = ""
@@ -75,18 +76,21 @@ class OrderLine(msgspec.Struct, tag_field="kind", tag="order"):
 
 
 class RunLink:
-    """Link between a scene and a run; `messages` drops messages rather than delay the run."""
+    """Link between a scene and a run.
+
+    `messages`: a bus that drops messages rather than delaying the run.
+    """
 
     def __init__(
         self, scene: Scene, messages: Bus, orders: Bus, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._scene, self._messages, self._orders, self._clock = scene, messages, orders, clock
-        self.lines: deque[OrderLine] = deque(maxlen=LINES)
+        self.lines: deque[OrderLine] = deque(maxlen=MAX_LINES)
         self.version = 0
-        self._waiting: dict[str, tuple[OrderLine, float]] = {}
-        """By ticket: the line and the time of the order, s."""
+        self._unanswered: dict[str, tuple[OrderLine, float]] = {}
+        """Line and time, s, of each order without an answer, by ticket."""
 
-    def give(self, words: str) -> None:
+    def send_order(self, words: str) -> None:
         """Send an order to the run, in the syntax of `acrc order RUN`."""
         verb, *rest = words.split() or [""]
         line = self.lines[-1] if self.lines else OrderLine(0, "")
@@ -94,36 +98,38 @@ class RunLink:
             line = OrderLine(line.number + 1, words)
             self.lines.append(line)
         line.order, line.times = words, line.times + 1
-        self._change(line, waiting=1)
+        self._update_line(line, waiting=1)
         try:
             order = order_bus.parse(verb, rest)
-            if self._scene.over or len(self._waiting) >= PENDING:
+            if self._scene.over or len(self._unanswered) >= MAX_PENDING_ORDERS:
                 raise AcrcError("the run has ended" if self._scene.over else "too many unanswered orders")
         except AcrcError as error:
-            self._change(line, waiting=-1, refusal=str(error))
+            self._update_line(line, waiting=-1, refusal=str(error))
             return
         ticket = secrets.token_hex(8)
-        self._waiting[ticket] = line, self._clock()
+        self._unanswered[ticket] = line, self._clock()
         self._orders.publish(CONTROL.key(), encode(Control(0, (order,), ticket), CONTROL.key()))
 
     def poll(self) -> None:
         """Process all messages; of `RadioEvents` only the newest per transceiver."""
-        for address in LISTENS:
-            came = list(iter(partial(self._messages.poll, address.topic), None))
-            for one in {one.key: one for one in came}.values() if address.topic is RECEIVED else came:
+        for address in ADDRESSES:
+            deliveries = list(iter(partial(self._messages.poll, address.topic), None))
+            for one in (
+                {one.key: one for one in deliveries}.values() if address.topic is RECEIVED else deliveries
+            ):
                 message = decode(one.topic, one.key, one.payload)
                 self._scene.take(one.key, message)
                 if isinstance(message, OrderOutcomes):
-                    self._answer(message.ticket, "; ".join(message.refusals))
+                    self._settle_order(message.ticket, "; ".join(message.refusals))
         oldest = self._clock() - ANSWER_TIMEOUT_S
-        for ticket in [ticket for ticket, (_, since) in self._waiting.items() if since < oldest]:
-            self._answer(ticket, UNANSWERED)
+        for ticket in [ticket for ticket, (_, since) in self._unanswered.items() if since < oldest]:
+            self._settle_order(ticket, UNANSWERED)
 
-    def _answer(self, ticket: str, refusal: str) -> None:
-        if ticket in self._waiting:
-            self._change(self._waiting.pop(ticket)[0], waiting=-1, refusal=refusal)
+    def _settle_order(self, ticket: str, refusal: str) -> None:
+        if ticket in self._unanswered:
+            self._update_line(self._unanswered.pop(ticket)[0], waiting=-1, refusal=refusal)
 
-    def _change(self, line: OrderLine, *, waiting: int, refusal: str = "") -> None:
+    def _update_line(self, line: OrderLine, *, waiting: int, refusal: str = "") -> None:
         self.version, self._scene.changed = self.version + 1, True
         line.version, line.waiting = self.version, line.waiting + waiting
         line.refused, line.refusal = line.refused + bool(refusal), refusal or line.refusal
@@ -139,7 +145,7 @@ class ControlServer:
         """Events that wake the senders of the open pages."""
         self._version, self._state = 0, dict[str, Any]()
         """Number and content of the last state."""
-        self.junk = 0
+        self.invalid_messages = 0
         """Number of invalid messages."""
 
     @property
@@ -150,25 +156,25 @@ class ControlServer:
     async def start(self) -> Server:
         """Listen at a free port; the caller closes the server."""
         server = await serve(
-            self._page, HOST, 0, process_request=self._admit, max_size=ORDER_LENGTH, max_queue=16,
+            self._page, HOST, 0, process_request=self._respond, max_size=MAX_ORDER_LENGTH, max_queue=16,
             write_limit=1 << 16, ping_timeout=SEND_TIMEOUT_S, close_timeout=1.0, compression=None,
             server_header=None,
         )  # fmt: skip
         self._host = f"{HOST}:{next(iter(server.sockets)).getsockname()[1]}"
         return server
 
-    def renew(self) -> None:
+    def send_changes(self) -> None:
         """Send changes to all pages."""
         if self._scene.changed and self._pages:
             self._scene.changed, self._version, self._state = False, self._version + 1, self._scene.state()
             for wake in self._pages:
                 wake.set()
 
-    def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the page, None for its WebSocket, or an error."""
+    def _respond(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the page, or an error; None for the page's WebSocket."""
         token = request.path.strip("/").removesuffix("/socket").encode()
         is_known = secrets.compare_digest(token, self._token.encode())
-        policy, kind = "default-src 'none'", "text/plain"
+        policy, content_type = "default-src 'none'", "text/plain"
         if request.headers.get_all("Host") != [self._host] or not is_known:
             response = connection.respond(HTTPStatus.NOT_FOUND, "Not found.\n")
         elif request.path.endswith("/socket"):
@@ -181,29 +187,33 @@ class ControlServer:
             for part in ("page.css", "map.js", "page.js"):
                 text = text.replace(f"/* {part} */", folder.joinpath(part).read_text(encoding="utf-8"))
             response = connection.respond(HTTPStatus.OK, text.replace("NONCE", self._nonce))
-            policy, kind = POLICY.format(nonce=self._nonce, host=self._host), "text/html"
+            policy, content_type = POLICY.format(nonce=self._nonce, host=self._host), "text/html"
         del response.headers["Content-Type"]
         response.headers.update({
-            "Content-Type": f"{kind}; charset=utf-8", "Content-Security-Policy": policy,
+            "Content-Type": f"{content_type}; charset=utf-8", "Content-Security-Policy": policy,
             "Cache-Control": "no-store", "Referrer-Policy": "no-referrer",
             "X-Content-Type-Options": "nosniff",
         })  # fmt: skip
         return response
 
     async def _page(self, connection: ServerConnection) -> None:
-        if len(self._pages) >= PAGES:  # a browser hides the reason of a refused handshake
-            await connection.close(1013, TOO_MANY)
+        if len(self._pages) >= MAX_PAGES:  # only after the handshake can a browser show the reason
+            await connection.close(1013, TOO_MANY_PAGES)
             return
-        wake, junk = asyncio.Event(), 0
+        wake, page_invalid = asyncio.Event(), 0
         self._pages.add(wake)
         sender = asyncio.create_task(self._send(connection, wake))
         try:
             async for data in connection:
                 if isinstance(data, str) and data:
-                    self._link.give(data)
+                    self._link.send_order(data)
                     continue
-                self.junk, junk, self._scene.changed = self.junk + 1, junk + 1, True
-                if junk >= JUNK:
+                self.invalid_messages, page_invalid, self._scene.changed = (
+                    self.invalid_messages + 1,
+                    page_invalid + 1,
+                    True,
+                )
+                if page_invalid >= MAX_INVALID_MESSAGES:
                     await connection.close(1008, "too many invalid messages")
                     return
         except ConnectionClosed:
@@ -213,25 +223,28 @@ class ControlServer:
             sender.cancel()
 
     async def _send(self, connection: ServerConnection, wake: asyncio.Event) -> None:
-        """Send lines and states while the page is open; `late`: number of skipped states."""
+        """Send states and changed lines while the page is open; count skipped states."""
 
-        async def put(message: object) -> None:
+        async def send_json(message: object) -> None:
             async with asyncio.timeout(SEND_TIMEOUT_S):
                 await connection.send(msgspec.json.encode(message).decode())
 
-        lines_sent, seen, late = 0, 0, 0
+        lines_sent, sent_version, skipped = 0, 0, 0
         try:
-            await put(self._scene.floor())
+            await send_json(self._scene.floor())
             self._scene.changed = True
-            self.renew()
+            self.send_changes()
             while await wake.wait():
                 wake.clear()
                 lines = [one for one in self._link.lines if one.version > lines_sent]
                 lines_sent = self._link.version
-                if seen != self._version:
-                    late, seen = late + (self._version - seen - 1 if seen else 0), self._version
-                    await put(self._state | {"late": late, "junk": self.junk})
+                if sent_version != self._version:
+                    skipped, sent_version = (
+                        skipped + (self._version - sent_version - 1 if sent_version else 0),
+                        self._version,
+                    )
+                    await send_json(self._state | {"late": skipped, "junk": self.invalid_messages})
                 for line in lines:
-                    await put(line)
+                    await send_json(line)
         except (ConnectionClosed, TimeoutError):
             connection.transport.abort()

@@ -1,4 +1,4 @@
-"""Events of a scenario: checks between them and other tables, and the orders that they become."""
+"""Robots, areas and events of a scenario: checks across tables, and conversion of events to orders."""
 
 import difflib
 import math
@@ -56,12 +56,12 @@ def known_robots(scenario: Scenario) -> str:
 def area_fault(scenario: Scenario) -> str | None:
     """Return an error in the areas or their use, without a full stop; None if valid."""
     return (
-        _repetition(
+        _repetition_fault(
             [area.name for area in scenario.area], "area[{}].name", "each area must have its own name"
         )
-        or _unknown_area(scenario.robots.areas, "robots.areas", scenario)
+        or _area_name_fault(scenario.robots.areas, "robots.areas", scenario)
         or _preset_fault(scenario)
-        or _unknown_area(scenario.places.areas, "places.areas", scenario)
+        or _area_name_fault(scenario.places.areas, "places.areas", scenario)
     )
 
 
@@ -105,22 +105,22 @@ def _preset_fault(scenario: Scenario) -> str | None:
     return None
 
 
-def _unknown_area(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | None:
+def _area_name_fault(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | None:
     """Return an error for an unknown or repeated area name."""
     known = [area.name for area in scenario.area]
     for index, name in enumerate(names or ()):
         if name in known:
             continue
-        near = difflib.get_close_matches(name, known, n=1)
-        if near:
-            nearest = toml_text(near[0])
+        matches = difflib.get_close_matches(name, known, n=1)
+        if matches:
+            nearest = toml_text(matches[0])
             return f"{key}[{index}] is {toml_text(name)}, which is not an area; did you mean {nearest}?"
-        right = f"one of {', '.join(map(toml_text, known))}" if known else "the name of an [[area]]"
-        return f"{key}[{index}] is {toml_text(name)}, but must be {right}"
-    return _repetition(names or (), f"{key}[{{}}]", "name each area once")
+        expected = f"one of {', '.join(map(toml_text, known))}" if known else "the name of an [[area]]"
+        return f"{key}[{index}] is {toml_text(name)}, but must be {expected}"
+    return _repetition_fault(names or (), f"{key}[{{}}]", "name each area once")
 
 
-def _repetition(names: Sequence[str], key: str, rule: str) -> str | None:
+def _repetition_fault(names: Sequence[str], key: str, rule: str) -> str | None:
     """Return an error for a repeated name; `key` has a placeholder for its index."""
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -128,7 +128,7 @@ def _repetition(names: Sequence[str], key: str, rule: str) -> str | None:
     return None
 
 
-_ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
+_ACTIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
     "kill": ((), orders.Kill),
     "freeze": ((), orders.Freeze),
     "thaw": ((), orders.Thaw),
@@ -141,7 +141,7 @@ _ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
     "close": ((), lambda at: orders.CloseDoor(*at)),
     "open": ((), lambda at: orders.OpenDoor(*at)),
 }
-"""Keys that each action requires, and the order made of its values."""
+"""Further keys that each action requires, and the constructor of its order."""
 _FURTHER_KEYS: Final = ("to", "radius", "duration", "of", "places")
 _ROBOT_ACTIONS: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "give")
 
@@ -149,41 +149,41 @@ _ROBOT_ACTIONS: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "g
 def event_fault(scenario: Scenario) -> str | None:
     """Return the first error in the events, without a full stop; None if valid."""
     for index, event in enumerate(scenario.event):
-        found = _action_fault(event) or _robot_fault(event, scenario) or _instant_fault(event, scenario)
-        if found:
-            return f"event[{index}]{found}"
+        fault = _action_fault(event) or _robot_fault(event, scenario) or _instant_fault(event, scenario)
+        if fault:
+            return f"event[{index}]{fault}"
     return _sequence_fault(scenario)
 
 
 def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
     """Return the orders sorted by time; orders of one instant keep the order of the file."""
-    return tuple(_timed(scenario.event[index]) for index in _sorted_indices(scenario))
+    return tuple(_timed_order(scenario.event[index]) for index in _sorted_indices(scenario))
 
 
-def _timed(event: EventTable) -> TimedOrder:
+def _timed_order(event: EventTable) -> TimedOrder:
     return TimedOrder(seconds(event.at), _order(event))
 
 
 def action_of(event: EventTable) -> str:
     """Return the name of the event's action."""
-    return next(name for name in _ORDERS if getattr(event, name) is not None)
+    return next(name for name in _ACTIONS if getattr(event, name) is not None)
 
 
 def _action_fault(event: EventTable) -> str | None:
-    """Return an error unless the event has one action and exactly its keys."""
-    actions = [name for name in _ORDERS if getattr(event, name) is not None]
+    """Return an error unless the event has one action and exactly the keys of that action."""
+    actions = [name for name in _ACTIONS if getattr(event, name) is not None]
     if len(actions) != 1:
         has = " and ".join(actions) or "no action"
-        return f" has {has}, but must have exactly one of {', '.join(_ORDERS)}"
+        return f" has {has}, but must have exactly one of {', '.join(_ACTIONS)}"
     (action,) = actions
-    needed, _ = _ORDERS[action]
+    needed, _ = _ACTIONS[action]
     for name in _FURTHER_KEYS:
-        present, belongs = getattr(event, name) is not None, name in needed
-        if belongs and not present:
+        is_present, is_allowed = getattr(event, name) is not None, name in needed
+        if is_allowed and not is_present:
             return f".{name} is missing; {action} requires {' and '.join(needed)}"
-        if present and not belongs:
-            needs = " and ".join(needed) or "no other key"
-            return f".{name} cannot be used with {action}, which takes {needs}"
+        if is_present and not is_allowed:
+            takes = " and ".join(needed) or "no other key"
+            return f".{name} cannot be used with {action}, which takes {takes}"
     return None
 
 
@@ -197,7 +197,7 @@ def _robot_fault(event: EventTable, scenario: Scenario) -> str | None:
 
 
 def _instant_fault(event: EventTable, scenario: Scenario) -> str | None:
-    if _step_boundary(event, scenario) < seconds(scenario.run.duration):
+    if _step_start(event, scenario) < seconds(scenario.run.duration):
         return None
     last = in_seconds(_last_step(scenario))
     return f".at is {event.at:g}, but must be from 0 to {last:g} s, where the last step begins"
@@ -209,24 +209,24 @@ def _sequence_fault(scenario: Scenario) -> str | None:
     restarted: dict[str, Instant] = {}
     for index in _sorted_indices(scenario):
         event = scenario.event[index]
-        action, boundary = action_of(event), _step_boundary(event, scenario)
+        action, step_start = action_of(event), _step_start(event, scenario)
         if action not in ("kill", "freeze", "thaw", "restart"):
             continue
         robot: str = getattr(event, action)
-        if action != "restart" and restarted.get(robot) == boundary:
+        if action != "restart" and restarted.get(robot) == step_start:
             return (
                 f"event[{index}] cannot {action} {robot} at {event.at:g} s, the step of its restart;"
                 " choose a later step"
             )
-        allowed, after = _TRANSITIONS[action]
+        allowed, next_state = _TRANSITIONS[action]
         if states[robot] not in allowed:
             return (
                 f"event[{index}] cannot {action} {robot} at {event.at:g} s: it is {states[robot]} then;"
                 f" it must be {' or '.join(allowed)}"
             )
-        states[robot] = after
+        states[robot] = next_state
         if action == "restart":
-            restarted[robot] = boundary
+            restarted[robot] = step_start
     return None
 
 
@@ -244,10 +244,10 @@ def _sorted_indices(scenario: Scenario) -> list[int]:
     return sorted(range(len(scenario.event)), key=lambda index: seconds(scenario.event[index].at))
 
 
-def _step_boundary(event: EventTable, scenario: Scenario) -> Instant:
+def _step_start(event: EventTable, scenario: Scenario) -> Instant:
     """Return the first step boundary not before the event."""
     step = milliseconds(scenario.run.step_ms)
-    return Instant(_timed(event).step(step) * step)
+    return Instant(_timed_order(event).step(step) * step)
 
 
 def _last_step(scenario: Scenario) -> Instant:
@@ -257,5 +257,5 @@ def _last_step(scenario: Scenario) -> Instant:
 
 def _order(event: EventTable) -> Order:
     action = action_of(event)
-    beside, order = _ORDERS[action]
-    return order(*(getattr(event, name) for name in (action, *beside)))
+    further_keys, order = _ACTIONS[action]
+    return order(*(getattr(event, name) for name in (action, *further_keys)))

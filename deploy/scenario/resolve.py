@@ -35,7 +35,7 @@ class LayoutError(AcrcError):
 _SPACING: Final = 0.6
 """Minimum distance of drawn starts, and of one robot's places, from walls and each other, m. A robot can
 pass between such a point and the wall."""
-_PER_ROBOT: Final = 10
+_DEFAULT_PLACES: Final = 10
 """Default number of places of a robot (d3scomp/deeco-adaptation-testbed, GARBAGE_PER_ROBOT)."""
 
 
@@ -74,7 +74,7 @@ class ResolvedScenario(Swarm):
     """A scenario with all set-ups derived from it."""
 
     scenario: Scenario
-    """Equivalent to the given scenario, without random draws: every robot has its own table."""
+    """Equivalent scenario without random draws: every robot has its own table."""
     grid: OccupancyGrid = field(compare=False)
     """The floor plan."""
 
@@ -99,22 +99,22 @@ def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
 
 
 def resolve(scenario: Scenario) -> ResolvedScenario:
-    """Look up and draw everything that the scenario leaves open, from its seed.
+    """Resolve names and draw all random starts and places of a scenario, from its seed.
 
     A robot's draws depend on earlier robots only, so a larger count does not change them. Raises AcrcError.
     """
     behaviour = entry(scenario.run.strategy)
     radio_model.preset(scenario.radio.preset)
     grid = load_map(scenario.map)
-    specs = [_spec(robot, scenario) for robot in scenario.ids]
+    specs = [_robot_spec(robot, scenario) for robot in scenario.ids]
     check_areas(grid, scenario)
     _check_walls(grid, scenario)
-    poses = starts(grid, specs, scenario)
+    start_poses = starts(grid, specs, scenario)
     check_events(grid, specs, scenario)
     check_doors(grid, specs, scenario)
     robots = tuple(
         BodySetup(**asdict(spec.table) | {"start": start, "places": places(grid, spec, start, scenario)})
-        for spec, start in zip(specs, poses, strict=True)
+        for spec, start in zip(specs, start_poses, strict=True)
     )
     run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
     world = WorldSetup(
@@ -127,10 +127,10 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         events=timed_orders(scenario),
         uncertainty=scenario.uncertainty,
     )
-    if world.uncertainty != Uncertainty():  # without it the checks above of the map suffice
+    if world.uncertainty != Uncertainty():  # otherwise the checks of the map above suffice
         _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
-    explicit = _explicit(scenario, robots)
+    explicit = _explicit_scenario(scenario, robots)
     return ResolvedScenario(
         scenario=explicit,
         grid=grid,
@@ -162,24 +162,24 @@ def _check_walls(grid: OccupancyGrid, scenario: Scenario) -> None:
 
 
 def _check_floor(world: WorldSetup) -> None:
-    """Raise PlacementError now, rather than in the world's process, if the real floor cannot be made."""
-    from actors.world.body import real_floor  # noqa: PLC0415 - the physics, for few scenarios
+    """Raise PlacementError if the real floor cannot be made, before the world's process would."""
+    from actors.world.body import real_floor  # noqa: PLC0415 - loads the physics, which few scenarios need here
 
     real_floor(world, [load_model(robot.model, robot.sensor) for robot in world.robots])
 
 
-def _spec(robot: str, scenario: Scenario) -> RobotSpec:
+def _robot_spec(robot: str, scenario: Scenario) -> RobotSpec:
     """Return the robot's table, with missing values from [robots] and its model."""
     common = scenario.robots
-    own = next((table for table in scenario.robot if table.id == robot), RobotTable(id=robot))
-    name = own.model or common.model
-    model = load_model(name, own.sensor or (common.sensor if name == common.model else None))
-    odometry = own.odometry or common.odometry or model.odometry
-    own = replace(own, model=name, sensor=model.default_sensor, odometry=odometry)
-    return RobotSpec(own, model.footprint.circumradius)
+    table = next((table for table in scenario.robot if table.id == robot), RobotTable(id=robot))
+    name = table.model or common.model
+    model = load_model(name, table.sensor or (common.sensor if name == common.model else None))
+    odometry = table.odometry or common.odometry or model.odometry
+    table = replace(table, model=name, sensor=model.default_sensor, odometry=odometry)
+    return RobotSpec(table, model.footprint.circumradius)
 
 
-def _explicit(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
+def _explicit_scenario(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
     """Return the scenario with every start and place listed in [[robot]] tables.
 
     Areas of places are kept: robots may request random points in them.
@@ -199,25 +199,25 @@ def _explicit(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
 def starts(
     grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario
 ) -> list[tuple[float, float, float]]:
-    """Return every robot's start pose, in order: given, or drawn at a distance from all others."""
-    given: dict[str, tuple[float, float, float]] = {}
+    """Return the robots' start poses in order: as in the scenario, else drawn apart from all others."""
+    poses: dict[str, tuple[float, float, float]] = {}
     for index, spec in enumerate(specs):
         pose = spec.table.start
         if pose is None and index < len(scenario.robots.start):
             pose = scenario.robots.start[index]
         if pose is not None:
             check_pose(grid, Point(*pose[:2]), spec.radius, spec.id)
-            given[spec.id] = (pose[0], pose[1], wrap(pose[2]))
-    _check_apart([spec for spec in specs if spec.id in given], given)
-    taken = [Point(*pose[:2]) for pose in given.values()]
+            poses[spec.id] = (pose[0], pose[1], wrap(pose[2]))
+    _check_distances([spec for spec in specs if spec.id in poses], poses)
+    taken = [Point(*pose[:2]) for pose in poses.values()]
     floor = taken[0] if taken else None
     for spec in specs:
-        if spec.id in given:
+        if spec.id in poses:
             continue
         point = _draw_start(grid, spec, scenario, taken, floor)
         taken.append(point)
-        given[spec.id] = (*_rounded(point), 0.0)
-    return [given[spec.id] for spec in specs]
+        poses[spec.id] = (*_rounded_to_mm(point), 0.0)
+    return [poses[spec.id] for spec in specs]
 
 
 def _draw_start(
@@ -243,15 +243,15 @@ def _draw_start(
     return point
 
 
-def _check_apart(specs: Sequence[RobotSpec], given: dict[str, tuple[float, float, float]]) -> None:
+def _check_distances(specs: Sequence[RobotSpec], poses: dict[str, tuple[float, float, float]]) -> None:
     for index, spec in enumerate(specs):
-        here = Point(*given[spec.id][:2])
+        here = Point(*poses[spec.id][:2])
         for other in specs[:index]:
-            gap, needed = here.distance_to(Point(*given[other.id][:2])), spec.radius + other.radius
-            if gap < needed:
+            distance, minimum = here.distance_to(Point(*poses[other.id][:2])), spec.radius + other.radius
+            if distance < minimum:
                 raise LayoutError(
-                    f"robots {other.id} and {spec.id} start {gap:.3f} m apart at"
-                    f" ({here.x:g}, {here.y:g}), but must be at least {needed:.3f} m apart"
+                    f"robots {other.id} and {spec.id} start {distance:.3f} m apart at"
+                    f" ({here.x:g}, {here.y:g}), but must be at least {minimum:.3f} m apart"
                 )
 
 
@@ -292,13 +292,13 @@ def places(
     if spec.table.places is not None:
         return _require_free(grid, spec, spec.table.places, f"of {scenario.map}")
     index = scenario.ids.index(spec.id)
-    count = _PER_ROBOT if scenario.places.per_robot is None else scenario.places.per_robot
+    count = _DEFAULT_PLACES if scenario.places.per_robot is None else scenario.places.per_robot
     if scenario.places.preset == "golden" and index < len(GOLDEN):
         where = f'of {scenario.map}; places.preset "golden" is made for the map corridor'
-        return _require_free(grid, spec, _golden(index, count), where)
+        return _require_free(grid, spec, _golden_places(index, count), where)
     if count == 0:
         return ()
-    chosen = place_areas(scenario)
+    areas = place_areas(scenario)
     try:
         points = draw_points(
             grid,
@@ -308,20 +308,20 @@ def places(
             apart=_SPACING,
             start=Point(*start[:2]),
             passage=spec.radius,
-            areas=chosen,
+            areas=areas,
         )
     except PlacementError as error:
-        where = "on all free floor" if chosen is None else "in places.areas"
+        where = "on all free floor" if areas is None else "in places.areas"
         raise LayoutError(f"cannot draw {count} places for robot {spec.id} {where}: {error}") from error
-    return tuple(map(_rounded, points))
+    return tuple(map(_rounded_to_mm, points))
 
 
-def _rounded(point: Point) -> tuple[float, float]:
-    """Round to mm, so that people can read and repeat it."""
+def _rounded_to_mm(point: Point) -> tuple[float, float]:
+    """Round to mm, for a readable scenario file."""
     return round(point.x, 3), round(point.y, 3)
 
 
-def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
+def _golden_places(index: int, count: int) -> Sequence[tuple[float, float]]:
     points = GOLDEN[index]
     if count > len(points):
         raise LayoutError(
@@ -333,7 +333,7 @@ def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
 def _require_free(
     grid: OccupancyGrid, spec: RobotSpec, points: Sequence[tuple[float, float]], where: str
 ) -> tuple[tuple[float, float], ...]:
-    """Return the points. Raises LayoutError for one that is not on free floor; `where`: ends the sentence."""
+    """Return the points. Raises LayoutError if one is not on free floor; `where`: end of the message."""
     for index, (x, y) in enumerate(points):
         if not grid.is_free(Point(x, y)):
             raise LayoutError(

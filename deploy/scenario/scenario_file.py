@@ -31,7 +31,7 @@ DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 @dataclass(frozen=True)
 class Overrides:
-    """Values from the command line in place of the file's: a number or its text; None: as in the file."""
+    """Values from the command line that replace the file's, as number or text; None: not replaced."""
 
     robots: int | str | None = None
     """Replaces robots.count."""
@@ -61,7 +61,7 @@ _KEYS: Final = {
     "navigation": ("navigation", "preset"),
 }
 """Key of each field of Overrides."""
-_TEXTS: Final = {"strategy", "key", "navigation"}
+_TEXT_FIELDS: Final = {"strategy", "key", "navigation"}
 
 
 def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) -> Scenario:
@@ -100,22 +100,22 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
 
 
 def _with_map(
-    scenario: Scenario, own: object, path: Path, options: Mapping[tuple[str, ...], str]
+    scenario: Scenario, own_map: object, path: Path, options: Mapping[tuple[str, ...], str]
 ) -> Scenario:
-    """Resolve the scenario's map; drop areas of the file's `own` map if that was replaced.
+    """Resolve the scenario's map; drop the file's areas if the command line has replaced its map `own_map`.
 
     Raises AcrcError or OptionError if the map cannot be drawn, or starts or places belong to another map.
     """
     folder, option = Path(os.path.realpath(path)).parent, options.get(("map",))
     try:
-        there = located_map(scenario.map, folder)
-        moved = isinstance(own, str) and located_map(own, folder) != there
+        location = map_location(scenario.map, folder)
+        is_replaced = isinstance(own_map, str) and map_location(own_map, folder) != location
     except OfficesError as error:
         raise OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: map {error}") from None
-    if moved and (fault := map_conflict(scenario, str(own), options)):
+    if is_replaced and (fault := map_conflict(scenario, str(own_map), options)):
         raise OptionError(f"{option}: {fault}")
-    scenario = replace(scenario, map=there)
-    return with_areas(scenario, own_areas=not moved or ("area",) in options)
+    scenario = replace(scenario, map=location)
+    return with_areas(scenario, own_areas=not is_replaced or ("area",) in options)
 
 
 def _apply_overrides(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
@@ -127,34 +127,34 @@ def _apply_overrides(content: dict[str, Any], overrides: Overrides) -> Mapping[t
         raise wrong_value("--navigation", overrides.navigation, wording.one_of(tuple(NAVIGATION_PRESETS)))
     _drop_other_settings(content, overrides.strategy)
     for dotted, value in overrides.settings:
-        place = tuple(dotted.split("."))
-        _set(content, place, value, dotted)
-        options[place] = f"--set {dotted}"
+        keys = tuple(dotted.split("."))
+        _set_key(content, keys, value, dotted)
+        options[keys] = f"--set {dotted}"
     for name, (table_name, key) in _KEYS.items():
         value = getattr(overrides, name)
         table = content.setdefault(table_name, {})
         if value is not None and isinstance(table, dict):
-            table[key] = value if name in _TEXTS else _number(value)
+            table[key] = value if name in _TEXT_FIELDS else _number(value)
             options[table_name, key] = f"--{name}"
     return options
 
 
-def _set(content: dict[str, Any], place: Sequence[str], value: object, dotted: str) -> None:
+def _set_key(content: dict[str, Any], keys: Sequence[str], value: object, dotted: str) -> None:
     """Set a key in its table, which may be missing. Raises OptionError if a parent is not a table."""
     table: Any = content
-    for name in place[:-1]:
+    for name in keys[:-1]:
         table = table.setdefault(name, {}) if isinstance(table, dict) else None
-    if not isinstance(table, dict) or not all(place):
+    if not isinstance(table, dict) or not all(keys):
         raise wrong_value("--set", dotted, "a key of a table, such as deeco.publish")
-    table[place[-1]] = value
+    table[keys[-1]] = value
 
 
 def parse_settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
-    """Return settings given as KEY=VALUE; a value that is not valid TOML is a text.
+    """Parse settings of the form KEY=VALUE; a value that is not valid TOML is a string.
 
     Raises OptionError for a missing key or value.
     """
-    given: list[tuple[str, Any]] = []
+    settings: list[tuple[str, Any]] = []
     for word in words:
         key, equals, text = word.partition("=")
         if not key.strip() or not equals:
@@ -163,20 +163,20 @@ def parse_settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
             value = loads(f"value = {text}")["value"]
         except (ValueError, KeyError):
             value = text.strip()
-        given.append((key.strip(), value))
-    return tuple(given)
+        settings.append((key.strip(), value))
+    return tuple(settings)
 
 
 def _drop_other_settings(content: dict[str, Any], strategy: str | None) -> None:
     """Drop the table [strategy] if it belongs to another strategy than the requested one."""
     run = content.get("run")
-    named = run.get("strategy") if isinstance(run, dict) else None
-    if strategy is not None and named is not None and named != strategy:
+    file_strategy = run.get("strategy") if isinstance(run, dict) else None
+    if strategy is not None and file_strategy is not None and file_strategy != strategy:
         content.pop("strategy", None)
 
 
 def _number(value: float | str) -> float | str:
-    """Return the number in a text, or the text itself, which decoding rejects."""
+    """Parse a number; return any other text unchanged, which decoding rejects."""
     if not isinstance(value, str):
         return value
     for kind in (int, float):
@@ -195,13 +195,14 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
     )
 
 
-def with_models(scenario: Scenario, moved: Callable[[str], str]) -> Scenario:
-    """Return the scenario with `moved` applied to all names and paths of robot models."""
-    robots = replace(scenario.robots, model=moved(scenario.robots.model))
-    own = tuple(
-        robot if robot.model is None else replace(robot, model=moved(robot.model)) for robot in scenario.robot
+def with_models(scenario: Scenario, relocate: Callable[[str], str]) -> Scenario:
+    """Return the scenario with `relocate` applied to all names and paths of robot models."""
+    robots = replace(scenario.robots, model=relocate(scenario.robots.model))
+    tables = tuple(
+        robot if robot.model is None else replace(robot, model=relocate(robot.model))
+        for robot in scenario.robot
     )
-    return replace(scenario, robots=robots, robot=own)
+    return replace(scenario, robots=robots, robot=tables)
 
 
 def module_folders(scenario: Scenario) -> tuple[Path, ...]:
@@ -209,33 +210,33 @@ def module_folders(scenario: Scenario) -> tuple[Path, ...]:
     return (Path(scenario.run.modules),) if scenario.run.modules else ()
 
 
-def located_map(told: str, folder: Path) -> str:
+def map_location(name: str, folder: Path) -> str:
     """Return the absolute path of a map, or the name of a drawn floor. Raises OfficesError."""
-    return offices.parse(told).name if offices.is_name(told) else os.path.realpath(folder / told)
+    return offices.parse(name).name if offices.is_name(name) else os.path.realpath(folder / name)
 
 
-def map_conflict(scenario: Scenario, own: str, given: Collection[tuple[str, ...]]) -> str | None:
-    """Return an error if starts or places of a file belong to its `own` map, not the scenario's; else None.
+def map_conflict(scenario: Scenario, own_map: str, overridden: Collection[tuple[str, ...]]) -> str | None:
+    """Return an error if the file's starts or places are for its map `own_map`, which was replaced.
 
-    `given`: keys set by the command line.
+    `overridden`: keys set by the command line.
     """
     robots = any(robot.start is not None or robot.places is not None for robot in scenario.robot)
-    made = {
+    conflicts = {
         ("robots", "start"): ("robots.start=[]", bool(scenario.robots.start)),
         ("places", "preset"): ("places.preset=free", scenario.places.preset == "golden"),
         ("robot",): ("robot=[]", robots),
     }
-    right = [words for key, (words, there) in made.items() if there and key not in given]
-    if not right:
+    required = [words for key, (words, is_set) in conflicts.items() if is_set and key not in overridden]
+    if not required:
         return None
     return (
-        f"{scenario.map} replaces the scenario's own map {own}, for which its starts or places are"
-        f" made; also set {' and '.join(right)}"
+        f"{scenario.map} replaces the scenario's own map {own_map}, for which its starts or places are"
+        f" made; also set {' and '.join(required)}"
     )
 
 
 def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
-    """Return the scenario with its own areas, or with the rooms of its drawn floor."""
+    """Return the scenario with its own areas, or without any with the rooms of its drawn floor."""
     tables = scenario.area if own_areas else ()
     if not tables and offices.is_name(scenario.map):
         rooms = offices.office_floor(scenario.map).rooms
@@ -245,9 +246,9 @@ def with_areas(scenario: Scenario, *, own_areas: bool) -> Scenario:
     return scenario if tables == scenario.area else replace(scenario, area=tables)
 
 
-def map_title(told: str) -> str:
+def map_title(name: str) -> str:
     """Return the map's short name."""
-    return Path(told).name.removesuffix(".yaml")
+    return Path(name).name.removesuffix(".yaml")
 
 
 def is_scenario(path: Path) -> bool:
@@ -260,7 +261,7 @@ def is_scenario(path: Path) -> bool:
 
 
 def is_study(content: Mapping[str, Any]) -> bool:
-    """Return whether content is a study's: a study has both keys, a scenario neither."""
+    """Return whether content is that of a study file, which has two keys that scenarios lack."""
     return "strategies" in content and "scenario" in content
 
 
@@ -269,8 +270,8 @@ def check_exists(path: Path, folder: Path) -> None:
     if path.exists():
         return
     shipped = {file.stem: file for file in sorted(folder.glob("*.toml"))}
-    for near in difflib.get_close_matches(path.stem, shipped, n=1):
-        raise AcrcError(f"{path}: file not found; did you mean {os.path.relpath(shipped[near])}?")
+    for match in difflib.get_close_matches(path.stem, shipped, n=1):
+        raise AcrcError(f"{path}: file not found; did you mean {os.path.relpath(shipped[match])}?")
 
 
 def map_files(described: Path) -> Iterator[Path]:
@@ -292,8 +293,8 @@ def strategy_files(strategy: str, folder: Path) -> Iterator[Path]:
         top = module_file(module.partition(".")[0], folder)
         if top is None:
             raise AcrcError(f"{name}: its module is not in {folder}; move it there to bundle it")
-        whole = top.name == "__init__.py" or top.is_dir()
-        files = sorted((top if top.is_dir() else top.parent).rglob("*.py")) if whole else [top]
+        is_package = top.name == "__init__.py" or top.is_dir()
+        files = sorted((top if top.is_dir() else top.parent).rglob("*.py")) if is_package else [top]
         for file in files:
             if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
                 raise AcrcError(f"{file}: is not a file in {folder}; only those are bundled")

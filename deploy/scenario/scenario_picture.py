@@ -26,7 +26,7 @@ _LATTICE: Final = 0.25
 """Spacing of the points at which radio range is computed, m."""
 
 
-def draw(found: ScenarioSurvey) -> Figure:
+def draw_scenario(found: ScenarioSurvey) -> Figure:
     """Return the picture of a scenario."""
     figure, axes = _floor_figure(found)
     world = found.resolved.world
@@ -45,9 +45,11 @@ def draw(found: ScenarioSurvey) -> Figure:
                 fontweight="bold",
             )  # fmt: skip
         for number, (px, py) in enumerate(body.places):
-            shut = PlaceKey(body.id, number) in found.out_of_reach
-            mark = {"marker": "X", "ms": 8.0} if shut else {"marker": "o", "ms": 4.6 if few else 2.6}
-            axes.plot(px, py, mfc="w", mec=colour, mew=1.3, zorder=5, **mark)  # type: ignore[arg-type]
+            is_unreachable = PlaceKey(body.id, number) in found.out_of_reach
+            marker = (
+                {"marker": "X", "ms": 8.0} if is_unreachable else {"marker": "o", "ms": 4.6 if few else 2.6}
+            )
+            axes.plot(px, py, mfc="w", mec=colour, mew=1.3, zorder=5, **marker)  # type: ignore[arg-type]
     places = sum(len(body.places) for body in world.robots)
     _set_title(axes, f"{found.name}: {len(world.robots)} robots, {places} places, seed {world.seed}")
     _add_legend(figure, _legend(found, few=few), 3)
@@ -60,7 +62,7 @@ def write(found: MapSurvey | RobotModel, path: Path) -> None:
         if isinstance(found, RobotModel):
             figure = draw_model(found)
         else:
-            figure = draw(found) if isinstance(found, ScenarioSurvey) else draw_map(found)
+            figure = draw_scenario(found) if isinstance(found, ScenarioSurvey) else draw_map(found)
         style.save(figure, path)
 
 
@@ -90,19 +92,19 @@ def _add_legend(figure: Figure, handles: list[Line2D | Patch], columns: int) -> 
 
 
 def _draw_radio(axes: Axes, found: ScenarioSurvey) -> None:
-    """Draw the limit of each start's radio range: half of the longest frames arrive there."""
+    """Draw the contour around each start at which half of the longest frames arrive."""
     x, y = _lattice(found.grid)
     free = np.array([[found.grid.is_free(Point(east, north)) for east in x.tolist()] for north in y.tolist()])
-    look: dict[str, Any] = {"levels": [0.0], "linewidths": 1.0, "linestyles": "dotted", "zorder": 3}
-    for index, left in enumerate(_covered(found.resolved, found.grid)):
-        if left[free].min() < 0.0 < left[free].max():
-            axes.contour(x, y, np.where(free, left, np.nan), colors=[style.colour(index)], **look)
+    contour_style: dict[str, Any] = {"levels": [0.0], "linewidths": 1.0, "linestyles": "dotted", "zorder": 3}
+    for index, margin in enumerate(_link_margins(found.resolved, found.grid)):
+        if margin[free].min() < 0.0 < margin[free].max():
+            axes.contour(x, y, np.where(free, margin, np.nan), colors=[style.colour(index)], **contour_style)
 
 
-def _covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np.float64]]:
+def _link_margins(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np.float64]]:
     """Return the link margin from each robot's start, dB, (rows, columns) of a lattice over the map.
 
-    At 0 half of the longest frames arrive. Lattice points are `_LATTICE` apart.
+    At 0 dB half of the longest frames arrive. Lattice points are `_LATTICE` apart.
     """
     model = radio_model(resolved.radio)
     x, y = _lattice(grid)
@@ -114,7 +116,7 @@ def _covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np
 
 
 def _lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the x and the y of the lattice, m."""
+    """Return the coordinates x and y of the lattice, m."""
     spans = ((grid.origin.x, grid.corner.x), (grid.origin.y, grid.corner.y))
     x, y = (np.arange(begin + _LATTICE / 2, end, _LATTICE, np.float64) for begin, end in spans)
     return x, y
@@ -173,11 +175,11 @@ def draw_model(model: RobotModel) -> Figure:
 
 def _draw_body(axes: Axes, model: RobotModel) -> None:
     body, ahead = model.footprint, model.footprint.circumradius
-    look_ = {"facecolor": to_rgba(_BODY, 0.35), "edgecolor": _BODY, "lw": 1.4, "zorder": 4}
+    patch_style = {"facecolor": to_rgba(_BODY, 0.35), "edgecolor": _BODY, "lw": 1.4, "zorder": 4}
     if body.vertices is None:
-        axes.add_patch(Circle((0.0, 0.0), ahead, **look_))
+        axes.add_patch(Circle((0.0, 0.0), ahead, **patch_style))
     else:
-        axes.add_patch(Polygon(np.array(body.vertices), closed=True, **look_))
+        axes.add_patch(Polygon(np.array(body.vertices), closed=True, **patch_style))
     axes.plot([0.0, ahead], [0.0, 0.0], color=_BODY, lw=1.4, zorder=5)
     if model.bumper is not None:
         centre, side = model.bumper.centre_deg, model.bumper.reach_deg
@@ -191,6 +193,6 @@ def _draw_view(axes: Axes, model: RobotModel) -> None:
     sensor, mount = model.sensor, model.sensor.mount
     half, ahead = sensor.field_of_view_deg / 2, math.degrees(mount.heading)
     width = sensor.range_max - sensor.range_min
-    seen = Wedge((mount.x, mount.y), sensor.range_max, ahead - half, ahead + half, width=width, color=_VIEW)
-    axes.add_patch(seen)
+    view = Wedge((mount.x, mount.y), sensor.range_max, ahead - half, ahead + half, width=width, color=_VIEW)
+    axes.add_patch(view)
     axes.plot(mount.x, mount.y, marker="^", ms=5, color=style.INK, zorder=6)

@@ -1,4 +1,4 @@
-"""Properties of scenarios, maps and robot models, and expected failures of a run."""
+"""Properties of scenarios, maps and robot models, and warnings about expected problems of a run."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -47,28 +47,28 @@ from deploy.scenario.scenario_file import map_title
 
 _CYCLE_US: Final = 200_000
 _TRIAL_US: Final = 60_000_000
-"""A robot without a command until then cannot drive off, µs."""
+"""Simulated time within which a robot that can drive off commands a velocity, µs."""
 _STEP: Final = 0.01
-"""Resolution of the distances from a wall that are tried, m."""
-_MOST_NAMES: Final = 3
-"""Names listed in a sentence; the others are counted."""
-_FADED_DB: Final = 6.0
-"""No frame arrives so far below the power at which half of the longest ones do, dB."""
-_MOST_CELLS: Final = 1_000_000
-"""Larger maps are not refined to half cells."""
+"""Increment of the tried distances from a wall, m."""
+_MAX_NAMES: Final = 3
+"""Maximum number of names listed in a sentence; further ones are counted."""
+_FADING_MARGIN_DB: Final = 6.0
+"""Margin below the power at which half of the longest frames arrive; at lower power none arrives, dB."""
+_MAX_REFINED_CELLS: Final = 1_000_000
+"""Maximum size of maps that are refined to half cells."""
 _SAMPLES: Final = 80
 """Maximum number of points per part of the floor for which radio links are computed."""
 
 
 def scenario_warnings(resolved: ResolvedScenario, floor: "_Floor | None" = None) -> tuple[str, ...]:
-    """Return the expected failures of a run, a sentence each."""
+    """Return the problems to be expected in a run, one sentence each."""
     floor = floor or _floor(resolved, resolved.grid)
     return (
         *map_warnings(resolved.world.map),
-        *_starts(floor),
-        *_places(floor),
-        *_closed_doors(floor),
-        *_disconnected(floor),
+        *_start_warnings(floor),
+        *_place_warnings(floor),
+        *_door_warnings(floor),
+        *_connection_warnings(floor),
     )
 
 
@@ -78,9 +78,9 @@ class _RobotFloor(NamedTuple):
     clearance: float
     """Clearance that the local planner needs at any heading, m."""
     door: float
-    """Width of doors that both planners always pass, m."""
+    """Minimum width of doors that both planners always pass, m."""
     parts: NDArray[np.int32]
-    """(rows, columns): connected parts of the floor, from 1 on; 0 without room."""
+    """(rows, columns): labels of connected parts of the floor, from 1 on; 0: too narrow."""
 
 
 class _Floor:
@@ -91,11 +91,11 @@ class _Floor:
         self.slack = slack
         self.resolved, self.grid, self.robots = resolved, grid, resolved.world.robots
         self.preset = f"navigation `{resolved.scenario.presets['navigation']}`"
-        self.model, self._room = cache(load_model), cache(self._room_of_radius)
+        self.model, self._room = cache(load_model), cache(self._compute_room)
         reach = resolved.adaptation.settings.get("reach")
         self.reach = float(reach) if isinstance(reach, int | float) else CleaningParameters().reach
         self.starts = {robot.id: self.part(robot, self.room(robot)) for robot in self.robots}
-        """Part of the floor in which each robot starts; 0: none."""
+        """Label of the part of the floor in which each robot starts; 0: none."""
         self.unreached = dict(self._unreached())
         """Places that their owners cannot reach, with a cell from which each could be visited, if any."""
 
@@ -107,7 +107,7 @@ class _Floor:
         """Return the floor on which the robot's body fits."""
         return self._room(self.radius(robot))
 
-    def _room_of_radius(self, radius: float) -> _RobotFloor:
+    def _compute_room(self, radius: float) -> _RobotFloor:
         stack, grid = self.resolved.stack, self.grid
         clearance, cell = room_needed(radius, stack.local_map), self.resolved.grid.resolution
         if stack.planner.method == "navfn":
@@ -125,7 +125,7 @@ class _Floor:
         )
 
     def part(self, robot: BodySetup, room: _RobotFloor) -> int:
-        """Return the part of the floor in which the robot starts, 0 for none.
+        """Return the label of the part of the floor in which the robot starts; 0: none.
 
         A start too close to a wall is moved a little away from it.
         """
@@ -145,65 +145,65 @@ class _Floor:
 
 
 def _floor(resolved: ResolvedScenario, grid: OccupancyGrid) -> _Floor:
-    """Return the floor; refined to half cells if it is disconnected, as robots may be between two cells."""
+    """Return the floor, refined to half cells if disconnected: robots can be between two cells."""
     floor = _Floor(resolved, grid)
     if not floor.unreached and len(set(floor.starts.values())) == 1:
         return floor
-    if grid.cells.size <= _MOST_CELLS:
+    if grid.cells.size <= _MAX_REFINED_CELLS:
         halves = grid.cells.repeat(2, axis=0).repeat(2, axis=1)
         grid = OccupancyGrid(halves, grid.resolution / 2, grid.origin)
     return _Floor(resolved, grid, grid.resolution / 2)
 
 
-def _starts(floor: _Floor) -> Iterator[str]:
+def _start_warnings(floor: _Floor) -> Iterator[str]:
     """Yield a warning per robot whose local planner cannot drive off the wall that it starts at."""
     for robot in floor.robots:
         clearance, at = floor.room(robot).clearance, Point(*robot.start[:2])
         gap = floor.grid.clearance_at(at, clearance)
         if gap < clearance and robot.places and not _can_drive_off(floor, robot, robot.start):
-            needed = _needed(floor, robot, gap, clearance)
+            needed = _required_distance(floor, robot, gap, clearance)
             yield (
                 f"robot {robot.id} starts {gap:.2f} m from a wall, at ({at.x:.2f}, {at.y:.2f}); the local "
                 f"planner of {floor.preset} cannot drive off from there: it needs {_rounded_up(needed)} m"
             )
 
 
-def _needed(floor: _Floor, robot: BodySetup, gap: float, most: float) -> float:
+def _required_distance(floor: _Floor, robot: BodySetup, gap: float, max_distance: float) -> float:
     """Return the distance from which on the robot drives off the wall that it starts at, m."""
     x, y, heading = robot.start
     east, north = np.gradient(floor.grid.clearance)[::-1]
     cell = floor.grid.cell(Point(x, y))
     away = math.atan2(north[cell], east[cell])
-    for step in range(1, math.ceil((most - gap) / _STEP)):
+    for step in range(1, math.ceil((max_distance - gap) / _STEP)):
         pose = x + step * _STEP * math.cos(away), y + step * _STEP * math.sin(away), heading
         if _can_drive_off(floor, robot, pose):
             return gap + step * _STEP
-    return most
+    return max_distance
 
 
 def _can_drive_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, float]) -> bool:
     """Return whether the robot's navigation finds a first command towards its first place."""
     model, grid = floor.model(robot.model, robot.sensor), floor.resolved.grid
     stack = msgspec.structs.replace(floor.resolved.stack, localisation=None)
-    driver = navigator(shared_map_data(grid, model, stack), model, stack)
+    navigation = navigator(shared_map_data(grid, model, stack), model, stack)
     sensors = RangeSensors(grid, [model], [np.random.default_rng(0)])
     (ranges,) = sensors.scan([0], np.array([start]), np.zeros((0, 3)))
     ranges.setflags(write=False)
     here = Pose(0.0, 0.0, 0.0)
-    driver.take(Point(*robot.places[0]))
+    navigation.take(Point(*robot.places[0]))
     for instant in range(0, _TRIAL_US, _CYCLE_US):
-        driver.sense(Instant(instant), here, Sweep(ranges, here))
-        if driver.advance(Instant(instant), here, Pose(*start), STILL) != STILL:
+        navigation.sense(Instant(instant), here, Sweep(ranges, here))
+        if navigation.advance(Instant(instant), here, Pose(*start), STILL) != STILL:
             return True
-        if driver.goal is None or driver.goal.status is not GoalStatus.ACTIVE:
+        if navigation.goal is None or navigation.goal.status is not GoalStatus.ACTIVE:
             return False
     return False
 
 
-def _places(floor: _Floor) -> Iterator[str]:
-    """Yield why places are unreachable; one sentence for all places behind one door."""
+def _place_warnings(floor: _Floor) -> Iterator[str]:
+    """Yield a warning per reason for which places are unreachable, such as a narrow door."""
     obstacles: dict[tuple[float, str | int, int], str] = {}
-    behind: dict[str, list[str]] = {}
+    places_by_reason: dict[str, list[str]] = {}
     for robot in floor.robots:
         needed = floor.room(robot).clearance
         for index, place in enumerate(robot.places):
@@ -220,11 +220,11 @@ def _places(floor: _Floor) -> Iterator[str]:
                 yield f"{wall}, but no point within the robot's reach of {floor.reach:g} m has that much"
             else:
                 part = int(floor.room(robot).parts[cell])
-                ends = floor.radius(robot), floor.starts[robot.id] or robot.id, part
-                why = obstacles.get(ends) or obstacles.setdefault(ends, _bottleneck(floor, robot, cell))
-                behind.setdefault(why, []).append(name)
-    for why, names in behind.items():
-        yield f"{why} to {_place_names(names)}"
+                path = floor.radius(robot), floor.starts[robot.id] or robot.id, part
+                reason = obstacles.get(path) or obstacles.setdefault(path, _bottleneck(floor, robot, cell))
+                places_by_reason.setdefault(reason, []).append(name)
+    for reason, names in places_by_reason.items():
+        yield f"{reason} to {_place_names(names)}"
 
 
 def _bottleneck(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
@@ -236,12 +236,12 @@ def _bottleneck(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
     if not raster.flood(grid.free, *start)[goal]:
         return f"no path leads from the start of robot {robot.id} at ({x:.2f}, {y:.2f})"
     low, high = 0.0, room.clearance
-    while high - low > grid.resolution / 8:  # the widest path's least clearance
+    while high - low > grid.resolution / 8:  # bisect the minimum clearance of the widest path
         middle = (low + high) / 2
         found = grid.clearance[start] >= middle and raster.flood(grid.clearance >= middle, *start)[goal]
         low, high = (middle, high) if found else (low, middle)
     costs = (grid.free & (grid.clearance >= low)).astype(np.int32)
-    costs.setflags(write=False)  # read-only as in a robot: the kernels are compiled for that
+    costs.setflags(write=False)  # as in a robot: kernels are compiled for read-only costs
     path = descent(costs, potential(costs, *goal), *start)
     row, column = path[int(np.argmin(grid.clearance[path[:, 0], path[:, 1]]))].tolist()
     at, width = grid.centre(Cell(row, column)), _width(grid, row, column)
@@ -262,8 +262,8 @@ def _width(grid: OccupancyGrid, row: int, column: int) -> float:
     return min(runs) * grid.resolution
 
 
-def _closed_doors(floor: _Floor) -> Iterator[str]:
-    """Yield the places that are unreachable behind doors that are never reopened."""
+def _door_warnings(floor: _Floor) -> Iterator[str]:
+    """Yield a warning if places are unreachable behind doors that no event reopens."""
     grid = floor.resolved.grid
     doors = Doorways(grid, max(map(floor.radius, floor.robots)))
     closed: dict[int, float] = {}
@@ -276,23 +276,25 @@ def _closed_doors(floor: _Floor) -> Iterator[str]:
     for index in closed:
         cells[doors.closed_cells(doors.regions.doors[index])] = OCCUPIED
     if closed:
-        left = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
-        if names := [f"{key.owner}/{key.place}" for key in left.unreached if key not in floor.unreached]:
+        floor_after = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
+        if names := [
+            f"{key.owner}/{key.place}" for key in floor_after.unreached if key not in floor.unreached
+        ]:
             yield (
                 f"no event reopens the doors closed by {max(closed.values()):g} s: no path then "
                 f"leads to {_place_names(names)}"
             )
 
 
-def _disconnected(floor: _Floor) -> Iterator[str]:
-    """Yield robots with no path between them, and whether there is no radio link either."""
-    room, together = floor.room(max(floor.robots, key=floor.radius)), dict[int, list[BodySetup]]()
+def _connection_warnings(floor: _Floor) -> Iterator[str]:
+    """Yield a warning per group of robots with no path, or no radio link, to the other robots."""
+    room, robots_by_part = floor.room(max(floor.robots, key=floor.radius)), dict[int, list[BodySetup]]()
     for robot in floor.robots:
-        together.setdefault(floor.part(robot, room), []).append(robot)
-    groups = [robots for part, robots in sorted(together.items()) if part]
+        robots_by_part.setdefault(floor.part(robot, room), []).append(robot)
+    groups = [robots for part, robots in sorted(robots_by_part.items()) if part]
     for number, robots in enumerate(groups[1:], start=1):
         others = [one for group in groups[:number] for one in group]
-        names, rest = (_listed([one.id for one in group]) for group in (robots, others))
+        names, rest = (_name_list([one.id for one in group]) for group in (robots, others))
         yield f"{floor.preset} finds no path between the parts of the floor where {names} and {rest} start"
         if not floor.resolved.scenario.run.strategy.startswith("none") and not _has_radio_link(
             floor, room, robots, others
@@ -300,18 +302,20 @@ def _disconnected(floor: _Floor) -> Iterator[str]:
             yield f"no radio frame reaches the floor of {rest} from that of {names}"
 
 
-def _has_radio_link(floor: _Floor, room: _RobotFloor, ones: list[BodySetup], others: list[BodySetup]) -> bool:
-    """Return whether a frame can arrive from any floor of some robots on any floor of the others."""
+def _has_radio_link(
+    floor: _Floor, room: _RobotFloor, senders: list[BodySetup], receivers: list[BodySetup]
+) -> bool:
+    """Return whether a frame can arrive from any floor of the senders on any floor of the receivers."""
     grid, model = floor.grid, radio_model(floor.resolved.radio)
-    ends = []
-    for robots in (ones, others):
+    points = []
+    for robots in (senders, receivers):
         inside = np.isin(room.parts, [floor.part(one, room) for one in robots])
         rows, columns = np.nonzero(inside)
         chosen = np.linspace(0, rows.size - 1, min(rows.size, _SAMPLES)).astype(np.intp)
         x, y = grid.centres()
-        ends.append(np.column_stack((x[columns[chosen]], y[rows[chosen]])))
+        points.append(np.column_stack((x[columns[chosen]], y[rows[chosen]])))
     budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
-    return bool((model.propagation.loss_db(ends[0], ends[1]) <= budget + _FADED_DB).any())
+    return bool((model.propagation.loss_db(points[0], points[1]) <= budget + _FADING_MARGIN_DB).any())
 
 
 def _rounded_up(length: float) -> str:
@@ -320,13 +324,13 @@ def _rounded_up(length: float) -> str:
 
 
 def _place_names(names: list[str]) -> str:
-    return f"place{'s' if len(names) > 1 else ''} {_listed(names)}"
+    return f"place{'s' if len(names) > 1 else ''} {_name_list(names)}"
 
 
-def _listed(names: list[str]) -> str:
-    """Return the first names and the number of the others."""
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+def _name_list(names: list[str]) -> str:
+    """Join the first names and the number of further ones."""
+    more = len(names) - _MAX_NAMES
+    return ", ".join(names[:_MAX_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 REFERENCE_MODEL: Final = "turtlebot2"
@@ -402,17 +406,17 @@ def sentences(found: MapSurvey | RobotModel) -> Iterable[str]:
     return _scenario_sentences(found) if isinstance(found, ScenarioSurvey) else _map_sentences(found)
 
 
-def as_json(found: MapSurvey | RobotModel) -> dict[str, Any]:
-    """Return the survey for programs, in m, m², s; for a robot model the content of its file."""
+def json_content(found: MapSurvey | RobotModel) -> dict[str, Any]:
+    """Return the survey as JSON content, in m, m², s; for a robot model that of its file."""
     if isinstance(found, RobotModel):
         content: dict[str, Any] = msgspec.to_builtins(found)
         sensor, name = content.pop("sensors")[found.default_sensor], content.pop("default_sensor")
         return {"is": "robot model", **content, "sensor": sensor, "sensor_name": name}
-    return _scenario_as_json(found) if isinstance(found, ScenarioSurvey) else _map_as_json(found)
+    return _scenario_json(found) if isinstance(found, ScenarioSurvey) else _map_json(found)
 
 
 def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
-    facts = _scenario_as_json(found)
+    facts = _scenario_json(found)
     floor, count = facts["floor"], facts["robots"]
     lines = [
         f"{count} robot{'s' * (count > 1)}, {facts['places']} places, {facts['duration_s']:g} s at most, "
@@ -429,7 +433,7 @@ def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
     return [*lines, *(f"warning: {sentence}" for sentence in found.warnings)]
 
 
-def _scenario_as_json(found: ScenarioSurvey) -> dict[str, Any]:
+def _scenario_json(found: ScenarioSurvey) -> dict[str, Any]:
     world, grid = found.resolved.world, found.grid
     return {
         "is": "scenario",
@@ -443,9 +447,10 @@ def _scenario_as_json(found: ScenarioSurvey) -> dict[str, Any]:
         "radio_reach_m": found.radio_reach,
         "warnings": found.warnings,
         **found.resolved.scenario.presets,
-        "out_of_reach": [_name(key) for key in found.out_of_reach],
+        "out_of_reach": [_place_name(key) for key in found.out_of_reach],
         "close": [
-            {"one": _name(one), "other": _name(other), "apart_m": apart} for one, other, apart in found.close
+            {"one": _place_name(one), "other": _place_name(other), "apart_m": apart}
+            for one, other, apart in found.close
         ],
     }
 
@@ -458,7 +463,7 @@ def _narrow_places(count: int) -> str:
     return "1 narrow place" if count == 1 else f"{count or 'no'} narrow place{'s' * (count > 1)}"
 
 
-def _name(key: PlaceKey) -> str:
+def _place_name(key: PlaceKey) -> str:
     return f"{key.owner}/{key.place}"
 
 
@@ -473,7 +478,7 @@ def survey_map(path: Path) -> MapSurvey:
 
 
 def _map_sentences(found: MapSurvey) -> Iterator[str]:
-    facts, origin, cell = _map_as_json(found), found.grid.origin, found.grid.resolution**2
+    facts, origin, cell = _map_json(found), found.grid.origin, found.grid.resolution**2
     yield (
         f"{found.name}: {facts['width_m']:.1f} m by {facts['depth_m']:.1f} m in cells "
         f"of {facts['cell_m']:g} m, from ({origin.x:g}, {origin.y:g}) on; free {facts['free_m2']:.0f} m², "
@@ -490,7 +495,7 @@ def _map_sentences(found: MapSurvey) -> Iterator[str]:
         yield f"{apart:.1f} m² more are wide enough, but no path leads there from the largest part"
 
 
-def _map_as_json(found: MapSurvey) -> dict[str, Any]:
+def _map_json(found: MapSurvey) -> dict[str, Any]:
     grid, cell = found.grid, found.grid.resolution**2
     return {
         "is": "map",

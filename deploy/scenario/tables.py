@@ -69,7 +69,7 @@ class RunTable(ConductTable, frozen=True):
     step_ms: StepMs = 100
     """Length of a step, ms."""
     seed: Seed = 1
-    """Source of every random stream."""
+    """Seed of all random streams."""
     key: (
         Annotated[
             str,
@@ -80,10 +80,10 @@ class RunTable(ConductTable, frozen=True):
         ]
         | None
     ) = None
-    """Second source of every random stream, so that a robot that knows the seed cannot compute one."""
+    """Secret second seed of all random streams: robots that know `seed` cannot predict them."""
 
     def seed_of(self, part: str) -> int:
-        """Return the seed of one part of the run."""
+        """Return the seed of one part of the run, such as "radio"."""
         return keyed_seed(self.seed, self.key or "", part)
 
 
@@ -130,7 +130,7 @@ class RobotTable(Settings, frozen=True):
     odometry: OdometryKind | None = None
     start: StartPose | None = None
     places: Places | None = None
-    """Its places, in initial order."""
+    """The robot's places, in initial order."""
 
 
 class EventTable(Settings, frozen=True):
@@ -210,7 +210,7 @@ class SwarmFile(Settings, frozen=True, kw_only=True):
     localisation: Parameters = field(default_factory=dict)
     """Localisation: a preset and parameters that differ from it (`actors.robot.stack`)."""
     navigation: Parameters = field(default_factory=dict)
-    """Navigation: likewise; its preset also applies to the next three tables."""
+    """Navigation: a preset, which also applies to the next three tables, and parameters."""
     planner: Parameters = field(default_factory=dict)
     local_map: Parameters = field(default_factory=dict)
     dwa: Parameters = field(default_factory=dict)
@@ -252,10 +252,10 @@ class Scenario(SwarmFile, frozen=True, kw_only=True):
 
 
 _BARE: Final = re.compile(r"[A-Za-z0-9_-]+")
-"""Keys without quotes."""
+"""TOML keys that need no quotes."""
 
 
-def document(content: Mapping[str, Any]) -> str:
+def toml_document(content: Mapping[str, Any]) -> str:
     """Return the file's text: values, then tables and lists of tables; empty ones are omitted.
 
     Values are bool, int, finite float, str, and lists and tuples of them; floats keep every digit.
@@ -270,7 +270,7 @@ def document(content: Mapping[str, Any]) -> str:
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def inline(value: object) -> str:
+def inline_toml(value: object) -> str:
     """Return a value as TOML on one line; tables in it are inline tables."""
     match value:
         case bool():
@@ -279,9 +279,11 @@ def inline(value: object) -> str:
             # JSON strings are TOML strings, except that TOML requires DEL escaped
             return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
         case Mapping():
-            return "{" + ", ".join(f"{_key(name)} = {inline(part)}" for name, part in value.items()) + "}"
+            return (
+                "{" + ", ".join(f"{_key(name)} = {inline_toml(part)}" for name, part in value.items()) + "}"
+            )
         case list() | tuple():
-            return f"[{', '.join(map(inline, value))}]"
+            return f"[{', '.join(map(inline_toml, value))}]"
         case _:
             return repr(value)
 
@@ -297,16 +299,16 @@ def _lines(table: Mapping[str, Any]) -> str:
 
 
 def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else inline(name)
+    return name if _BARE.fullmatch(name) else inline_toml(name)
 
 
 def _value(value: object) -> str:
     """Return a value as TOML; a list of poses or points has one per line."""
     if isinstance(value, tuple) and value and all(isinstance(item, tuple) for item in value):
-        return "[\n" + "".join(f"    {inline(item)},\n" for item in value) + "]"
-    return inline(value)
+        return "[\n" + "".join(f"    {inline_toml(item)},\n" for item in value) + "]"
+    return inline_toml(value)
 
 
 def to_toml(scenario: Scenario) -> str:
     """Return the scenario file's text, which loads as an equal scenario."""
-    return document(plain(scenario))
+    return toml_document(plain(scenario))

@@ -164,21 +164,21 @@ def test_repeated_orders_share_a_line_and_old_lines_are_dropped() -> None:
         ("move r1 1 1 0", ""), ("move r1 1 2 0", "no room"), ("move r1 1 3 0", ""),
         ("move r2 1 4 0", ""), ("thaw r1", "no"), ("thaw r1", "no"),
     ):  # fmt: skip
-        link.give(order)
+        link.send_order(order)
         mesh.answer(link, refusal)
     assert [(one.order, one.times, one.waiting, one.refused, one.refusal) for one in link.lines] == [
         ("move r1 1 3 0", 3, 0, 1, "no room"), ("move r2 1 4 0", 1, 0, 0, ""), ("thaw r1", 2, 0, 2, "no"),
     ]  # fmt: skip
-    for number in range(server.LINES + 1):
-        link.give(f"step {number + 1}")
+    for number in range(server.MAX_LINES + 1):
+        link.send_order(f"step {number + 1}")
         mesh.answer(link, "")
-    assert [line.number for line in link.lines] == list(range(5, server.LINES + 5))
+    assert [line.number for line in link.lines] == list(range(5, server.MAX_LINES + 5))
 
 
 def test_a_line_shows_a_missing_answer() -> None:
     now, mesh = [0.0], Mesh()
     link = server.RunLink(scene(), mesh, mesh, lambda: now[0])
-    link.give("pause")
+    link.send_order("pause")
     assert link.lines[0].waiting == 1
     now[0] = server.ANSWER_TIMEOUT_S + 1
     link.poll()
@@ -227,7 +227,7 @@ async def told_line(pages: Any, connection: Any, number: int) -> dict[str, Any]:
     """Return a line of the list of orders after its answer."""
     while True:
         await asyncio.sleep(0.01)
-        pages.renew()
+        pages.send_changes()
         told = await heard(connection, "order")
         if told["number"] == number and not told["waiting"]:
             return told
@@ -291,22 +291,24 @@ async def test_an_order_of_a_page_is_sent_to_the_run_and_answered(pages: Any, me
 @served
 async def test_invalid_messages_are_counted_and_close_their_page(pages: Any, mesh: Mesh, link: Any) -> None:
     async with socket(pages) as other, socket(pages) as page:
-        for _, junk in zip(range(server.JUNK), cycle((b"\xff\x00[[[", b"pause", "")), strict=False):
+        for _, junk in zip(
+            range(server.MAX_INVALID_MESSAGES), cycle((b"\xff\x00[[[", b"pause", "")), strict=False
+        ):
             await page.send(junk)
         with pytest.raises(exceptions.ConnectionClosed):
             while True:
                 await asyncio.wait_for(page.recv(), 5)
-        assert (pages.junk, mesh.given) == (server.JUNK, [])
+        assert (pages.invalid_messages, mesh.given) == (server.MAX_INVALID_MESSAGES, [])
         async with socket(pages) as large:
-            await large.send("x" * (server.ORDER_LENGTH + 1))
+            await large.send("x" * (server.MAX_ORDER_LENGTH + 1))
             with pytest.raises(exceptions.ConnectionClosed) as closed:
                 while True:
                     await asyncio.wait_for(large.recv(), 5)
             assert closed.value.rcvd.code == 1009
         await heard(other, "floor")
-        while (await heard(other, "state"))["junk"] != server.JUNK:
+        while (await heard(other, "state"))["junk"] != server.MAX_INVALID_MESSAGES:
             link._scene.changed = True
-            pages.renew()
+            pages.send_changes()
 
 
 @served
@@ -317,7 +319,7 @@ async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh,
         for number in range(200):
             await asyncio.sleep(0)
             said(link._scene, truth(number))
-            pages.renew()
+            pages.send_changes()
             while (await heard(quick, "state"))["step"] != number:
                 pass
         slow.transport.abort()
@@ -325,7 +327,7 @@ async def test_a_page_that_reads_nothing_delays_no_other(pages: Any, mesh: Mesh,
 
 @served
 async def test_the_ninth_page_is_closed_with_a_reason(pages: Any, mesh: Mesh, link: Any) -> None:
-    opened = [await socket(pages) for _ in range(server.PAGES)]
+    opened = [await socket(pages) for _ in range(server.MAX_PAGES)]
     async with socket(pages) as ninth:
         with pytest.raises(exceptions.ConnectionClosed) as closed:
             await asyncio.wait_for(ninth.recv(), 5)

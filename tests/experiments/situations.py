@@ -16,7 +16,7 @@ from actors.robot.behaviour import Behaviour, Start
 from actors.robot.behaviour.ports import Decision, GoalOrder, View
 from cleaning.strategies import none
 from deploy.scenario.scenario_file import parse
-from deploy.scenario.tables import Scenario, document
+from deploy.scenario.tables import Scenario, toml_document
 
 NECKS: Final = (12.44, 17.25)
 """x of the middle of the two passages between office and corridor, m; 0.88 m wide for y from 8.2 to 10.4."""
@@ -123,7 +123,7 @@ class Situation:
             "robot": robots,
             "event": list(self.events),
         }
-        return parse(document(content), file)
+        return parse(toml_document(content), file)
 
 
 def _rounded(values: Sequence[float]) -> list[float]:

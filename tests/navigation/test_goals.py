@@ -16,7 +16,7 @@ from actors.robot.behaviour import Decision, GoalStatus, Start, View
 from actors.robot_model import load_model
 from actors.task.task import PlaceGivenUp, PlaceReport
 from deploy.scenario.scenario_file import Overrides, parse
-from deploy.scenario.tables import Scenario, document
+from deploy.scenario.tables import Scenario, toml_document
 from tests.recorded_runs import record
 
 MODEL = "turtlebot2"
@@ -72,7 +72,7 @@ def scenario(map_file: Path, robots: int, goals: int, seed: int) -> Scenario:
         "navigation": {"preset": "robust"},
         "robot": tables,
     }
-    return parse(document(content), map_file, Overrides())
+    return parse(toml_document(content), map_file, Overrides())
 
 
 @pytest.mark.claim("navigation")

@@ -62,7 +62,9 @@ def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
     done = acrc("scenario", file)
     assert "warning: no path leads from the start of robot r1 at (1.00, 1.00) to place r1/1" in done.stdout
     labels = [
-        handle.get_label() for handle in scenario_picture.draw(found).legends[0].legend_handles if handle
+        handle.get_label()
+        for handle in scenario_picture.draw_scenario(found).legends[0].legend_handles
+        if handle
     ]
     assert {"out of reach", "wide enough for a robot, but no path"} <= set(labels)
 
@@ -71,7 +73,10 @@ def test_the_link_margin_is_zero_at_the_range_and_lower_behind_walls() -> None:
     resolved = resolve(load_scenario(CHAPTER))
     found = survey.survey(resolved)
     x, y = scenario_picture._lattice(found.grid)
-    (sx, sy, _), left = resolved.world.robots[2].start, scenario_picture._covered(resolved, found.grid)[2]
+    (sx, sy, _), left = (
+        resolved.world.robots[2].start,
+        scenario_picture._link_margins(resolved, found.grid)[2],
+    )
     away = np.hypot(x - sx, y[:, None] - sy)
     assert (left[away > found.radio_reach + 0.01] < 0).all(), "walls only take"
     assert (left[away < 0.5] > 0).all()

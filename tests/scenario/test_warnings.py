@@ -10,7 +10,7 @@ from PIL import Image
 from actors.installation.repository import SHIPPED
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.survey import as_json, scenario_warnings, sentences, survey
+from deploy.scenario.survey import json_content, scenario_warnings, sentences, survey
 from deploy.scenario.tables import Scenario
 from tests.recorded_runs import record
 
@@ -135,7 +135,7 @@ def test_a_door_that_is_never_reopened(tmp_path: Path) -> None:
     sentence = "no event reopens the doors closed by 5 s: no path then leads to place r1/0"
     assert warned(settled) == (sentence,)
     found = survey(resolve(settled))
-    assert as_json(found)["warnings"] == (sentence,) and f"warning: {sentence}" in sentences(found)
+    assert json_content(found)["warnings"] == (sentence,) and f"warning: {sentence}" in sentences(found)
     again = "[[event]]\nat = 15.0\nopen = [3.1, 2.0]\n"
     assert warned(scenario(tmp_path, [(1.5, 2.0, 0.0)], places, closes + again)) == ()
 
