@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from acrc_testbed.explanation import robot_states
 from acrc_testbed.explanation.episodes import STANDARD, CauseCriteria, true_intervals
-from acrc_testbed.explanation.robot_states import NO_ROBOT, Flags, RobotStates, in_wall
+from acrc_testbed.explanation.robot_states import NO_ROBOT, Flags, RobotStates, estimates_in_walls
 from acrc_testbed.explanation.time_spent import BlockingEvent, Cause, DeadlockCount, Finding
 from acrc_testbed.explanation.true_floor import Passages, TrueFloor
 from acrc_testbed.run_model.data import RunData
@@ -49,10 +49,10 @@ def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
         rows, robots, fronts = rows[joined], robots[joined], fronts[joined]
         root[rows, robots] = root[rows, fronts]
         doors[rows, robots] |= doors[rows, fronts]
-    return Roots(root, _rings(root == NO_ROBOT, before), doors)
+    return Roots(root, _ring_members(root == NO_ROBOT, before), doors)
 
 
-def waiting_for(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
+def with_waiting_robots(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Return the marked robots and all robots that wait for them, (steps, robots)."""
     whole = marked.copy()
     while True:
@@ -63,9 +63,9 @@ def waiting_for(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray
         whole[rows[joins], robots[joins]] = True
 
 
-def _rings(left: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _ring_members(rootless: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Reduce the robots without a root to those that are part of a ring."""
-    ring = left.copy()
+    ring = rootless.copy()
     while True:
         rows, robots = np.nonzero(ring)
         awaited = np.zeros_like(ring)
@@ -76,7 +76,7 @@ def _rings(left: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.boo
 
 
 CAUSES: Final = tuple(Cause)
-_NONE: Final = 255
+_UNDECIDED: Final = 255
 Causes = NDArray[np.uint8]
 
 
@@ -97,9 +97,9 @@ class CauseTable:
     at_door: Flags
     """It waited for a robot, and its chain leads through a door or up to one."""
 
-    def is_(self, *wanted: Cause) -> Flags:
+    def has_cause(self, *causes: Cause) -> Flags:
         """Return where one of these is the cause, (steps, robots)."""
-        return np.isin(self.causes, [CAUSES.index(cause) for cause in wanted])
+        return np.isin(self.causes, [CAUSES.index(cause) for cause in causes])
 
 
 def classify(
@@ -109,21 +109,23 @@ def classify(
 ) -> CauseTable:
     """Determine the cause of each step of each robot."""
     states = RobotStates(run, floor.stages(), parameters)
-    own = _own(states, in_wall(run, floor.grid))
-    stuck = (states.waits | states.moves_to_and_fro | states.planless) & (own == _NONE)
-    before = robot_states.ahead(states, stuck, floor.passages, parameters)
-    barred = _barred(states, stuck, before, parameters)
-    alone = stuck & states.waits & (before == NO_ROBOT) & (barred == _NONE)
-    near = robot_states.beside(states, alone, floor.passages, parameters)
+    own = _independent_causes(states, estimates_in_walls(run, floor.grid))
+    stuck = (states.waits | states.moves_to_and_fro | states.planless) & (own == _UNDECIDED)
+    before = robot_states.first_robots_ahead(states, stuck, floor.passages, parameters)
+    barred = _floor_causes(states, stuck, before, parameters)
+    alone = stuck & states.waits & (before == NO_ROBOT) & (barred == _UNDECIDED)
+    near = robot_states.nearest_robots_beside(states, alone, floor.passages, parameters)
     before = np.where(alone, near, before)
-    causes, found = _followed(states, own, before, barred, _doors(run, before, floor.passages, parameters))
+    causes, found = _propagate_causes(
+        states, own, before, barred, _at_door(run, before, floor.passages, parameters)
+    )
     stood = ((states.waits & (before != NO_ROBOT)) | states.stands_long) & ~states.paused
     return CauseTable(causes, before, found.root, found.ring, stood, found.at_door)
 
 
-def _own(states: RobotStates, walled: Flags) -> Causes:
+def _independent_causes(states: RobotStates, walled: Flags) -> Causes:
     """Return the causes that do not depend on other robots; _NONE: none."""
-    own = np.full(states.on.shape, _NONE, np.uint8)
+    own = np.full(states.on.shape, _UNDECIDED, np.uint8)
     for cause, where in (
         (Cause.NO_PLAN, walled & states.wants),
         (Cause.ON_PURPOSE, states.paused),
@@ -132,14 +134,14 @@ def _own(states: RobotStates, walled: Flags) -> Causes:
         (Cause.IDLE, states.done),
         (Cause.OFF, ~states.on),
         (Cause.FROZEN, states.frozen),
-    ):  # the last one wins
+    ):  # later rows override earlier ones
         own[where] = CAUSES.index(cause)
     return own
 
 
-def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: CauseCriteria) -> Causes:
+def _floor_causes(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: CauseCriteria) -> Causes:
     """Return CLOSED_DOOR or UNREACHABLE where the floor blocks the path to the goal; else _NONE."""
-    found = np.full(stuck.shape, _NONE, np.uint8)
+    causes = np.full(stuck.shape, _UNDECIDED, np.uint8)
     closed, unreachable = CAUSES.index(Cause.CLOSED_DOOR), CAUSES.index(Cause.UNREACHABLE)
     for robot in range(stuck.shape[1]):
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
@@ -147,20 +149,20 @@ def _barred(states: RobotStates, stuck: Flags, before: NDArray[np.int32], p: Cau
                 continue
             here = states.run.true[rows, robot, :2]
             no_path = ~np.isfinite(stage.paths.lengths(here, goal))
-            found[rows[no_path], robot] = closed
-            found[rows[no_path & ~np.isfinite(stage.opened.lengths(here, goal))], robot] = unreachable
+            causes[rows[no_path], robot] = closed
+            causes[rows[no_path & ~np.isfinite(stage.opened.lengths(here, goal))], robot] = unreachable
             if len(stage.leaves):
                 first = rows[~no_path & (before[rows, robot] == NO_ROBOT)]
-                for step in first[_leads_through(states, robot, first, goal, p)].tolist():
-                    found[step, robot] = closed
-    return found
+                for step in first[_leads_through_closed_door(states, robot, first, goal, p)].tolist():
+                    causes[step, robot] = closed
+    return causes
 
 
-def _leads_through(
+def _leads_through_closed_door(
     states: RobotStates, robot: int, rows: NDArray[np.int64], goal: tuple[float, float], p: CauseCriteria
 ) -> Flags:
     """Return where a closed door is near on the path that would exist with open doors, (rows,)."""
-    found = np.zeros(len(rows), np.bool_)
+    leads = np.zeros(len(rows), np.bool_)
     here = states.run.true[rows, robot, :2]
     for number in np.unique(states.stage[rows]).tolist():
         stage, same = states.stages[number], states.stage[rows] == number
@@ -169,54 +171,54 @@ def _leads_through(
             inside = same & (which.reshape(-1) == square)
             if inside.any():
                 x, y = here[inside.argmax()].tolist()
-                path = stage.opened.path((x, y), goal, p.seen)
+                path = stage.opened.path((x, y), goal, p.view_distance)
                 if path is not None:
                     gaps = np.hypot(*(path[:, None] - stage.leaves).transpose(2, 0, 1))
-                    found[inside] = gaps.min() <= p.still
-    return found
+                    leads[inside] = gaps.min() <= p.stand_radius
+    return leads
 
 
-def _doors(run: RunData, before: NDArray[np.int32], passages: Passages, p: CauseCriteria) -> Flags:
+def _at_door(run: RunData, before: NDArray[np.int32], passages: Passages, p: CauseCriteria) -> Flags:
     """Return where a robot waits and one of the pair, or their midpoint, is at a door, (steps, robots)."""
     doors = np.zeros(before.shape, np.bool_)
     rows, robots = np.nonzero(before != NO_ROBOT)
     if rows.size:
         one, other = run.true[rows, robots, :2], run.true[rows, before[rows, robots], :2]
-        at = passages.at(np.concatenate([one, other, (one + other) / 2]), p.beside)
+        at = passages.are_at_passage(np.concatenate([one, other, (one + other) / 2]), p.door_distance)
         doors[rows, robots] = np.any(at.reshape(3, -1), axis=0)
     return doors
 
 
-def _followed(
+def _propagate_causes(
     states: RobotStates, own: Causes, before: NDArray[np.int32], barred: Causes, doors: Flags
 ) -> tuple[Causes, Roots]:
-    """Return the causes of all robots from the roots of their chains."""
-    is_barred = barred != _NONE
+    """Derive the causes of all robots from the roots of their chains."""
+    is_barred = barred != _UNDECIDED
     found = roots(before, doors)
     before = np.where(
         found.ring & is_barred, NO_ROBOT, before
     )  # without a path, a robot is not part of a ring
     found = roots(before, doors)
-    alone = _alone(states, own, barred)
+    alone = _single_causes(states, own, barred)
     causes = alone.copy()
     rows, robots = np.nonzero((before != NO_ROBOT) & (found.root != NO_ROBOT))
     root = found.root[rows, robots]
-    at_root = np.where(_stays(states, own)[rows, root], alone[rows, root], CAUSES.index(Cause.DRIVING))
-    causes[rows, robots] = _BEHIND[at_root]
+    at_root = np.where(_stays_put(states, own)[rows, root], alone[rows, root], CAUSES.index(Cause.DRIVING))
+    causes[rows, robots] = _WAITING_CAUSE[at_root]
     gets_on = causes == CAUSES.index(Cause.OPEN_FLOOR)
     causes[gets_on & found.at_door] = CAUSES.index(Cause.DOOR)
     causes[gets_on & states.moves_to_and_fro] = CAUSES.index(Cause.LIVELOCK)
     waits = before != NO_ROBOT
-    vague = waits & is_barred & np.isin(causes, [CAUSES.index(cause) for cause in _VAGUE])
+    vague = waits & is_barred & np.isin(causes, [CAUSES.index(cause) for cause in _OVERRIDABLE])
     causes[vague] = barred[vague]
     in_ring = waits & (found.root == NO_ROBOT)
-    moving = waiting_for(found.ring & states.drives_to_and_fro, np.where(in_ring, before, NO_ROBOT))
+    moving = with_waiting_robots(found.ring & states.drives_to_and_fro, np.where(in_ring, before, NO_ROBOT))
     causes[in_ring] = CAUSES.index(Cause.DEADLOCK)
     causes[in_ring & moving] = CAUSES.index(Cause.LIVELOCK)
     return causes, found
 
 
-_BEHIND: Final = np.array(
+_WAITING_CAUSE: Final = np.array(
     [
         CAUSES.index(
             {
@@ -231,24 +233,24 @@ _BEHIND: Final = np.array(
     np.uint8,
 )
 """Cause of the waiting robots of a chain, by the cause of its root."""
-_VAGUE: Final = (Cause.DOOR, Cause.OPEN_FLOOR, Cause.NO_PROGRESS, Cause.NO_PLAN, Cause.LIVELOCK)
+_OVERRIDABLE: Final = (Cause.DOOR, Cause.OPEN_FLOOR, Cause.NO_PROGRESS, Cause.NO_PLAN, Cause.LIVELOCK)
 """Causes of waiting robots that a blocked path overrides."""
 
 
-def _alone(states: RobotStates, own: Causes, barred: Causes) -> Causes:
-    """Return the causes as if each robot were alone."""
+def _single_causes(states: RobotStates, own: Causes, barred: Causes) -> Causes:
+    """Return the causes of single robots, without regard to others."""
     causes = np.full(own.shape, CAUSES.index(Cause.DRIVING), np.uint8)
     causes[states.stands_long] = CAUSES.index(Cause.NO_PROGRESS)
     causes[states.moves_to_and_fro] = CAUSES.index(Cause.LIVELOCK)
     causes[states.planless] = CAUSES.index(Cause.NO_PLAN)
-    causes = np.where(barred != _NONE, barred, causes)
-    return np.where(own != _NONE, own, causes)
+    causes = np.where(barred != _UNDECIDED, barred, causes)
+    return np.where(own != _UNDECIDED, own, causes)
 
 
-def _stays(states: RobotStates, own: Causes) -> Flags:
-    """Return where a robot will not move out of the way soon, (steps, robots)."""
+def _stays_put(states: RobotStates, own: Causes) -> Flags:
+    """Return where a robot stays in the way of others, (steps, robots)."""
     ended = np.isin(own, [CAUSES.index(cause) for cause in (Cause.OFF, Cause.FROZEN)])
-    stays: Flags = states.still | states.moves_to_and_fro | ended
+    stays: Flags = states.stands | states.moves_to_and_fro | ended
     return stays
 
 
@@ -268,21 +270,21 @@ def blocking_events(run: RunData, classified: CauseTable, p: CauseCriteria) -> t
     Interruptions of up to `pause_s` are ignored, and so are shorter blockings. A queue of three is two
     blockings.
     """
-    patience = seconds(p.pause_s) // run.step_us
+    max_gap = seconds(p.pause_s) // run.step_us
     found = [
         (begin, pair, end)
         for pair, mask in _pairs(classified, blocked_by_robots(classified)).items()
-        for begin, end in true_intervals(_bridged(mask, patience), patience)
+        for begin, end in true_intervals(_close_gaps(mask, max_gap), max_gap)
     ]
-    return tuple(_event(run, classified, pair, begin, end) for begin, pair, end in sorted(found))
+    return tuple(_blocking_event(run, classified, pair, begin, end) for begin, pair, end in sorted(found))
 
 
 def deadlocks(run: RunData, classified: CauseTable, p: CauseCriteria) -> DeadlockCount:
     """Count pairs in a deadlock of at least `deadlock_s`, and those resolved before the end."""
-    patience, least = (seconds(each) // run.step_us for each in (p.pause_s, p.deadlock_s))
+    max_gap, least = (seconds(each) // run.step_us for each in (p.pause_s, p.deadlock_s))
     steps, pairs, free = len(run.true), 0, 0
-    for mask in _pairs(classified, classified.ring & classified.is_(Cause.DEADLOCK)).values():
-        for episode in true_intervals(_bridged(mask, patience), least):
+    for mask in _pairs(classified, classified.ring & classified.has_cause(Cause.DEADLOCK)).values():
+        for episode in true_intervals(_close_gaps(mask, max_gap), least):
             pairs += 1
             free += episode.end < steps
     return DeadlockCount(pairs, free)
@@ -299,17 +301,17 @@ def _pairs(classified: CauseTable, where: NDArray[np.bool_]) -> dict[tuple[int, 
     return found
 
 
-def _bridged(mask: NDArray[np.bool_], patience: int) -> NDArray[np.bool_]:
-    """Return the mask with gaps of at most `patience` samples closed."""
+def _close_gaps(mask: NDArray[np.bool_], max_gap: int) -> NDArray[np.bool_]:
+    """Return the mask with gaps of at most `max_gap` samples closed."""
     whole = mask.copy()
-    stretches = true_intervals(mask)
-    for one, after in pairwise(stretches):
-        if after.begin - one.end <= patience:
+    intervals = true_intervals(mask)
+    for one, after in pairwise(intervals):
+        if after.begin - one.end <= max_gap:
             whole[one.end : after.begin] = True
     return whole
 
 
-def _event(
+def _blocking_event(
     run: RunData, classified: CauseTable, pair: tuple[int, int], begin: int, end: int
 ) -> BlockingEvent:
     during = np.s_[begin:end, list(pair)]
@@ -338,22 +340,22 @@ _FRAMES: Final = 3
 
 def findings(run: RunData, passages: Passages, p: CauseCriteria) -> tuple[Finding, ...]:
     """Return all findings of a run."""
-    return (*_silent(run, passages, p), *_carried(run, p))
+    return (*_contact_findings(run, passages, p), *_carry_findings(run, p))
 
 
-def _silent(run: RunData, passages: Passages, p: CauseCriteria) -> Iterator[Finding]:
+def _contact_findings(run: RunData, passages: Passages, p: CauseCriteria) -> Iterator[Finding]:
     """Yield the intervals in which a robot received nothing although others in range had frames to send.
 
     Their frames need not have been sent: the channel may have been busy.
     """
     least = seconds(p.silent_s) // run.step_us
     for index, robot in enumerate(run.robots):
-        deaf = run.stepping[:, index] & (run.frames_heard[:, index] == 0)
-        for begin, end in true_intervals(deaf, least):
-            near = _within_reach(run, index, begin, end, passages, p)
+        without_reception = run.stepping[:, index] & (run.frames_heard[:, index] == 0)
+        for begin, end in true_intervals(without_reception, least):
+            near = _robots_in_range(run, index, begin, end, passages, p)
             if near:
                 since, until = run.duration(begin), run.duration(end)
-                jam = _jam(run, index, begin, end)
+                jam = _jam_text(run, index, begin, end)
                 says = (
                     f"{robot} received no frames from {since:g} s to {until:g} s, with {', '.join(near)} "
                     f"within {p.contact:g} m{jam}"
@@ -361,7 +363,7 @@ def _silent(run: RunData, passages: Passages, p: CauseCriteria) -> Iterator[Find
                 yield Finding(NO_CONTACT, (robot,), says)
 
 
-def _within_reach(
+def _robots_in_range(
     run: RunData,
     index: int,
     begin: int,
@@ -376,12 +378,12 @@ def _within_reach(
         there = run.true[begin:end, other, :2]
         if other == index or run.frames_sent[begin:end, other].sum() < _FRAMES:
             continue
-        if bool((np.hypot(*(there - here).T) <= p.contact).all() and passages.sees(here, there).all()):
+        if bool((np.hypot(*(there - here).T) <= p.contact).all() and passages.are_visible(here, there).all()):
             found.append(name)
     return found
 
 
-def _jam(run: RunData, index: int, begin: int, end: int) -> str:
+def _jam_text(run: RunData, index: int, begin: int, end: int) -> str:
     """Describe for how long the robot was in range of a jammer; "" if it was not."""
     begins = np.arange(begin, end) * run.step_us
     within = np.zeros(end - begin, np.bool_)
@@ -391,10 +393,10 @@ def _jam(run: RunData, index: int, begin: int, end: int) -> str:
     return f"; for {run.duration(int(within.sum())):g} s in range of a jammer" if within.any() else ""
 
 
-def _carried(run: RunData, p: CauseCriteria) -> Iterator[Finding]:
+def _carry_findings(run: RunData, p: CauseCriteria) -> Iterator[Finding]:
     """Yield robots that changed position between two steps."""
     hops = np.hypot(*np.moveaxis(np.diff(run.true[..., :2], axis=0), -1, 0))
     for index, robot in enumerate(run.robots):
-        for step in np.flatnonzero(hops[:, index] > p.jump).tolist():
+        for step in np.flatnonzero(hops[:, index] > p.carry_distance).tolist():
             at = run.duration(step + 1)
             yield Finding(CARRIED, (robot,), f"{robot} was carried {hops[step, index]:.1f} m at {at:g} s")

@@ -29,7 +29,7 @@ from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.ports import GoalStatus
 from deeco.fragments import HEADER
 
-_TOGETHER_US: Final = 2_000_000
+_FRAGMENT_TIMEOUT_US: Final = 2_000_000
 """Maximum time between fragments of one packet (`deeco.link.LinkParameters`)."""
 
 
@@ -80,7 +80,7 @@ class RadioTraffic:
         if last is None:
             return ()
         packets = _packets(last.data)
-        since = Instant(arrival.instant - _TOGETHER_US)
+        since = Instant(arrival.instant - _FRAGMENT_TIMEOUT_US)
         return tuple(
             self._frame(one)
             for one in self._heard
@@ -148,11 +148,11 @@ def _packets(data: bytes) -> set[tuple[int, int]]:
     return found
 
 
-_CONSTANT: Final = "parameters"
-_OFTEN: Final = 0.3
-"""A point that changes more often than this, 1/s, is a position and not a goal."""
-_FEW: Final = 5
-"""Up to this number of changes is never frequent."""
+_PARAMETERS: Final = "parameters"
+_FREQUENT_HZ: Final = 0.3
+"""Rate above which changes are frequent, 1/s; a point that changes so often is a position, not a goal."""
+_MIN_FREQUENT: Final = 5
+"""Number of changes up to which they never count as frequent."""
 
 Changes = Sequence[KnowledgeChange]
 
@@ -174,13 +174,15 @@ def preceding_changes(changes: Changes, number: int) -> list[ChangeRun]:
     """Return the preceding changes of each field on which a change depended, newest first."""
     own = changes[number].own
     found = [
-        run for field in own if field != _CONSTANT and (run := _last_run(changes, field, number)) is not None
+        run
+        for field in own
+        if field != _PARAMETERS and (run := _last_run(changes, field, number)) is not None
     ]
     return sorted(found, key=lambda run: -run.last)
 
 
 def is_routine(changes: Changes, number: int) -> bool:
-    """Return True if the process or exchange of a change makes changes all the time."""
+    """Return True if the process or exchange of a change makes frequent changes."""
     by = changes[number].by
     return _is_frequent(changes, [other for other, one in enumerate(changes) if one.by == by])
 
@@ -192,10 +194,10 @@ def _last_run(changes: Changes, field: str, before: int) -> ChangeRun | None:
         return None
     if changes[numbers[-1]].fields[field].is_place and _is_frequent(changes, numbers):
         return None
-    return ChangeRun(field, tuple(_one_way(changes, field, numbers)))
+    return ChangeRun(field, tuple(_consecutive_changes(changes, field, numbers)))
 
 
-def _one_way(changes: Changes, field: str, numbers: list[int]) -> list[int]:
+def _consecutive_changes(changes: Changes, field: str, numbers: list[int]) -> list[int]:
     """Return the last change; for a counter, all consecutive changes in the same direction."""
     newest = numbers[-1]
     direction, found = changes[newest].fields[field].direction, [newest]
@@ -216,7 +218,7 @@ def _changes_of(changes: Changes, field: str, before: int) -> Iterator[int]:
 
 def _is_frequent(changes: Changes, numbers: list[int]) -> bool:
     lasted = in_seconds(changes[-1].instant - changes[0].instant)
-    return len(numbers) > max(_FEW, _OFTEN * lasted)
+    return len(numbers) > max(_MIN_FREQUENT, _FREQUENT_HZ * lasted)
 
 
 class TracedDecision(NamedTuple):
@@ -238,26 +240,26 @@ def decisions(trace: CausalTrace) -> list[TracedDecision]:
 
     An order that follows from a change of knowledge in the same step is left out.
     """
-    made = [
+    decision = [
         TracedDecision(one.step, one.instant, one.decision.words, one.by, number, None)
         for number, one in enumerate(trace.changes)
         if one.decision is not None
     ]
     adapted = {one.step for one in trace.changes if one.adaptation}
-    made += [
+    decision += [
         TracedDecision(one.step, one.instant, one.words, "behaviour", None, number)
         for number, one in enumerate(trace.orders)
         if one.verb != GIVES_UP or one.step not in adapted
     ]
-    return sorted(made, key=lambda one: (one.step, one.change is None))
+    return sorted(decision, key=lambda one: (one.step, one.change is None))
 
 
-_WIDEST: Final = 4
+_MAX_FIELDS: Final = 4
 """Maximum number of fields reported per change; the newest ones."""
-_DEEPEST: Final = 3
+_MAX_DEPTH: Final = 3
 _MAX_LOSSES: Final = 5
 """Maximum number of losses listed."""
-_LONGEST: Final = 90
+_MAX_VALUE_LENGTH: Final = 90
 """Maximum length of a value, characters."""
 
 
@@ -282,30 +284,30 @@ class CauseLink(msgspec.Struct, frozen=True):
 class ChainBuilder:
     """Builder of the chains of decisions of one process."""
 
-    def __init__(self, trace: CausalTrace, air: RadioTraffic) -> None:
+    def __init__(self, trace: CausalTrace, traffic: RadioTraffic) -> None:
         self._trace = trace
-        self._air = air
-        self._told: set[int] = set()
+        self._traffic = traffic
+        self._linked: set[int] = set()
 
-    def of(self, made: TracedDecision) -> list[CauseLink]:
+    def links(self, decision: TracedDecision) -> list[CauseLink]:
         """Return the links of a decision, starting with itself."""
-        self._told = set()
-        if made.change is not None:
-            return list(self._change(made.change, 0, made.words))
-        assert made.order is not None
-        return list(self._order(self._trace.orders[made.order]))
+        self._linked = set()
+        if decision.change is not None:
+            return list(self._change(decision.change, 0, decision.words))
+        assert decision.order is not None
+        return list(self._order(self._trace.orders[decision.order]))
 
     def _order(self, order: BehaviourOrder) -> Iterator[CauseLink]:
         """Yield the links of an order."""
         about = {"words": order.words, "point": None if order.point is None else list(order.point)}
-        yield _link(order.instant, "order", f"{self._air.robot_here} {order.words}", 0, about)
+        yield _link(order.instant, "order", f"{self._traffic.robot_here} {order.words}", 0, about)
         if order.verb == AGAIN or order.goal is not None:
             goal = order.goal or GoalState(None)
             about = {"status": goal.status, "reason": goal.reason}
-            yield _link(order.instant, "goal", _stands(goal), 1, about)
-        causes = self._behind(order)
-        for number in causes[:_WIDEST]:
-            if number in self._told:
+            yield _link(order.instant, "goal", _goal_text(goal), 1, about)
+        causes = self._causing_changes(order)
+        for number in causes[:_MAX_FIELDS]:
+            if number in self._linked:
                 continue
             yield from self._change(number, 1)
         if not causes:
@@ -318,7 +320,7 @@ class ChainBuilder:
             says = "no change of knowledge led to it; it follows from the initial knowledge"
         return _link(order.instant, "unknown", says, 1, {})
 
-    def _behind(self, order: BehaviourOrder) -> Sequence[int]:
+    def _causing_changes(self, order: BehaviourOrder) -> Sequence[int]:
         """Return the changes that set or removed the point of an order; else those of the same step."""
         if order.point is not None:
             return order.moved
@@ -329,12 +331,12 @@ class ChainBuilder:
 
     def _change(self, number: int, depth: int, words: str = "") -> Iterator[CauseLink]:
         """Yield a change of knowledge and its causes."""
-        self._told.add(number)
+        self._linked.add(number)
         change = self._trace.changes[number]
         kind = "exchange" if change.peer else "process"
         values = {field: (one.before, one.after) for field, one in change.fields.items()}
-        told = ", ".join(f"{_named(one)} {_turned(*pair)}" for one, pair in values.items())
-        what = f"{self._air.robot_here} {words}" if words else told
+        text = ", ".join(f"{_field_text(one)} {_change_text(*pair)}" for one, pair in values.items())
+        what = f"{self._traffic.robot_here} {words}" if words else text
         by = f"exchange {change.by} with {change.peer}" if change.peer else f"process {change.by}"
         about = {
             "by": change.by, "adaptation": change.adaptation, "peer": change.peer,
@@ -342,40 +344,40 @@ class ChainBuilder:
         }  # fmt: skip
         yield _link(change.instant, kind, f"{what}, by {by}", depth, about)
         if words:
-            yield _link(change.instant, "state", f"changes: {told}", depth + 1, {})
+            yield _link(change.instant, "state", f"changes: {text}", depth + 1, {})
         if change.read is not None:
             yield from self._replica(change.read, depth + 1)
         yield from self._own(number, depth + 1)
 
     def _own(self, number: int, depth: int) -> Iterator[CauseLink]:
         """Yield the causes of a change in the component's own knowledge."""
-        found = [run for run in preceding_changes(self._trace.changes, number) if run.last not in self._told]
-        told: dict[int, list[ChangeRun]] = {}
-        for run in found[:_WIDEST]:
-            told.setdefault(run.last, []).append(run)
-        for last, together in told.items():
-            if last not in self._told:
-                yield from self._state(last, together, depth)
+        runs = [run for run in preceding_changes(self._trace.changes, number) if run.last not in self._linked]
+        by_change: dict[int, list[ChangeRun]] = {}
+        for run in runs[:_MAX_FIELDS]:
+            by_change.setdefault(run.last, []).append(run)
+        for last, runs in by_change.items():
+            if last not in self._linked:
+                yield from self._state(last, runs, depth)
 
-    def _state(self, number: int, together: Sequence[ChangeRun], depth: int) -> Iterator[CauseLink]:
-        for run in together:
-            self._told.update(run.numbers)
+    def _state(self, number: int, runs: Sequence[ChangeRun], depth: int) -> Iterator[CauseLink]:
+        for run in runs:
+            self._linked.update(run.numbers)
         change = self._trace.changes[number]
-        told = ", ".join(self._since(run) for run in together)
+        text = ", ".join(self._since(run) for run in runs)
         about = {
             "by": change.by, "peer": change.peer,
-            "changed": {run.field: list(self._pair(run)) for run in together},
+            "changed": {run.field: list(self._pair(run)) for run in runs},
         }  # fmt: skip
         with_peer = f" with {change.peer}" if change.peer else ""
-        yield _link(change.instant, "state", f"{told}, by {change.by}{with_peer}", depth, about)
-        if depth >= _DEEPEST:
+        yield _link(change.instant, "state", f"{text}, by {change.by}{with_peer}", depth, about)
+        if depth >= _MAX_DEPTH:
             return
         if change.read is not None:
             yield from self._replica(change.read, depth + 1)
         yield from self._own(number, depth + 1)
 
     def _since(self, run: ChangeRun) -> str:
-        text = f"{_named(run.field)} {_turned(*self._pair(run))}"
+        text = f"{_field_text(run.field)} {_change_text(*self._pair(run))}"
         if len(run.numbers) == 1:
             return text
         return f"{text} since {seconds(self._trace.changes[run.numbers[0]].instant)} s"
@@ -386,7 +388,7 @@ class ChainBuilder:
 
     def _replica(self, read: ReplicaRead, depth: int) -> Iterator[CauseLink]:
         """Yield the replica of a peer and the frames that delivered it."""
-        text = ", ".join(f"{_named(one)} {_short(value)}" for one, value in read.known.items())
+        text = ", ".join(f"{_field_text(one)} {_shortened(value)}" for one, value in read.known.items())
         age = in_seconds(read.age)
         about = {
             "peer": read.component, "epoch": read.epoch, "publication": read.publication, "age_s": age,
@@ -398,13 +400,13 @@ class ChainBuilder:
             depth, about,
         )  # fmt: skip
         if read.arrival is not None:
-            for frame in reversed(self._air.frames(read.arrival)):
+            for frame in reversed(self._traffic.frames(read.arrival)):
                 yield _frame_link(frame, read.hops, depth + 1)
         yield from self._lost(read, depth + 1)
 
     def _lost(self, read: ReplicaRead, depth: int) -> Iterator[CauseLink]:
         """Yield the losses from this peer or its relay since the previous replica."""
-        if not self._air.simulated:
+        if not self._traffic.simulated:
             says = "earlier losses are unknown: only a simulated radio records them"
             yield _link(read.heard, "unknown", says, depth, {})
             return
@@ -412,8 +414,8 @@ class ChainBuilder:
             one.heard for one in self._trace.news if one.peer == read.component and one.heard < read.heard
         ]
         since = max(earlier, default=Instant(0))
-        senders = {read.component} | ({self._air.robot(read.arrival.sender)} if read.arrival else set())
-        lost = self._air.losses(tuple(sorted(senders)), since, read.heard)
+        senders = {read.component} | ({self._traffic.robot(read.arrival.sender)} if read.arrival else set())
+        lost = self._traffic.losses(tuple(sorted(senders)), since, read.heard)
         yield _loss_link(lost, sorted(senders), since, read.heard, depth)
 
 
@@ -435,15 +437,15 @@ def _frame_link(frame: ReceivedFrame, hops: int, depth: int) -> CauseLink:
 def _loss_link(
     lost: Sequence[FrameLoss], senders: Sequence[str], since: Instant, until: Instant, depth: int
 ) -> CauseLink:
-    who = " and ".join(senders)
+    names = " and ".join(senders)
     between = f"between {seconds(since)} and {seconds(until)} s"
     if not lost:
-        says = f"no frame of {who} was lost {between}"
+        says = f"no frame of {names} was lost {between}"
         return _link(until, "lost", says, depth, {"senders": list(senders), "lost": []})
-    told = ", ".join(f"{seconds(one.instant)} s {one.cause}" for one in lost[-_MAX_LOSSES:])
+    text = ", ".join(f"{seconds(one.instant)} s {one.cause}" for one in lost[-_MAX_LOSSES:])
     more = "" if len(lost) <= _MAX_LOSSES else f", the last {_MAX_LOSSES} of them"
     count = "1 frame" if len(lost) == 1 else f"{len(lost)} frames"
-    says = f"{count} of {who} {'was' if len(lost) == 1 else 'were'} lost {between}{more}: {told}"
+    says = f"{count} of {names} {'was' if len(lost) == 1 else 'were'} lost {between}{more}: {text}"
     rows = [{"at_s": in_seconds(one.instant), "sender": one.sender, "cause": one.cause} for one in lost]
     return _link(lost[-1].instant, "lost", says, depth, {"senders": list(senders), "lost": rows})
 
@@ -452,7 +454,7 @@ def _link(at: Instant, kind: str, says: str, depth: int, about: dict[str, Any]) 
     return CauseLink(in_seconds(at), kind, says, depth, about)
 
 
-def _stands(goal: GoalState) -> str:
+def _goal_text(goal: GoalState) -> str:
     """Describe the state of a goal."""
     if goal.point is None:
         return "there was no previous goal"
@@ -465,13 +467,13 @@ def _stands(goal: GoalState) -> str:
     return f"navigation was driving to {at}{phase}"
 
 
-def _named(field: str) -> str:
+def _field_text(field: str) -> str:
     return field.replace("_", " ")
 
 
-def _turned(before: str, after: str) -> str:
-    return f"{_short(before)} → {_short(after)}"
+def _change_text(before: str, after: str) -> str:
+    return f"{_shortened(before)} → {_shortened(after)}"
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+def _shortened(text: str) -> str:
+    return text if len(text) <= _MAX_VALUE_LENGTH else f"{text[:_MAX_VALUE_LENGTH]}…"

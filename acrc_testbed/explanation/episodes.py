@@ -46,30 +46,30 @@ class CauseCriteria:
     """Criteria of causes and blockings; chosen here, as the chapter gives no numbers."""
 
     lost: float = 1.0
-    """A robot is lost once its localisation error exceeds this, m ..."""
-    found: float = 0.5
-    """... until the error is below this, m."""
-    still: float = 0.1
+    """A robot is lost once its localisation error exceeds this, m."""
+    relocalised: float = 0.5
+    """A lost robot has relocalised once its error is below this, m."""
+    stand_radius: float = 0.1
     """A robot stands while it stays this close to its position at the start of a window, m."""
-    near: float = 1.6
+    block_distance: float = 1.6
     """Standing robots block each other within this distance, centre to centre, m. Measured in 24 runs of the
     chapter's scenario, distance of robots that stood for 30 s to the nearest one that did: 80 % of the time
     below 1 m, 10 % at 1.3 to 1.5 m, head-on at doors, and 0.1 % at 1.5 to 1.7 m."""
     pause_s: float = 3.0
-    """A robot behind another one makes no progress once it stays within `still` for this time, s; shorter
-    stops are part of driving, as strategies request goals every 2 s."""
+    """A robot behind another one makes no progress once it stays within `stand_radius` for this time, s;
+    shorter stops are part of driving, as strategies request goals every 2 s."""
     turn_s: float = 10.0
-    """The same for a robot with no other within `near`, s: move_base's oscillation_timeout. Measured: a turn
-    on the spot takes a single robot up to 7.9 s."""
+    """The same for a robot with no other within `block_distance`, s: oscillation_timeout of move_base.
+    Measured: a turn on the spot takes a single robot up to 7.9 s."""
     wait_s: float = 30.0
     """A robot that moves without progress towards any goal for this time, s, is in a livelock."""
-    nearer: float = 0.25
+    min_progress: float = 0.25
     """Progress is a new minimum of the distance to the goal by this much, m; turning changes it by less."""
     to_and_fro: float = 3.0
     """A robot moves to and fro if it drives this multiple of the extent of its path; a detour is shorter."""
     turning: float = 0.1
     """A robot that turns faster than this, rad/s, is moving."""
-    seen: float = 2.5
+    view_distance: float = 2.5
     """Distance of the obstacle for which a robot stands for `turn_s`, at most, m: the local map ends there
     (obstacle_range). Robots stop 1.6 to 2.5 m before what closes a door."""
     in_way: float = 0.45
@@ -87,14 +87,14 @@ class CauseCriteria:
     silent_s: float = 5.0
     """A robot that receives nothing for this time, s, although others in range have frames to send, has no
     contact; robots publish once per second."""
-    beside: float = 0.5
+    door_distance: float = 0.5
     """A robot is at a door if it is this near to a position where one robot closes the passage, m."""
     neck: float = 1.6
     """Narrower passages between rooms, m, are doors, too: two robots could pass in the 1.5 m between the
     corridor's cabinets, but do not with the chapter's local planner."""
-    fit: float = 0.7
-    """A goal was visited by a robot this near, m, as in the world's judgement (WorldSetup.reach)."""
-    jump: float = 0.3
+    visit_radius: float = 0.7
+    """A goal was visited by a robot this near, m, as in the referee of the world (WorldSetup.reach)."""
+    carry_distance: float = 0.3
     """A robot that moves farther in one step, m, was carried: six times what it can drive in 0.1 s."""
 
 
@@ -116,7 +116,7 @@ def true_intervals(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
 
 
 def lost_intervals(errors: NDArray[np.float64], parameters: CauseCriteria = STANDARD) -> list[Episode]:
-    """Return when a robot was lost: from an error above `lost` until one below `found`.
+    """Return when a robot was lost: from an error above `lost` until one below `relocalised`.
 
     `errors`: (samples,), localisation error, m; NaN (unknown) keeps the state.
     """
@@ -125,7 +125,7 @@ def lost_intervals(errors: NDArray[np.float64], parameters: CauseCriteria = STAN
     for sample, error in enumerate(errors.tolist()):
         if error > parameters.lost:
             now = True
-        elif error < parameters.found:
+        elif error < parameters.relocalised:
             now = False
         is_lost[sample] = now
     return true_intervals(is_lost)
@@ -137,7 +137,7 @@ def standing_mask(
     """Return when a robot with a goal stood, (samples,).
 
     It stands in a window of `window` samples if it is `pursuing` a goal, (samples,), in all of them, and
-    stays within `still` m of the first position; `true`: (samples, 2), m.
+    stays within `stand_radius` m of the first position; `true`: (samples, 2), m.
     """
     stood = np.zeros(len(true), np.bool_)
     if len(true) < window:
@@ -154,7 +154,7 @@ def standing_mask(
 class ObservedActivity:
     """Activity of one robot by ground truth, updated part by part: driving, standing or idle.
 
-    A robot that stays within `still` for `pause_s` stands if it has places left; otherwise it is idle.
+    A robot that stays within `stand_radius` for `pause_s` stands if it has places left; otherwise it is idle.
     """
 
     def __init__(self, robot: str, *, has_places: bool = True) -> None:
@@ -191,5 +191,7 @@ class ObservedActivity:
         while len(window) > 1 and second - window[1][0] >= STANDARD.pause_s:
             window.popleft()
         begin, *there = window[0]
-        near = all(np.hypot(one - there[0], other - there[1]) <= STANDARD.still for _, one, other in window)
+        near = all(
+            np.hypot(one - there[0], other - there[1]) <= STANDARD.stand_radius for _, one, other in window
+        )
         return begin, near and second - begin >= STANDARD.pause_s

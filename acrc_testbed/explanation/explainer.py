@@ -103,7 +103,7 @@ class Explainer:
         earliest: float | None = None
         for actor, found_trace in reversed(self._traces):
             made = decisions(found_trace)
-            if found := _chosen(made, at_s):
+            if found := _decisions_at(made, at_s):
                 chain = ChainBuilder(found_trace, RadioTraffic(self._out, actor))
                 return tuple(_explanation(self._robot, at_s, one, chain) for one in found)
             earliest = in_seconds(made[0].instant) if made else earliest
@@ -111,19 +111,27 @@ class Explainer:
         raise ExplanationError(f"{self._robot} made no decision before {at_s:g} s; {then}")
 
 
-def _chosen(made: Sequence[TracedDecision], at_s: float) -> list[TracedDecision]:
+def _decisions_at(made: Sequence[TracedDecision], at_s: float) -> list[TracedDecision]:
     """Return the decisions at the instant, or those of the last instant before it."""
-    by_then = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
-    if not by_then:
+    earlier = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
+    if not earlier:
         return []
-    near = [one for one in by_then if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
-    return near or [one for one in by_then if one.instant == by_then[-1].instant]
+    near = [one for one in earlier if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
+    return near or [one for one in earlier if one.instant == earlier[-1].instant]
 
 
-def _explanation(robot: str, asked_s: float, made: TracedDecision, chain: ChainBuilder) -> Explanation:
-    at_s = in_seconds(made.instant)
+def _explanation(robot: str, asked_s: float, decision: TracedDecision, chain: ChainBuilder) -> Explanation:
+    at_s = in_seconds(decision.instant)
     exact = abs(at_s - asked_s) <= _SAME_S
-    return Explanation(robot, asked_s, at_s, exact, made.words, made.by, tuple(chain.of(made)))
+    return Explanation(
+        robot,
+        asked_s,
+        at_s,
+        exact,
+        decision.words,
+        decision.by,
+        tuple(chain.links(decision)),
+    )
 
 
 def processes(out: Path, robot: str) -> list[str]:

@@ -24,7 +24,7 @@ from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds, seconds
 
 Flags = NDArray[np.bool_]
-_OUTLINE: Final = 0.177
+_RADIUS: Final = 0.177
 """Radius of a TurtleBot 2, m."""
 
 
@@ -46,29 +46,31 @@ class RobotStates:
         """(steps, robots): number of the current goal; NO_GOAL: none or unknown."""
         self.on = run.stepping
         self.frozen = np.zeros_like(self.on) if run.frozen is None else run.frozen
-        self.still = self._standing(self.on, p.pause_s)
+        self.stands = self._standing(self.on, p.pause_s)
         unknown = np.array([one.goals is None for one in self._reports])
         self.wants = ((self.goal != NO_GOAL) | unknown) & run.busy & self.on
         """It has a goal that is not reached, and places left."""
-        self.waits = self.still & self.wants
+        self.waits = self.stands & self.wants
         """It stands although it has a goal."""
         self.stands_long = self._standing(self.wants, p.turn_s)
-        self.done = self.still & ~run.busy
+        self.done = self.stands & ~run.busy
         self.strategy_idle = _columns(
-            _longer(self.still[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s))
+            _long_only(
+                self.stands[:, index] & ~self.wants[:, index] & run.busy[:, index], self._steps(p.pause_s)
+            )
             for index in range(len(self._reports))
         )
         """It stands with places left, but without a goal."""
         self.planless = _columns(interval_mask(one.planless, run) for one in self._reports) & self.wants
         self.paused = _columns(interval_mask(one.paused, run) for one in self._reports) & self.wants
         """Its strategy has paused navigation and keeps the goal."""
-        self.lost = _columns(_lost(error, p) for error in errors(run).T)
+        self.lost = _columns(_lost(error, p) for error in localisation_errors(run).T)
         self._turns = _turns(run)
         turning = np.abs(self._turns) > p.turning * in_seconds(run.step_us)
         idle = [self._without_progress(index) for index in range(len(self._reports))]
-        self.drives_to_and_fro = self._moving(idle, ~self.still)
+        self.drives_to_and_fro = self._moving(idle, ~self.stands)
         """It drives to and fro without progress."""
-        self.moves_to_and_fro = self.drives_to_and_fro | self._moving(idle, ~self.still | turning)
+        self.moves_to_and_fro = self.drives_to_and_fro | self._moving(idle, ~self.stands | turning)
         """It drives or turns to and fro without progress."""
 
     def goal_of(self, robot: int, number: int) -> tuple[float, float] | None:
@@ -78,7 +80,7 @@ class RobotStates:
             return None
         return goals[number].x, goals[number].y
 
-    def far(self, robot: int) -> NDArray[np.float64]:
+    def distances_to_goal(self, robot: int) -> NDArray[np.float64]:
         """Return the true path length to the goal, (steps,), m; beeline without a path; NaN: no goal."""
         found = np.full(len(self.run.true), np.nan)
         here = self.run.true[:, robot, :2]
@@ -108,14 +110,15 @@ class RobotStates:
         true, window = self.run.true, min(self._steps(lasting_s), len(self.run.true))
         robots = range(true.shape[1])
         return _columns(
-            standing_mask(true[:, index, :2], where[:, index], window, self._p.still) for index in robots
+            standing_mask(true[:, index, :2], where[:, index], window, self._p.stand_radius)
+            for index in robots
         )
 
     def _without_progress(self, robot: int) -> list[Episode]:
         """Return the intervals without progress towards any goal."""
         if self._reports[robot].goals is None:
             return []
-        return true_intervals(~self._gets_on(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
+        return true_intervals(~self._progresses(robot) & self.wants[:, robot], self._steps(self._p.wait_s))
 
     def _moving(self, stretches: Sequence[Sequence[Episode]], moves: Flags) -> Flags:
         """Return the intervals in which a robot moves to and fro most of the time, (steps, robots)."""
@@ -131,26 +134,26 @@ class RobotStates:
         """Return True if a point of the outline travelled much farther than the extent of its path."""
         steps = slice(*stretch)
         path = self.run.true[steps, robot, :2]
-        driven = np.hypot(*np.diff(path, axis=0).T).sum() + _OUTLINE * np.abs(self._turns[steps, robot]).sum()
+        driven = np.hypot(*np.diff(path, axis=0).T).sum() + _RADIUS * np.abs(self._turns[steps, robot]).sum()
         return bool(driven >= self._p.to_and_fro * np.hypot(*np.ptp(path, axis=0)))
 
-    def _gets_on(self, robot: int) -> Flags:
-        """Return where a robot gets nearer to a goal than before, or reaches one, (steps,)."""
-        far, wants = self.far(robot).tolist(), self.wants[:, robot].tolist()
+    def _progresses(self, robot: int) -> Flags:
+        """Return where a robot makes progress towards a goal, or reaches one, (steps,)."""
+        far, wants = self.distances_to_goal(robot).tolist(), self.wants[:, robot].tolist()
         goals, stages = self.goal[:, robot].tolist(), self.stage.tolist()
         ended = self._reached(robot)
         best: dict[tuple[tuple[float, float] | None, int], float] = {}
-        gets_on = np.zeros(len(far), np.bool_)
+        progress = np.zeros(len(far), np.bool_)
         for step, metres in enumerate(far):
             if not wants[step] or ended[step]:
-                gets_on[step] = True
+                progress[step] = True
                 best.clear()
                 continue
             key = self.goal_of(robot, goals[step]), stages[step]
-            if key not in best or metres < best[key] - self._p.nearer:
+            if key not in best or metres < best[key] - self._p.min_progress:
                 best[key] = metres
-                gets_on[step] = True
-        return gets_on
+                progress[step] = True
+        return progress
 
     def _reached(self, robot: int) -> Flags:
         """Return where a goal was reached by navigation, or by ground truth if it was replaced, (steps,)."""
@@ -160,7 +163,7 @@ class RobotStates:
                 continue
             step = self.run.index(goal.end)
             x, y = self.run.true[step, robot, :2]
-            if goal.how == REACHED or np.hypot(goal.x - x, goal.y - y) <= self._p.fit:
+            if goal.how == REACHED or np.hypot(goal.x - x, goal.y - y) <= self._p.visit_radius:
                 reached[step] = True
         return reached
 
@@ -168,7 +171,7 @@ class RobotStates:
         return seconds(lasting_s) // self.run.step_us
 
 
-def errors(run: RunData) -> NDArray[np.float64]:
+def localisation_errors(run: RunData) -> NDArray[np.float64]:
     """Return the localisation errors, (steps, robots), m; NaN: unknown."""
     offset = run.estimated[..., :2] - run.true[..., :2]
     far: NDArray[np.float64] = np.hypot(offset[..., 0], offset[..., 1])
@@ -181,7 +184,7 @@ def _turns(run: RunData) -> NDArray[np.float64]:
     return turned - 2 * np.pi * np.rint(turned / (2 * np.pi))
 
 
-def in_wall(run: RunData, grid: OccupancyGrid) -> Flags:
+def estimates_in_walls(run: RunData, grid: OccupancyGrid) -> Flags:
     """Return where the estimated position is in an obstacle of the map, (steps, robots)."""
     corner = np.array([grid.origin.x, grid.origin.y])
     known = np.isfinite(run.estimated[..., 0])
@@ -189,8 +192,8 @@ def in_wall(run: RunData, grid: OccupancyGrid) -> Flags:
     cells = cells.astype(np.int64)
     inside = ((cells >= 0) & (cells < [grid.columns, grid.rows])).all(axis=-1)
     cells[~inside] = 0
-    taken: Flags = known & (~inside | grid.blocking[cells[..., 1], cells[..., 0]])
-    return taken
+    in_obstacle: Flags = known & (~inside | grid.blocking[cells[..., 1], cells[..., 0]])
+    return in_obstacle
 
 
 def _lost(error: NDArray[np.float64], p: CauseCriteria) -> Flags:
@@ -201,7 +204,7 @@ def _lost(error: NDArray[np.float64], p: CauseCriteria) -> Flags:
     return is_lost
 
 
-def _longer(mask: Flags, least: int) -> Flags:
+def _long_only(mask: Flags, least: int) -> Flags:
     """Return the mask reduced to intervals of at least `least` samples."""
     whole = np.zeros_like(mask)
     for begin, end in true_intervals(mask, min(least, len(mask))):
@@ -214,13 +217,13 @@ def _columns(parts: Iterable[Flags]) -> Flags:
 
 
 NO_ROBOT: Final = -1
-_APART: Final = 0.1
+_PATH_STEP: Final = 0.1
 """Distance of the examined points of a path, m."""
 Points = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
-def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
+def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
     """Return the first robot on the path of each stuck robot, (steps, robots); NO_ROBOT: none."""
     found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
@@ -229,12 +232,12 @@ def ahead(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteri
             _, which = np.unique(squares, axis=0, return_inverse=True)
             for number in range(int(which.max()) + 1):
                 same = rows[which.reshape(-1) == number]
-                path = _path(states, robot, int(same[0]), goal, stage, p.sensed)
-                found[same, robot] = _first(states, robot, same, path, passages, p)
+                path = _path_start(states, robot, int(same[0]), goal, stage, p.sensed)
+                found[same, robot] = _first_blocking(states, robot, same, path, passages, p)
     return found
 
 
-def beside(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
+def nearest_robots_beside(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriteria) -> Indices:
     """Return the nearest standing robot that a robot cannot pass, (steps, robots); NO_ROBOT: none."""
     found = np.full(stuck.shape, NO_ROBOT, np.int32)
     for robot in range(stuck.shape[1]):
@@ -245,12 +248,12 @@ def beside(states: RobotStates, stuck: Flags, passages: Passages, p: CauseCriter
         gaps[~states.waits[rows] | (gaps >= p.in_way)] = np.inf
         nearest = gaps.argmin(axis=1)
         near = np.flatnonzero(np.isfinite(gaps.min(axis=1)))
-        near = near[passages.sees(here[near], there[near, nearest[near]])]
+        near = near[passages.are_visible(here[near], there[near, nearest[near]])]
         found[rows[near], robot] = nearest[near]
     return found
 
 
-def _path(
+def _path_start(
     states: RobotStates,
     robot: int,
     step: int,
@@ -264,15 +267,15 @@ def _path(
         for paths in (stage.paths, stage.opened):
             path = paths.path((x, y), goal, length)
             if path is not None:
-                apart = np.hypot(*(path - path[0]).T)
-                return path[np.unique(np.floor(apart / _APART), return_index=True)[1]]
+                distances = np.hypot(*(path - path[0]).T)
+                return path[np.unique(np.floor(distances / _PATH_STEP), return_index=True)[1]]
         dx, dy = goal[0] - x, goal[1] - y
         heading, length = np.arctan2(dy, dx), min(length, float(np.hypot(dx, dy)))
-    along = np.arange(0.0, length + _APART, _APART)
+    along = np.arange(0.0, length + _PATH_STEP, _PATH_STEP)
     return np.column_stack([x + along * np.cos(heading), y + along * np.sin(heading)])
 
 
-def _first(
+def _first_blocking(
     states: RobotStates,
     robot: int,
     rows: NDArray[np.int64],
@@ -284,14 +287,14 @@ def _first(
     there = states.run.true[rows, :, :2]
     gaps = np.hypot(*(there[:, :, None] - path).transpose(3, 0, 1, 2))
     along = gaps.argmin(axis=2)
-    limit = np.where(states.stands_long[rows, robot], p.seen, p.near)
+    limit = np.where(states.stands_long[rows, robot], p.view_distance, p.block_distance)
     limit[states.planless[rows, robot]] = p.sensed
-    aside = gaps.min(axis=2)
-    inside = (aside < p.in_way) & (along * _APART >= np.maximum(aside, _APART))
+    lateral = gaps.min(axis=2)
+    inside = (lateral < p.in_way) & (along * _PATH_STEP >= np.maximum(lateral, _PATH_STEP))
     inside &= np.hypot(*(there - path[0]).transpose(2, 0, 1)) <= limit[:, None]
     inside[:, robot] = False
     one, other = np.nonzero(inside)
-    inside[one, other] = passages.sees(path[along[one, other]], there[one, other])
+    inside[one, other] = passages.are_visible(path[along[one, other]], there[one, other])
     order = np.where(inside, along, len(path))
     first: Indices = order.argmin(axis=1).astype(np.int32)
     first[~inside.any(axis=1)] = NO_ROBOT

@@ -47,18 +47,22 @@ def decision_events(run: RunData, classified: CauseTable, p: CauseCriteria) -> t
     found = [
         event
         for index, robot in enumerate(run.robots)
-        for event in _of_robot(run, index, run.reports.get(robot, RobotReport()).decisions, classified, p)
+        for event in _robot_events(run, index, run.reports.get(robot, RobotReport()).decisions, classified, p)
     ]
     return tuple(sorted(found, key=lambda one: (one.instant_s, one.robot)))
 
 
-def _of_robot(
-    run: RunData, index: int, made: Sequence[AdaptationDecision], classified: CauseTable, p: CauseCriteria
+def _robot_events(
+    run: RunData,
+    index: int,
+    decisions: Sequence[AdaptationDecision],
+    classified: CauseTable,
+    p: CauseCriteria,
 ) -> Iterator[DecisionEvent]:
     stood = classified.stood[:, index]
-    for number, decision in enumerate(made):
+    for number, decision in enumerate(decisions):
         first = run.index(decision.instant)
-        after = [run.index(one.instant) for one in made[number + 1 :] if one.instant > decision.instant]
+        after = [run.index(one.instant) for one in decisions[number + 1 :] if one.instant > decision.instant]
         last = min(after, default=len(stood))
         outcome, free = _outcome(run.true[first:last, index, :2], stood[first:last], decision, p)
         if outcome == OVERTAKEN and last == len(stood):
@@ -81,12 +85,12 @@ def _of_robot(
 def _outcome(
     path: NDArray[np.float64], stood: NDArray[np.bool_], decision: AdaptationDecision, p: CauseCriteria
 ) -> tuple[str, int | None]:
-    """Return the outcome until the next decision, and after how many steps the robot moved again."""
+    """Return the outcome until the next decision, and the number of steps until the robot moved again."""
     moves = np.flatnonzero(~stood)
     free = int(moves[0]) if moves.size else None
     if decision.new is not None:
         offset = path - np.array(decision.new)
-        if bool((np.hypot(offset[:, 0], offset[:, 1]) <= p.fit).any()):
+        if bool((np.hypot(offset[:, 0], offset[:, 1]) <= p.visit_radius).any()):
             return VISITED, free
     if free is None:
         return OVERTAKEN, None
@@ -94,7 +98,7 @@ def _outcome(
 
 
 def _standing_steps(stood: NDArray[np.bool_]) -> int:
-    """Return for how many steps the robot has stood at the end."""
+    """Return the number of steps that the robot has stood at the end."""
     moves = np.flatnonzero(~stood)
     return len(stood) - (int(moves[-1]) + 1 if moves.size else 0)
 
@@ -104,26 +108,28 @@ def diagnosis_score(run: RunData, classified: CauseTable) -> DiagnosisScore | No
 
     A robot is truly blocked while it stands with a goal, whatever the cause, unless it waits on purpose.
     """
-    both = told = true = count = noticed = false_alarms = 0
+    both = found = true = count = noticed = false_alarms = 0
     delays: list[float] = []
-    asked = False
+    has_detection = False
     for index, robot in enumerate(run.robots):
         blocked = run.reports.get(robot, RobotReport()).blocked
         if blocked is None:
             continue
-        asked = True
-        says, is_so = interval_mask(blocked, run), classified.stood[:, index]
-        both, told, true = both + int((says & is_so).sum()), told + int(says.sum()), true + int(is_so.sum())
-        false_alarms += sum(not is_so[begin:end].any() for begin, end in true_intervals(says))
-        for begin, end in true_intervals(is_so):
+        has_detection = True
+        detected, blocked_now = interval_mask(blocked, run), classified.stood[:, index]
+        both += int((detected & blocked_now).sum())
+        found += int(detected.sum())
+        true += int(blocked_now.sum())
+        false_alarms += sum(not blocked_now[begin:end].any() for begin, end in true_intervals(detected))
+        for begin, end in true_intervals(blocked_now):
             count += 1
-            if says[begin:end].any():
+            if detected[begin:end].any():
                 noticed += 1
-                delays.append(run.duration(int(says[begin:end].argmax())))
-    if not asked:
+                delays.append(run.duration(int(detected[begin:end].argmax())))
+    if not has_detection:
         return None
     return DiagnosisScore(
-        precision=round(both / told, 4) if told else None,
+        precision=round(both / found, 4) if found else None,
         recall=round(both / true, 4) if true else None,
         delay_s=round(median(delays), 3) if delays else None,
         spells=count,
@@ -160,18 +166,18 @@ def account_time(out: Path, parameters: CauseCriteria = STANDARD) -> TimeSpent:
     run = read_run(out)
     floor, classified = determine_causes(run, parameters)
     return TimeSpent(
-        robots=_robots(run, classified),
+        robots=_seconds_by_cause(run, classified),
         blockings=blocking_events(run, classified, parameters),
         diagnosis=diagnosis_score(run, classified),
         decisions=decision_events(run, classified, parameters),
         decisions_left_out=sum(one.unlisted for one in run.reports.values()),
         findings=findings(run, floor.passages, parameters),
         deadlocks=deadlocks(run, classified, parameters),
-        blames=_blames(run, classified),
+        blames=_chain_roots(run, classified),
     )
 
 
-def _robots(run: RunData, classified: CauseTable) -> dict[str, dict[str, float]]:
+def _seconds_by_cause(run: RunData, classified: CauseTable) -> dict[str, dict[str, float]]:
     """Return seconds by robot and cause, from whole µs; those of a robot sum to the run's duration."""
     spent = {}
     for index, robot in enumerate(run.robots):
@@ -182,7 +188,7 @@ def _robots(run: RunData, classified: CauseTable) -> dict[str, dict[str, float]]
     return spent
 
 
-def _blames(run: RunData, classified: CauseTable) -> tuple[ChainRoot, ...]:
+def _chain_roots(run: RunData, classified: CauseTable) -> tuple[ChainRoot, ...]:
     """Return the waiting time per root and cause, s, from whole µs."""
     waits = (classified.before != NO_ROBOT) & (classified.root != NO_ROBOT)
     pairs = np.column_stack([classified.root[waits], classified.causes[waits]])
@@ -207,7 +213,7 @@ class CauseInterval(NamedTuple):
 
 
 def cause_intervals(run: RunData) -> list[CauseInterval]:
-    """Return the intervals of all causes without gaps, by robot and time. Raises as `judge`."""
+    """Return the intervals of all causes without gaps, by robot and time. Raises as `determine_causes`."""
     causes = determine_causes(run).causes.causes
     found: list[CauseInterval] = []
     for index, robot in enumerate(run.robots):

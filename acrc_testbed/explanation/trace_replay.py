@@ -47,13 +47,13 @@ def trace(
     answer = run_program(out, _PROGRAM, actor, words, bounds, permit=permit, isolate=isolate)
     if answer.data is None:
         raise TraceError(answer.fault)
-    found = decode(answer.data, actor)
-    if found.fault is not None:
-        raise TraceError(found.fault)
-    return found
+    causal_trace = decode(answer.data, actor)
+    if causal_trace.fault is not None:
+        raise TraceError(causal_trace.fault)
+    return causal_trace
 
 
-def traced(out: Path, actor: str) -> CausalTrace:
+def trace_here(out: Path, actor: str) -> CausalTrace:
     """Return the trace of a recording up to its end or the first fault. The code runs in this process.
 
     Raises AcrcError if there is nothing to replay.
@@ -85,7 +85,7 @@ def main(argv: Sequence[str]) -> int:
     options = parser.parse_args(argv)
     with sandboxed_replay.open_answer(options, options.file_mb) as answer:
         try:
-            sandboxed_replay.write_all(answer, msgspec.msgpack.encode(traced(options.out, options.actor)))
+            sandboxed_replay.write_all(answer, msgspec.msgpack.encode(trace_here(options.out, options.actor)))
         except AcrcError as error:
             sys.stderr.write(f"{error}\n")
             return 2

@@ -37,36 +37,36 @@ class KnownPoints:
     """Points in a component's fields, with the changes that set or removed them."""
 
     def __init__(self) -> None:
-        self._brought: dict[Point, dict[str, int]] = defaultdict(dict)
-        self._taken: dict[Point, dict[str, int]] = defaultdict(dict)
+        self._added: dict[Point, dict[str, int]] = defaultdict(dict)
+        self._removed: dict[Point, dict[str, int]] = defaultdict(dict)
         """Number of the last change of each field, by point."""
         self._step = -1
-        self._kept: dict[Point, dict[str, int]] = defaultdict(dict)
-        """The same for points that a change of the last step kept in a field."""
+        self._retained: dict[Point, dict[str, int]] = defaultdict(dict)
+        """Number of the last change in the current step that kept the point, by field."""
 
-    def note(self, number: int, step: int, field: str, before: object, after: object) -> None:
+    def add_change(self, number: int, step: int, field: str, before: object, after: object) -> None:
         """Add a change of a field."""
         if step != self._step:
             self._step = step
-            self._kept.clear()
+            self._retained.clear()
         had, has = set(_points(before)), set(_points(after))
         for point in has - had:
-            self._brought[point][field] = number
+            self._added[point][field] = number
         for point in had - has:
-            self._taken[point][field] = number
+            self._removed[point][field] = number
         for point in has:
-            self._kept[point][field] = number
+            self._retained[point][field] = number
 
-    def behind(self, point: Point | None, step: int, *, gone: bool, again: bool) -> tuple[int, ...]:
-        """Return the last change of each field that set the point, newest first.
+    def changes_of(self, point: Point | None, step: int, *, removed: bool, retained: bool) -> tuple[int, ...]:
+        """Return the numbers of the last changes that set the point in each field, newest first.
 
-        `gone`: changes that removed it instead; `again`: also changes of this step that kept it.
+        `removed`: changes that removed it instead; `retained`: also changes of this step that kept it.
         """
         if point is None:
             return ()
-        found = dict((self._taken if gone else self._brought).get(point, {}))
-        if again and step == self._step:
-            found |= self._kept.get(point, {})
+        found = dict((self._removed if removed else self._added).get(point, {}))
+        if retained and step == self._step:
+            found |= self._retained.get(point, {})
         return tuple(sorted(set(found.values()), reverse=True))
 
 
@@ -94,7 +94,7 @@ GIVES_UP: Final = "gives up"
 
 
 class OrderRecorder:
-    """Recorder of a behaviour's orders; it records none if the behaviour cannot be wrapped."""
+    """Recorder of a behaviour's orders; records none if the behaviour cannot be wrapped."""
 
     def __init__(self, points: KnownPoints) -> None:
         """`points`: points in the same robot's knowledge."""
@@ -113,21 +113,21 @@ class OrderRecorder:
         behaviour = self._behaviour = core.behaviour
         advance = behaviour.advance
 
-        def watched(view: View, until: Any) -> Decision:
+        def recording_advance(view: View, until: Any) -> Decision:
             decision = advance(view, until)
-            self.found += self._told(core.step, view, decision)
+            self.found += self._orders_of(core.step, view, decision)
             return decision
 
         with suppress(AttributeError):  # an object with slots cannot be patched
-            object.__setattr__(behaviour, "advance", watched)
+            object.__setattr__(behaviour, "advance", recording_advance)
 
-    def _told(self, step: int, view: View, decision: Decision) -> Iterator[BehaviourOrder]:
+    def _orders_of(self, step: int, view: View, decision: Decision) -> Iterator[BehaviourOrder]:
         goal = goal_state(view.goal) if view.goal is not None else None
 
         def order(
             verb: str, more: str = "", point: Point | None = None, at: Instant | None = None
         ) -> BehaviourOrder:
-            moved = self._points.behind(point, step, gone=verb == STOPS, again=verb == AGAIN)
+            moved = self._points.changes_of(point, step, removed=verb == STOPS, retained=verb == AGAIN)
             place = None if point is None else (point.x, point.y)
             words = f"{verb} {more}" if more else verb
             return BehaviourOrder(
@@ -137,7 +137,7 @@ class OrderRecorder:
         for place in decision.given_up:
             named = f"{place.owner}/{place.place}: {place.reason}"
             yield order(GIVES_UP, named, at=Instant(place.instant))
-        yield from self._driving(view, decision, order)
+        yield from self._goal_orders(view, decision, order)
         if decision.paused is not None:
             yield order("pauses" if decision.paused else "resumes")
         if decision.back_out is not None:
@@ -145,7 +145,7 @@ class OrderRecorder:
         if decision.relocalise:
             yield order("relocalises")
 
-    def _driving(self, view: View, decision: Decision, order: Any) -> Iterator[BehaviourOrder]:
+    def _goal_orders(self, view: View, decision: Decision, order: Any) -> Iterator[BehaviourOrder]:
         if isinstance(decision.goal, Point):
             verb = AGAIN if decision.goal == self._heading else SETS_OFF
             self._heading = decision.goal
@@ -178,11 +178,11 @@ def read_fields(
     for one in ensembles:
         described = ensemble_type(type(one))
         if described is not None and described.name == owner:
-            return _of_exchange(type(one), name, kind)
+            return _exchange_fields(type(one), name, kind)
     return ReadFields((), ())
 
 
-def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> ReadFields:
+def _exchange_fields(ensemble: type, name: str, kind: type[Knowledge]) -> ReadFields:
     """Return the fields that the membership and the exchange read."""
     described = ensemble_type(ensemble)
     assert described is not None
@@ -218,11 +218,11 @@ class Tracer:
         """Record the inputs of the core from now on."""
         advance = core.advance
 
-        def watched(inputs: Inputs) -> Any:
-            self._take(core.step, inputs)
+        def recording_advance(inputs: Inputs) -> Any:
+            self._record_inputs(core.step, inputs)
             return advance(inputs)
 
-        cast(Any, core).advance = watched
+        cast(Any, core).advance = recording_advance
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
         """Implement `deeco.node.NodeObserver`."""
@@ -231,12 +231,12 @@ class Tracer:
     def committed(self, commit: Commit, replica: Replica | None) -> None:
         """Record a change of knowledge."""
         found = list(differences(commit.before, commit.after))
-        touched = dict.fromkeys(root(one.path) for one in found)
+        touched = dict.fromkeys(field_of(one.path) for one in found)
         for field in touched:
             before, after = getattr(commit.before, field), getattr(commit.after, field)
-            self._points.note(self._number, self._step, field, before, after)
+            self._points.add_change(self._number, self._step, field, before, after)
         self._number += 1
-        depends = self._dependence(commit)
+        depends = self._fields_read(commit)
         self.changes.append(
             KnowledgeChange(
                 step=self._step,
@@ -251,7 +251,7 @@ class Tracer:
                 ),
                 fields={field: _field_change(commit, field) for field in touched},
                 own=depends.own,
-                read=None if replica is None else self._read(replica, commit.instant, depends.peer),
+                read=None if replica is None else self._replica_read(replica, commit.instant, depends.peer),
                 decision=decision(commit),
             )
         )
@@ -260,15 +260,15 @@ class Tracer:
         """Record a newer replica."""
         self.news.append(ReplicaReception(replica.id, replica.contact(now).heard))
 
-    def _dependence(self, commit: Commit) -> ReadFields:
+    def _fields_read(self, commit: Commit) -> ReadFields:
         key = type(commit.after), commit.by
         if key not in self._reads:
             exchange = bool(commit.peer) or commit.heard is not None
             self._reads[key] = read_fields(*key, self.orders.ensembles, exchange=exchange)
         return self._reads[key]
 
-    def _take(self, step: int, inputs: Inputs) -> None:
-        self._step = max([step, *(message.step for message in inputs.values())])  # after a gap it is behind
+    def _record_inputs(self, step: int, inputs: Inputs) -> None:
+        self._step = max([step, *(message.step for message in inputs.values())])  # core.step lags after a gap
         received = [message for message in inputs.values() if isinstance(message, RadioEvents)]
         for event in (event for message in received for event in message.events):
             if isinstance(event, FrameReceived):
@@ -277,7 +277,7 @@ class Tracer:
                     self._step, instant, event.sender, event.rssi_dbm, event.lqi
                 )
 
-    def _read(self, replica: Replica, now: Instant, wanted: tuple[str, ...]) -> ReplicaRead:
+    def _replica_read(self, replica: Replica, now: Instant, fields_read: tuple[str, ...]) -> ReplicaRead:
         contact = replica.contact(now)
         epoch, publication = replica.version
         return ReplicaRead(
@@ -289,11 +289,11 @@ class Tracer:
             hops=contact.hops,
             rssi_dbm=contact.rssi_dbm,
             arrival=self._arrivals.get(contact.heard),
-            known=_known(replica.roles, wanted),
+            known=_known(replica.roles, fields_read),
         )
 
 
-def root(path: str) -> str:
+def field_of(path: str) -> str:
     """Return the field of the component at the start of a path."""
     return path.partition(".")[0].partition("[")[0]
 
@@ -302,27 +302,27 @@ def _field_change(commit: Commit, field: str) -> FieldChange:
     before, after = getattr(commit.before, field), getattr(commit.after, field)
     numbers = isinstance(before, int) and isinstance(after, int)
     return FieldChange(
-        _worded(commit.before, field),
-        _worded(commit.after, field),
+        _value_text(commit.before, field),
+        _value_text(commit.after, field),
         (after > before) - (after < before) if numbers else 0,
         isinstance(after, Point | Pose),
     )
 
 
-def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, str]:
+def _known(roles: tuple[Knowledge, ...], fields_read: tuple[str, ...]) -> dict[str, str]:
     """Return the fields of a replica that an exchange read; all of them if that is unknown."""
-    fitting = [role for role in roles if any(hasattr(role, one) for one in wanted)] or list(roles)
+    fitting = [role for role in roles if any(hasattr(role, one) for one in fields_read)] or list(roles)
     if not fitting:
         return {}
-    names = wanted or tuple(vars(fitting[0]))
+    names = fields_read or tuple(vars(fitting[0]))
     return {
-        one: _worded(fitting[0], one)
+        one: _value_text(fitting[0], one)
         for one in names
         if hasattr(fitting[0], one) and one not in ("id", "parameters")
     }
 
 
-def _worded(knowledge: Knowledge, field: str) -> str:
+def _value_text(knowledge: Knowledge, field: str) -> str:
     """Format a field's value; instants in seconds."""
     value = getattr(knowledge, field)
     if isinstance(value, int) and "Instant" in str(field_type(type(knowledge), field)):

@@ -17,17 +17,17 @@ from actors.geometry import Point
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
 
 Points = NDArray[np.float64]
-_SIDE: Final = 0.067
+_MAX_CELL: Final = 0.067
 """Maximum edge of a cell of the path grid, m: a third of a robot."""
-_OPEN: Final = 10
+_OPEN_COST: Final = 10
 """Cost of a cell far from walls."""
-_TIGHT: Final = 30
+_TIGHT_COST: Final = 30
 """Additional cost where a robot just fits, so that paths keep to the middle as navigation's do."""
 _PATH_ROOM: Final = 0.3
 """Clearance beyond a robot's radius from which a cell is far from walls, m."""
-_ASIDE: Final = 0.3
+_MAX_OFFSET: Final = 0.3
 """Maximum distance to the first free cell for a robot in a cell where it does not fit, m."""
-_CELL_COST: Final = 2 * STRAIGHT * _OPEN
+_CELL_COST: Final = 2 * STRAIGHT * _OPEN_COST
 
 
 class FloorPaths:
@@ -35,18 +35,18 @@ class FloorPaths:
 
     def __init__(self, grid: OccupancyGrid, radius: float, reach: float) -> None:
         """`radius` of a robot, m; `reach`: distance at which a goal is reached, m."""
-        by = max(int(_SIDE / grid.resolution), 1)
+        by = max(int(_MAX_CELL / grid.resolution), 1)
         rows, columns = grid.rows // by, grid.columns // by
         blocks = grid.clearance[: rows * by, : columns * by].reshape(rows, by, columns, by)
         room = blocks.max(axis=(1, 3)) - (radius - grid.resolution / 2)
         self._fits = room >= 0
         tight = np.clip(1 - room / _PATH_ROOM, 0.0, 1.0)
-        self._costs = np.where(self._fits, np.rint(_OPEN + _TIGHT * tight), 0).astype(np.int32)
+        self._costs = np.where(self._fits, np.rint(_OPEN_COST + _TIGHT_COST * tight), 0).astype(np.int32)
         cells = np.where(self._fits, FREE, OCCUPIED).astype(np.uint8)
         self._grid = OccupancyGrid(cells, grid.resolution * by, grid.origin)
         self._reach = reach
         self._fields: dict[tuple[float, float], NDArray[np.int32] | None] = {}
-        self._begins: dict[tuple[int, int], Cell | None] = {}
+        self._start_cells: dict[tuple[int, int], Cell | None] = {}
 
     def lengths(self, points: Points, goal: tuple[float, float]) -> NDArray[np.float64]:
         """Return path lengths from points, (n, 2), m, to the goal, (n,), m; inf without a path."""
@@ -54,14 +54,14 @@ class FloorPaths:
         if field is None:
             return np.full(len(points), np.inf)
         squares, which = np.unique(self.squares(points), axis=0, return_inverse=True)
-        begins = [self._begin(row, column) for row, column in squares.tolist()]
+        begins = [self._start_cell(row, column) for row, column in squares.tolist()]
         costs = np.array([UNREACHABLE if one is None else field[one] for one in begins], np.int64)
         metres = np.where(costs == UNREACHABLE, np.inf, costs * (self._grid.resolution / _CELL_COST))
         return metres[which.reshape(-1)]
 
     def path(self, point: tuple[float, float], goal: tuple[float, float], length: float) -> Points | None:
         """Return the first `length` m of the path, (n, 2), points about a cell apart; None without a path."""
-        field, begin = self._field(goal), self._begin(*self.squares(np.array([point]))[0].tolist())
+        field, begin = self._field(goal), self._start_cell(*self.squares(np.array([point]))[0].tolist())
         if field is None or begin is None or field[begin] == UNREACHABLE:
             return None
         cells = descent(self._costs, field, *begin)[: int(length / self._grid.resolution) + 1]
@@ -73,13 +73,13 @@ class FloorPaths:
         parts, here = [path[:1]], 0
         while here < len(path) - 1:
             there = next(
-                k for k in range(len(path) - 1, here, -1) if k == here + 1 or self._clear(*path[[here, k]])
+                k for k in range(len(path) - 1, here, -1) if k == here + 1 or self._is_clear(*path[[here, k]])
             )
             parts.append(np.linspace(path[here], path[there], there - here + 1)[1:])
             here = there
         return np.concatenate(parts)
 
-    def _clear(self, one: Points, other: Points) -> bool:
+    def _is_clear(self, one: Points, other: Points) -> bool:
         """Return True if a robot fits everywhere on the line between two points."""
         count = 2 * int(np.hypot(*(other - one)) / self._grid.resolution) + 2
         rows, columns = self.squares(np.linspace(one, other, count).astype(np.float64)).T
@@ -91,11 +91,11 @@ class FloorPaths:
         cells: NDArray[np.int64] = np.floor((points - corner) / self._grid.resolution).astype(np.int64)
         return cells[:, ::-1]
 
-    def _begin(self, row: int, column: int) -> Cell | None:
-        if (row, column) not in self._begins:
+    def _start_cell(self, row: int, column: int) -> Cell | None:
+        if (row, column) not in self._start_cells:
             middle = self._grid.centre(Cell(row, column))
-            self._begins[row, column] = nearest_cell(self._grid, self._fits, middle, _ASIDE)
-        return self._begins[row, column]
+            self._start_cells[row, column] = nearest_cell(self._grid, self._fits, middle, _MAX_OFFSET)
+        return self._start_cells[row, column]
 
     def _field(self, goal: tuple[float, float]) -> NDArray[np.int32] | None:
         if goal not in self._fields:
@@ -104,9 +104,9 @@ class FloorPaths:
         return self._fields[goal]
 
 
-_ROOM: Final = 1.0
+_MIN_AREA: Final = 1.0
 """Minimum area that counts as cut off, for the centre of a robot, m²; larger than a niche."""
-_AROUND: Final = 1.0
+_CHECK_RADIUS: Final = 1.0
 """Radius of the first, local check of a passage, m; it does not affect the result."""
 
 
@@ -119,29 +119,29 @@ class Passages:
         self._radius = radius
         self._floor = largest_region(grid, radius)
         self._centres = grid.centres()
-        self._neck = _necks(grid, self._floor, neck) if neck else np.zeros(grid.cells.shape, np.bool_)
+        self._neck = _neck_cells(grid, self._floor, neck) if neck else np.zeros(grid.cells.shape, np.bool_)
         self._to_neck = raster.squared_distance(self._neck) * grid.resolution**2
-        self._judged: dict[tuple[float, float, float], bool] = {}
+        self._cache: dict[tuple[float, float, float], bool] = {}
 
-    def closed_by(self, point: Point) -> bool:
+    def is_closed_by(self, point: Point) -> bool:
         """Return True if a robot at `point` cuts off at least 1 m² of the reachable floor."""
-        if self._leaves_way(point):
+        if self._has_bypass(point):
             return False
-        left = self._floor & ~self._taken(point)
+        left = self._floor & ~self._occupied(point)
         cut_off = int(left.sum()) - int(raster.largest_region(left).sum())
-        return cut_off * self._grid.resolution**2 >= _ROOM
+        return cut_off * self._grid.resolution**2 >= _MIN_AREA
 
-    def at(self, points: NDArray[np.float64], within: float) -> NDArray[np.bool_]:
-        """Return which of the points, (k, 2), m, are at a neck or at a passage (see `beside`), (k,).
+    def are_at_passage(self, points: NDArray[np.float64], within: float) -> NDArray[np.bool_]:
+        """Return which of the points, (k, 2), m, are at a neck or at a passage (see `door_distance`), (k,).
 
         Points are rounded to the centres of squares of edge `within` / 2; results are cached.
         """
         side = within / 2
         squares, which = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
-        judged = [self._square(float(x), float(y), within) for x, y in (squares + 0.5) * side]
+        judged = [self._is_passage_square(float(x), float(y), within) for x, y in (squares + 0.5) * side]
         return np.array(judged, np.bool_)[which.reshape(-1)]
 
-    def sees(self, one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def are_visible(self, one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return where no wall is between pairs of points, each (k, 2), m; (k,)."""
         farthest = float(np.hypot(*(other - one).T).max(initial=0.0))
         along = np.linspace(0.0, 1.0, int(farthest / self._grid.resolution) + 2)[:, None, None]
@@ -150,24 +150,24 @@ class Passages:
         seen: NDArray[np.bool_] = ~self._grid.blocking[cells[..., 1], cells[..., 0]].any(axis=0)
         return seen
 
-    def _square(self, x: float, y: float, within: float) -> bool:
+    def _is_passage_square(self, x: float, y: float, within: float) -> bool:
         key = (x, y, within)
-        if key not in self._judged:
+        if key not in self._cache:
             point = Point(x, y)
             near = self._grid.contains(point) and self._to_neck[self._grid.cell(point)] <= within**2
-            self._judged[key] = bool(near) or self.beside(point, within)
-        return self._judged[key]
+            self._cache[key] = bool(near) or self.is_near_passage(point, within)
+        return self._cache[key]
 
-    def beside(self, point: Point, within: float = 0.5) -> bool:
+    def is_near_passage(self, point: Point, within: float = 0.5) -> bool:
         """Return True if a robot at some floor point within `within`, m, would close a passage.
 
         Checks points of a lattice of spacing `within` / 4 around `point`.
         """
         marks = np.linspace(-within, within, 9)
         around = [(point.x + dx, point.y + dy) for dx in marks for dy in marks if np.hypot(dx, dy) <= within]
-        return any(self._is_floor(Point(*xy)) and self.closed_by(Point(*xy)) for xy in [point, *around])
+        return any(self._is_floor(Point(*xy)) and self.is_closed_by(Point(*xy)) for xy in [point, *around])
 
-    def _leaves_way(self, point: Point) -> bool:
+    def _has_bypass(self, point: Point) -> bool:
         """Return True if the floor around the robot is connected without it, so that nothing is cut off.
 
         False is inconclusive: there may be a path farther around.
@@ -175,26 +175,26 @@ class Passages:
         cell, side = self._grid.cell(point), self._grid.resolution
         if self._grid.contains(point) and self._grid.clearance[cell] >= 3 * self._radius + 2 * side:
             return True  # others can pass on every side
-        reach = int((2 * self._radius + _AROUND) / side)
+        reach = int((2 * self._radius + _CHECK_RADIUS) / side)
         bottom, left = max(cell.row - reach, 0), max(cell.column - reach, 0)
         around = np.s_[bottom : cell.row + reach + 1, left : cell.column + reach + 1]
         near = raster.flood(self._floor[around], cell.row - bottom, cell.column - left)
-        near &= ~self._taken(point, around)
+        near &= ~self._occupied(point, around)
         return bool(np.array_equal(raster.largest_region(near), near))
 
     def _is_floor(self, point: Point) -> bool:
         return self._grid.contains(point) and bool(self._floor[self._grid.cell(point)])
 
-    def _taken(self, point: Point, around: tuple[slice, slice] = np.s_[:, :]) -> NDArray[np.bool_]:
+    def _occupied(self, point: Point, around: tuple[slice, slice] = np.s_[:, :]) -> NDArray[np.bool_]:
         """Return where the centre of another robot cannot be, in a part of the map."""
         x, y = self._centres
-        taken: NDArray[np.bool_] = (x[around[1]] - point.x) ** 2 + (y[around[0], None] - point.y) ** 2 < (
+        occupied: NDArray[np.bool_] = (x[around[1]] - point.x) ** 2 + (y[around[0], None] - point.y) ** 2 < (
             2 * self._radius
         ) ** 2
-        return taken
+        return occupied
 
 
-def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArray[np.bool_]:
+def _neck_cells(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArray[np.bool_]:
     """Return the floor narrower than `width`, m, whose removal disconnects rooms, (rows, columns)."""
     roomy = raster.squared_distance(grid.clearance >= width / 2) * grid.resolution**2 < (width / 2) ** 2
     rest, necks = floor & ~roomy, np.zeros_like(floor)
@@ -203,7 +203,7 @@ def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArr
         part = raster.flood(rest, int(row), int(column))
         rest &= ~part
         left = floor & ~part
-        if int(left.sum()) - int(raster.largest_region(left).sum()) >= _ROOM / grid.resolution**2:
+        if int(left.sum()) - int(raster.largest_region(left).sum()) >= _MIN_AREA / grid.resolution**2:
             necks |= part
     return necks
 
@@ -251,20 +251,20 @@ class TrueFloor:
                 found.append(self._stage(begin, solid))
         return found
 
-    def _stage(self, begin: int, things: FloorState) -> FloorStage:
-        taken, leaves = np.zeros((2, *self.grid.cells.shape), np.bool_)
-        for thing in things:
-            if thing.kind == "closed door":
-                leaves |= self._leaf(thing)
+    def _stage(self, begin: int, objects: FloorState) -> FloorStage:
+        occupied, leaves = np.zeros((2, *self.grid.cells.shape), np.bool_)
+        for object_ in objects:
+            if object_.kind == "closed door":
+                leaves |= self._door_cells(object_)
             else:
-                taken |= self._from(thing) <= thing.radius
-        opened = self._paths(taken)
-        paths = self._paths(taken | leaves) if leaves.any() else opened
+                occupied |= self._distances_from(object_) <= object_.radius
+        opened = self._paths(occupied)
+        paths = self._paths(occupied | leaves) if leaves.any() else opened
         rows, columns = np.nonzero(leaves)
         x, y = self.grid.centres()
         return FloorStage(begin, paths, opened, np.column_stack([x[columns], y[rows]]))
 
-    def _leaf(self, door: FloorObject) -> NDArray[np.bool_]:
+    def _door_cells(self, door: FloorObject) -> NDArray[np.bool_]:
         """Return the cells of a closed door, (rows, columns); none if the map has no door there."""
         (x, y), (to_x, to_y) = door.points
         try:
@@ -276,24 +276,24 @@ class TrueFloor:
     def _doorways(self) -> Doorways:
         return Doorways(self.grid, self._radius)
 
-    def _paths(self, taken: NDArray[np.bool_]) -> FloorPaths:
-        key = taken.tobytes()
-        if key not in self._known:
-            cells = np.where(taken, np.uint8(OCCUPIED), self.grid.cells)
-            floor = replace(self.grid, cells=cells) if taken.any() else self.grid
-            self._known[key] = FloorPaths(floor, self._radius, self._reach)
-        return self._known[key]
+    def _paths(self, occupied: NDArray[np.bool_]) -> FloorPaths:
+        key = occupied.tobytes()
+        if key not in self._path_cache:
+            cells = np.where(occupied, np.uint8(OCCUPIED), self.grid.cells)
+            floor = replace(self.grid, cells=cells) if occupied.any() else self.grid
+            self._path_cache[key] = FloorPaths(floor, self._radius, self._reach)
+        return self._path_cache[key]
 
     @cached_property
-    def _known(self) -> dict[bytes, FloorPaths]:
+    def _path_cache(self) -> dict[bytes, FloorPaths]:
         return {}
 
-    def _from(self, thing: FloorObject) -> NDArray[np.float64]:
+    def _distances_from(self, object_: FloorObject) -> NDArray[np.float64]:
         """Return the distances of cells from a line or a point, (rows, columns), m."""
         columns, rows = self.grid.centres()
-        (x, y), (to_x, to_y) = thing.points[0], thing.points[-1]
+        (x, y), (to_x, to_y) = object_.points[0], object_.points[-1]
         dx, dy = to_x - x, to_y - y
         across, up = columns[None, :] - x, rows[:, None] - y
         share = np.clip((across * dx + up * dy) / max(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
-        far: NDArray[np.float64] = np.hypot(across - share * dx, up - share * dy)
-        return far
+        distances: NDArray[np.float64] = np.hypot(across - share * dx, up - share * dy)
+        return distances

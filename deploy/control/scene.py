@@ -209,7 +209,7 @@ class Scene:
         if state == "standing":
             others = [(math.dist(pose[:2], at[:2]), one) for one, at in self._poses.items() if one != robot]
             distance, nearest = min(others, default=(math.inf, ""))
-            if distance <= STANDARD.near:
+            if distance <= STANDARD.block_distance:
                 state, blocker = "blocked", nearest
         next_place = self._places.get(route[0]) if route and state not in ("frozen", "off") else None
         return (robot, *(round(one, 3) for one in pose), state, next_place, blocker)

@@ -111,8 +111,8 @@ def test_standing_needs_a_whole_window_within_the_distance() -> None:
 
 def test_passages_are_where_one_robot_closes_the_way() -> None:
     passages = Passages(load_map(REPOSITORY / "maps" / "corridor.yaml"), 0.177)
-    assert passages.closed_by(Point(12.4, 9.0)) and passages.closed_by(Point(17.2, 10.0))
+    assert passages.is_closed_by(Point(12.4, 9.0)) and passages.is_closed_by(Point(17.2, 10.0))
     for open_floor in (Point(15.0, 11.0), Point(14.8, 11.2), Point(12.4, 5.0), Point(14.2, 4.9)):
-        assert not passages.closed_by(open_floor), "corridor, beside a cabinet, office, niche"
-    assert passages.beside(Point(12.4, 10.9)) and not passages.closed_by(Point(12.4, 10.9))
-    assert not passages.beside(Point(12.4, 11.5))
+        assert not passages.is_closed_by(open_floor), "corridor, beside a cabinet, office, niche"
+    assert passages.is_near_passage(Point(12.4, 10.9)) and not passages.is_closed_by(Point(12.4, 10.9))
+    assert not passages.is_near_passage(Point(12.4, 11.5))

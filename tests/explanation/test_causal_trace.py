@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from acrc_testbed.explanation.causal_trace import CausalTrace
-from acrc_testbed.explanation.trace_replay import traced
-from acrc_testbed.explanation.tracer import KnownPoints, root
+from acrc_testbed.explanation.trace_replay import trace_here
+from acrc_testbed.explanation.tracer import KnownPoints, field_of
 from acrc_testbed.run_model.recording_readers import messages_on
 from actors.geometry import Point
 from actors.messages import RECEIVED, FrameReceived
@@ -16,7 +16,7 @@ from actors.robot.introspector import ABSENT, PathDifference, differences
 
 @pytest.fixture(scope="module")
 def trace(recorded_run: Path) -> CausalTrace:
-    found = traced(recorded_run, "r2")
+    found = trace_here(recorded_run, "r2")
     assert found.fault is None
     return found
 
@@ -25,7 +25,7 @@ def test_changes_lead_from_the_initial_to_the_final_knowledge(trace: CausalTrace
     last: dict[str, str] = {}
     assert trace.has_nodes and len(trace.changes) > 100
     for change in trace.changes:
-        assert change.changed and set(change.fields) == {root(one.path) for one in change.changed}
+        assert change.changed and set(change.fields) == {field_of(one.path) for one in change.changed}
         assert change.step == change.instant // 100_000
         assert (change.read is None) is (change.peer == "") is change.by.startswith("AdaptiveCleaningRobot.")
         for field, one in change.fields.items():
@@ -68,12 +68,12 @@ class Bid:
 
 def test_changes_that_set_or_removed_a_point_are_found() -> None:
     points, here = KnownPoints(), Point(1.0, 2.0)
-    points.note(0, 5, "bids", {}, {"r2": Bid(here)})
-    points.note(1, 6, "way", (), ((1.0, 2.0), (3.0, 4.0)))
-    points.note(2, 7, "way", ((1.0, 2.0), (3.0, 4.0)), ((3.0, 4.0),))
-    points.note(3, 7, "bids", {"r2": Bid(here)}, {"r2": Bid(here), "r3": Bid(Point(0.0, 0.0))})
-    assert points.behind(here, 7, gone=False, again=False) == (1, 0)
-    assert points.behind(here, 7, gone=False, again=True) == (3, 1)
-    assert points.behind(here, 8, gone=False, again=True) == (1, 0)
-    assert points.behind(here, 7, gone=True, again=False) == (2,)
-    assert points.behind(None, 7, gone=True, again=False) == ()
+    points.add_change(0, 5, "bids", {}, {"r2": Bid(here)})
+    points.add_change(1, 6, "way", (), ((1.0, 2.0), (3.0, 4.0)))
+    points.add_change(2, 7, "way", ((1.0, 2.0), (3.0, 4.0)), ((3.0, 4.0),))
+    points.add_change(3, 7, "bids", {"r2": Bid(here)}, {"r2": Bid(here), "r3": Bid(Point(0.0, 0.0))})
+    assert points.changes_of(here, 7, removed=False, retained=False) == (1, 0)
+    assert points.changes_of(here, 7, removed=False, retained=True) == (3, 1)
+    assert points.changes_of(here, 8, removed=False, retained=True) == (1, 0)
+    assert points.changes_of(here, 7, removed=True, retained=False) == (2,)
+    assert points.changes_of(None, 7, removed=True, retained=False) == ()
