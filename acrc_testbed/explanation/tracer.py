@@ -23,7 +23,7 @@ from actors.messages import FrameReceived, RadioEvents
 from actors.robot.behaviour.node_host import ensembles_of
 from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, View
 from actors.robot.core import RobotCore
-from actors.robot.introspector import as_json, decision, differences, goal_state, in_words
+from actors.robot.introspector import as_json, decision, differences, goal_state, value_text
 from actors.runtime.core import Core, Inputs
 from deeco.ensemble import ensemble_type
 from deeco.explain.dataflow import analyse_flow
@@ -327,4 +327,4 @@ def _value_text(knowledge: Knowledge, field: str) -> str:
     value = getattr(knowledge, field)
     if isinstance(value, int) and "Instant" in str(field_type(type(knowledge), field)):
         return f"{seconds(Instant(value))} s"
-    return in_words(value)
+    return value_text(value)

@@ -60,7 +60,7 @@ class ShareData(msgspec.Struct, frozen=True, tag=True):
 
 
 class WithdrawRouter(msgspec.Struct, frozen=True, tag=True):
-    """Remove, when the server exits, everything this router file names: passwords and sockets of a run.
+    """Remove the passwords and sockets that this router file names when the server exits.
 
     Sent with the descriptor of its folder; no reply.
     """
@@ -122,33 +122,33 @@ class ForkServer:
         """Log of each running child, by process id."""
         self._withdrawn: list[tuple[int, str]] = []
         """Router files with their folders' descriptors: no child may find a folder's name in memory."""
-        self._alarm_out, self._alarm_in = os.pipe()
-        self._part: EntryPoint | None = None
+        self._wakeup_reader, self._wakeup_writer = os.pipe()
+        self._entry_point: EntryPoint | None = None
         """In a child: its program."""
 
     def serve(self) -> EntryPoint | None:
         """Serve until the other end closes, then end all children. In a child: return its program."""
-        os.set_blocking(self._alarm_in, False)
-        signal.set_wakeup_fd(self._alarm_in, warn_on_full_buffer=False)
+        os.set_blocking(self._wakeup_writer, False)
+        signal.set_wakeup_fd(self._wakeup_writer, warn_on_full_buffer=False)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)
         if self._reaps and sys.platform == "linux":
             prctl(PR_SET_CHILD_SUBREAPER, 1)  # inherit orphans of actors
         with selectors.DefaultSelector() as selector:
             selector.register(self._channel, selectors.EVENT_READ)
-            selector.register(self._alarm_out, selectors.EVENT_READ)
+            selector.register(self._wakeup_reader, selectors.EVENT_READ)
             try:
-                while all(self._answer(key.fd) for key, _ in selector.select()):
+                while all(self._handle_request(key.fd) for key, _ in selector.select()):
                     pass
             finally:
-                if self._part is None:
+                if self._entry_point is None:
                     self._end_all()
                     self._withdraw()
-        return self._part
+        return self._entry_point
 
-    def _answer(self, descriptor: int) -> bool:
+    def _handle_request(self, descriptor: int) -> bool:
         """Handle a request; return False once the other end is closed, and in a child."""
-        if descriptor == self._alarm_out:
-            os.read(self._alarm_out, 512)
+        if descriptor == self._wakeup_reader:
+            os.read(self._wakeup_reader, 512)
             self._reap()
             return True
         try:
@@ -159,47 +159,47 @@ class ForkServer:
             return False
         match msgspec.json.decode(message, type=Request):
             case StartChild(is_sandboxed):
-                self._part = self._start(is_sandboxed=is_sandboxed)
-            case ShareData() as asked:
-                self._hold(asked, folders[0])
+                self._entry_point = self._start(is_sandboxed=is_sandboxed)
+            case ShareData() as request:
+                self._create_shared(request, folders[0])
             case WithdrawRouter(name):
                 self._withdrawn.append((folders[0], name))
-        return self._part is None
+        return self._entry_point is None
 
-    def _hold(self, asked: ShareData, folder: int) -> None:
-        """Create shared data from files in a folder whose name is unknown here."""
-        here = os.open(".", os.O_RDONLY)
+    def _create_shared(self, request: ShareData, folder: int) -> None:
+        """Create shared data from files in a folder whose name is unknown to this process."""
+        former_folder = os.open(".", os.O_RDONLY)
         os.fchdir(folder)
         if self._forks:
             with contextlib.suppress(AcrcError):  # the child that needs it tries again and reports the error
-                _shared.append(importlib.import_module(asked.module).share(*asked.words))
+                _shared.append(importlib.import_module(request.module).share(*request.words))
                 _freeze_heap()
-        os.fchdir(here)
-        os.close(here)
+        os.fchdir(former_folder)
+        os.close(former_folder)
         os.close(folder)
 
     def _start(self, *, is_sandboxed: bool) -> EntryPoint | None:
         """Fork a child; in it, return its program."""
         server = os.getpid()
-        told, tell = os.pipe()
+        log_reader, log_writer = os.pipe()
         try:
             pid = os.fork()
         except OSError as error:  # too many processes, or no memory
             self._channel.recv(MESSAGE_LIMIT)  # discard the child's start
-            for descriptor in (told, tell):
+            for descriptor in (log_reader, log_writer):
                 os.close(descriptor)
             self._reply(StartRefused(f"fork: {error.strerror}"))
             return None
         if not pid:
             try:
-                os.close(told)
-                return self._become(server, tell, is_sandboxed=is_sandboxed)
+                os.close(log_reader)
+                return self._become_child(server, log_writer, is_sandboxed=is_sandboxed)
             except BaseException:  # the child must never return into the server's loop
                 traceback.print_exc()
                 os._exit(1)
-        os.close(tell)
-        log = os.read(told, 100)
-        os.close(told)
+        os.close(log_writer)
+        log = os.read(log_reader, 100)
+        os.close(log_reader)
         if log:
             self._actors[pid] = LogFile(*map(int, log.split()))
             self._reply(ChildStarted(pid))
@@ -207,36 +207,42 @@ class ForkServer:
             os.waitpid(pid, 0)  # it has sent StartRefused
         return None
 
-    def _become(self, server: int, tell: int, *, is_sandboxed: bool) -> EntryPoint:
+    def _become_child(self, server: int, log_writer: int, *, is_sandboxed: bool) -> EntryPoint:
         """In a child: read its program, and close the server's descriptors."""
         _tie_to(server)
         os.setsid()  # leave the terminal's foreground group; the session identifies its children
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        for descriptor in (self._alarm_out, self._alarm_in, *(folder for folder, _ in self._withdrawn)):
+        for descriptor in (
+            self._wakeup_reader,
+            self._wakeup_writer,
+            *(folder for folder, _ in self._withdrawn),
+        ):
             os.close(descriptor)
         if is_sandboxed and self._forks:
-            return continue_sandboxed(lambda: self._told(tell), server, (self._channel.fileno(), tell))
-        told = self._told(tell)
+            return continue_sandboxed(
+                lambda: self._receive_start(log_writer), server, (self._channel.fileno(), log_writer)
+            )
+        start = self._receive_start(log_writer)
         if is_sandboxed:
-            return _sandboxed_program(told)
-        _set_title(Path(told.log).stem)
-        return told.part
+            return _sandboxed_program(start)
+        _set_title(Path(start.log).stem)
+        return start.entry_point
 
-    def _told(self, tell: int) -> ProcessStart:
+    def _receive_start(self, log_writer: int) -> ProcessStart:
         """In a child: receive its program, and redirect standard output and error to its log."""
-        told = msgspec.json.decode(self._channel.recv(MESSAGE_LIMIT), type=ProcessStart)
+        start = msgspec.json.decode(self._channel.recv(MESSAGE_LIMIT), type=ProcessStart)
         try:
-            stream = create_log(Path(told.log))
+            stream = create_log(Path(start.log))
         except OSError as error:
-            self._reply(StartRefused(f"{told.log}: {error.strerror}"))
+            self._reply(StartRefused(f"{start.log}: {error.strerror}"))
             os._exit(1)
         self._channel.close()
         found = os.fstat(stream)
-        os.write(tell, f"{found.st_dev} {found.st_ino}".encode())
-        os.close(tell)
+        os.write(log_writer, f"{found.st_dev} {found.st_ino}".encode())
+        os.close(log_writer)
         redirect_output(stream)
-        return told
+        return start
 
     def _reap(self) -> None:
         while True:
@@ -255,10 +261,10 @@ class ForkServer:
     def _orphans(self, actor: int, log: LogFile) -> set[int]:
         """Return the children of this process that were started by `actor`, which has exited."""
         known = process_table.processes()
-        own = process_table.children(os.getpid(), known) - set(self._actors)
+        own_children = process_table.children(os.getpid(), known) - set(self._actors)
         if not self._actors:
-            return own  # no actor is left that could own them
-        return {pid for pid in own if known[pid].session == actor or _writes_to(pid, log)}
+            return own_children  # no actor is left that could own them
+        return {pid for pid in own_children if known[pid].session == actor or _writes_to(pid, log)}
 
     def _end_all(self) -> None:
         """Send SIGTERM to the actors, wait, and kill the rest."""
@@ -295,11 +301,11 @@ def _freeze_heap() -> None:
     freeze_heap()
 
 
-def _sandboxed_program(told: ProcessStart) -> EntryPoint:
+def _sandboxed_program(start: ProcessStart) -> EntryPoint:
     """Return the program that starts a robot in a new interpreter, which reads its start from a socket."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
-        ours.send(msgspec.json.encode(told))
+        ours.send(msgspec.json.encode(start))
     theirs.set_inheritable(True)
     return EntryPoint("actors.processes.sandboxed_process", (str(theirs.detach()),))
 
@@ -338,8 +344,8 @@ def _set_title(title: str) -> None:
 
 def main(argv: Sequence[str]) -> int:
     """Preload if children are to be forked, then serve on the socket with the given descriptor."""
-    descriptor, how, whose = argv
-    forks = how == "fork"
+    descriptor, method, orphan_mode = argv
+    forks = method == "fork"
     channel = socket.socket(fileno=int(descriptor))
     channel.set_inheritable(False)
     _tie_to_starter(channel)
@@ -348,28 +354,28 @@ def main(argv: Sequence[str]) -> int:
         gc.disable()  # imported objects live forever
         importlib.import_module("actors.processes.preload")
         gc.enable()
-    server = ForkServer(channel, forks=forks, reaps=whose == "reap")
+    server = ForkServer(channel, forks=forks, reaps=orphan_mode == "reap")
     if sys.platform == "linux":
-        prctl(PR_SET_PDEATHSIG, 0)  # from here on the closed socket shows it, which leaves time to clean up
+        prctl(PR_SET_PDEATHSIG, 0)  # from now on the closed socket shows it, which leaves time to clean up
     channel.send(msgspec.json.encode(ServerReady()))
-    part = server.serve()
-    if part is not None:
+    entry_point = server.serve()
+    if entry_point is not None:
         channel.detach()  # a child has closed the descriptor
         del server, channel  # a child must have no reference to them
-        _run(part, forks=forks)
+        _run(entry_point, forks=forks)
     channel.close()
     return 0
 
 
-def _run(part: EntryPoint, *, forks: bool) -> NoReturn:
+def _run(entry_point: EntryPoint, *, forks: bool) -> NoReturn:
     """In a child: call `main(argv)` of the module, or execute it in a new interpreter."""
     code = 1
     try:
         if not forks:  # `python -P -m MODULE ARGV…`: imports nothing from the working directory
-            os.execv(sys.executable, [*python_command(), "-m", part.module, *part.argv])
-        spec = importlib.util.find_spec(part.module)
+            os.execv(sys.executable, [*python_command(), "-m", entry_point.module, *entry_point.argv])
+        spec = importlib.util.find_spec(entry_point.module)
         is_package = spec is not None and spec.submodule_search_locations is not None
-        code = importlib.import_module(part.module + ".__main__" * is_package).main(part.argv)
+        code = importlib.import_module(entry_point.module + ".__main__" * is_package).main(entry_point.argv)
     except SystemExit as leave:
         code = leave.code if isinstance(leave.code, int) else 1
     except BaseException:

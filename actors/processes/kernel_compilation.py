@@ -21,7 +21,7 @@ from actors.kernels import cache_folder, imported_sources, kernel_sources, prune
 from actors.runtime.process_table import python_command
 from actors.runtime.processor import KernelModule, fingerprints, processor
 
-_WORDS: Final = "compiling numeric kernels (once after an installation or a source change)"
+_TITLE: Final = "compiling numeric kernels (once after an installation or a source change)"
 _DONE: Final = "complete"
 """File in the cache that lists the source states and machines for which all kernels are compiled."""
 
@@ -42,18 +42,20 @@ def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
     `onboard`: only a robot's kernels: its computer has no world, and maybe no pymunk.
     """
     stamp, sources = cache_folder() / _DONE, source_hash(kernel_sources())
-    here, whole = (f"{sources} {_machine()}, {part}" for part in ("robot" if onboard else "all", "all"))
+    own_entry, full_entry = (
+        f"{sources} {_environment()}, {part}" for part in ("robot" if onboard else "all", "all")
+    )
     with suppress(OSError):
-        if {here, whole} & set(stamp.read_text().splitlines()):
+        if {own_entry, full_entry} & set(stamp.read_text().splitlines()):
             return
     modules = kernel_modules(onboard=onboard)
-    with _progress(len(modules), quiet=quiet) as tell:
-        _Compilation(modules, tell).run()
+    with _progress(len(modules), quiet=quiet) as report_progress:
+        _Compilation(modules, report_progress).run()
     prune_cache()
     with suppress(OSError):  # without a cache they are checked again next time
         stamp.parent.mkdir(parents=True, exist_ok=True)
         with stamp.open("a") as file:
-            file.write(f"{here}\n")
+            file.write(f"{own_entry}\n")
 
 
 class _Compilation:
@@ -62,67 +64,69 @@ class _Compilation:
     So no kernel is compiled twice. If a process fails, this process compiles.
     """
 
-    def __init__(self, modules: Sequence[KernelModule], tell: Callable[[], None]) -> None:
-        self._tell = tell
-        self._change = threading.Condition()
-        self._todo = {Path(str(sys.modules[module.__name__].__file__)): module for module in modules}
-        self._undone = set(self._todo)
+    def __init__(self, modules: Sequence[KernelModule], report_progress: Callable[[], None]) -> None:
+        self._report_progress = report_progress
+        self._changed = threading.Condition()
+        self._not_started = {Path(str(sys.modules[module.__name__].__file__)): module for module in modules}
+        self._not_finished = set(self._not_started)
 
     def run(self) -> None:
         """Compile all modules."""
-        lanes = min(len(os.sched_getaffinity(0)), _MAX_PROCESSES, len(self._todo))
-        with ThreadPoolExecutor(lanes) as pool:
-            failed = [module for module in pool.map(self._lane, range(lanes)) if module is not None]
-        for module in (*failed, *self._todo.values()):
+        processes = min(len(os.sched_getaffinity(0)), _MAX_PROCESSES, len(self._not_started))
+        with ThreadPoolExecutor(processes) as pool:
+            failed = [
+                module for module in pool.map(self._compile_modules, range(processes)) if module is not None
+            ]
+        for module in (*failed, *self._not_started.values()):
             fingerprints([module])
-            self._tell()
+            self._report_progress()
 
-    def _lane(self, _: int) -> KernelModule | None:
+    def _compile_modules(self, _: int) -> KernelModule | None:
         """Compile modules in one process; return the module at which it failed, if any."""
         with subprocess.Popen(
             [*python_command(), "-c", _COMPILER], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True, bufsize=1,
-        ) as helper:  # fmt: skip
+        ) as compiler:  # fmt: skip
             try:
-                while (found := self._next()) is not None:
-                    source, module = found
-                    done = _compile(helper, module.__name__)
-                    with self._change:
-                        self._undone.discard(source)
-                        self._change.notify_all()
-                        if not done:
+                while (source_and_module := self._next_module()) is not None:
+                    source, module = source_and_module
+                    is_compiled = _compile(compiler, module.__name__)
+                    with self._changed:
+                        self._not_finished.discard(source)
+                        self._changed.notify_all()
+                        if not is_compiled:
                             return module
-                        self._tell()
+                        self._report_progress()
             finally:
                 with suppress(OSError):  # unread data of a failed process
-                    helper.stdin.close()  # type: ignore[union-attr]
+                    compiler.stdin.close()  # type: ignore[union-attr]
         return None
 
-    def _next(self) -> tuple[Path, KernelModule] | None:
+    def _next_module(self) -> tuple[Path, KernelModule] | None:
         """Wait for and return the next module whose callees are compiled; None: all are taken."""
-        with self._change:
-            while self._todo:
-                for source in self._todo:
-                    if not (self._undone & set(imported_sources(source))) - {source}:
-                        return source, self._todo.pop(source)
-                if len(self._undone) == len(self._todo):  # none is being compiled: circular imports
-                    return self._todo.popitem()
-                self._change.wait()
+        with self._changed:
+            while self._not_started:
+                for source in self._not_started:
+                    if not (self._not_finished & set(imported_sources(source))) - {source}:
+                        return source, self._not_started.pop(source)
+                if len(self._not_finished) == len(self._not_started):  # circular imports
+                    return self._not_started.popitem()
+                self._changed.wait()
         return None
 
 
-def _compile(helper: "subprocess.Popen[str]", module: str) -> bool:
+def _compile(compiler: "subprocess.Popen[str]", module: str) -> bool:
     """Compile a module in another process; return whether it succeeded."""
-    assert helper.stdin is not None and helper.stdout is not None
+    assert compiler.stdin is not None and compiler.stdout is not None
     try:
-        helper.stdin.write(f"{module}\n")
-        return helper.stdout.readline() == f"{module}\n"
+        compiler.stdin.write(f"{module}\n")
+        return compiler.stdout.readline() == f"{module}\n"
     except OSError:
         return False
 
 
-def _machine() -> str:
-    """Return what compiled code depends on besides the sources: CPU, Python and -O, numba, numpy."""
+def _environment() -> str:
+    """Return CPU, Python, -O, numba and numpy, which compiled code depends on besides the sources."""
     release = f"{platform.python_version()}{' -O' * sys.flags.optimize}"
     return f"{processor()} Python {release} numba {version('numba')} numpy {np.__version__}"
 
@@ -147,11 +151,11 @@ def _progress(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
     if quiet:
         yield lambda: None
     elif console.is_terminal:
-        columns = (TextColumn(_WORDS), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        columns = (TextColumn(_TITLE), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         with Progress(*columns, console=console, transient=True) as bar:
             task = bar.add_task("", total=count)
             yield lambda: bar.advance(task)
     else:
-        console.print(f"acrc: {_WORDS}: {count} modules")
+        console.print(f"acrc: {_TITLE}: {count} modules")
         yield lambda: None
         console.print(f"acrc: compiled in {time.monotonic() - began:.0f} s")

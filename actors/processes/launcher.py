@@ -59,9 +59,9 @@ class Program:
     setup: ActorSetup[Any, Any] | None = None
     """Set-up file for the process, beside its log; None: no set-up."""
 
-    def outside_text(self, told: str) -> str:
+    def outside_text(self, output: str) -> str:
         """Return the program's output with sandbox paths replaced by the paths outside."""
-        return told if self.names is None else self.names.outside_paths(told)
+        return output if self.names is None else self.names.outside_paths(output)
 
 
 @dataclass
@@ -133,16 +133,19 @@ class Launcher:
     arriving: Final = False
     """False: all output of exited programs is on this computer already."""
 
-    def __init__(self, how: str, *, reap: bool = True) -> None:
-        """`how`: fork or exec. `reap`: kill processes that children leave running; not on a robot, where a
-        process of the base may outlive it."""
+    def __init__(self, method: str, *, reap: bool = True) -> None:
+        """Prepare the server.
+
+        `method`: fork or exec. `reap`: kill processes that children leave running; not on a robot, where a
+        process of the base may outlive it.
+        """
         self._reap = reap
         self._command = [*python_command(), "-m", "actors.processes.forkserver"]
-        self._how = how
+        self._method = method
         self._children: dict[int, ChildProcess] = {}
-        self._ended: dict[int, ProcessExited] = {}
+        self._early_exits: dict[int, ProcessExited] = {}
         """Exits of children whose start has not been acknowledged yet."""
-        self._lost = False
+        self._is_server_lost = False
         self.ready = False
         """True once the server has imported and compiled everything, so that starts take no time."""
 
@@ -150,8 +153,10 @@ class Launcher:
         """Start the server; only the first program waits until it is ready."""
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            whose = "reap" if self._reap else "spare"
-            self._server = start_server([*self._command, str(theirs.fileno()), self._how, whose], theirs)
+            orphan_mode = "reap" if self._reap else "spare"
+            self._server = start_server(
+                [*self._command, str(theirs.fileno()), self._method, orphan_mode], theirs
+            )
         return self
 
     def __exit__(
@@ -161,7 +166,7 @@ class Launcher:
             self._server.kill()
         self._channel.close()
         self._server.wait()
-        if self._lost and self._reap:  # it has not reaped its children
+        if self._is_server_lost and self._reap:  # it has not reaped its children
             process_table.kill_sessions(self._children)
 
     def fileno(self) -> int:
@@ -185,24 +190,24 @@ class Launcher:
 
         `words` name files relative to `folder`.
         """
-        self._ask_about(folder, ShareData(module, tuple(words)))
+        self._send_with_folder(folder, ShareData(module, tuple(words)))
 
     def withdraw(self, router: Path) -> None:
-        """Remove everything a router file names at the end, even if all other processes were killed."""
-        self._ask_about(router.parent, WithdrawRouter(router.name))
+        """Remove at the end everything that a router file names, even if all other processes were killed."""
+        self._send_with_folder(router.parent, WithdrawRouter(router.name))
 
     def start(self, program: Program) -> ChildProcess:
         """Start a program; its set-up replaces the file of an earlier start. Raises LaunchError."""
         if program.setup is not None:
             write_setup(program)
-        self._ask(StartChild(program.names is not None))
-        self._ask(ProcessStart(EntryPoint(program.module, program.argv), str(program.log), program.names))
-        while not isinstance(reply := self._hear(), ChildStarted | StartRefused):
+        self._send(StartChild(program.names is not None))
+        self._send(ProcessStart(EntryPoint(program.module, program.argv), str(program.log), program.names))
+        while not isinstance(reply := self._receive(), ChildStarted | StartRefused):
             pass
         if isinstance(reply, StartRefused):
             raise LaunchError(f"{program.actor} cannot be started: {reply.reason}")
         child = self._children[reply.pid] = ChildProcess(program, reply.pid)
-        if end := self._ended.pop(child.pid, None):
+        if end := self._early_exits.pop(child.pid, None):
             child.note(end)
         return child
 
@@ -211,29 +216,29 @@ class Launcher:
 
         Raises LaunchError once if the server has exited; its children exit with it.
         """
-        if self._lost:
+        if self._is_server_lost:
             time.sleep(timeout_s)
-            self._look()
+            self._mark_exited()
             return
         while select.select([self._channel], [], [], timeout_s)[0]:
-            self._hear()
+            self._receive()
             timeout_s = 0.0
 
-    def _ask_about(self, folder: Path, request: ShareData | WithdrawRouter) -> None:
+    def _send_with_folder(self, folder: Path, request: ShareData | WithdrawRouter) -> None:
         """Send a request with the descriptor of a folder, whose name must stay unknown to the server."""
-        place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            self._ask(request, place)
+            self._send(request, descriptor)
         finally:
-            os.close(place)
+            os.close(descriptor)
 
-    def _ask(self, request: Request | ProcessStart, *descriptors: int) -> None:
+    def _send(self, request: Request | ProcessStart, *descriptors: int) -> None:
         try:
             socket.send_fds(self._channel, [msgspec.json.encode(request)], descriptors)
         except BrokenPipeError:
-            raise self._loss() from None
+            raise self._loss_error() from None
 
-    def _hear(self) -> Reply:
+    def _receive(self) -> Reply:
         """Return the server's next message; store it if it is a child's exit."""
         if not select.select([self._channel], [], [], _ANSWER_S)[0]:
             self._server.kill()
@@ -243,28 +248,28 @@ class Launcher:
         except ConnectionResetError:
             text = b""
         if not text:
-            raise self._loss()
+            raise self._loss_error()
         reply: Reply = msgspec.json.decode(text, type=Reply)
         self.ready = self.ready or isinstance(reply, ServerReady)
         if isinstance(reply, ProcessExited):
             if reply.pid in self._children:
                 self._children[reply.pid].note(reply)
             else:
-                self._ended[reply.pid] = reply
+                self._early_exits[reply.pid] = reply
         return reply
 
-    def _loss(self) -> LaunchError:
-        self._lost = True
+    def _loss_error(self) -> LaunchError:
+        self._is_server_lost = True
         code = self._server.wait()
-        how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with code {code}"
-        return LaunchError(f"the forkserver {how}, which ended all processes of the run")
+        method = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"exited with code {code}"
+        return LaunchError(f"the forkserver {method}, which ended all processes of the run")
 
-    def _look(self) -> None:
+    def _mark_exited(self) -> None:
         """Mark exited children without the server; their exit codes are lost."""
         for child in self._children.values():
             if child.exit_code is None:
-                there = process_table.process_state(child.pid)
-                if there is None or there.state == "Z":
+                state = process_table.process_state(child.pid)
+                if state is None or state.state == "Z":
                     child.exit_code = -signal.SIGTERM
 
 
@@ -296,20 +301,20 @@ def scratch_folder() -> Iterator[Path]:
     Raises AcrcError with the folder's path if the body fails because the disk is full.
     """
     try:
-        made = tempfile.TemporaryDirectory(prefix="acrc-")
+        temporary = tempfile.TemporaryDirectory(prefix="acrc-")
     except OSError as error:
         raise _write_error(os.environ.get("TMPDIR", "/tmp"), reason(error)) from error
-    with made as name:
+    with temporary as name:
         folder = Path(name).resolve()
         try:
             yield folder
         except (OSError, AcrcError) as error:
-            why = write_fault(folder)
-            if why is None:
+            cause = write_fault(folder)
+            if cause is None:
                 raise
-            fault = _write_error(folder.parent, why)
-            refused = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
-            raise (fault if refused else AcrcError(f"{error}; {fault}")) from error
+            fault = _write_error(folder.parent, cause)
+            is_write_error = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
+            raise (fault if is_write_error else AcrcError(f"{error}; {fault}")) from error
 
 
 def write_fault(folder: Path) -> str | None:
@@ -333,5 +338,5 @@ def reason(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
 
 
-def _write_error(where: object, why: str) -> AcrcError:
-    return AcrcError(f"{where}: temporary files cannot be written: {why}; free space there, or set TMPDIR")
+def _write_error(where: object, cause: str) -> AcrcError:
+    return AcrcError(f"{where}: temporary files cannot be written: {cause}; free space there, or set TMPDIR")

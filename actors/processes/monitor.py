@@ -105,46 +105,46 @@ class _ProcessTimes:
 class StallDetector:
     """Charges processes for the time since the last step, and finds the one that exceeds its timeout."""
 
-    LONG_S: Final = 10.0
+    NOTICE_WAIT_S: Final = 10.0
     """A wait is reported after this time, and again whenever it has doubled, s."""
-    MUCH_S: Final = 5.0
+    NOTICE_TOTAL_S: Final = 5.0
     """Total delays of one actor are reported from here on, and again whenever they have doubled, s."""
-    MOST_NAMES: Final = 3
+    MAX_NAMES: Final = 3
 
     def __init__(
         self,
         timeout: Timeout,
-        say: Callable[[str], None] = lambda sentence: None,
+        notify: Callable[[str], None] = lambda sentence: None,
         clock: Callable[[], float] = time.monotonic,
         table: Callable[[], Mapping[int, ProcessState]] = process_table.processes,
         queued_s: Callable[[int], float | None] = process_table.queued_s,
     ) -> None:
-        """`say`: called with notices for the user. `table`: lists all processes."""
+        """`notify`: called with notices for the user. `table`: lists all processes."""
         self._timeout = timeout
-        self._say = say
+        self._notify = notify
         self._clock = clock
         self._table = table
         self._queued = queued_s
-        self._looked = clock()
-        self._accounts: dict[AwaitedProcess, _ProcessTimes] = {}
-        self._past: dict[str, StepDelays] = {}
+        self._checked_s = clock()
+        self._times: dict[AwaitedProcess, _ProcessTimes] = {}
+        self._earlier_delays: dict[str, StepDelays] = {}
         self._phase: Phase = "step"
         self._lasted_s = 0.0
-        self._next_notice_s = self.LONG_S
-        self._next_of: dict[str, float] = {}
+        self._next_notice_s = self.NOTICE_WAIT_S
+        self._next_notices: dict[str, float] = {}
         self.stopped: frozenset[str] = frozenset()
         """Actors stopped by a signal at the last check."""
 
     @property
     def held_up(self) -> dict[str, StepDelays]:
         """Delayed steps so far, by actor, with the current step; without the world, which paces the run."""
-        found = dict(self._past)
+        found = dict(self._earlier_delays)
         if self._phase != "step":
             return found
-        for suspect, account in self._accounts.items():
+        for suspect, times in self._times.items():
             # extrapolate to the time before the first two checks
-            if account.watched_s and suspect.name not in ("", "world"):
-                own = (account.idle_s + account.worked_s) / account.watched_s
+            if times.watched_s and suspect.name not in ("", "world"):
+                own = (times.idle_s + times.worked_s) / times.watched_s
                 if (lasted_s := min(own, 1.0) * self._lasted_s) >= self._timeout.delayed_s:
                     found[suspect.name] = found.get(suspect.name, StepDelays()).plus_step(lasted_s)
         return found
@@ -152,22 +152,22 @@ class StallDetector:
     def step(self) -> None:
         """Reset the timers after a step, or after another awaited event."""
         now = self._clock()
-        if self._accounts:
-            self._pass(now)
-            self._past = self.held_up
-        self._looked = now
-        self._accounts.clear()
-        self._phase, self._lasted_s, self._next_notice_s = "step", 0.0, self.LONG_S
+        if self._times:
+            self._advance_clock(now)
+            self._earlier_delays = self.held_up
+        self._checked_s = now
+        self._times.clear()
+        self._phase, self._lasted_s, self._next_notice_s = "step", 0.0, self.NOTICE_WAIT_S
         self.stopped = frozenset()
-        for name, one in self._past.items():
-            if one.total_s >= self._next_of.get(name, self.MUCH_S):
-                self._next_of[name] = 2 * one.total_s
-                self._say(next(delay_sentences({name: one})))
+        for name, one in self._earlier_delays.items():
+            if one.total_s >= self._next_notices.get(name, self.NOTICE_TOTAL_S):
+                self._next_notices[name] = 2 * one.total_s
+                self._notify(next(delay_sentences({name: one})))
 
     def activity(self, suspect: AwaitedProcess) -> str:
         """Return a suspect's activity at the last check, in words; "" before the first."""
-        account = self._accounts.get(suspect)
-        return account.activity if account else ""
+        times = self._times.get(suspect)
+        return times.activity if times else ""
 
     def check(
         self,
@@ -182,9 +182,9 @@ class StallDetector:
         one is on an unreachable host.
         """
         now = self._clock()
-        if now - self._looked < self._timeout.check_interval_s:
+        if now - self._checked_s < self._timeout.check_interval_s:
             return None
-        elapsed_s = self._pass(now)
+        elapsed_s = self._advance_clock(now)
         known = self._table()
         trees = {one.pid: process_table.descendants((one.pid,), known) for one in everyone}
         self._note_stopped({one.name for one in everyone if any(known[p].stopped for p in trees[one.pid])})
@@ -195,24 +195,24 @@ class StallDetector:
             tree = trees.get(suspect.pid, set())
             self._charge(suspect, {pid: known[pid] for pid in tree}, tree | link, elapsed_s)
         found = None
-        if not self.stopped and all(self._accounts[one].activity != _UNREACHABLE_HOST for one in awaited):
-            found = next((stall for one in awaited if (stall := self._judge(one, what))), None)
+        if not self.stopped and all(self._times[one].activity != _UNREACHABLE_HOST for one in awaited):
+            found = next((stall for one in awaited if (stall := self._find_stall(one, what))), None)
         if found is None and phase == "step" and self._lasted_s >= self._next_notice_s:
             self._next_notice_s *= 2
-            told = [f"{one.name} {self.activity(one)}" for one in awaited[: self.MOST_NAMES]]
-            more = [f"and {len(awaited) - len(told)} more"] if len(awaited) > len(told) else []
-            self._say(f"{what} for {self._lasted_s:.0f} s; {', '.join(told + more)}")
+            named = [f"{one.name} {self.activity(one)}" for one in awaited[: self.MAX_NAMES]]
+            more = [f"and {len(awaited) - len(named)} more"] if len(awaited) > len(named) else []
+            self._notify(f"{what} for {self._lasted_s:.0f} s; {', '.join(named + more)}")
         return found
 
     def _note_stopped(self, stopped: Collection[str]) -> None:
         if stopped and stopped != self.stopped:
-            self._say(f"{', '.join(sorted(stopped))} stopped by a signal; the run waits for SIGCONT")
+            self._notify(f"{', '.join(sorted(stopped))} stopped by a signal; the run waits for SIGCONT")
         self.stopped = frozenset(stopped)
 
-    def _pass(self, now: float) -> float:
+    def _advance_clock(self, now: float) -> float:
         """Return the time to charge since the last check."""
-        elapsed_s = min(now - self._looked, 2 * self._timeout.check_interval_s)
-        self._looked = now
+        elapsed_s = min(now - self._checked_s, 2 * self._timeout.check_interval_s)
+        self._checked_s = now
         self._lasted_s += elapsed_s
         return elapsed_s
 
@@ -227,7 +227,7 @@ class StallDetector:
         now = _ProcessTimes(
             math.fsum(one.cpu_s for one in tree.values()), math.fsum(queued) if queued else None
         )
-        before = self._accounts.setdefault(suspect, now)
+        before = self._times.setdefault(suspect, now)
         worked_s, waited_s = max(now.cpu_s - before.cpu_s, 0.0), None
         if now.queued_s is not None and before.queued_s is not None:
             waited_s = max(now.queued_s - before.queued_s, 0.0)
@@ -245,23 +245,23 @@ class StallDetector:
         elif not working and not any(one.state == "R" for one in tree.values()):
             before.idle_s += elapsed_s
 
-    def _judge(self, suspect: AwaitedProcess, what: str) -> Stall | None:
-        account = self._accounts[suspect]
+    def _find_stall(self, suspect: AwaitedProcess, what: str) -> Stall | None:
+        times = self._times[suspect]
         limit_s = self._timeout.step_s
         factor = self._timeout.start_factor if self._phase == "start" else 1.0
-        idle_s, busy_s = account.idle_s, account.worked_s / factor
+        idle_s, busy_s = times.idle_s, times.worked_s / factor
         if idle_s + busy_s < limit_s:
             return None
-        if busy_s < _LITTLE * limit_s:
+        if busy_s < _NEGLIGIBLE * limit_s:
             return Stall(suspect, f"{what} for {limit_s:g} s")
-        if idle_s < _LITTLE * limit_s:
+        if idle_s < _NEGLIGIBLE * limit_s:
             return Stall(suspect, f"{what} after {limit_s * factor:g} s of CPU time")
-        lasted_s = idle_s + account.worked_s
-        share = f"{account.worked_s:.0f} s of it CPU time"
+        lasted_s = idle_s + times.worked_s
+        share = f"{times.worked_s:.0f} s of it CPU time"
         return Stall(suspect, f"{what} for {lasted_s:.0f} s, {share}")
 
 
-_LITTLE: Final = 0.2
+_NEGLIGIBLE: Final = 0.2
 """Share of the time that is too small to be mentioned."""
 _ON_DISK: Final = "is waiting for a disk"
 _UNREACHABLE_HOST: Final = "is on an unreachable host"
@@ -330,10 +330,10 @@ class ResourceMonitor:
         disk = disk_usage(folder, limits.disk_mb * _MB, limits.disk_files)
         # its process, keeper and descendants, including reparented ones
         session = {pid for pid, one in known.items() if one.session == child.pid}
-        family = process_table.descendants({child.pid, *session}, known)
-        holdings = [process_table.process_usage(pid) for pid in family]
-        memory = math.fsum(one.memory for one in holdings)
-        threads = math.fsum(one.threads for one in holdings)
+        members = process_table.descendants({child.pid, *session}, known)
+        usages = [process_table.process_usage(pid) for pid in members]
+        memory = math.fsum(one.memory for one in usages)
+        threads = math.fsum(one.threads for one in usages)
         isolated = child.program.names is not None
         for exceeded, what, limit in (
             (

@@ -42,7 +42,7 @@ class EntryPoint(NamedTuple):
 class ProcessStart(msgspec.Struct, frozen=True):
     """Start message of a new process."""
 
-    part: EntryPoint
+    entry_point: EntryPoint
     log: str
     names: SandboxPaths | None = None
     """Paths of a sandboxed robot; None: no sandbox."""
@@ -53,22 +53,24 @@ class ProcessStart(msgspec.Struct, frozen=True):
         return f"acrc {Path(self.log).stem}"
 
 
-def continue_sandboxed(told: Callable[[], ProcessStart], parent: int, private: Collection[int]) -> EntryPoint:
+def continue_sandboxed(
+    receive_start: Callable[[], ProcessStart], parent: int, private: Collection[int]
+) -> EntryPoint:
     """Continue as the sandboxed robot in a child of this process, which becomes its keeper.
 
-    `told`: waits for the start and redirects standard output and error to the log; called by the keeper only.
-    `private`: descriptors that `told` uses. The keeper exits with `parent`.
+    `receive_start`: waits for the start and redirects standard output and error to the log; only the keeper
+    calls it. `private`: descriptors that it uses. The keeper exits with `parent`.
     """
     linux.set_title("acrc robot")  # finds the command line's address while /proc is there
-    message, (log, recording) = isolate(lambda: _prepare(told()), parent=parent, private=private)
+    message, (log, recording) = isolate(lambda: _prepare(receive_start()), parent=parent, private=private)
     for descriptor, place in ((log, 1), (log, 2), (recording, RECORDING)):
         os.dup2(descriptor, place)
     for descriptor in {log, recording} - {RECORDING}:
         os.close(descriptor)
-    title, part = msgspec.json.decode(message, type=tuple[str, EntryPoint])
+    title, entry_point = msgspec.json.decode(message, type=tuple[str, EntryPoint])
     linux.set_title(title)
     os.chdir(own_folder(FOLDER))
-    return part
+    return entry_point
 
 
 def _prepare(start: ProcessStart) -> SandboxSetup:
@@ -77,7 +79,7 @@ def _prepare(start: ProcessStart) -> SandboxSetup:
     linux.set_title(start.title)
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
     recording = os.open(start.names.record, flags, 0o644)
-    message = msgspec.json.encode((start.title, start.part))
+    message = msgspec.json.encode((start.title, start.entry_point))
     return SandboxSetup(start.names.view(), message, (_LOG, recording))
 
 
@@ -90,14 +92,14 @@ def main(argv: Sequence[str]) -> int:
     (descriptor,) = argv
     channel = socket.socket(fileno=int(descriptor))
 
-    def told() -> ProcessStart:
+    def receive_start() -> ProcessStart:
         with channel:
             return msgspec.json.decode(channel.recv(MESSAGE_LIMIT), type=ProcessStart)
 
-    part = continue_sandboxed(told, os.getppid(), (channel.fileno(),))
+    entry_point = continue_sandboxed(receive_start, os.getppid(), (channel.fileno(),))
     channel.detach()
-    sys.argv[1:] = part.argv
-    return robot.main(part.argv)
+    sys.argv[1:] = entry_point.argv
+    return robot.main(entry_point.argv)
 
 
 if __name__ == "__main__":

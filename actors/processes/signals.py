@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-_CLEARANCE_S: Final = 10.0
+_CLEANUP_TIMEOUT_S: Final = 10.0
 """Timeout for a clean exit after a signal, s; longer than any process's own timeout."""
-_AGAIN_S: Final = 0.05
+_RESEND_DELAY_S: Final = 0.05
 """Delay before a lost signal is sent again, s."""
 
 
@@ -41,29 +41,31 @@ def signals_as_interrupts() -> Iterator[None]:
     A second signal does not interrupt the clean-up, and no signal is lost. Signals ignored at the start of
     this process, as with nohup, stay ignored.
     """
-    heeding = _InterruptHandler()
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
+    interrupt_handler = _InterruptHandler()
+    former_handlers = {
+        number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    handled = [number for number, handler in former_handlers.items() if handler is not signal.SIG_IGN]
     try:
-        for number in heeded:
-            signal.signal(number, heeding.interrupt)
-        sys.unraisablehook = heeding.send_again
+        for number in handled:
+            signal.signal(number, interrupt_handler.interrupt)
+        sys.unraisablehook = interrupt_handler.send_again
         yield
-        heeding.raise_lost()
+        interrupt_handler.raise_lost()
     except RuntimeError as error:
-        # Until Python 3.11, exceptions in __set_name__, so during imports, are wrapped in a RuntimeError.
+        # Until Python 3.11, a RuntimeError wraps exceptions in __set_name__, and thus during imports.
         if isinstance(error.__cause__, Interruption):
             raise error.__cause__ from None
         raise
     except ImportError:
         # C extensions such as numpy replace exceptions during their import.
-        if heeding.raised is not None:
-            raise heeding.raised from None
+        if interrupt_handler.raised is not None:
+            raise interrupt_handler.raised from None
         raise
     finally:
-        heeding.send_no_more()
-        sys.unraisablehook = heeding.tell
-        for number, handler in before.items():
+        interrupt_handler.cancel_pending()
+        sys.unraisablehook = interrupt_handler.former_hook
+        for number, handler in former_handlers.items():
             signal.signal(number, handler)
 
 
@@ -71,40 +73,40 @@ class _InterruptHandler:
     """Handler that raises Interruption on a signal, and again if the exception was lost."""
 
     def __init__(self) -> None:
-        self.tell = sys.unraisablehook
+        self.former_hook = sys.unraisablehook
         self.raised: Interruption | None = None
         """Exception of the last signal."""
         self._raised_s = -math.inf
         self._lost: Interruption | None = None
-        self._sending: list[threading.Timer] = []
+        self._timers: list[threading.Timer] = []
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
         """Raise Interruption, unless the clean-up after an earlier signal is in progress."""
-        if time.monotonic() > self._raised_s + _CLEARANCE_S:
+        if time.monotonic() > self._raised_s + _CLEANUP_TIMEOUT_S:
             self._raised_s, self._lost = time.monotonic(), None
             self.raised = Interruption(128 + number)
             raise self.raised
 
-    def send_again(self, what: "UnraisableHookArgs") -> None:
+    def send_again(self, unraisable: "UnraisableHookArgs") -> None:
         """Send a signal again if C code swallowed its exception, for example while a kernel is loaded."""
-        if not isinstance(what.exc_value, Interruption):
-            self.tell(what)
+        if not isinstance(unraisable.exc_value, Interruption):
+            self.former_hook(unraisable)
             return
-        self._raised_s, self._lost = -math.inf, what.exc_value
-        again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), self._lost.exit_code - 128))
-        again.daemon = True
-        again.start()
-        self._sending.append(again)
+        self._raised_s, self._lost = -math.inf, unraisable.exc_value
+        timer = threading.Timer(_RESEND_DELAY_S, os.kill, (os.getpid(), self._lost.exit_code - 128))
+        timer.daemon = True
+        timer.start()
+        self._timers.append(timer)
 
     def raise_lost(self) -> None:
         """Raise Interruption if one was lost and has not been raised again."""
         if self._lost is not None:
             raise self._lost.with_traceback(None)
 
-    def send_no_more(self) -> None:
+    def cancel_pending(self) -> None:
         """Cancel or ignore pending signals: later they would kill the process without a message."""
-        if self._sending:
+        if self._timers:
             self._raised_s = time.monotonic()
-        for again in self._sending:
-            again.cancel()
-            again.join()
+        for timer in self._timers:
+            timer.cancel()
+            timer.join()

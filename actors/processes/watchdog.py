@@ -40,8 +40,8 @@ class BoardState(NamedTuple):
     actor: str
     """Empty while the actors are being created."""
 
-    def in_words(self) -> str:
-        """Return what the current actor has failed to do."""
+    def description(self) -> str:
+        """Describe the step that the current actor has not finished."""
         if not self.actor:
             return "the actors have not been created"
         return f"step {self.step}: {self.actor} has not finished the step"
@@ -66,9 +66,9 @@ def run_watchdog(step_s: float) -> Iterator[WriteBoard]:
         file = stack.enter_context(tempfile.TemporaryFile(buffering=0))
         file.truncate(SIZE)
         board = stack.enter_context(mmap.mmap(file.fileno(), SIZE))
-        wakes, woken = _pipe(stack)
-        frames, framed = _pipe(stack)
-        numbers = (file.fileno(), wakes, frames)
+        signal_reader, signal_writer = _pipe(stack)
+        dump_reader, dump_writer = _pipe(stack)
+        numbers = (file.fileno(), signal_reader, dump_reader)
         watchdog = subprocess.Popen(
             [
                 *python_command(),
@@ -85,9 +85,9 @@ def run_watchdog(step_s: float) -> Iterator[WriteBoard]:
         )
         stack.callback(watchdog.wait)
         stack.callback(watchdog.kill)
-        before = signal.set_wakeup_fd(woken, warn_on_full_buffer=False)
+        before = signal.set_wakeup_fd(signal_writer, warn_on_full_buffer=False)
         stack.callback(signal.set_wakeup_fd, before)
-        faulthandler.register(signal.SIGUSR1, file=framed, all_threads=False)
+        faulthandler.register(signal.SIGUSR1, file=dump_writer, all_threads=False)
         stack.callback(faulthandler.unregister, signal.SIGUSR1)
         yield lambda step, actor: _FORM.pack_into(board, 0, step, actor.encode())
 
@@ -104,58 +104,65 @@ def _pipe(stack: ExitStack) -> tuple[int, int]:
 _EXIT_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _GRACE_S: Final = 10.0
 """Own time in which the process must exit after a timeout or a signal; own choice."""
-_LOOK_S: Final = 0.5
-_ANSWER_S: Final = 1.0
+_CHECK_INTERVAL_S: Final = 0.5
+_DUMP_TIMEOUT_S: Final = 1.0
 """Timeout for the stack dump."""
 
 
 class Watchdog:
     """Watchdog of one process."""
 
-    def __init__(self, board: mmap.mmap, wakes: int, frames: int, pid: int, step_s: float) -> None:
-        self._board, self._wakes, self._frames, self._pid = board, wakes, frames, pid
-        self._turn: BoardState | None = None
-        self._step = StallDetector(Timeout(step_s + _GRACE_S), table=_other_processes)
-        self._end: StallDetector | None = None
+    def __init__(
+        self, board: mmap.mmap, signal_reader: int, dump_reader: int, pid: int, step_s: float
+    ) -> None:
+        self._board, self._signal_reader, self._dump_reader, self._pid = (
+            board,
+            signal_reader,
+            dump_reader,
+            pid,
+        )
+        self._last_state: BoardState | None = None
+        self._step_detector = StallDetector(Timeout(step_s + _GRACE_S), table=_other_processes)
+        self._exit_detector: StallDetector | None = None
         """Started by a signal to exit; None: no signal yet."""
 
-    def look(self) -> str | None:
+    def check(self) -> str | None:
         """Return a sentence on the actor in which the process hangs; None: it does not hang."""
-        turn = read(self._board)
-        if turn != self._turn:
-            self._turn = turn
-            self._step.step()
-        if self._end is None and self._told_to_end():
-            self._end = StallDetector(Timeout(_GRACE_S), table=_other_processes)
-        me = (AwaitedProcess(turn.actor, self._pid),)
-        what = turn.in_words()
-        if self._end is not None and self._end.check(me, me, what):
-            return f"{what} within {_GRACE_S:g} s of a signal to exit{self._place()}"
-        stall = self._step.check(me, me, what, "step" if turn.actor else "start")
-        return stall and f"{stall.sentence}{self._place()}"
+        state = read(self._board)
+        if state != self._last_state:
+            self._last_state = state
+            self._step_detector.step()
+        if self._exit_detector is None and self._has_exit_signal():
+            self._exit_detector = StallDetector(Timeout(_GRACE_S), table=_other_processes)
+        suspects = (AwaitedProcess(state.actor, self._pid),)
+        activity = state.description()
+        if self._exit_detector is not None and self._exit_detector.check(suspects, suspects, activity):
+            return f"{activity} within {_GRACE_S:g} s of a signal to exit{self._location()}"
+        stall = self._step_detector.check(suspects, suspects, activity, "step" if state.actor else "start")
+        return stall and f"{stall.sentence}{self._location()}"
 
-    def end(self) -> None:
+    def kill(self) -> None:
         """Kill the process and its descendants."""
-        family = process_table.descendants((self._pid,), _other_processes())
-        for pid in (self._pid, *(family - {self._pid})):
+        members = process_table.descendants((self._pid,), _other_processes())
+        for pid in (self._pid, *(members - {self._pid})):
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
 
-    def _told_to_end(self) -> bool:
+    def _has_exit_signal(self) -> bool:
         """Return whether one of the signals has arrived, handled or not."""
         with suppress(BlockingIOError):
-            if {*os.read(self._wakes, 1 << 16)} & {*_EXIT_SIGNALS}:
+            if {*os.read(self._signal_reader, 1 << 16)} & {*_EXIT_SIGNALS}:
                 return True
-        return bool({*_pending(self._pid)} & {*_EXIT_SIGNALS})
+        return bool({*_pending_signals(self._pid)} & {*_EXIT_SIGNALS})
 
-    def _place(self) -> str:
+    def _location(self) -> str:
         with suppress(ProcessLookupError):
             os.kill(self._pid, signal.SIGUSR1)
-        text, deadline = b"", time.monotonic() + _ANSWER_S
+        text, deadline = b"", time.monotonic() + _DUMP_TIMEOUT_S
         while time.monotonic() < deadline and not (place := line_in_dump(text.decode(errors="replace"))):
             time.sleep(0.05)
             with suppress(BlockingIOError):
-                text += os.read(self._frames, 1 << 16)
+                text += os.read(self._dump_reader, 1 << 16)
         return f"; it is at {place}" if place else ""
 
 
@@ -166,7 +173,7 @@ def _other_processes() -> dict[int, ProcessState]:
     return found
 
 
-def _pending(pid: int) -> Iterator[int]:
+def _pending_signals(pid: int) -> Iterator[int]:
     """Yield the pending signals of a process (SigPnd and ShdPnd, proc(5))."""
     with suppress(OSError):
         for line in Path(f"/proc/{pid}/status").read_text().splitlines():
@@ -178,18 +185,18 @@ def _pending(pid: int) -> Iterator[int]:
 
 def main(argv: Sequence[str]) -> int:
     """Monitor the process until it exits."""
-    board, wakes, frames, pid = map(int, argv[:4])
-    for number in (wakes, frames):
+    board, signal_reader, dump_reader, pid = map(int, argv[:4])
+    for number in (signal_reader, dump_reader):
         os.set_blocking(number, False)
     with mmap.mmap(board, SIZE, access=mmap.ACCESS_READ) as seen:
-        watchdog = Watchdog(seen, wakes, frames, pid, float(argv[4]))
+        watchdog = Watchdog(seen, signal_reader, dump_reader, pid, float(argv[4]))
         while os.getppid() == pid:
-            if sentence := watchdog.look():
+            if sentence := watchdog.check():
                 with suppress(OSError):  # standard error may be closed
                     os.write(2, f"acrc: {sentence}\n".encode())
-                watchdog.end()
+                watchdog.kill()
                 return 0
-            time.sleep(_LOOK_S)
+            time.sleep(_CHECK_INTERVAL_S)
     return 0
 
 

@@ -221,7 +221,7 @@ class Introspector:
         if now == self._activity:
             return None
         self._activity = now
-        name = "" if destination is None else in_words(destination)
+        name = "" if destination is None else value_text(destination)
         return Activity(activity, name, None if point is None else (point.x, point.y))
 
     def _commit(self, commit: Commit, replica: Replica | None) -> KnowledgeCommit:
@@ -438,13 +438,13 @@ def as_json(value: object) -> str | None:
 def short_words(value: object) -> str:
     """Return any value as text of limited length."""
     try:
-        text = printable(in_words(value))
+        text = printable(value_text(value))
     except Exception as error:  # user code failed
         return f"cannot be shown: {type(error).__name__}"
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
-def in_words(value: Any, deep: int = 0) -> str:
+def value_text(value: Any, deep: int = 0) -> str:
     """Return a short text of a value: a place as "r1/3", a point as its coordinates."""
     key = value if isinstance(value, PlaceKey) else getattr(value, "key", None)
     if isinstance(key, PlaceKey):
@@ -468,7 +468,7 @@ def _composed(value: Any, deep: int) -> str:
         return str(value)
     if deep == _DEEPEST:
         return "…"
-    words = [in_words(one, deep + 1) for one in parts]
+    words = [value_text(one, deep + 1) for one in parts]
     if isinstance(value, frozenset):
         words.sort()
     return (", " if is_dataclass(value) or hasattr(value, "_fields") else " ").join(words)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from actors.instant import Instant
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskReports
-from actors.task.visits import visitors
+from actors.task.visits import find_visits
 from actors.wording import short_repr
 
 
@@ -97,21 +97,21 @@ class Referee:
     def __init__(self, robots: Sequence[PlaceOwner], reach: float) -> None:
         self._ids = tuple(robot.id for robot in robots)
         self._keys = [PlaceKey(robot.id, index) for robot in robots for index in range(len(robot.places))]
-        self._numbers = {(key.owner, key.place): number for number, key in enumerate(self._keys)}
-        flat = [place for robot in robots for place in robot.places]
-        self._places: NDArray[np.float64] = np.array(flat, dtype=np.float64).reshape(-1, 2)
+        self._number_of_key = {(key.owner, key.place): number for number, key in enumerate(self._keys)}
+        points = [place for robot in robots for place in robot.places]
+        self._places: NDArray[np.float64] = np.array(points, dtype=np.float64).reshape(-1, 2)
         self._reach = reach
-        self._open = np.arange(len(flat))
+        self._unreached = np.arange(len(points))
         self._reached: dict[int, tuple[int, str]] = {}
         self._reported: dict[int, tuple[int, str]] = {}
         self._given_up: dict[int, tuple[int, str, str]] = {}
-        self._unsettled = set(range(len(flat)))
-        self._given = {
+        self._unsettled = set(range(len(points)))
+        self._assigned = {
             robot.id: tuple(PlaceKey(robot.id, index) for index in range(len(robot.places)))
             for robot in robots
         }
         self._given_at: dict[int, int] = {}
-        self._routes = dict(self._given)
+        self._routes = dict(self._assigned)
 
     @property
     def settled(self) -> bool:
@@ -120,27 +120,27 @@ class Referee:
 
     def has_place(self, place: PlaceKey | PlaceReport | PlaceGivenUp) -> bool:
         """Return whether the place exists."""
-        return (place.owner, place.place) in self._numbers
+        return (place.owner, place.place) in self._number_of_key
 
     def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
         """Process the robots' true positions, (n, 2) m, in the order of the set-up."""
-        if not self._open.size:
+        if not self._unreached.size:
             return
-        found = visitors(self._places, self._open, positions, self._reach)
+        found = find_visits(self._places, self._unreached, positions, self._reach)
         if len(found):
             for number, robot in found.tolist():
                 self._reached[number] = (instant, self._ids[robot])
-            self._open = np.setdiff1d(self._open, found[:, 0], assume_unique=True)
+            self._unreached = np.setdiff1d(self._unreached, found[:, 0], assume_unique=True)
 
     def report(self, robot: str, report: PlaceReport) -> None:
         """Record a robot's report of an existing place; the first report counts."""
-        number = self._numbers[report.owner, report.place]
+        number = self._number_of_key[report.owner, report.place]
         self._reported.setdefault(number, (report.instant, robot))
         self._unsettled.discard(number)
 
     def give_up(self, robot: str, given_up: PlaceGivenUp) -> None:
         """Record that a robot gives up an existing place; the first time counts."""
-        number = self._numbers[given_up.owner, given_up.place]
+        number = self._number_of_key[given_up.owner, given_up.place]
         self._given_up.setdefault(number, (given_up.instant, robot, given_up.reason))
         self._unsettled.discard(number)
 
@@ -148,42 +148,44 @@ class Referee:
         """Process a robot's reports of a step; return an error for an unknown place, else None."""
         for report in answer.reports:
             if not self.has_place(report):
-                return _unknown("reports", report)
+                return _unknown_place("reports", report)
             self.report(robot, report)
         for given_up in answer.given_up:
             if not self.has_place(given_up):
-                return _unknown("gives up", given_up)
+                return _unknown_place("gives up", given_up)
             self.give_up(robot, given_up)
         if answer.route is not None:
             for place in answer.route:
                 if not self.has_place(place):
-                    return _unknown("has in its route", place)
+                    return _unknown_place("has in its route", place)
             self._routes[robot] = answer.route
         return None
 
     def restart(self, robot: str) -> None:
         """Reset the route of a restarted robot to the places that it was given."""
-        self._routes[robot] = self._given[robot]
+        self._routes[robot] = self._assigned[robot]
 
     def give(self, instant: Instant, robot: str, places: Sequence[tuple[float, float]]) -> None:
         """Give further places to a robot and append them to its route."""
-        first, own = len(self._keys), len(self._given[robot])
-        keys = tuple(PlaceKey(robot, own + number) for number in range(len(places)))
+        first, count = len(self._keys), len(self._assigned[robot])
+        keys = tuple(PlaceKey(robot, count + number) for number in range(len(places)))
         self._keys += keys
         numbers = range(first, first + len(keys))
-        self._numbers |= {(key.owner, key.place): number for key, number in zip(keys, numbers, strict=True)}
+        self._number_of_key |= {
+            (key.owner, key.place): number for key, number in zip(keys, numbers, strict=True)
+        }
         self._places = np.concatenate([self._places, np.array(places, np.float64).reshape(-1, 2)])
-        self._open = np.concatenate([self._open, np.array(numbers, self._open.dtype)])
+        self._unreached = np.concatenate([self._unreached, np.array(numbers, self._unreached.dtype)])
         self._unsettled.update(numbers)
         self._given_at |= dict.fromkeys(numbers, int(instant))
-        self._given[robot] += keys
+        self._assigned[robot] += keys
         self._routes[robot] = (*self._routes[robot], *keys)
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Count places in routes of the robots in `present`, and reported places."""
         routes = (self._routes[robot] for robot in present)
-        left = {(place.owner, place.place) for route in routes for place in route}
-        return TaskProgress(len(left), len(self._reported))
+        open_places = {(place.owner, place.place) for route in routes for place in route}
+        return TaskProgress(len(open_places), len(self._reported))
 
     def outcome(self, present: Collection[str]) -> Mapping[str, object]:
         """Return the state of all places under the key `places`."""
@@ -191,7 +193,7 @@ class Referee:
 
     def places(self, present: Collection[str]) -> tuple[PlaceOutcome, ...]:
         """Return the current state of every place, in the order of the robots and their lists."""
-        return self.outcomes({robot: self._routes[robot] for robot in self._given if robot in present})
+        return self.outcomes({robot: self._routes[robot] for robot in self._assigned if robot in present})
 
     def outcomes(self, routes: Mapping[str, Sequence[PlaceKey]]) -> tuple[PlaceOutcome, ...]:
         """Return the final state of every place, in the order of the robots and their lists.
@@ -205,10 +207,11 @@ class Referee:
         owners = {robot: number for number, robot in enumerate(self._ids)}
         ordered = sorted(enumerate(self._keys), key=lambda item: (owners[item[1].owner], item[1].place))
         return tuple(
-            self._outcome(number, tuple(holders.get((key.owner, key.place), ()))) for number, key in ordered
+            self._place_outcome(number, tuple(holders.get((key.owner, key.place), ())))
+            for number, key in ordered
         )
 
-    def _outcome(self, number: int, in_route_of: tuple[str, ...]) -> PlaceOutcome:
+    def _place_outcome(self, number: int, in_route_of: tuple[str, ...]) -> PlaceOutcome:
         x, y = (float(value) for value in self._places[number])
         reached_at, reached_by = self._reached.get(number, (None, None))
         reported_at, reported_by = self._reported.get(number, (None, None))
@@ -230,5 +233,5 @@ class Referee:
         )
 
 
-def _unknown(verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> str:
+def _unknown_place(verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> str:
     return f"{verb} place {place.place} of {short_repr(place.owner)}, which does not exist"

@@ -116,10 +116,10 @@ class TaskLimits:
 
 def task_reports_fault(answer: TaskReports, begin: int, end: int, limits: TaskLimits) -> str | None:
     """Return the first fault of the task reports of the step from `begin` to `end`, µs; None if valid."""
-    if answer.reports and (wrong := _reports_fault(answer.reports, begin, end, limits)):
-        return wrong
-    if answer.given_up and (wrong := _given_up_fault(answer.given_up, begin, end, limits)):
-        return wrong
+    if answer.reports and (fault := _reports_fault(answer.reports, begin, end, limits)):
+        return fault
+    if answer.given_up and (fault := _given_up_fault(answer.given_up, begin, end, limits)):
+        return fault
     return None if answer.route is None else _route_fault(answer.route, limits)
 
 
@@ -129,8 +129,8 @@ def _reports_fault(reports: Sequence[object], begin: int, end: int, limits: Task
     for report in reports:
         if not isinstance(report, PlaceReport):
             return f"reports {short_repr(report)}; must be a PlaceReport"
-        if wrong := _instant_fault("reports a place", report.instant, begin, end):
-            return wrong
+        if fault := _instant_fault("reports a place", report.instant, begin, end):
+            return fault
     return None
 
 
@@ -145,16 +145,16 @@ def _given_up_fault(given_up: Sequence[object], begin: int, end: int, limits: Ta
                 f"gives up a place for a reason of {len(place.reason)} characters; "
                 f"must have 1 to {REASON_LIMIT}"
             )
-        if wrong := _instant_fault("gives up a place", place.instant, begin, end):
-            return wrong
+        if fault := _instant_fault("gives up a place", place.instant, begin, end):
+            return fault
     return None
 
 
-def _instant_fault(what: str, instant: object, begin: int, end: int) -> str | None:
+def _instant_fault(action: str, instant: object, begin: int, end: int) -> str | None:
     if type(instant) is not int:
-        return f"{what} at {short_repr(instant)} µs; must be a whole number"
+        return f"{action} at {short_repr(instant)} µs; must be a whole number"
     if not begin <= instant < end:
-        return f"{what} at {instant} µs; must be from {begin} to {end - 1} µs"
+        return f"{action} at {instant} µs; must be from {begin} to {end - 1} µs"
     return None
 
 

@@ -11,12 +11,12 @@ def fingerprint() -> bytes:
     places = np.array([[0.0, 0.0], [1.0, 0.5], [5.0, 5.0]])
     # a view, as in the world, so that the same variant is compiled
     positions = np.array([[1.1, 0.3, 0.0], [0.1, 0.2, 0.0], [1.0, 0.4, 0.0]])[:, :2]
-    found: bytes = visitors(places, np.arange(3), positions, 0.5).tobytes()
+    found: bytes = find_visits(places, np.arange(3), positions, 0.5).tobytes()
     return found
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def visitors(
+def find_visits(
     places: NDArray[np.float64], watched: NDArray[np.int64], positions: NDArray[np.float64], reach: float
 ) -> NDArray[np.int64]:
     """Return (k, 2): indices of each visited place and of the first robot less than `reach` away from it.

@@ -82,7 +82,7 @@ def detect_stalls(
             return
         state = current_state()
         awaited = (AwaitedProcess(state.actor, os.getpid()),)
-        stall = stalls.check(awaited, awaited, state.in_words())
+        stall = stalls.check(awaited, awaited, state.description())
         if stall is not None:
             timeouts += 1
             sentence = f"{stall.sentence}; it is at {current_line(frame)}"

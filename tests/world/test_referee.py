@@ -17,7 +17,7 @@ from actors.robot_model import load_model, scan_angles
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome, PlaceVerdict, Referee
 from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.task.visits import visitors
+from actors.task.visits import find_visits
 from actors.world.sensing import PoseError, PoseErrorSum
 from actors.world.world_setup import BodySetup
 from tests.refusals import refused
@@ -116,14 +116,14 @@ def test_unassigned_places_are_unknown(referee: Referee, owner: str, place: int)
 
 def test_the_threshold_itself_is_outside() -> None:
     for x, near_by in ((0.5, []), (np.nextafter(0.5, 0.0), [[0, 0]])):
-        assert visitors(at((0.0, 0.0)), np.arange(1), at((x, 0.0)), 0.5).tolist() == near_by
+        assert find_visits(at((0.0, 0.0)), np.arange(1), at((x, 0.0)), 0.5).tolist() == near_by
     rng = np.random.default_rng(3)
     places, positions = rng.uniform(0, 5, (80, 2)), rng.uniform(0, 5, (9, 2))
     watched = np.flatnonzero(rng.random(80) < 0.7)
     near = ((places[watched][:, None] - positions[None]) ** 2).sum(axis=2) < 0.5**2
     twin = [[int(watched[row]), int(near[row].argmax())] for row in np.flatnonzero(near.any(axis=1))]
     assert len(twin) > 5
-    assert visitors(places, watched, positions, 0.5).tolist() == twin
+    assert find_visits(places, watched, positions, 0.5).tolist() == twin
 
 
 def _truth(x: float, y: float = 0.0) -> RobotTruth:
