@@ -126,7 +126,7 @@ def test_first_run_installs_pinned_packages_by_hash_and_second_run_nothing(clone
         f"in {clone.folder}: -P -m acrc_testbed.command_line run --robots 3 two words\n",
     )
     size, first, second, third, last = err.splitlines()
-    assert size == "acrc: .venv will take 274 MB"
+    assert size == "acrc: .venv will take about 283 MB in total"
     assert first == "acrc: creating .venv with Python 3.11.7"
     assert second == "acrc: installing 19 packages: base sim"
     assert third == "acrc: installing this project"
@@ -170,7 +170,8 @@ def test_variables_of_another_environment_reach_neither_python_nor_pip(clone: Cl
 def test_extras_are_added_when_a_command_needs_them(clone: Clone) -> None:
     clone.call("--help")
     assert clone.extras() == []
-    clone.call("run", "--seed", "3", "--view")
+    _, _, err = clone.call("run", "--seed", "3", "--view")
+    assert "acrc: this command requires additional packages: sim observe\n" in err
     assert clone.extras() == ["observe", "sim"]
     assert {"numba", "pymunk", "rerun-sdk"} <= clone.installed()
     calls = clone.pip_calls()
@@ -263,7 +264,7 @@ def test_two_first_uses_at_once_install_once(clone: Clone) -> None:
     ]
     assert clone.pip_calls() == 3
     assert sorted(err.splitlines()[0] for _, err, _ in ends) == [
-        "acrc: .venv will take 274 MB",
+        "acrc: .venv will take about 283 MB in total",
         "acrc: another acrc is installing; waiting for it",
     ]
 

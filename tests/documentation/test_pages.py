@@ -66,7 +66,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run --seed 3": "--duration 5",
     "./acrc run --robots 8 --seed 3 --duration 300": "--duration 5",
     "./acrc run --bus memory --json": "--duration 5",
-    "./acrc run --strategy nearest:behaviour": "--duration 5",
+    "./acrc run --strategy nearest:behaviour --navigation robust --out runs/nearest": "--duration 5",
     "./acrc run scenarios/head_on.toml --strategy chapter --json": "--duration 5",
     "./acrc run scenarios/head_on.toml --hardware-in-the-loop": "--duration 2",
     "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": "--duration 5",
