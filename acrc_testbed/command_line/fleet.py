@@ -186,7 +186,7 @@ def bundle(
     from deploy.fleet.fleet_file import load_fleet
 
     root = clone("fleet bundle")
-    made = robot_bundle.make(
+    made = robot_bundle.write_bundle(
         root,
         load_fleet(fleet),
         robot,
@@ -338,7 +338,7 @@ def _key_sentences(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
     )
     for machine in made.machines:
         if machine.hosts:
-            target = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
+            target = f"{machine.machine}:{fleet.key_folder(machine.machine)}"
             yield f"{machine.folder}\n  copy to {target}; valid for {', '.join(machine.hosts)}"
         else:
             yield f"{machine.folder}\n  copy to the operator's laptop"

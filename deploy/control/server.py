@@ -113,10 +113,8 @@ class RunLink:
     def poll(self) -> None:
         """Process all messages; of `RadioEvents` only the newest per transceiver."""
         for address in ADDRESSES:
-            deliveries = list(iter(partial(self._messages.poll, address.topic), None))
-            for one in (
-                {one.key: one for one in deliveries}.values() if address.topic is RECEIVED else deliveries
-            ):
+            received = list(iter(partial(self._messages.poll, address.topic), None))
+            for one in {one.key: one for one in received}.values() if address.topic is RECEIVED else received:
                 message = decode(one.topic, one.key, one.payload)
                 self._scene.take(one.key, message)
                 if isinstance(message, OrderOutcomes):
@@ -145,7 +143,7 @@ class ControlServer:
         """Events that wake the senders of the open pages."""
         self._version, self._state = 0, dict[str, Any]()
         """Number and content of the last state."""
-        self.invalid_messages = 0
+        self.invalid = 0
         """Number of invalid messages."""
 
     @property
@@ -200,7 +198,7 @@ class ControlServer:
         if len(self._pages) >= MAX_PAGES:  # only after the handshake can a browser show the reason
             await connection.close(1013, TOO_MANY_PAGES)
             return
-        wake, page_invalid = asyncio.Event(), 0
+        wake, invalid = asyncio.Event(), 0
         self._pages.add(wake)
         sender = asyncio.create_task(self._send(connection, wake))
         try:
@@ -208,12 +206,8 @@ class ControlServer:
                 if isinstance(data, str) and data:
                     self._link.send_order(data)
                     continue
-                self.invalid_messages, page_invalid, self._scene.changed = (
-                    self.invalid_messages + 1,
-                    page_invalid + 1,
-                    True,
-                )
-                if page_invalid >= MAX_INVALID_MESSAGES:
+                self.invalid, invalid, self._scene.changed = (self.invalid + 1, invalid + 1, True)
+                if invalid >= MAX_INVALID_MESSAGES:
                     await connection.close(1008, "too many invalid messages")
                     return
         except ConnectionClosed:
@@ -229,7 +223,7 @@ class ControlServer:
             async with asyncio.timeout(SEND_TIMEOUT_S):
                 await connection.send(msgspec.json.encode(message).decode())
 
-        lines_sent, sent_version, skipped = 0, 0, 0
+        lines_sent, sent, skipped = 0, 0, 0
         try:
             await send_json(self._scene.floor())
             self._scene.changed = True
@@ -238,12 +232,9 @@ class ControlServer:
                 wake.clear()
                 lines = [one for one in self._link.lines if one.version > lines_sent]
                 lines_sent = self._link.version
-                if sent_version != self._version:
-                    skipped, sent_version = (
-                        skipped + (self._version - sent_version - 1 if sent_version else 0),
-                        self._version,
-                    )
-                    await send_json(self._state | {"late": skipped, "junk": self.invalid_messages})
+                if sent != self._version:
+                    skipped, sent = skipped + (self._version - sent - 1 if sent else 0), self._version
+                    await send_json(self._state | {"late": skipped, "junk": self.invalid})
                 for line in lines:
                     await send_json(line)
         except (ConnectionClosed, TimeoutError):

@@ -1,4 +1,4 @@
-"""Result of a field trial from the recordings of its robots, on one time axis."""
+"""Result of a field trial, from its robots' recordings on one time axis."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,18 +22,18 @@ def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None
     """Return the result of a field trial. Raises AcrcError if the folders are not of one field trial.
 
     `out`: new or empty folder for run.json, places.csv and their seal. `truth`: the result file of the
-    laboratory in which the robots were.
+    laboratory that emulated the robots' devices.
     """
-    true = None if truth is None else read_ground_truth(truth)
+    ground_truth = None if truth is None else read_ground_truth(truth)
     trial = read_field_trial(folders)
     clocks = AlignedClocks(trial)
-    told = reported_places(trial, clocks)
-    if true is not None:
-        told = with_ground_truth(told, true, clocks)
-    result = field_trial_result(trial, clocks, told, out, true)
+    places = reported_places(trial, clocks)
+    if ground_truth is not None:
+        places = with_ground_truth(places, ground_truth, clocks)
+    result = field_trial_result(trial, clocks, places, out, ground_truth)
     if out is not None:
         make_folder(out)
-        write_places(told.places, out / "places.csv")
+        write_places(places.places, out / "places.csv")
         (out / "run.json").write_bytes(typed_json.dump(result))
         seal(out)
     return result

@@ -38,17 +38,17 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
 from actors.runtime.isolation.tls import load_keys
 from deploy.fleet import units
-from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, own_code
+from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, user_code_folders
 from deploy.fleet.units import GROUP
 from deploy.scenario.resolve import robot_setup
 from firmware_bridge.onboard.device_loop import OPENNI
 from firmware_bridge.range_sensors.depth import DepthScanner, find_library
 from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice, SerialPort
 
-_BRINGS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
+_INSTALL_COMMANDS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
 """Command with which ./acrc installs each extra."""
 _FREE_GB: Final = 2.0
-"""Required free disk space. Own choice; a robot with a lidar records up to 100 MB per hour."""
+"""Required free disk space, GB; our choice: a robot with a lidar records up to 100 MB per hour."""
 
 
 class DoctorFinding(msgspec.Struct, frozen=True):
@@ -102,7 +102,7 @@ def _check_extra(pinned: Sequence[version.PinnedPackage], extra: str, needed: bo
             )
     missing = [pin.name for pin, release in found.items() if release is None]
     if missing and needed:
-        raise AcrcError(f"{', '.join(missing)} missing; run `./{_BRINGS[extra]}` to install")
+        raise AcrcError(f"{', '.join(missing)} missing; run `./{_INSTALL_COMMANDS[extra]}` to install")
     if missing:
         return "not all installed; not needed here"
     return "1 package, tested version" if len(pinned) == 1 else f"{len(pinned)} packages, tested versions"
@@ -119,10 +119,10 @@ def clock_error() -> float | None:
     """Return the kernel's bound on the clock error, s; None if not synchronised or unknown."""
     if sys.platform != "linux":
         return None
-    answer = ctypes.create_string_buffer(512)  # modes 0: read only
-    if ctypes.CDLL(None, use_errno=True).adjtimex(answer) < 0:
+    buffer = ctypes.create_string_buffer(512)  # modes 0: read only
+    if ctypes.CDLL(None, use_errno=True).adjtimex(buffer) < 0:
         return None
-    _, _, _, largest_error_us, _, status = _TIMEX.unpack_from(answer.raw)
+    _, _, _, largest_error_us, _, status = _TIMEX.unpack_from(buffer.raw)
     return None if status & _UNSYNCHRONISED else float(largest_error_us) / 1e6
 
 
@@ -164,9 +164,9 @@ def _check_namespaces() -> str:
 
 def compiled_kernels() -> tuple[float, int]:
     """Load or compile all kernels; return the duration, s, and the number of cache misses."""
-    began = time.monotonic()
+    started = time.monotonic()
     assembly.kernels()
-    seconds = time.monotonic() - began
+    seconds = time.monotonic() - started
     found = {
         id(item): sum(item.stats.cache_misses.values())
         for name, module in sys.modules.items()
@@ -214,7 +214,7 @@ COMPUTER_CHECKS: Final[Mapping[str, Callable[[], str]]] = {
     "kernels": _check_kernels,
     "group": _check_group,
 }
-"""Checks of the computer alone; `group` is for robots only."""
+"""Checks that need no fleet file; `group` is for robots only."""
 
 
 def check_devices(robot: FleetRobot) -> Iterator[DoctorFinding]:
@@ -235,11 +235,11 @@ def _check_camera(robot: FleetRobot) -> str:
 
 def processes_using(path: str) -> list[str]:
     """Return the visible processes that have the port open, such as "python3 (PID 812)"."""
-    wanted, found = Path(path).resolve(), []
+    target, found = Path(path).resolve(), []
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda entry: int(entry.name)):
         with contextlib.suppress(OSError):  # owned by another user, or exited
             if process.name != str(os.getpid()) and any(
-                link.readlink() == wanted for link in (process / "fd").iterdir()
+                link.readlink() == target for link in (process / "fd").iterdir()
             ):
                 found.append(f"{(process / 'comm').read_text().strip()} (PID {process.name})")
     return found
@@ -248,7 +248,7 @@ def processes_using(path: str) -> list[str]:
 def _check_port(path: str, device: PortDevice) -> str:
     name = device.name
     if not os.access(path, os.F_OK):
-        raise AcrcError(f"{path}: {_missing(path, device)}")
+        raise AcrcError(f"{path}: {_missing_port(path, device)}")
     usb = units.usb_port(path)
     if usb is not None and device is KOBUKI and not units.is_kobuki(usb):
         raise AcrcError(
@@ -264,7 +264,7 @@ def _check_port(path: str, device: PortDevice) -> str:
     return f"{path} opens" if usb is None or usb.path == path else f"{path} opens ({usb.path})"
 
 
-def _missing(path: str, device: PortDevice) -> str:
+def _missing_port(path: str, device: PortDevice) -> str:
     plugged = [port.path for port in units.usb_ports() if units.matches_chip(device, port)]
     if not plugged:
         return f"no such port, and no {device.name} found; plug it in and switch it on"
@@ -292,9 +292,11 @@ def _check_start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Ma
     here = Point(*robot.start[:2])
     check_pose(grid, here, radii[robot.id], robot.id)
     for other in fleet.robots:
-        gap, least = here.distance_to(Point(*other.start[:2])), radii[robot.id] + radii[other.id]
-        if other.id != robot.id and gap < least:
-            raise AcrcError(f"{robot.id} starts {gap:.2f} m from {other.id}, must be at least {least:.2f} m")
+        distance, minimum = here.distance_to(Point(*other.start[:2])), radii[robot.id] + radii[other.id]
+        if other.id != robot.id and distance < minimum:
+            raise AcrcError(
+                f"{robot.id} starts {distance:.2f} m from {other.id}, must be at least {minimum:.2f} m"
+            )
     return f"({here.x:g}, {here.y:g}) is free; place {robot.id} there before switching it on"
 
 
@@ -306,12 +308,12 @@ def _check_places(robot: FleetRobot, grid: OccupancyGrid) -> str:
 
 
 def check_behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> str:
-    """Check that the robot can be created with its strategy, whose code runs once."""
+    """Check that the robot can be created with its strategy; executes the strategy's code once."""
     try:
-        set_folders(own_code(fleet, permit))
+        set_folders(user_code_folders(fleet, permit))
         with contextlib.redirect_stdout(sys.stderr):  # keep --json output clean
-            alone = fleet.swarm(robot)
-            setup = robot_setup(alone, alone.world.robots[0])
+            swarm = fleet.swarm(robot)
+            setup = robot_setup(swarm, swarm.world.robots[0])
             assembly.robot(setup, load_model(robot.model, robot.sensor), load_map(fleet.map))
     except AcrcError:
         raise
@@ -334,7 +336,7 @@ def read_certificate(path: Path) -> tuple[str, datetime, datetime]:
 
 def check_keys(fleet: Fleet, robot: FleetRobot) -> str:
     """Check that the robot's keys are its own, private and currently valid."""
-    files = load_keys(fleet.keys_of(robot.id))
+    files = load_keys(fleet.key_folder(robot.id))
     try:
         (name, begins, ends), mode = read_certificate(files.certificate), files.private_key.stat().st_mode
     except (OSError, ValueError) as error:
@@ -396,12 +398,12 @@ def check_computer(path: Path | None, name: str | None, permit: Permit = INSTALL
             line = Text("ok     " if one.ok else "failed ", style="green" if one.ok else "bold red")
             line.append(f"{one.subject:<20} ", style="bold").append(one.text, style="default")
             create_console().print(line)
-    bad = sum(not one.ok for one in found)
+    failed = sum(not one.ok for one in found)
     if json:
-        report = DoctorReport(name, not bad, tuple(found))
+        report = DoctorReport(name, not failed, tuple(found))
         sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
     else:
         create_console().print(
-            f"{bad} of {len(found)} checks failed" if bad else f"all {len(found)} checks passed"
+            f"{failed} of {len(found)} checks failed" if failed else f"all {len(found)} checks passed"
         )
-    return not bad
+    return not failed

@@ -35,7 +35,7 @@ _LISTEN: Final = re.compile(
 )
 
 
-_A_PATH: Final = r"/[^\x00-\x1f\x7f]+"
+_ABSOLUTE_PATH: Final = r"/[^\x00-\x1f\x7f]+"
 
 
 class FleetRadioTable(Settings, frozen=True):
@@ -67,18 +67,18 @@ class FleetRobot(RobotDescription, frozen=True, kw_only=True):
     sensor: SensorName | None = None
     """The model's sensor that is mounted; None: the model's default."""
     base: Annotated[
-        str, Meta(pattern=rf"\A{_A_PATH}\Z", description='the path of a port, such as "/dev/kobuki"')
+        str, Meta(pattern=rf"\A{_ABSOLUTE_PATH}\Z", description='the path of a port, such as "/dev/kobuki"')
     ]
     """Port of the Kobuki."""
     radio: Annotated[
-        str, Meta(pattern=rf"\A{_A_PATH}\Z", description='the path of a port, such as "/dev/beeclick"')
+        str, Meta(pattern=rf"\A{_ABSOLUTE_PATH}\Z", description='the path of a port, such as "/dev/beeclick"')
     ]
     """Port of the BEE-click board."""
     range: (
         Annotated[
             str,
             Meta(
-                pattern=rf"\A({_A_PATH}|{OPENNI})\Z",
+                pattern=rf"\A({_ABSOLUTE_PATH}|{OPENNI})\Z",
                 description='the path of a lidar\'s port, such as "/dev/rplidar", or "openni"',
             ),
         ]
@@ -165,7 +165,7 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
             stack=self.stack,
         )
 
-    def keys_of(self, machine: str) -> Path:
+    def key_folder(self, machine: str) -> Path:
         """Return the folder with the keys of a robot, by id, or of the "operator"."""
         return Path(self.keys) / machine
 
@@ -185,7 +185,7 @@ def parse_fleet(text: str, path: Path) -> Fleet:
         fault = str(error)
     if fault:
         raise AcrcError(f"{path}: {fault}")
-    return _located(file, Path(os.path.realpath(path)))
+    return _with_absolute_paths(file, Path(os.path.realpath(path)))
 
 
 def _fault(file: _FleetFile) -> str | None:
@@ -200,9 +200,9 @@ def _fault(file: _FleetFile) -> str | None:
                     f"{key}.address: {robot.address} is the address of {one.id}, too; "
                     "give each robot its own address"
                 )
-        taken: dict[str, str] = {}
+        used_ports: dict[str, str] = {}
         for name, port in (("base", robot.base), ("radio", robot.radio), ("range", robot.range)):
-            if port is not None and (other := taken.setdefault(port, name)) != name:
+            if port is not None and (other := used_ports.setdefault(port, name)) != name:
                 return f'{key}.{name}: "{port}" is the port of {other}, too; each device has its own port'
     names = [area.name for area in file.area]
     for index, name in enumerate(names):
@@ -211,18 +211,18 @@ def _fault(file: _FleetFile) -> str | None:
     return None
 
 
-def _located(file: _FleetFile, path: Path) -> Fleet:
+def _with_absolute_paths(file: _FleetFile, path: Path) -> Fleet:
     folder = path.parent
-    told = {name: getattr(file, name) for name in file.__struct_fields__} | {
+    values = {name: getattr(file, name) for name in file.__struct_fields__} | {
         "map": os.path.realpath(folder / file.map),
         "keys": str(folder / (file.keys or f"{path.stem}-keys")),
         "run": replace(file.run, modules=str(folder / (file.run.modules or "."))),
         "robot": tuple(replace(one, model=resolve_model(one.model, folder)) for one in file.robot),
     }
-    return Fleet(path=path, **told)
+    return Fleet(path=path, **values)
 
 
-def own_code(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
+def user_code_folders(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
     """Return the folders of the user's strategy; none if it is installed. Raises as `permitted_folders`."""
     hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
     return permitted_folders(fleet.path, entry(fleet.run.strategy), hints, permit)

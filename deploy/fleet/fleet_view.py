@@ -1,6 +1,6 @@
-"""Live view of real robots from their reports: pose estimates, places, radio; without ground truth.
+"""Live view of physical robots from their reports: pose estimates, places, radio; no ground truth.
 
-Messages are drawn at their time of arrival, s since the laptop began to listen.
+Messages are drawn at their time of arrival, in s since the view started.
 """
 
 import math
@@ -35,9 +35,9 @@ _PERIOD_S: Final = 0.2
 """Period of drawing."""
 _SILENT_S: Final = 2.0
 """Time without messages after which a robot is shown as disconnected; robots send ten times per second."""
-_COUNTED_S: Final = 5.0
+_RATE_WINDOW_S: Final = 5.0
 """Time window of radio frame rates."""
-_MOST: Final = 20_000
+_MAX_QUEUED: Final = 20_000
 """Maximum number of queued messages: those of ten robots for 90 s."""
 
 
@@ -70,9 +70,9 @@ class FleetView:
         self._last: dict[str, float] = {}
         """Time of the last message by robot, s."""
         self._endpoints: dict[str, str] = {}
-        """Robot by endpoint, as far as known."""
+        """Robot by endpoint, known from its first message."""
         self._reports: dict[str, str] = {}
-        """Last progress report by robot, in words."""
+        """Text of the last progress report by robot or endpoint."""
         self._counts: Counter[str] = Counter()
         self._drawn: set[str] = set()
         self._counted = 0.0
@@ -81,28 +81,28 @@ class FleetView:
         for robot in self.robots:
             panels.set_line_style(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
-    def draw(self, heard: Sequence[ReceivedMessage], now: float, missed: int) -> None:
+    def draw(self, messages: Sequence[ReceivedMessage], now: float, missed: int) -> None:
         """Draw messages up to `now`, s; `missed`: total of messages dropped by the view."""
-        events = [event for one in heard for event in self._take(one)]
+        events = [event for one in messages for event in self._add_message(one)]
         if missed > self._missed:
-            lacks = f"view dropped {missed - self._missed} messages: too many to draw"
-            events.append(DrawnEvent(now, "", lacks, "WARN"))
+            text = f"view dropped {missed - self._missed} messages: too many to draw"
+            events.append(DrawnEvent(now, "", text, "WARN"))
             self._missed = missed
         for robot in self.robots:
-            silent = now - self._last.get(robot, -math.inf) > _SILENT_S
-            self._model.set_state(robot, self._model.since, "not heard" if silent else "")
+            is_silent = now - self._last.get(robot, -math.inf) > _SILENT_S
+            self._model.set_state(robot, self._model.since, "not heard" if is_silent else "")
         run = self._model.observed(now)
         self._drawing.recorded(run)
         self._drawing.computed(run)
         self._drawing.tell(events)
         for robot, last in self._last.items():
             panels.draw_line(self._canvas, f"plots/ages/{robot}", [now], np.array([now - last]))
-        if now >= self._counted + _COUNTED_S:
+        if now >= self._counted + _RATE_WINDOW_S:
             self._plot_frames(now)
 
-    def _take(self, heard: ReceivedMessage) -> Iterator[DrawnEvent]:
+    def _add_message(self, received: ReceivedMessage) -> Iterator[DrawnEvent]:
         """Add a message to the model at its time of arrival; yield its events."""
-        second, endpoint, key, message = heard
+        second, endpoint, key, message = received
         robot = robot_of(key) or self._endpoints.get(endpoint, "")
         if robot in self.robots:
             self._endpoints[endpoint] = robot
@@ -113,10 +113,10 @@ class FleetView:
                     self._counts.update(EVENT_COUNTERS[type(event)] for event in message.events)
                 self._model.extend(key, with_instants(message, lambda _: round(second * 1e6)), second)
             case Progress():
-                who, told = robot or endpoint, operator_station.progress_text(message)
-                if self._reports.get(who) != told:
-                    self._reports[who] = told
-                    yield DrawnEvent(second, who, told, "WARN" if message.held else "INFO")
+                source, report = robot or endpoint, operator_station.progress_text(message)
+                if self._reports.get(source) != report:
+                    self._reports[source] = report
+                    yield DrawnEvent(second, source, report, "WARN" if message.held else "INFO")
             case Board():
                 yield from (DrawnEvent(second, robot, f"board: {note}") for note in message.notes)
 
@@ -138,33 +138,34 @@ class FleetView:
 def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
     """Show robots in the viewer and print their reports, until interrupted.
 
-    In a window if there is a display, else in a browser. Raises AcrcError for invalid endpoints, keys or map.
+    The viewer is a window if there is a display, else a browser page. Raises AcrcError for invalid endpoints,
+    keys or map.
     """
-    waiting, lines = queue.Queue[ReceivedMessage](_MOST), queue.SimpleQueue[str]()
-    grid, began, missed = load_map(fleet.map), time.monotonic(), 0
+    waiting, lines = queue.Queue[ReceivedMessage](_MAX_QUEUED), queue.SimpleQueue[str]()
+    grid, started, missed = load_map(fleet.map), time.monotonic(), 0
 
-    def take(endpoint: str, key: str, message: Message) -> None:
+    def on_message(endpoint: str, key: str, message: Message) -> None:
         nonlocal missed
         try:
-            waiting.put_nowait(ReceivedMessage(time.monotonic() - began, endpoint, key, message))
+            waiting.put_nowait(ReceivedMessage(time.monotonic() - started, endpoint, key, message))
         except queue.Full:
             missed += 1
 
     operator_station.start_listeners(
-        endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=take
+        endpoints, keys, lines, further_addresses=(at(DRIVE, "*"), at(RECEIVED, "*")), on_message=on_message
     )
     opened = viewer.open_any(say_at_once, "reports are printed only")
     try:
         if opened is not None and opened.page:
             say_at_once(f"open {opened.page} in a browser on this machine to see the robots; Ctrl-C to quit")
         with scratch_folder() as folder:
-            arranged = ViewerContents(grid, [robot.id for robot in fleet.robots], true=False)
+            contents = ViewerContents(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address
-            with ViewFile(folder / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
-                watched = FleetView(fleet, sheet)
+            with ViewFile(folder / "view.rrd", contents, name="a fleet", send_to=address) as sheet:
+                view = FleetView(fleet, sheet)
                 while True:
-                    heard = [waiting.get_nowait() for _ in range(waiting.qsize())]
-                    watched.draw(heard, time.monotonic() - began, missed)
+                    messages = [waiting.get_nowait() for _ in range(waiting.qsize())]
+                    view.draw(messages, time.monotonic() - started, missed)
                     while not lines.empty():
                         say_at_once(lines.get())
                     time.sleep(_PERIOD_S)

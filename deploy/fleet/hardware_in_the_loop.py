@@ -44,19 +44,19 @@ from firmware_bridge.device_lines import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory import LaboratorySetup
 
 ACTIONS: Final = ("jam", "lose", "obstacle")
-"""Supported events: those of radio and floor. The others need the conductor of a simulated run."""
-_CONDUCTOR: Final = "robots in real time have no conductor"
-_ODOMETRY: Final = "emulated bases have the odometry errors of a Kobuki, or none"
+"""Supported events: those of radio and floor; all others require the conductor of a simulated run."""
+_NO_CONDUCTOR: Final = "robots in real time have no conductor"
+_FIXED_ODOMETRY: Final = "emulated bases have the odometry errors of a Kobuki, or none"
 
 
 def check_limits(scenario: Scenario) -> None:
     """Raise OptionError, naming each key, for a scenario that cannot run in real time."""
     actions = [action_of(event) for event in scenario.event]
-    asked = {f"[[event]] {action}": _CONDUCTOR for action in actions if action not in ACTIONS}
+    unsupported = {f"[[event]] {action}": _NO_CONDUCTOR for action in actions if action not in ACTIONS}
     if "stage" in (scenario.robots.odometry, *(robot.odometry for robot in scenario.robot)):
-        asked['odometry = "stage"'] = _ODOMETRY
-    if asked:
-        what = "; ".join(f"{key}: {reason}" for key, reason in asked.items())
+        unsupported['odometry = "stage"'] = _FIXED_ODOMETRY
+    if unsupported:
+        what = "; ".join(f"{key}: {reason}" for key, reason in unsupported.items())
         raise OptionError(
             f"--hardware-in-the-loop: unsupported by emulated devices: {what}; "
             "remove it from the scenario, or run without --hardware-in-the-loop"
@@ -64,15 +64,15 @@ def check_limits(scenario: Scenario) -> None:
 
 
 LABORATORY: Final = "laboratory"
-_PATIENCE_S: Final = 60.0
+_START_TIMEOUT_S: Final = 60.0
 """Timeout for the start of the emulated devices, s."""
 OnProgress = Callable[[Progress], None]
 
 
-def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> RunResult:
-    """Run the scenario until no robot has a place left, or to its time limit, and return the result.
+def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = None) -> RunResult:
+    """Run the scenario until all places are settled or its time is over, and return the result.
 
-    Writes result/run.json and result/places.csv to the output folder. `launched` starts the processes; None:
+    Writes result/run.json and result/places.csv to the output folder. `launcher` starts the processes; None:
     as in the options. Raises OptionError for scenarios unsupported in real time and for unknown `boards`.
     """
     check_limits(scenario)
@@ -85,7 +85,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     plan.write_scenario()
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.show_progress(plan.world.duration_us, places, quiet=options.json) as follow:
-        _run_processes(plan, simulated, launched or create_launcher(options.spawn, reap=False), follow)
+        _run_processes(plan, simulated, launcher or create_launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
     result = collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
     seal(plan.out)
@@ -101,29 +101,29 @@ def _without_board(plan: RunPlan, boards: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _run_processes(
-    plan: RunPlan, simulated: tuple[str, ...], launching: Launcher, on_progress: OnProgress
+    plan: RunPlan, simulated: tuple[str, ...], launcher_context: Launcher, on_progress: OnProgress
 ) -> None:
     folder = plan.folder(LABORATORY)
-    with signals_as_interrupts(), launching as launched, ExitStack() as stack:
-        preflight(plan, launched)
-        devices = _EmulatedDevices(plan, simulated, launched)
+    with signals_as_interrupts(), launcher_context as launcher, ExitStack() as stack:
+        preflight(plan, launcher)
+        devices = _EmulatedDevices(plan, simulated, launcher)
         stack.callback(devices.end_all)
         devices.start_devices()
         robots = [
-            _robot(plan, index, folder, board=robot.id not in simulated)
+            _onboard_robot(plan, index, folder, board=robot.id not in simulated)
             for index, robot in enumerate(plan.world.robots)
         ]
-        watches = [_watch(one, launched, stack) for one in robots]
-        buses = [_listen(one, stack) for one in robots]
-        _follow(plan, watches, buses, devices, on_progress)
+        supervisors = [_start_supervisor(one, launcher, stack) for one in robots]
+        buses = [_open_bus(one, stack) for one in robots]
+        _supervise(plan, supervisors, buses, devices, on_progress)
 
 
 class _EmulatedDevices(Supervisor):
     """Supervisor of the process that emulates the devices."""
 
-    def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launched: Launcher) -> None:
+    def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launcher: Launcher) -> None:
         folder = plan.folder(LABORATORY)
-        super().__init__(launched)
+        super().__init__(launcher)
         self._folder = folder
         models = {str(path): place for path, place in plan.scenario.models}
         world = relative_world_setup(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
@@ -140,12 +140,12 @@ class _EmulatedDevices(Supervisor):
         log = folder / "laboratory.log"
         program = Program(LABORATORY, "firmware_bridge.laboratory", argv, log, None)
         self.start([program])
-        deadline = time.monotonic() + _PATIENCE_S
+        deadline = time.monotonic() + _START_TIMEOUT_S
         while "ready" not in (log.read_text() if log.is_file() else "").split("\n"):
             self._launcher.wait(self.POLL_S)
             self.check()
             if time.monotonic() > deadline:
-                raise AcrcError(f"the emulated devices did not start within {_PATIENCE_S:g} s")
+                raise AcrcError(f"the emulated devices did not start within {_START_TIMEOUT_S:g} s")
 
     def check(self) -> None:
         """Raise AcrcError if the process has exited."""
@@ -157,9 +157,9 @@ class _EmulatedDevices(Supervisor):
             )
 
 
-def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> OnboardRobot:
+def _onboard_robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> OnboardRobot:
     robot = plan.world.robots[index]
-    alone = replace(
+    robot_plan = replace(
         plan,
         world=msgspec.structs.replace(plan.world, robots=(robot,)),
         radio=msgspec.structs.replace(plan.radio, robots=((robot.id, plan.address(robot.id)),)),
@@ -168,42 +168,42 @@ def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> On
     settings = BoardSettings(plan.address(robot.id), radio_model(plan.radio).parameters.channel)
     base, radio, lidar = (str(links / device) for device in (BASE, RADIO, RANGE))
     ports = Ports(base, radio, lidar, settings, board)
-    return OnboardRobot(alone, ports, itertools.count().__next__)
+    return OnboardRobot(robot_plan, ports, itertools.count().__next__)
 
 
-def _watch(robot: OnboardRobot, launched: Launcher, stack: ExitStack) -> OnboardSupervisor:
-    layout.lay_out(robot)
-    watch = OnboardSupervisor(robot, launched)
+def _start_supervisor(robot: OnboardRobot, launcher: Launcher, stack: ExitStack) -> OnboardSupervisor:
+    layout.write_folders(robot)
+    supervisor = OnboardSupervisor(robot, launcher)
     stack.callback(layout.remove_passwords, robot)
-    stack.callback(watch.end_all)
-    watch.start_robot()
-    return watch
+    stack.callback(supervisor.end_all)
+    supervisor.start_robot()
+    return supervisor
 
 
-def _listen(robot: OnboardRobot, stack: ExitStack) -> ZenohBus:
+def _open_bus(robot: OnboardRobot, stack: ExitStack) -> ZenohBus:
     folder = robot.folder(layout.BASE).resolve()
     config = rules.client_config(folder / "operator.credentials", unix_endpoint(folder / "router.sock"))
-    return stack.enter_context(open_mesh(config, (at(PROGRESS),), patience_s=_PATIENCE_S))
+    return stack.enter_context(open_mesh(config, (at(PROGRESS),), patience_s=_START_TIMEOUT_S))
 
 
-def _follow(
+def _supervise(
     plan: RunPlan,
-    watches: Sequence[OnboardSupervisor],
+    supervisors: Sequence[OnboardSupervisor],
     buses: Sequence[ZenohBus],
     devices: _EmulatedDevices,
     on_progress: OnProgress,
 ) -> None:
-    """Supervise the robots until no place is left, or to the time limit."""
-    begun = time.monotonic()
-    left = [len(robot.places) for robot in plan.world.robots]
-    reports = [0] * len(left)
-    while (elapsed := time.monotonic() - begun) < in_seconds(plan.world.duration_us) and any(left):
-        for watch in watches:
-            watch.look(0.02)
+    """Supervise the robots until all places are settled or the time is over."""
+    started = time.monotonic()
+    places_left = [len(robot.places) for robot in plan.world.robots]
+    reports = [0] * len(places_left)
+    while (elapsed := time.monotonic() - started) < in_seconds(plan.world.duration_us) and any(places_left):
+        for supervisor in supervisors:
+            supervisor.restart_exited(0.02)
         devices.check()
         for index, bus in enumerate(buses):
             while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
                 progress = decode(delivery.topic, delivery.key, delivery.payload)
                 assert isinstance(progress, Progress)
-                left[index], reports[index] = progress.places_left, progress.reports
-        on_progress(Progress(0, round(1e6 * elapsed), sum(left), sum(reports), False))
+                places_left[index], reports[index] = progress.places_left, progress.reports
+        on_progress(Progress(0, round(1e6 * elapsed), sum(places_left), sum(reports), False))

@@ -21,7 +21,7 @@ from deploy.hosts.certificates import CLIENT, SERVER, CertifiedKey
 
 AUTHORITY_FOLDER: Final = "authority"
 """Folder of the certificate authority; do not copy it to robots."""
-LONGEST_DAYS: Final = 3650
+MAX_DAYS: Final = 3650
 _HOST: Final = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?|[0-9A-Fa-f:.]+")
 
 
@@ -35,7 +35,7 @@ class MachineKeys:
     hosts: tuple[str, ...]
     """Names and addresses for which its certificate is valid; () for the operator."""
     listens_unnamed: bool
-    """True if it listens at all its addresses, but its certificate is valid for names only."""
+    """Whether it listens at all its addresses, but its certificate is valid for its id and id.local only."""
 
 
 @dataclass(frozen=True)
@@ -69,25 +69,25 @@ def create_keys(
     readable by their owner only. Raises AcrcError if the folder exists or cannot be created, and OptionError
     for invalid `days`.
     """
-    if not 0 < days <= LONGEST_DAYS:
-        raise wrong_value("--days", days, f"a whole number from 1 to {LONGEST_DAYS}")
+    if not 0 < days <= MAX_DAYS:
+        raise wrong_value("--days", days, f"a whole number from 1 to {MAX_DAYS}")
     if out.exists():
         raise AcrcError(
             f"{out}: already exists; move it away to create new keys for the whole fleet, or choose another "
             "folder with --out"
         )
-    made = _described(fleet, out, hosts, now, days)
+    fleet_keys = _describe_keys(fleet, out, hosts, now, days)
     issuer = certificates.create_authority(f"fleet {fleet.path.stem}", now, days)
     with _new_folder(out) as draft:
         _write(draft / AUTHORITY_FOLDER, issuer, issuer)
-        for machine in made.machines:
+        for machine in fleet_keys.machines:
             purpose = CLIENT if machine.machine == OPERATOR else SERVER
-            pair = certificates.issue_certificate(
+            machine_key = certificates.issue_certificate(
                 issuer, machine.machine, [purpose], machine.hosts, now, days
             )
-            _write(draft / machine.machine, issuer, pair)
+            _write(draft / machine.machine, issuer, machine_key)
         (draft / ".gitignore").write_text("# Never commit private keys.\n*\n")
-    return made
+    return fleet_keys
 
 
 def replace_keys(
@@ -110,22 +110,24 @@ def replace_keys(
             fleet.robot_named(machine)
     if not (out / AUTHORITY_FOLDER / AUTHORITY_FILE).is_file():
         raise AcrcError(f"{out}: no keys to revoke; run `acrc fleet keys` without --revoke first")
-    known = {robot.id: (*_held_for(out / robot.id), *hosts.get(robot.id, ())) for robot in fleet.robots}
-    aside = out.with_name(f"{out.name}.until-{now:%Y%m%d-%H%M%S}")
-    if aside.exists():
-        raise AcrcError(f"{aside}: already exists; move it away, the old keys are stored there")
+    hosts_by_robot = {
+        robot.id: (*_certified_hosts(out / robot.id), *hosts.get(robot.id, ())) for robot in fleet.robots
+    }
+    old_folder = out.with_name(f"{out.name}.until-{now:%Y%m%d-%H%M%S}")
+    if old_folder.exists():
+        raise AcrcError(f"{old_folder}: already exists; move it away, the old keys are stored there")
     draft = out.with_name(f"{out.name}.new-{now:%Y%m%d-%H%M%S}")
-    create_keys(fleet, draft, known, now=now, days=days)
+    create_keys(fleet, draft, hosts_by_robot, now=now, days=days)
     try:
-        out.rename(aside)
+        out.rename(old_folder)
         draft.rename(out)
     except OSError as error:
         raise AcrcError(f"{out}: cannot be replaced by the new keys in {draft}: {error.strerror}") from None
-    return _described(fleet, out, known, now, days), aside
+    return _describe_keys(fleet, out, hosts_by_robot, now, days), old_folder
 
 
-def _held_for(folder: Path) -> tuple[str, ...]:
-    """Return the hosts of a machine's certificate; () if it has none."""
+def _certified_hosts(folder: Path) -> tuple[str, ...]:
+    """Return the hosts of a machine's certificate; () without certificate."""
     try:
         return certificates.host_names(
             certificates.load_certificate((folder / CERTIFICATE_FILE).read_bytes())
@@ -134,10 +136,10 @@ def _held_for(folder: Path) -> tuple[str, ...]:
         return ()
 
 
-def _described(
+def _describe_keys(
     fleet: Fleet, out: Path, hosts: Mapping[str, Sequence[str]], now: datetime, days: int
 ) -> FleetKeys:
-    machines = [_robot(robot, out, hosts.get(robot.id, ())) for robot in fleet.robots]
+    machines = [_robot_keys(robot, out, hosts.get(robot.id, ())) for robot in fleet.robots]
     return FleetKeys(
         home=out / AUTHORITY_FOLDER,
         valid_until=now + timedelta(days=days),
@@ -145,14 +147,14 @@ def _described(
     )
 
 
-def _robot(robot: FleetRobot, out: Path, hosts: Sequence[str]) -> MachineKeys:
+def _robot_keys(robot: FleetRobot, out: Path, hosts: Sequence[str]) -> MachineKeys:
     """Describe a robot's keys, valid for its id, id.local (mDNS), the host in `listen`, and `hosts`."""
     names = [robot.id, f"{robot.id}.local"]
     if robot.listen_host is not None and not robot.listens_everywhere:
         names.append(robot.listen_host)
-    every = tuple(dict.fromkeys([*names, *hosts]))
-    reachable = set(every) - {robot.id, f"{robot.id}.local"}
-    return MachineKeys(robot.id, out / robot.id, every, robot.listens_everywhere and not reachable)
+    all_hosts = tuple(dict.fromkeys([*names, *hosts]))
+    reachable = set(all_hosts) - {robot.id, f"{robot.id}.local"}
+    return MachineKeys(robot.id, out / robot.id, all_hosts, robot.listens_everywhere and not reachable)
 
 
 @contextmanager
@@ -170,11 +172,11 @@ def _new_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def _write(folder: Path, issuer: CertifiedKey, pair: CertifiedKey) -> None:
+def _write(folder: Path, issuer: CertifiedKey, machine_key: CertifiedKey) -> None:
     folder.mkdir(mode=0o700)
     (folder / AUTHORITY_FILE).write_bytes(issuer.certificate_pem)
-    if pair is not issuer:
-        (folder / CERTIFICATE_FILE).write_bytes(pair.certificate_pem)
+    if machine_key is not issuer:
+        (folder / CERTIFICATE_FILE).write_bytes(machine_key.certificate_pem)
     handle = os.open(folder / PRIVATE_KEY_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(handle, "wb") as file:
-        file.write(pair.private_pem)
+        file.write(machine_key.private_pem)

@@ -1,6 +1,6 @@
-"""Processes on board a robot: base, bridge, and the robot program, set up as in simulation.
+"""Processes on board a robot: base, bridge, and the same robot program as in simulation.
 
-On board, the program continues if its recording cannot be written.
+On board, the robot program continues if its recording cannot be written.
 """
 
 import fcntl
@@ -63,8 +63,8 @@ class OnboardRobot:
 
     plan: RunPlan
     ports: Ports
-    epochs: Callable[[], int]
-    """Returns a new epoch for each start of the robot's program, later than all before."""
+    next_epoch: Callable[[], int]
+    """Returns an epoch later than all before, for a start of the robot's program."""
     debug_port: int | None = None
     """Port at which the program waits for a debugger; None: no debugger."""
     last_pose: Path | None = None
@@ -93,7 +93,7 @@ class OnboardRobot:
         return self.plan.folder(f"{self.robot.id}.{actor}")
 
 
-def lay_out(onboard: OnboardRobot) -> None:
+def write_folders(onboard: OnboardRobot) -> None:
     """Write the set-up files of the processes. Raises OptionError if the robot's folder exists."""
     plan, robot = onboard.plan, onboard.robot
     if plan.folder(robot.id).exists():
@@ -136,7 +136,7 @@ def base_program(onboard: OnboardRobot, start: int) -> Program:
         patience_s=PATIENCE_S if onboard.debug_port is None else None,
     )
     process = ProcessSetup(
-        record=f"{_numbered(folder.name, start)}.mcap",
+        record=f"{_numbered_name(folder.name, start)}.mcap",
         router=credentials.ROUTER_FILE,
         commit=onboard.plan.commit,
         with_parent=True,
@@ -148,7 +148,7 @@ def bridge_program(onboard: OnboardRobot, start: int) -> Program:
     """Return the bridge's program."""
     plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
     bridge = BridgeSetup(onboard.robot.id, plan.world.step_us, ports.radio, ports.settings, ports.board)
-    record = f"{_numbered(folder.name, start)}.mcap"
+    record = f"{_numbered_name(folder.name, start)}.mcap"
     process = client_setup(plan, f"../{onboard.folder(BASE).name}", "radio", record)
     return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))
 
@@ -158,33 +158,33 @@ def onboard_robot_program(onboard: OnboardRobot, start: int) -> Program:
     robot, doubt = onboard.robot, None
     if (last := last_pose.read(onboard.pose_file)) is not None:
         robot, doubt = msgspec.structs.replace(robot, start=(*last.origin,)), last.spread
-    order = ProcessOrder(robot.id, onboard.epochs())
-    program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered(robot.id, start))
+    order = ProcessOrder(robot.id, onboard.next_epoch())
+    program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered_name(robot.id, start))
     assert program.setup is not None
-    told = msgspec.structs.replace(program.setup.actor, doubt=doubt)
+    actor_setup = msgspec.structs.replace(program.setup.actor, doubt=doubt)
     process = msgspec.structs.replace(program.setup.process, spares_record=True)
-    program = replace(program, setup=ActorSetup(told, process))
+    program = replace(program, setup=ActorSetup(actor_setup, process))
     if onboard.debug_port is None:
         return program
     waiting = ("--listen", str(onboard.debug_port), "-m", program.module)
     return replace(program, module="debugpy", argv=(*waiting, *program.argv))
 
 
-def _numbered(actor: str, start: int) -> str:
+def _numbered_name(actor: str, start: int) -> str:
     return actor if start == 0 else f"{actor}.{start}"
 
 
 STATE: Final = REPOSITORY / ".state"
 """Folder of the counters, one per computer, independent of the folders of runs."""
 LAST_EPOCH: Final = 2**31 - 1
-"""Limit of frame tags (actors.robot.behaviour.node_host); 68 years at one start per second."""
-_LONGEST: Final = 64
+"""Maximum epoch in frame tags (actors.robot.behaviour.node_host), for 68 years of one start per second."""
+_MAX_FILE_BYTES: Final = 64
 """Maximum length of the file, bytes."""
-_ZERO: Final = 1_577_836_800
-"""2020-01-01 in Unix time, s: origin of epochs by the clock. Starts take longer than a second, so that the
-clock is ahead of every counter."""
+_EPOCH_ORIGIN: Final = 1_577_836_800
+"""2020-01-01 in Unix time, s: origin of epochs derived from the clock. They exceed counted epochs, because a
+start takes longer than 1 s."""
 _CLOCK_IS_SET: Final = 1_767_225_600
-"""2026-01-01 in Unix time, s: an earlier time means that the clock was never set."""
+"""2026-01-01 in Unix time, s; if the clock shows an earlier time, it was never set."""
 
 
 class _RecordedRobot(msgspec.Struct):
@@ -193,7 +193,7 @@ class _RecordedRobot(msgspec.Struct):
 
 
 class _RecordedRun(msgspec.Struct):
-    """Fields of a robot's first record that are read here."""
+    """Required fields of the first record in a robot's recording."""
 
     setup: _RecordedRobot
 
@@ -235,9 +235,9 @@ class EpochCounter:
 
     def _next(self) -> int:
         if not self.file.exists():
-            return self._recorded() + 1
+            return self._latest_recorded() + 1
         with self.file.open("rb") as file:
-            line = file.read(_LONGEST)
+            line = file.read(_MAX_FILE_BYTES)
         number, _, _ = line.partition(b" ")
         if number.isdigit() and line == _line(int(number)):
             return int(number) + 1
@@ -248,14 +248,14 @@ class EpochCounter:
                 f"{self.file}: no valid epoch, and the clock shows {today}, so it was never set; set the "
                 f"clock, then start {self.robot} again"
             )
-        epoch = max(now - _ZERO, self._recorded() + 1)
+        epoch = max(now - _EPOCH_ORIGIN, self._latest_recorded() + 1)
         self.say(
             f"{self.file}: no valid epoch, file damaged; {self.robot} continues with epoch {epoch}, derived "
             "from the clock"
         )
         return epoch
 
-    def _recorded(self) -> int:
+    def _latest_recorded(self) -> int:
         """Return the latest epoch in the robot's recordings; -1 = none."""
         found = map(_recorded_robot, self.runs.glob(f"*/{self.robot}/*.mcap"))
         return max((one.epoch for one in found if one and one.id == self.robot), default=-1)

@@ -30,7 +30,7 @@ from actors.runtime.isolation.sandbox import choose_isolation
 from actors.runtime.process_table import process_state
 from deploy.fleet import onboard_processes as layout
 from deploy.fleet.doctor import check_keys, run_check
-from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
+from deploy.fleet.fleet_file import Fleet, FleetRobot, user_code_folders
 from deploy.fleet.onboard_processes import EpochCounter, OnboardRobot, Ports
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, convert_write_errors
@@ -40,24 +40,24 @@ from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
 
-ONBOARD: Final = RestartPolicy(starts=5, within_s=60.0)
-"""Own choice. After more restarts the supervisor exits, and systemd restarts the whole robot."""
+ONBOARD_POLICY: Final = RestartPolicy(starts=5, within_s=60.0)
+"""Restart limit, our choice; above it the supervisor exits and systemd restarts the whole robot."""
 
 
 class OnboardSupervisor(Supervisor):
     """Supervisor of one robot's three processes; restarts all if the base, their router, exits."""
 
     START_S: Final = 120.0
-    """Timeout for the start of the base, s; then it is killed."""
+    """Timeout for the start of the base, s; afterwards it is killed."""
     GRACE_S = 5.0
-    RESUMES = False
+    CONTINUES_STOPPED = False
 
     def __init__(
         self,
         onboard: OnboardRobot,
         launcher: Launcher,
         say: Callable[[str], None] = lambda sentence: None,
-        policy: RestartPolicy = ONBOARD,
+        policy: RestartPolicy = ONBOARD_POLICY,
         poll: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__(launcher, policy, say, poll)
@@ -93,35 +93,35 @@ class OnboardSupervisor(Supervisor):
                 self._current[layout.BASE].send(signal.SIGKILL)
             self._poll()
             if self._current[layout.BASE].exit_code is not None:
-                return  # look() restarts it, or gives up
+                return  # restart_exited restarts it or raises
         self._start(layout.BRIDGE)
         self._start(self._onboard.robot.id)
 
-    def look(self, patience_s: float) -> bool:
-        """Wait `patience_s`, then restart exited processes; return False after the base's normal exit.
+    def restart_exited(self, wait_s: float) -> bool:
+        """Wait `wait_s`, then restart exited processes; return False after the base's normal exit.
 
-        Raises AcrcError if the restart budget is exhausted.
+        Raises AcrcError if the restart limit is exceeded.
         """
-        self._launcher.wait(patience_s)
+        self._launcher.wait(wait_s)
         self._poll()
-        self._tell_losses()
-        ended = [name for name, child in self._current.items() if child.exit_code is not None]
-        if not ended:
+        self._report_losses()
+        exited = [name for name, child in self._current.items() if child.exit_code is not None]
+        if not exited:
             return True
-        if all(self._current[name].exit_code == 0 for name in ended):
+        if all(self._current[name].exit_code == 0 for name in exited):
             self.await_exits([self._current[layout.BASE]])  # the base stopped them and is about to exit
         if self._current[layout.BASE].exit_code == 0:
             self.end_all()
             return False
-        for name in ended:
+        for name in exited:
             self._say(f"{name} exited {exit_description(self._current[name])}")
-        self.count_restart(self._onboard.robot.id, ended[0], self._current[ended[0]])
-        if layout.BASE in ended:
+        self.count_restart(self._onboard.robot.id, exited[0], self._current[exited[0]])
+        if layout.BASE in exited:
             self.end_all()
             layout.remove_passwords(self._onboard)
             self.start_robot()
             return True
-        for name in ended:
+        for name in exited:
             self._start(name)
         return True
 
@@ -132,7 +132,7 @@ class OnboardSupervisor(Supervisor):
             base.send(signal.SIGTERM)  # stops the wheels, the robot program and the bridge
             self.await_exits(self._current.values())
         super().end_all()
-        self._tell_losses()
+        self._report_losses()
 
     def _start(self, name: str) -> None:
         number = self._count[name]
@@ -146,33 +146,33 @@ class OnboardSupervisor(Supervisor):
         self.start([program])
         self._current[name] = self._children[-1]
 
-    def _tell_losses(self) -> None:
+    def _report_losses(self) -> None:
         """Report recordings that could not be written, as logged by the processes."""
         for name, child in self._current.items():
             record = child.program.record
             if record is None:
                 continue
-            said = map(child.program.outside_text, last_lines(child.program.log))
-            told = next((line for line in said if line.startswith(f"{record}: ")), None)
-            if told is not None and self._losses.get(record) != told:
-                self._losses[record] = told
-                self._say(f"{name}: {told}")
+            log_lines = map(child.program.outside_text, last_lines(child.program.log))
+            loss = next((line for line in log_lines if line.startswith(f"{record}: ")), None)
+            if loss is not None and self._losses.get(record) != loss:
+                self._losses[record] = loss
+                self._say(f"{name}: {loss}")
 
 
-LOOK_S: Final = 0.05
-"""Period of supervision and of stop commands, s; own choice."""
+POLL_INTERVAL_S: Final = 0.05
+"""Period of supervision and of stop commands, s; our choice."""
 
 
 class FallbackStop:
-    """Sends stop commands to the base's port while the base process is suspended."""
+    """Fallback that sends stop commands to the base's port while the base process is suspended."""
 
     def __init__(self, port: str, say: Callable[[str], None]) -> None:
-        """Create it; `port`: the base's, `say`: called with log messages."""
+        """`port`: of the base. `say`: called with log messages."""
         self._path = port
         self._say = say
         self._port: int | None = None
 
-    def look(self, base: int | None) -> None:
+    def update(self, base: int | None) -> None:
         """Send a stop command if the process with PID `base` is suspended; does not block."""
         found = None if base is None else process_state(base)
         if found is None or not found.stopped:
@@ -210,15 +210,15 @@ class SystemdNotifier:
 
     def notify_ready(self) -> None:
         """Notify that all processes have been started."""
-        self._say("READY=1")
+        self._notify("READY=1")
 
     def reset_watchdog(self) -> None:
         """Reset the watchdog of systemd, which otherwise terminates the service."""
-        self._say("WATCHDOG=1")
+        self._notify("WATCHDOG=1")
 
-    def _say(self, line: str) -> None:
+    def _notify(self, line: str) -> None:
         if self._socket is not None:
-            with suppress(OSError):  # systemd is busy; the next one suffices
+            with suppress(OSError):  # systemd is busy; the next notification suffices
                 self._socket.sendto(line.encode(), self._address)
 
 
@@ -236,7 +236,7 @@ class OnboardOptions:
     """Sandbox the robot program; None: if supported and no debugger is used."""
     debug_port: int | None = None
     at: str | None = None
-    """Pose of the robot: AT_START or X,Y,HEADING; None: its last pose estimate, to be verified."""
+    """Pose of the robot: AT_START or X,Y,HEADING; None: its last estimate, to be confirmed by scans."""
     modules: tuple[Path, ...] = ()
     """Folders from which a user strategy may be loaded."""
 
@@ -257,9 +257,9 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
         robot = msgspec.structs.replace(robot, start=_parse_pose(options.at, robot))
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
-    air = fleet.radio
-    settings = BoardSettings(robot.address, air.channel, air.pan, air.power_db)
-    keys_folder = None if robot.listen is None else str(fleet.keys_of(name))
+    radio = fleet.radio
+    settings = BoardSettings(robot.address, radio.channel, radio.pan, radio.power_db)
+    keys_folder = None if robot.listen is None else str(fleet.key_folder(name))
     ports = Ports(robot.base, robot.radio, robot.range, settings, listen=robot.listen, keys=keys_folder)
     counter = EpochCounter(name, options.out.parent, say)
     if options.at is not None:
@@ -275,35 +275,35 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
 
 
 def run(prepared: OnboardRobot, say: Callable[[str], None]) -> None:
-    """Run until the operator's stop, a signal (Interruption), or an exhausted restart budget (AcrcError)."""
+    """Run until the operator's stop, a signal (Interruption), or an exceeded restart limit (AcrcError)."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
     with (
         convert_write_errors(prepared.plan.out),
         signals_as_interrupts(),
-        create_launcher("exec", reap=False) as launched,
+        create_launcher("exec", reap=False) as launcher,
     ):
-        layout.lay_out(prepared)
-        service, in_doubt = SystemdNotifier(), last_pose.read(prepared.pose_file) is not None
+        layout.write_folders(prepared)
+        service, is_unconfirmed = SystemdNotifier(), last_pose.read(prepared.pose_file) is not None
         operator = OperatorAccessCheck(prepared.link_fault, say)
-        watch = OnboardSupervisor(prepared, launched, say, poll=service.reset_watchdog)
+        supervisor = OnboardSupervisor(prepared, launcher, say, poll=service.reset_watchdog)
         try:
-            watch.start_robot()
+            supervisor.start_robot()
             service.notify_ready()
             say(f"{prepared.robot.id} is running; recordings in {prepared.plan.out}")
-            operator.look()
-            if in_doubt:
+            operator.check_if_due()
+            if is_unconfirmed:
                 say(
                     f"{prepared.robot.id} waits until its scans confirm its last pose; to set the pose, use "
                     "`--at start` or `--at X,Y,HEADING`"
                 )
-            stand_in = FallbackStop(prepared.ports.base, say)
-            while watch.look(LOOK_S):
-                stand_in.look(watch.base_pid)
-                operator.look()
+            fallback = FallbackStop(prepared.ports.base, say)
+            while supervisor.restart_exited(POLL_INTERVAL_S):
+                fallback.update(supervisor.base_pid)
+                operator.check_if_due()
             say(f"{prepared.robot.id} stopped by the operator")
         finally:
-            watch.end_all()
+            supervisor.end_all()
             layout.remove_passwords(prepared)
 
 
@@ -325,8 +325,8 @@ class OperatorAccessCheck:
         self._fault, self._say = fault, say
         self._next, self._said = 0.0, ""
 
-    def look(self) -> None:
-        """Check if the period has passed; report a new fault."""
+    def check_if_due(self) -> None:
+        """Check the keys if the period has passed; report a new fault."""
         if (now := time.monotonic()) < self._next:
             return
         self._next = now + self.PERIOD_S
@@ -359,7 +359,7 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> RunPlan:
     choice = choose_isolation(options.isolate, debugged=options.debug_port is not None)
     return RunPlan(
         **vars(fleet.swarm(robot)),
-        options=RunOptions(options.out, speed="1", modules=own_code(fleet, Permit(options.modules))),
+        options=RunOptions(options.out, speed="1", modules=user_code_folders(fleet, Permit(options.modules))),
         scenario=ScenarioCopy("", ()),
         commit=software_version(),
         isolate=choice.isolate,

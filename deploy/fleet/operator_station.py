@@ -1,4 +1,4 @@
-"""Operator's laptop: monitors robots over the network, and stops, pauses or resumes them."""
+"""Operator station: monitors robots over the network, and stops, pauses or resumes them."""
 
 import queue
 import socket
@@ -22,29 +22,29 @@ from actors.runtime.isolation.tls import Keys, laptop_config, load_keys
 from actors.runtime.zenoh_bus import ZenohBus, open_session
 from actors.topic import Message
 
-_REFUSAL_S = 0.3
-"""Timeout for a robot's rejection of the laptop's certificate, which in TLS 1.3 follows the handshake."""
+_REFUSAL_TIMEOUT_S = 0.3
+"""Timeout for a robot's rejection of our certificate, which in TLS 1.3 follows the handshake, s."""
 
 
 def connection_fault(endpoint: str, keys: Keys) -> str:
-    """Return why this laptop cannot connect to `tls/HOST:PORT`; empty if a handshake succeeds."""
+    """Return why this computer cannot connect to `tls/HOST:PORT`; empty if a handshake succeeds."""
     host, _, port = endpoint.removeprefix("tls/").rpartition(":")
     host = host.strip("[]")
     try:
         context = ssl.create_default_context(cafile=str(keys.authority))
         context.load_cert_chain(keys.certificate, keys.private_key)
         with (
-            socket.create_connection((host, int(port)), _CAUSE_S) as plain,
+            socket.create_connection((host, int(port)), _CAUSE_TIMEOUT_S) as plain,
             context.wrap_socket(plain, server_hostname=host) as secure,
         ):
-            secure.settimeout(_REFUSAL_S)
+            secure.settimeout(_REFUSAL_TIMEOUT_S)
             return _refusal(secure)
     except ssl.SSLCertVerificationError as error:
         return f"its certificate is rejected: {error.verify_message.rstrip('.')}"
     except ssl.SSLError as error:
         return f"TLS handshake failed: {(error.reason or str(error)).replace('_', ' ').lower()}"
     except TimeoutError:
-        return f"no response within {_CAUSE_S:g} s"
+        return f"no response within {_CAUSE_TIMEOUT_S:g} s"
     except OSError as error:
         return (error.strerror or str(error)).lower()
 
@@ -58,14 +58,14 @@ def _refusal(secure: ssl.SSLSocket) -> str:
         return f"it rejects this laptop's certificate: {(error.reason or '').replace('_', ' ').lower()}"
 
 
-_ORDER_S: Final = 2.0
-"""Timeout for an order to be confirmed. Own choice."""
-_CAUSE_S: Final = 1.5
-"""Timeout for finding the cause of a failed connection. Own choice: less than `_ORDER_S`."""
-_RETRY_S: Final = 1.0
-"""Delay before reconnecting to a robot. Own choice."""
-_LOOK_S: Final = 0.02
-"""Period of polling for messages. Own choice: a hundredth of `_ORDER_S`."""
+_ORDER_TIMEOUT_S: Final = 2.0
+"""Timeout for the confirmation of an order, s; our choice."""
+_CAUSE_TIMEOUT_S: Final = 1.5
+"""Timeout for finding the cause of a failed connection, s; our choice, below `_ORDER_TIMEOUT_S`."""
+_RETRY_DELAY_S: Final = 1.0
+"""Delay before reconnecting to a robot, s; our choice."""
+_POLL_INTERVAL_S: Final = 0.02
+"""Period of polling for messages, s; our choice, a hundredth of `_ORDER_TIMEOUT_S`."""
 
 
 @dataclass(frozen=True)
@@ -77,39 +77,42 @@ class OrderResult:
     """Why the order is not confirmed; None: the robot confirmed it."""
 
 
-_DONE = {Stop: "stopped", Pause: "paused until resumed", Resume: "resumed"}
+_STATE_AFTER = {Stop: "stopped", Pause: "paused until resumed", Resume: "resumed"}
 
 
 def state_after(order: Order) -> str:
     """Return the robot's state after the order, in words."""
-    return _DONE[type(order)]
+    return _STATE_AFTER[type(order)]
 
 
 def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[OrderResult]:
-    """Send an order to all robots in parallel and return the results, after `_ORDER_S` at the latest.
+    """Send an order to all robots in parallel and return the results, after `_ORDER_TIMEOUT_S` at the latest.
 
     Raises AcrcError for an invalid endpoint or keys, before anything is sent.
     """
-    own, names = _checked(endpoints, keys)
-    deadline = time.monotonic() + _ORDER_S
-    failures: dict[str, str | None] = dict.fromkeys(names, f"no connection within {_ORDER_S:g} s")
+    loaded_keys, names = _check_endpoints(endpoints, keys)
+    deadline = time.monotonic() + _ORDER_TIMEOUT_S
+    failures: dict[str, str | None] = dict.fromkeys(names, f"no connection within {_ORDER_TIMEOUT_S:g} s")
     causes: dict[str, str] = {}
 
-    def tell(endpoint: str) -> None:
+    def send(endpoint: str) -> None:
         try:
-            for failure in _tell(endpoint, own, order, deadline):
+            for failure in _send_to_robot(endpoint, loaded_keys, order, deadline):
                 failures[endpoint] = failure
         except AcrcError:
             return  # the failure is already recorded
         except Exception as error:  # report any failure for this robot only
             failures[endpoint] = f"the order may not have been received: {error}"
 
-    def ask(endpoint: str) -> None:
-        causes[endpoint] = connection_fault(endpoint, own)
+    def find_cause(endpoint: str) -> None:
+        causes[endpoint] = connection_fault(endpoint, loaded_keys)
 
     # Daemon threads: connection attempts that hang must not delay the exit.
-    threads = [threading.Thread(target=tell, args=(name,), daemon=True) for name in names]
-    for thread in (*threads, *(threading.Thread(target=ask, args=(name,), daemon=True) for name in names)):
+    threads = [threading.Thread(target=send, args=(name,), daemon=True) for name in names]
+    for thread in (
+        *threads,
+        *(threading.Thread(target=find_cause, args=(name,), daemon=True) for name in names),
+    ):
         thread.start()
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
@@ -117,21 +120,21 @@ def send_order(endpoints: Sequence[str], keys: Path, order: Order) -> list[Order
 
 
 def _result(endpoint: str, failure: str | None, causes: Mapping[str, str]) -> OrderResult:
-    why = causes.get(endpoint) if failure else ""
-    return OrderResult(endpoint, f"{failure}: {why}" if why else failure)
+    cause = causes.get(endpoint) if failure else ""
+    return OrderResult(endpoint, f"{failure}: {cause}" if cause else failure)
 
 
-def _tell(endpoint: str, keys: Keys, order: Order, deadline: float) -> Iterator[str | None]:
+def _send_to_robot(endpoint: str, keys: Keys, order: Order, deadline: float) -> Iterator[str | None]:
     """Send one robot the order; yield the failure so far, then None after its confirmation."""
     with open_session(laptop_config(keys, endpoint), deadline - time.monotonic()) as session:
         bus = ZenohBus(session, (at(PROGRESS),))
         bus.publish(CONTROL.key(), encode(Control(0, (order,))))
-        yield f"the order was sent, but not confirmed within {_ORDER_S:g} s"
+        yield f"the order was sent, but not confirmed within {_ORDER_TIMEOUT_S:g} s"
         while time.monotonic() < deadline:
-            if any(_obeys(message, order) for _, message in _messages(bus, at(PROGRESS))):
+            if any(_is_confirmed(message, order) for _, message in _messages(bus, at(PROGRESS))):
                 yield None
                 return
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_INTERVAL_S)
 
 
 def _messages(bus: ZenohBus, address: Address) -> Iterator[tuple[str, Message]]:
@@ -140,7 +143,7 @@ def _messages(bus: ZenohBus, address: Address) -> Iterator[tuple[str, Message]]:
         yield delivery.key, decode(delivery.topic, delivery.key, delivery.payload)
 
 
-def _obeys(progress: Message, order: Order) -> bool:
+def _is_confirmed(progress: Message, order: Order) -> bool:
     assert isinstance(progress, Progress)
     return progress.finished if isinstance(order, Stop) else progress.paused == isinstance(order, Pause)
 
@@ -163,17 +166,17 @@ def start_listeners(
     endpoints: Sequence[str],
     keys: Path,
     lines: "queue.SimpleQueue[str]",
-    more: Sequence[Address] = (),
-    take: Callable[[str, str, Message], None] = lambda endpoint, key, message: None,
+    further_addresses: Sequence[Address] = (),
+    on_message: Callable[[str, str, Message], None] = lambda endpoint, key, message: None,
 ) -> None:
     """Put a line for every report of every robot into `lines`, from daemon threads.
 
-    `take` is called with endpoint, key and message for all messages, also those on the addresses `more`; it
-    must not block. Raises AcrcError for an invalid endpoint or keys.
+    `on_message`: called with endpoint, key and message for all messages, also on `further_addresses`; must
+    not block. Raises AcrcError for an invalid endpoint or keys.
     """
-    own, names = _checked(endpoints, keys)
+    loaded_keys, names = _check_endpoints(endpoints, keys)
     for name in names:
-        listener = _RobotListener(name, own, lines, more, take)
+        listener = _RobotListener(name, loaded_keys, lines, further_addresses, on_message)
         threading.Thread(target=listener.listen, daemon=True).start()
 
 
@@ -185,11 +188,11 @@ class _RobotListener:
         endpoint: str,
         keys: Keys,
         lines: "queue.SimpleQueue[str]",
-        more: Sequence[Address],
-        take: Callable[[str, str, Message], None],
+        further_addresses: Sequence[Address],
+        on_message: Callable[[str, str, Message], None],
     ) -> None:
-        self._addresses = (at(PROGRESS), at(BOARD), *more)
-        self._take = take
+        self._addresses = (at(PROGRESS), at(BOARD), *further_addresses)
+        self._on_message = on_message
         self._endpoint = endpoint
         self._keys = keys
         self._lines = lines
@@ -204,7 +207,7 @@ class _RobotListener:
                 self._set_state(
                     f"not connected, retrying: {connection_fault(self._endpoint, self._keys) or error}"
                 )
-            time.sleep(_RETRY_S)
+            time.sleep(_RETRY_DELAY_S)
 
     def _session(self) -> None:
         """Pass on messages until the session with the robot's router ends."""
@@ -214,22 +217,22 @@ class _RobotListener:
             while session.info.routers_zid():
                 for address in self._addresses:
                     for key, message in _messages(bus, address):
-                        self._take(self._endpoint, key, message)
+                        self._on_message(self._endpoint, key, message)
                         for line in _lines(message):
-                            self._say(line)
-                time.sleep(_LOOK_S)
+                            self._put_line(line)
+                time.sleep(_POLL_INTERVAL_S)
         self._set_state("connection lost, reconnecting")
 
     def _set_state(self, words: str) -> None:
         if words != self._state:
             self._state = words
-            self._say(words)
+            self._put_line(words)
 
-    def _say(self, words: str) -> None:
+    def _put_line(self, words: str) -> None:
         self._lines.put(f"{self._endpoint}  {words}")
 
 
-def _checked(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
+def _check_endpoints(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
     """Return the keys and the distinct endpoints. Raises AcrcError if one is invalid."""
     for endpoint in endpoints:
         host, colon, port = endpoint.removeprefix("tls/").rpartition(":")

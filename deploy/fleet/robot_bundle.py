@@ -1,4 +1,4 @@
-"""Archive with a robot's program, wheels and configuration, for a computer without a network."""
+"""Archive with a robot's program, wheels and configuration, for installation without a network."""
 
 import hashlib
 import io
@@ -22,15 +22,15 @@ from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.settings import read_text, toml_tables
 from deploy.fleet import doctor
-from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
+from deploy.fleet.fleet_file import Fleet, FleetRobot, user_code_folders
 from deploy.scenario.scenario_file import map_files, strategy_files
 
 MACHINES: Final = {"x86-64": "x86_64", "aarch64": "aarch64"}
 """Processors with pinned wheels, as `uname -m` names them."""
 _PLATFORMS: Final = ("manylinux2014", "manylinux_2_17", "manylinux_2_26", "manylinux_2_27", "manylinux_2_28")
-_PATIENCE_S: Final = 900.0
-_ROOT: Final = ("LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml")
-_NOT_ON_BOARD: Final = ("acrc_testbed/benchmarks", "acrc_testbed/experiments")
+_TIMEOUT_S: Final = 900.0
+_ROOT_FILES: Final = ("LICENSE", "README.md", "acrc", "constraints.txt", "pyproject.toml")
+_EXCLUDED_FOLDERS: Final = ("acrc_testbed/benchmarks", "acrc_testbed/experiments")
 CONFIGURATION: Final = "fleets"
 """Folder of the bundle; hidden from the strategy by the robot's sandbox."""
 _Files = dict[str, tuple[bytes, int]]
@@ -55,7 +55,7 @@ class RobotBundle(NamedTuple):
     """Packages of `acrc add` that are missing from the bundle; empty for a shipped strategy."""
 
 
-def make(
+def write_bundle(
     root: Path, fleet: Fleet, name: str, permit: Permit, *, machine: str, python: str, out: Path
 ) -> RobotBundle:
     """Write the bundle of the robot `name` from the clone in `root`; equal inputs give equal bytes.
@@ -72,8 +72,8 @@ def make(
     for found in list(doctor.check_configuration(fleet, robot, permit)):
         if not found.ok:
             raise AcrcError(f"{found.subject}: {found.text}")
-    own, (told, place) = _own_code(fleet, permit), _configuration(fleet, robot)
-    files = {**_program(root), **own, **told}
+    code, (configuration, place) = _strategy_files(fleet, permit), _configuration(fleet, robot)
+    files = {**_program(root), **code, **configuration}
     files[COMMIT] = (f"{software_version()}\n".encode(), 0o644)
     files |= _wheels((root / "constraints.txt").read_text(), machine, python)
     try:
@@ -81,18 +81,18 @@ def make(
     except OSError as error:
         raise AcrcError(f"{out}: the bundle cannot be written: {error.strerror}") from None
     content, added = out.read_bytes(), root / "requirements.txt"
-    lacks = ", ".join(added.read_text().split()) if own and added.is_file() else ""
+    lacks = ", ".join(added.read_text().split()) if code and added.is_file() else ""
     digest = hashlib.sha256(content).hexdigest()
     return RobotBundle(
-        out, name, machine, python, fleet=place, own_code=bool(own), files=len(files), bytes=len(content),
+        out, name, machine, python, fleet=place, own_code=bool(code), files=len(files), bytes=len(content),
         sha256=digest, lacks=lacks,
     )  # fmt: skip
 
 
 def _program(root: Path) -> _Files:
     """Return the tracked files that a robot runs, with uncommitted changes."""
-    wanted = (*_ROOT, *sorted(PACKAGES), *(f":(exclude){folder}" for folder in _NOT_ON_BOARD))
-    listed = _run("git", "-C", str(root), "ls-files", "-z", "--", *wanted).decode()
+    patterns = (*_ROOT_FILES, *sorted(PACKAGES), *(f":(exclude){folder}" for folder in _EXCLUDED_FOLDERS))
+    listed = _run("git", "-C", str(root), "ls-files", "-z", "--", *patterns).decode()
     paths = [root / name for name in listed.split("\0") if name]
     return {
         str(path.relative_to(root)): (path.read_bytes(), 0o755 if os.access(path, os.X_OK) else 0o644)
@@ -117,16 +117,16 @@ def _configuration(fleet: Fleet, robot: FleetRobot) -> tuple[_Files, str]:
         private = {keys / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE)}
     top = os.path.commonpath([path.parent for path in paths | private])
     names = {path: f"{CONFIGURATION}/{path.relative_to(top)}" for path in paths | private}
-    told = {
+    configuration = {
         name: (regular_file.read_bytes(path), 0o600 if path in private else 0o644)
         for path, name in names.items()
     }
-    return told, names[Path(os.path.normpath(fleet.path))]
+    return configuration, names[Path(os.path.normpath(fleet.path))]
 
 
-def _own_code(fleet: Fleet, permit: Permit) -> _Files:
+def _strategy_files(fleet: Fleet, permit: Permit) -> _Files:
     """Return the user's strategy and all modules that it imported during the check, in `modules/`."""
-    folders = own_code(fleet, permit)
+    folders = user_code_folders(fleet, permit)
     if len(folders) > 1:
         both = " and ".join(map(str, folders))
         raise AcrcError(f"{fleet.path}: strategies are in {both}; a bundle needs them in one folder")
@@ -171,14 +171,14 @@ def download(place: Path, pinned: Sequence[str], machine: str, python: str) -> N
 def _run(*command: str) -> bytes:
     """Run a program and return its standard output. Raises AcrcError with its last error line."""
     try:
-        done = subprocess.run(command, capture_output=True, check=False, timeout=_PATIENCE_S)
+        completed = subprocess.run(command, capture_output=True, check=False, timeout=_TIMEOUT_S)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise AcrcError(f"{command[0]}: {type(error).__name__}") from None
-    if done.returncode:
-        lines = done.stderr.decode(errors="replace").strip().splitlines() or ["no output"]
+    if completed.returncode:
+        lines = completed.stderr.decode(errors="replace").strip().splitlines() or ["no output"]
         errors = [line.strip() for line in lines if "ERROR:" in line] or lines
         raise AcrcError(printable(errors[-1].removeprefix("ERROR: ")))
-    return done.stdout
+    return completed.stdout
 
 
 def _write(path: Path, top: str, files: _Files) -> None:

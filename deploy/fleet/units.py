@@ -71,7 +71,7 @@ _SERIAL: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _NAME: Final = re.compile(
     r"/dev/((?!tty|pts/|serial/|bus/)[A-Za-z0-9][A-Za-z0-9_.+-]*(?:/[A-Za-z0-9][A-Za-z0-9_.+-]*)*)"
 )
-_FAST: Final = 'ATTR{device/latency_timer}="1", '
+_LOW_LATENCY: Final = 'ATTR{device/latency_timer}="1", '
 """FTDI chips buffer bytes for 16 ms by default; a Kobuki reports every 20 ms."""
 _HEAD: Final = """\
 # Ports of robot {robot}, written by `acrc fleet units`.
@@ -87,31 +87,31 @@ SUBSYSTEM!="tty", GOTO="acrc_end"
 def udev_rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
     """Return the text of the robot's udev rules; a port given by its kernel name gets no other name.
 
-    `plugged`: ports of this computer. Other devices have the chips of board and lidar, too: the name goes to
-    the one that is plugged in; with none or several of them, to none (`unassigned`).
+    `plugged`: ports of this computer. Board and lidar have common chips, so the name is assigned to the one
+    device with the chip that is plugged in; with none or several, it is not assigned (see `unassigned`).
     """
-    kobuki = _rule(f'{_chip_condition(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST)
+    kobuki = _rule(f'{_chip_condition(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _LOW_LATENCY)
     parts = [_HEAD.format(robot=robot.id, kobuki=kobuki)]
-    for device, port, chosen, text in _choices(robot, plugged):
-        more = _FAST if device is BOARD else ""
+    for device, port, chosen, text in _assignments(robot, plugged):
+        attributes = _LOW_LATENCY if device is BOARD else ""
         parts.append(f"# {device.name}: {text}.")
         if chosen is not None:
-            parts.append(_rule(f"{_chip_condition(device)}, {_identity(chosen)[0]}", port, more))
-        parts += [_rule(_chip_condition(device), "", more), ""]
+            parts.append(_rule(f"{_chip_condition(device)}, {_identity(chosen)[0]}", port, attributes))
+        parts += [_rule(_chip_condition(device), "", attributes), ""]
     return "\n".join([*parts, 'LABEL="acrc_end"', ""])
 
 
 def unassigned(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
-    """Return a sentence with cause and remedy for each device without a name."""
+    """Return one sentence with cause and remedy per device whose name is not assigned."""
     return [
         f"{one.port}: {one.text}"
-        for one in _choices(robot, plugged)
+        for one in _assignments(robot, plugged)
         if one.chosen is None and symlink_name(one.port) is not None
     ]
 
 
 class PortAssignment(NamedTuple):
-    """USB port that gets the name of a board's or lidar's port."""
+    """Assignment of a board's or lidar's port name to a USB port."""
 
     device: PortDevice
     port: str
@@ -120,24 +120,24 @@ class PortAssignment(NamedTuple):
     """Reason for the choice."""
 
 
-def _choices(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[PortAssignment]:
+def _assignments(robot: FleetRobot, plugged: Sequence[UsbPort]) -> Iterator[PortAssignment]:
     for device, port in ((BOARD, robot.radio), (RPLIDAR, robot.range)):
         if port is None or port == OPENNI:
             continue
-        there = [one for one in plugged if matches_chip(device, one)]
-        traits = [f"{one.path} ({_identity(one)[1]})" for one in there]
+        candidates = [one for one in plugged if matches_chip(device, one)]
+        traits = [f"{one.path} ({_identity(one)[1]})" for one in candidates]
         chosen = None
         if symlink_name(port) is None:
             text = f"{port} is a kernel name, which a rule cannot assign"
-        elif not there:
+        elif not candidates:
             text = f"no {device.name} found, name not assigned; plug it in and write the units again"
-        elif len(there) > 1:
+        elif len(candidates) > 1:
             text = (
                 f"{' and '.join(traits)} could each be the {device.name}, name not assigned; unplug all "
                 "others and write the units again"
             )
         else:
-            (chosen,) = there
+            (chosen,) = candidates
             text = f"identified by {_identity(chosen)[1]}, was at {chosen.path}"
         yield PortAssignment(device, port, chosen, text)
 
@@ -161,10 +161,10 @@ def _chip_condition(device: PortDevice) -> str:
     return f'ATTRS{{idVendor}}=="{device.chip.vendor}", ATTRS{{idProduct}}=="{device.chip.product}"'
 
 
-def _rule(which: str, port: str, more: str = "") -> str:
+def _rule(condition: str, port: str, attributes: str = "") -> str:
     name = symlink_name(port)
     symlink = "" if name is None else f'SYMLINK+="{name}", '
-    return f'{which}, GROUP="{GROUP}", MODE="0660", {more}{symlink}TAG+="systemd", GOTO="acrc_end"'
+    return f'{condition}, GROUP="{GROUP}", MODE="0660", {attributes}{symlink}TAG+="systemd", GOTO="acrc_end"'
 
 
 RULES_FILE: Final = "60-acrc.rules"
@@ -179,7 +179,7 @@ class UnitFiles:
     service_file: Path
     rules_file: Path
     unassigned: Sequence[str]
-    """A sentence with cause and remedy for each device without a name."""
+    """One sentence with cause and remedy per device whose name is not assigned."""
 
 
 def write_units(

@@ -80,14 +80,10 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     scenario = load_scenario(origin / SCENARIO)
     step_us = milliseconds(scenario.run.step_ms)
     branch_step = first_step_at(change.at_s, step_us)
-    outcome = _outcome(origin)
-    end_step = (
-        first_step_at(outcome.simulated_s, step_us)
-        if report.complete and outcome
-        else (report.good_until or 0)
-    )
-    if branch_step >= end_step:
-        raise AcrcError(f"{origin}: the run ends at {in_seconds(end_step * step_us):g} s; branch before that")
+    ended = _outcome(origin)
+    end = first_step_at(ended.simulated_s, step_us) if report.complete and ended else report.good_until or 0
+    if branch_step >= end:
+        raise AcrcError(f"{origin}: the run ends at {in_seconds(end * step_us):g} s; branch before that")
     is_changed = change.strategy is not None or bool(change.settings)
     branched = branch_scenario(scenario, change) if is_changed else scenario
     modules = permitted_folders(
@@ -139,7 +135,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     )
     (options.out / "run.json").write_bytes(typed_json.dump(result))
     seal(options.out)
-    failed_events = _failed_events(change, step_us, result, outcome)
+    failed_events = _failed_events(change, step_us, result, ended)
     return BranchResult(result, difference, replay_s, failed_events, control)
 
 

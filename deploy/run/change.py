@@ -152,11 +152,7 @@ def strategy_settings(settings: Iterable[tuple[str, Any]], file: Path) -> Mappin
         elif _actor_setups(load_scenario(file, Overrides(settings=((key, value),)))) != _actor_setups(
             load_scenario(file)
         ):
-            raise wrong_value(
-                "--set",
-                key,
-                "strategy.NAME with --from, or the run's own value",
-            )
+            raise wrong_value("--set", key, "strategy.NAME with --from, or the run's own value")
     return found
 
 

@@ -63,10 +63,8 @@ def scenario_copy(resolved: ResolvedScenario, options: RunOptions) -> ScenarioCo
     files = [name for name in models_used if name is not None and name.endswith(".toml")]
     places = {name: f"{_MODELS}/{number}-{Path(name).name}" for number, name in enumerate(files, start=1)}
 
-    modules_folder = options.modules[0] if options.modules else scenario.run.modules
-    modules = (
-        os.path.relpath(modules_folder, out) if ":" in scenario.run.strategy and modules_folder else None
-    )
+    folder = options.modules[0] if options.modules else scenario.run.modules
+    modules = os.path.relpath(folder, out) if ":" in scenario.run.strategy and folder else None
     run = msgspec.structs.replace(scenario.run, modules=modules)
     relative = msgspec.structs.replace(scenario, map=f"{MAP}/map.yaml", run=run)
     relative = with_models(relative, lambda model: places.get(model, model))

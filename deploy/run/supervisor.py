@@ -49,7 +49,7 @@ class Supervisor:
     POLL_S = 0.05
     GRACE_S = 3.0
     """Time for a process to exit after SIGTERM, s."""
-    RESUMES = True
+    CONTINUES_STOPPED = True
     """Whether `end_all` sends SIGCONT, so that stopped processes can exit in order before SIGKILL."""
 
     def __init__(
@@ -100,7 +100,7 @@ class Supervisor:
             running = self.running
             for child in running:
                 child.send(number)
-                if self.RESUMES:
+                if self.CONTINUES_STOPPED:
                     child.send(signal.SIGCONT)
             self.await_exits(running)
 

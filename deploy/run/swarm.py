@@ -279,18 +279,14 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
     return result
 
 
-def plan(scenario: Scenario, options: RunOptions, host_isolation_fault: str | None = None) -> RunPlan:
+def plan(scenario: Scenario, options: RunOptions, hosts_fault: str | None = None) -> RunPlan:
     """Plan a run: resolve the scenario, choose the isolation, check the strategy.
 
-    `host_isolation_fault`: why robots cannot be isolated on hosts; None if they can. For a run in memory the
+    `hosts_fault`: why robots cannot be isolated on hosts; None if they can. For a run in memory the
     strategy's code is executed once in this process; its exceptions are raised as AcrcErrors.
     """
     memory = options.bus == "memory"
-    choice = (
-        IsolationChoice(False)
-        if memory
-        else choose_isolation(options.isolate, elsewhere=host_isolation_fault)
-    )
+    choice = IsolationChoice(False) if memory else choose_isolation(options.isolate, elsewhere=hosts_fault)
     resolved = resolve(scenario)
     _check_followed(resolved, options)
     planned = RunPlan(
@@ -354,14 +350,11 @@ def run_processes(
     """
     started = time.time()
     check_new(plan.out)
-    with (
-        signals_as_interrupts(),
-        nullcontext(launcher) if launcher else create_launcher(spawn) as run_launcher,
-    ):
-        preflight(plan, run_launcher)
+    with signals_as_interrupts(), nullcontext(launcher) if launcher else create_launcher(spawn) as active:
+        preflight(plan, active)
         write_run_folder(plan)
         with started_hosts(plan, pool) as hosts:
-            supervisor = _supervise(plan, run_launcher, on_progress, hosts)
+            supervisor = _supervise(plan, active, on_progress, hosts)
     return _write_result(plan, supervisor, started, "zenoh", supervisor.cpu_s + time.process_time())
 
 

@@ -45,10 +45,8 @@ def draw_scenario(found: ScenarioSurvey) -> Figure:
                 fontweight="bold",
             )  # fmt: skip
         for number, (px, py) in enumerate(body.places):
-            is_unreachable = PlaceKey(body.id, number) in found.out_of_reach
-            marker = (
-                {"marker": "X", "ms": 8.0} if is_unreachable else {"marker": "o", "ms": 4.6 if few else 2.6}
-            )
+            unreachable = PlaceKey(body.id, number) in found.out_of_reach
+            marker = {"marker": "X", "ms": 8.0} if unreachable else {"marker": "o", "ms": 4.6 if few else 2.6}
             axes.plot(px, py, mfc="w", mec=colour, mew=1.3, zorder=5, **marker)  # type: ignore[arg-type]
     places = sum(len(body.places) for body in world.robots)
     _set_title(axes, f"{found.name}: {len(world.robots)} robots, {places} places, seed {world.seed}")

@@ -279,9 +279,7 @@ def inline_toml(value: object) -> str:
             # JSON strings are TOML strings, except that TOML requires DEL escaped
             return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
         case Mapping():
-            return (
-                "{" + ", ".join(f"{_key(name)} = {inline_toml(part)}" for name, part in value.items()) + "}"
-            )
+            return "{" + ", ".join(f"{_key(key)} = {inline_toml(part)}" for key, part in value.items()) + "}"
         case list() | tuple():
             return f"[{', '.join(map(inline_toml, value))}]"
         case _:

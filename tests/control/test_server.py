@@ -298,7 +298,7 @@ async def test_invalid_messages_are_counted_and_close_their_page(pages: Any, mes
         with pytest.raises(exceptions.ConnectionClosed):
             while True:
                 await asyncio.wait_for(page.recv(), 5)
-        assert (pages.invalid_messages, mesh.given) == (server.MAX_INVALID_MESSAGES, [])
+        assert (pages.invalid, mesh.given) == (server.MAX_INVALID_MESSAGES, [])
         async with socket(pages) as large:
             await large.send("x" * (server.MAX_ORDER_LENGTH + 1))
             with pytest.raises(exceptions.ConnectionClosed) as closed:

@@ -268,7 +268,7 @@ class SmallClone:
         for name in PACKAGES:
             (self.root / name).mkdir(parents=True)
             (self.root / name / "py.typed").touch()
-        for name in robot_bundle._ROOT:
+        for name in robot_bundle._ROOT_FILES:
             shutil.copy(ROOT / name, self.root)
         (self.root / "actors" / "core.py").touch()
         (self.root / "actors" / "link.py").symlink_to("../acrc")
@@ -282,7 +282,9 @@ class SmallClone:
 
     def bundle(self, out: Path, permit: Permit | None = None) -> RobotBundle:
         fleet, permit = load_fleet(self.office), permit or Permit()
-        return robot_bundle.make(self.root, fleet, "r2", permit, machine="aarch64", python="3.12", out=out)
+        return robot_bundle.write_bundle(
+            self.root, fleet, "r2", permit, machine="aarch64", python="3.12", out=out
+        )
 
 
 @pytest.fixture
@@ -311,7 +313,7 @@ def test_bundle_contains_program_wheels_configuration_and_private_keys(clone: Sm
     private = {f"fleets/office-keys/r2/{name}.pem" for name in ("authority", "certificate", "key")}
     configuration = {"fleets/office.toml", "fleets/maps/corridor.yaml", "fleets/maps/corridor.png"}
     packages = {f"{name}/py.typed" for name in PACKAGES}
-    program = {*robot_bundle._ROOT, *packages, *WHEELS, "COMMIT", "actors/core.py"}
+    program = {*robot_bundle._ROOT_FILES, *packages, *WHEELS, "COMMIT", "actors/core.py"}
     assert inside.keys() == program | private | configuration
     assert content(out, "actors/core.py") == "pass\n", "uncommitted changes are included"
     assert content(out, "fleets/office.toml") == clone.office.read_text()
@@ -434,7 +436,7 @@ def test_a_robot_is_installed_and_drives_without_a_network(tmp_path: Path, full:
     machine = {"x86_64": "x86-64"}.get(platform.machine(), platform.machine())
     fleet, out = load_fleet(rig.write_fleet(MAP.name)), tmp_path / "r1.tar"
     python = f"3.{sys.version_info.minor}"
-    robot_bundle.make(ROOT, fleet, "r1", INSTALLED, machine=machine, python=python, out=out)
+    robot_bundle.write_bundle(ROOT, fleet, "r1", INSTALLED, machine=machine, python=python, out=out)
     subprocess.run(["tar", "-xf", out, "-C", tmp_path], check=True)
     words = ("acrc-r1/acrc", "fleet", "units", "acrc-r1/fleets/fleet.toml", "--robot", "r1", "--user", "acrc")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}

@@ -393,8 +393,8 @@ def test_listeners_pass_on_messages_of_further_topics(
             [robots[0].endpoint],
             keys,
             lines,
-            more=(at(messages.DRIVE, "*"),),
-            take=lambda *words: taken.append(words),
+            further_addresses=(at(messages.DRIVE, "*"),),
+            on_message=lambda *words: taken.append(words),
         )
         deadline = time.monotonic() + 20.0
         while len(taken) < 2 and time.monotonic() < deadline:

@@ -286,14 +286,14 @@ def test_stop_is_sent_for_a_suspended_base_only(tmp_path: Path) -> None:
     with KobukiLine(tmp_path / "base") as line, subprocess.Popen(waits, stdin=subprocess.PIPE) as base:
         stand_in = FallbackStop(str(line.link), said.append)
         line.body.drive(0.3, 0.0)
-        stand_in.look(None)
-        stand_in.look(base.pid)
+        stand_in.update(None)
+        stand_in.update(base.pid)
         time.sleep(0.1)
         assert line.speed == pytest.approx(0.3) and not said
         os.kill(base.pid, signal.SIGSTOP)
         deadline = time.monotonic() + 20.0
         while (line.speed or not said) and time.monotonic() < deadline:
-            stand_in.look(base.pid)
+            stand_in.update(base.pid)
             time.sleep(0.01)
         assert (said, line.speed) == ([STOPPED], 0.0)
         base.kill()

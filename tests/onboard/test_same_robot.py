@@ -172,12 +172,12 @@ def test_set_up_and_module_are_as_in_simulation(alone: RunPlan) -> None:
 def test_the_robots_files_are_as_in_simulation(alone: RunPlan, tmp_path: Path) -> None:
     simulated = replace(alone, options=replace(alone.options, out=tmp_path / "simulated"))
     plan.write_run_folder(simulated)
-    onboard_processes.lay_out(OnboardRobot(alone, PORTS, lambda: 0))
+    onboard_processes.write_folders(OnboardRobot(alone, PORTS, lambda: 0))
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
     for path in filter(Path.is_file, (simulated.out / "r1").iterdir()):
         assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
     with pytest.raises(OptionError) as refused:
-        onboard_processes.lay_out(OnboardRobot(alone, PORTS, lambda: 0))
+        onboard_processes.write_folders(OnboardRobot(alone, PORTS, lambda: 0))
     assert str(refused.value) == f"--out: {alone.out} already contains r1/; choose another directory"
 
 
@@ -202,7 +202,7 @@ def test_a_port_in_use_is_reported_and_no_files_are_left(
         for name in ("authority.pem", "certificate.pem", "key.pem"):
             (keys / name).touch()
         prepared = OnboardRobot(alone, PORTS._replace(listen=listen, keys=str(keys)), lambda: 0)
-        onboard_processes.lay_out(prepared)
+        onboard_processes.write_folders(prepared)
         onboard_processes.issue_passwords(prepared)
         program = onboard_processes.base_program(prepared, 0)
         assert program.setup is not None
@@ -291,7 +291,7 @@ def test_each_fault_of_the_keys_is_reported_once(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(OperatorAccessCheck, "PERIOD_S", 0.0)
     link = OperatorAccessCheck(lambda: faults.pop(0), said.append)
     while faults:
-        link.look()
+        link.check_if_due()
     refused = "laptops cannot connect to watch or stop the robot"
     assert said == [f"{refused}: {why}" for why in ("it is over", "the clock is wrong")]
     assert _link_fault(one, one.robot_named("r1")).startswith(
@@ -354,7 +354,7 @@ def test_a_finished_robot_is_not_restarted_while_its_base_exits(
 ) -> None:
     watch, launcher = played
     launcher.ends = [{"r1": 0}, {}, {onboard_processes.BRIDGE: 0}, {onboard_processes.BASE: 0}]
-    assert not watch.look(0.0), "stopped by the operator"
+    assert not watch.restart_exited(0.0), "stopped by the operator"
     assert launcher.started == [onboard_processes.BASE, onboard_processes.BRIDGE, "r1"]
     assert watch.restarts == 0
 
@@ -370,7 +370,7 @@ def test_the_cause_of_each_exit_is_reported(
     launcher.ends = [{"r1": 1}] * 6
     with pytest.raises(AcrcError) as caught:
         while True:
-            watch.look(0.0)
+            watch.restart_exited(0.0)
     assert launcher.said == [f"r1 exited with exit code 1: {TAKEN}"] * 6
     assert str(caught.value).endswith(
         f"started 5 times within 60 s, and r1 has ended again with exit code 1: {TAKEN}"
@@ -386,10 +386,10 @@ def test_each_warning_about_an_incomplete_recording_is_reported_once(
     later = "and this was said after it, before anybody looked\n"
     for text in ("a line of the strategy\n", f"{full}; all further records are lost\n{later}", "", ""):
         log.write_text((log.read_text() if log.exists() else "") + text)
-        assert watch.look(0.0)
+        assert watch.restart_exited(0.0)
     log.write_text(log.read_text() + f"{full}; 1234 records lost\n")
     launcher.ends = [{"r1": 0, onboard_processes.BRIDGE: 0, onboard_processes.BASE: 0}]
-    assert not watch.look(0.0)
+    assert not watch.restart_exited(0.0)
     assert launcher.said == [
         f"r1: {full}; all further records are lost",
         f"r1: {full}; 1234 records lost",
