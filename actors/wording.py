@@ -80,6 +80,6 @@ def unknown_key(table: str, name: str, known: Collection[str]) -> str:
     name = name if len(name) <= _LONGEST else f"{name[:_LONGEST]}…"
     near = difflib.get_close_matches(name, known, n=1)
     if near:
-        return f"{prefix}{name} is not known; did you mean {prefix}{near[0]}?"
+        return f"unknown key {prefix}{name}; did you mean {prefix}{near[0]}?"
     where = f"known keys of {table}:" if table else "known keys:"
-    return f"{prefix}{name} is not known; {where} {', '.join(known)}"
+    return f"unknown key {prefix}{name}; {where} {', '.join(known)}"

@@ -94,9 +94,9 @@ class CleaningRobot(Cleaner):
             held, holds = ({one.key for one in robot.route} for robot in (before, self))
             words += [f"takes over {_named(key)}" for key in sorted(holds - held, key=_named)]
             for key in sorted(held - holds, key=_named):
-                words.append(f"{'gives up' if self.has_settled(key) else 'leaves to another'} {_named(key)}")
+                words.append(f"{'gives up' if self.has_settled(key) else 'hands over'} {_named(key)}")
         if not words and self.attempt != before.attempt:
-            words.append("stops" if self.target is None else "turns elsewhere")
+            words.append("stops" if self.target is None else "changes destination")
         return ", ".join(words)
 
     @periodic(every=milliseconds(100), order=0)

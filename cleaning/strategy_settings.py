@@ -34,7 +34,7 @@ def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
         return decode(kind, settings, _TABLE)
     except ParameterError as error:
         if error.key.startswith(f"{_TABLE}.") and not fields_of(kind):
-            raise SettingsError(f"{error.key} is not known; this strategy has no settings") from None
+            raise SettingsError(f"unknown key {error.key}; this strategy has no settings") from None
         raise SettingsError(str(error)) from error
     except _REFUSALS as error:
         raise SettingsError(_refused(kind, settings, error)) from error

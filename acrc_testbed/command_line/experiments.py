@@ -254,7 +254,7 @@ def _blockages(spent: TimeSpent) -> Table:
 
 def _decisions(spent: TimeSpent) -> Table:
     table = Table(
-        "at, s", "robot", "decision", "trigger", "knowledge of", "outcome", "free after", title="Decisions"
+        "time, s", "robot", "decision", "trigger", "knowledge of", "outcome", "free after", title="Decisions"
     )
     for one in spent.decisions[:_MOST]:
         known = ", ".join(f"{each.source} ({each.age_s:.1f} s old)" for each in one.knowledge)
@@ -280,7 +280,7 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         )
         delay = "" if score.delay_s is None else f" after {score.delay_s:.1f} s (median)"
         yield (
-            f"robots' blockage detection: precision {precision}, recall {recall} of the time; "
+            f"Blockage detection by the robots: precision {precision}, recall {recall} of the time; "
             f"{score.noticed} of {score.spells} blockages detected{delay}; {score.false_alarms} false alarms"
         )
     for finding in spent.findings:

@@ -92,7 +92,7 @@ def replay(
 
         report = sandboxed_replay.replay(out, robot, permit=permit, isolate=isolate)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
-    answer([f"{report.actor}: identical: {report.outputs} outputs{until}"], report, json=json)
+    answer([f"{report.actor}: matches the recording: {report.outputs} outputs{until}"], report, json=json)
 
 
 def _replay_all(out: Path, permit: "Permit", *, json: bool) -> None:
@@ -101,7 +101,11 @@ def _replay_all(out: Path, permit: "Permit", *, json: bool) -> None:
     report = replay_swarm(out, permit=permit)
     orders = f", with {report.orders} orders" if report.orders else ""
     cut = "" if report.complete else ", up to the end of the recordings"
-    answer([f"identical: {report.messages} messages{orders}{cut}; digest {report.digest}"], report, json=json)
+    answer(
+        [f"matches the recording: {report.messages} messages{orders}{cut}; digest {report.digest}"],
+        report,
+        json=json,
+    )
 
 
 def _replay_here(

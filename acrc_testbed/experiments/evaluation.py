@@ -183,7 +183,7 @@ def summary_sentences(records: Iterable[TrialRecord]) -> Iterator[str]:
     for (where, strategy), runs in groups.items():
         complete = sum(run.completion_s is not None for run in runs)
         yield (
-            f"{strategy}{where}: all places in {complete} of {len(runs)} runs,"
+            f"{strategy}{where}: all places done in {complete} of {len(runs)} runs,"
             f" {sum(run.places_done or 0 for run in runs)} of {sum(run.places_total for run in runs)} places,"
             f" {sum(run.places_given_up for run in runs)} given up,"
             f" {sum(run.places_lost for run in runs)} lost,"
@@ -299,7 +299,7 @@ def _step_sentence(step: Comparison) -> str:
     if not step.tested:
         differing = f"{step.test.differing} of {len(step.sample.pairs)} pairs differ"
         return (
-            f"{step.one} and {step.other} cannot be tested {by}, as only {differing} and "
+            f"{step.one} and {step.other} were not tested {by}, because only {differing} and "
             f"a test needs {step.fewest}: {estimates}."
         )
     return (

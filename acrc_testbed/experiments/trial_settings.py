@@ -75,12 +75,12 @@ def common_conditions(scenario: Scenario) -> str | None:
         for phrase, is_so in (
             ("the places are the same", scenario.places.preset in {"golden", "listed"}),
             ("odometry is exact", _odometry_kind(scenario) == "exact"),
-            ("radio has no shadowing", not scenario.radio.shadowing_db),
+            ("the radio has no shadowing", not scenario.radio.shadowing_db),
         )
         if is_so
     ]
     return (
-        f"for every seed {', '.join((f'{subject} at the same positions', *more))}, as fixed in the scenario; "
+        f"For every seed, {', '.join((f'{subject} at the same positions', *more))}, as fixed in the scenario; "
         'use a study with conditions = "drawn" to draw them'
     )
 

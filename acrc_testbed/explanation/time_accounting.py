@@ -38,7 +38,7 @@ from actors.robot.behaviour.decisions import AdaptationDecision
 VISITED = "visited"
 FREE = "free"
 AGAIN = "blocked again"
-OVERTAKEN = "overtaken"
+SUPERSEDED = "superseded"
 END = "end"
 
 
@@ -65,7 +65,7 @@ def _robot_events(
         after = [run.index(one.instant) for one in decisions[number + 1 :] if one.instant > decision.instant]
         last = min(after, default=len(stood))
         outcome, free = _outcome(run.true[first:last, index, :2], stood[first:last], decision, p)
-        if outcome == OVERTAKEN and last == len(stood):
+        if outcome == SUPERSEDED and last == len(stood):
             outcome = END
         before = _standing_steps(stood[: first + 1])
         yield DecisionEvent(
@@ -93,7 +93,7 @@ def _outcome(
         if bool((np.hypot(offset[:, 0], offset[:, 1]) <= p.visit_radius).any()):
             return VISITED, free
     if free is None:
-        return OVERTAKEN, None
+        return SUPERSEDED, None
     return (AGAIN if stood[free:].any() else FREE), free
 
 

@@ -87,14 +87,14 @@ class DecisionEvent(msgspec.Struct, frozen=True):
     trigger: str
     """Component process or ensemble that decided, such as `AdaptiveCleaningRobot.auto_unblock`."""
     words: str
-    """Description of the decision, such as `turns elsewhere`."""
+    """Description of the decision, such as `changes destination`."""
     knowledge: tuple[KnowledgeUse, ...]
     old_goal: tuple[float, float] | None
     """m, map frame; None: none."""
     new_goal: tuple[float, float] | None
     outcome: str
-    """`visited` (the new goal), `free`, `blocked again` (after being free), `overtaken` (by another decision
-    while standing) or `end` (of the run while standing)."""
+    """`visited` (the new goal), `free`, `blocked again` (after being free), `superseded` (by another
+    decision while standing) or `end` (of the run while standing)."""
     blocked_s: float
     """How long it had truly stood at the decision, s."""
     free_after_s: float | None

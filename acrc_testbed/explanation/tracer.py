@@ -87,8 +87,8 @@ def _points(value: object) -> Iterator[Point]:
             yield from _points(getattr(value, one.name))
 
 
-SETS_OFF: Final = "sets off for"
-AGAIN: Final = "sets off again for"
+SETS_OFF: Final = "drives to"
+AGAIN: Final = "drives again to"
 STOPS: Final = "stops"
 GIVES_UP: Final = "gives up"
 

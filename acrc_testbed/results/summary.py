@@ -34,7 +34,7 @@ def print_result(result: RunResult, *, json: bool) -> None:
         for note in result.notes:
             console.print(printable(note), style="yellow")
         if result.out is not None:
-            console.print(f"result: {result.out}")
+            console.print(f"Result: {result.out}")
         return
     for sentence in result.refused_orders:
         console.print(f"order refused: {printable(sentence)}", style="bold red")
@@ -42,7 +42,7 @@ def print_result(result: RunResult, *, json: bool) -> None:
         console.print(printable(sentence), style="bold red")
     if result.unread:
         console.print(f"messages delivered but not read: {result.unread}", style="bold red")
-    console.print(f"digest {result.digest}\nrecordings: {result.out}")
+    console.print(f"Digest: {result.digest}\nRecordings: {result.out}")
 
 
 def result_sentences(result: RunResult) -> Iterator[str]:
@@ -120,7 +120,7 @@ def _result_table(result: RunResult) -> Table:
     for robot, part in result.per_robot.items():
         own = [cell(part) for cell in cells.values()]
         if not result.is_simulated and robot == result.reference and len(part.clock) == 1:
-            own[-1] = "itself"
+            own[-1] = "reference"
         table.add_row(robot, *own)
     table.add_section()
     table.add_row("all", *(cell(result) for cell in cells.values()))
@@ -167,12 +167,12 @@ def _completion_sentences(result: RunResult) -> Iterator[str]:
         by += f" and navigation {printable(result.origin.navigation)}"
     if result.completion_s is not None:
         lasted = _seconds_text(result.completion_s)
-        yield f"{robots}{by} cleaned all {result.places_total} places in {lasted} simulated s."
+        yield f"{robots}{by} cleaned all {result.places_total} places in {lasted} s of simulated time."
         return
     left = result.places_total - (result.places_done or 0)
     yield (
         f"{robots}{by} cleaned {result.places_done} of {result.places_total} places in "
-        f"{_seconds_text(result.simulated_s)} simulated s; {left} {'is' if left == 1 else 'are'} left."
+        f"{_seconds_text(result.simulated_s)} s of simulated time; {left} {'is' if left == 1 else 'are'} left."
     )
 
 
@@ -194,7 +194,7 @@ def _radio_sentences(result: RunResult) -> Iterator[str]:
         lost = _named_counts(counts, "copies_lost_")
         known = f", {sum(lost.values())} lost{_causes(lost)}" if lost or result.is_simulated else ""
         heard = counts.get("copies_heard", 0)
-        yield f"Radio: {_frames(sent)} sent; copies at other robots: {heard} received{known}."
+        yield f"Radio: {_frames(sent)} sent; at other robots: {heard} received{known}."
     not_sent = {
         name: count for name, count in _named_counts(counts, "frames_").items() if name not in _NOT_LOST
     }
@@ -207,9 +207,9 @@ def _radio_sentences(result: RunResult) -> Iterator[str]:
 
 
 def _driving_sentences(result: RunResult) -> Iterator[str]:
-    """Yield sentences on contacts, localisation errors and navigation goals."""
+    """Yield sentences on bumper contacts, localisation errors and navigation goals."""
     contacts = result.contacts or 0
-    yield f"Contacts: {contacts or 'none'}."
+    yield f"Bumper contacts: {contacts or 'none'}."
     errors = [part.pose_error for part in result.per_robot.values() if part.pose_error.samples]
     if errors:
         samples = sum(error.samples for error in errors)
@@ -218,7 +218,7 @@ def _driving_sentences(result: RunResult) -> Iterator[str]:
         yield (
             f"Localisation error{_in_brackets(result.origin.localisation)}: RMSE {rmse:.2f} m, "
             f"maximum {max(error.greatest for error in errors):.2f} m; "
-            f"{f'robots were lost {_times_text(lost)}' if lost else 'no robot was lost'}."
+            f"{f'robots lost their position {_times_text(lost)}' if lost else 'no robot lost its position'}."
         )
     goals = result.navigation
     if goals.goals:
@@ -268,4 +268,4 @@ def _places(count: int) -> str:
 
 
 def _completion_text(completion_s: float | None) -> str:
-    return "not all" if completion_s is None else f"{completion_s:.1f} s"
+    return "not finished" if completion_s is None else f"{completion_s:.1f} s"

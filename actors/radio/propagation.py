@@ -167,8 +167,9 @@ def add_shadowing(
 ) -> None:
     """Add the shadowing between each sender, (s, 2) m, and each receiver, (r, 2) m, to loss_db, (s, r) dB.
 
-    cells, phasors: of the receivers, see `refresh`. The field F(p, q) is made symmetric: (F(p, q) + F(q, p))
-    / sqrt(2 + 2 exp(-2 |p - q| / correlation distance)), which has the same variance everywhere.
+    cells, phasors: of the receivers, see `refresh`. The field F(p, q) is made symmetric:
+    ``(F(p, q) + F(q, p)) / sqrt(2 + 2 exp(-2 |p - q| / correlation distance))``, with the same variance
+    everywhere.
     """
     n, sinusoids = receivers.shape[0], waves.phase.size
     own = np.empty((4, sinusoids))

@@ -117,7 +117,7 @@ def _sentence(told: str, data: Any, form: Any) -> str:
     if field := _FIELD.fullmatch(reason):
         name = f"{key}.{field['name']}" if key else field["name"]
         missing = field["how"].startswith("missing")
-        return f"{name} is missing" if missing else f"{name} is not known; remove it"
+        return f"{name} is missing" if missing else f"unknown key {name}; remove it"
     right = must_be(reason)
     if not right and not reason.startswith("Invalid"):  # raised by a type of this project
         return f"{key}: {reason}" if key else reason

@@ -41,7 +41,7 @@ def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
 def test_a_wrong_scenario_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
     file = tmp_path / f"{'long' * 30}.toml"
     file.write_text('map = "[bold]"\n[run]\nsed = 1\n')
-    assert acrc("run", str(file)) == (1, "", f"acrc: {file}: run.sed is not known; did you mean run.seed?\n")
+    assert acrc("run", str(file)) == (1, "", f"acrc: {file}: unknown key run.sed; did you mean run.seed?\n")
     for name in ("chapter", "scenarios/chaptr.toml"):
         sentence = f"acrc: {name}: file not found; did you mean scenarios/chapter.toml?\n"
         assert acrc("run", name) == (1, "", sentence)
@@ -169,17 +169,17 @@ def test_a_result_as_text(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_result(RESULT, json=False)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert lines[-8:] == [
-        "2 robots cleaned 3 of 4 places in 600 simulated s; 1 is left.",
+        "2 robots cleaned 3 of 4 places in 600 s of simulated time; 1 is left.",
         "Wall time: 12.3 s (48.6 times faster than real time), after 0.9 s of start-up.",
-        "Radio: 10 frames sent; copies at other robots: 7 received, 0 lost.",
-        "Contacts: 5.",
-        "Localisation error: RMSE 0.50 m, maximum 1.23 m; robots were lost once.",
+        "Radio: 10 frames sent; at other robots: 7 received, 0 lost.",
+        "Bumper contacts: 5.",
+        "Localisation error: RMSE 0.50 m, maximum 1.23 m; robots lost their position once.",
         "Navigation: 7 goals, 3 aborted (2 blocked, 1 no progress).",
-        "digest d0d0",
-        "recordings: /o",
+        "Digest: d0d0",
+        "Recordings: /o",
     ]
     assert cells(lines) == [
-        ["r1", "2 of 2", "311.2 s"], ["r2", "1 of 2", "not all"], ["all", "3 of 4", "not all"]
+        ["r1", "2 of 2", "311.2 s"], ["r2", "1 of 2", "not finished"], ["all", "3 of 4", "not finished"]
     ]  # fmt: skip
 
 
@@ -198,10 +198,12 @@ def test_places_given_up_falsely_reported_or_lost_are_named(
     summary.print_result(some, json=False)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert cells(lines) == [
-        ["r1", "2 of 2", "0", "311.2 s"], ["r2", "1 of 7", "3", "not all"], ["all", "3 of 9", "3", "not all"]
+        ["r1", "2 of 2", "0", "311.2 s"],
+        ["r2", "1 of 7", "3", "not finished"],
+        ["all", "3 of 9", "3", "not finished"],
     ]  # fmt: skip
     assert lines[-12:-7] == [
-        "2 robots cleaned 3 of 9 places in 600 simulated s; 6 are left.",
+        "2 robots cleaned 3 of 9 places in 600 s of simulated time; 6 are left.",
         "Every place was reported or given up by 480.2 s.",
         "1 place was reported although no robot had visited it.",
         "False reports ended the run.",
@@ -227,15 +229,14 @@ def test_places_cleaned_and_frames_lost_are_sentences(capsys: pytest.CaptureFixt
     said = capsys.readouterr().out
     assert "messages delivered but not read: 1\n" in said
     lines = [line for line in said.splitlines() if "not read" not in line]
-    assert lines[-11] == "2 robots with strategy chapter cleaned all 4 places in 356 simulated s."
+    assert lines[-11] == "2 robots with strategy chapter cleaned all 4 places in 356 s of simulated time."
     assert lines[-9:-5] == [
-        "Radio: 10 frames sent; copies at other robots: 7 received, 5 lost "
-        "(4 below sensitivity, 1 collision).",
+        "Radio: 10 frames sent; at other robots: 7 received, 5 lost (4 below sensitivity, 1 collision).",
         "Radio: 3 frames not sent (2 refused, 1 overflowed).",
         "Radio: events missed by robots: 1 (1 dropped).",
         "Pairs of robots in direct radio range: 65% of the time.",
     ]
-    assert lines[-5] == "Contacts: none."
+    assert lines[-5] == "Bumper contacts: none."
 
 
 def test_a_result_names_the_next_commands(

@@ -284,7 +284,7 @@ def test_the_diagnosis_is_scored_by_time() -> None:
 
 
 def decision(at_s: float, new: tuple[float, float] | None) -> AdaptationDecision:
-    return AdaptationDecision(seconds(at_s), "A.unblock", "turns elsewhere", "r1", 0, (9.0, 3.0), new)
+    return AdaptationDecision(seconds(at_s), "A.unblock", "changes destination", "r1", 0, (9.0, 3.0), new)
 
 
 @pytest.mark.parametrize(
@@ -310,12 +310,12 @@ def test_outcomes_of_a_decision(
     assert event.free_after_s == (None if free is None else pytest.approx(free, abs=0.6))
 
 
-def test_a_decision_is_overtaken_by_the_next_one() -> None:
+def test_a_decision_is_superseded_by_the_next_one() -> None:
     still = tracks(at(2.0, 1.0), at(3.0, 1.0))
     both = (decision(10.0, (9.0, 3.0)), decision(15.0, None))
     still = reporting(still, RobotReport(goals=GOAL, decisions=both), IDLE)
     found = decision_events(still, classify(still, floor()), STANDARD)
-    assert [one.outcome for one in found] == ["overtaken", "end"]
+    assert [one.outcome for one in found] == ["superseded", "end"]
 
 
 def test_the_time_of_a_run_adds_up_to_the_microsecond(tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ def test_a_test_that_cannot_decide_says_so_and_costs_the_others_nothing() -> Non
     level = [run(20) for _ in range(20)]
     alone = verdict_of(few, level).steps[0]
     assert (alone.test.differing, alone.tested, alone.adjusted) == (5, False, 1.0)
-    assert "as only 5 of 20 pairs differ and a test needs 6: " in verdict_sentence(
+    assert "because only 5 of 20 pairs differ and a test needs 6: " in verdict_sentence(
         verdict_of(few, level, study(margin_places=0.1))
     )
     six = [run(21 if seed < 6 else 20) for seed in range(20)]

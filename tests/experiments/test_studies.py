@@ -132,7 +132,7 @@ FAULTS = {
     "strategies = ['none']": "scenario is missing, but must be",
     "scenario = 's.toml'\nstrategies = []": "strategies is [], but must be a list of strategies",
     HEAD + "seeds = 0": "seeds is 0, but must be a whole number from 1",
-    HEAD + "seed = 3": "seed is not known; did you mean seeds",
+    HEAD + "seed = 3": "unknown key seed; did you mean seeds",
     HEAD + "primary = [['none', 'auction']]": "primary: 'auction' is not one of the study's strategies",
     HEAD + "conditions = 'same'": 'conditions is "same", but must be "drawn" or "as written"',
     HEAD + "samples = 3": "samples is 3, but no factor is random (among or between)",
@@ -235,7 +235,7 @@ def test_on_another_map_starts_and_places_are_drawn_for_that_map() -> None:
 
 def test_common_conditions_of_all_seeds_are_reported() -> None:
     told = common_conditions(load_scenario(CHAPTER))
-    assert told is not None and "the places are the same, odometry is exact, radio has no shadowing" in told
+    assert told is not None and "the places are the same, odometry is exact, the radio has no" in told
     ten = common_conditions(load_scenario(CHAPTER, Overrides(robots=10)))
     assert ten is not None and "9 of 10 robots start at the same positions" in ten
     overrides = Overrides(settings=tuple(EVERYTHING.items()))

@@ -76,7 +76,7 @@ class Known(NamedTuple):
 
 
 PLANTED = (
-    Known("planted", "r1@2", "sets off for (5.00, 12.50)", (
+    Known("planted", "r1@2", "drives to (5.00, 12.50)", (
         ("process", 2.0, "going - → 5.00, 12.50, by process Planted.go"),
         ("state", 2.0, "wish - → 5.00, 12.50, by Planted.want"),
         ("state", 2.0, "number 0 → 3 since 0 s, by Planted.count"))),
@@ -96,26 +96,26 @@ PLANTED = (
     Known("planted", "r1@11", "stops", (
         ("process", 11.0, "going 4.00, 12.00 → -, by process Planted.rest"),
         ("state", 11.0, "number 0 → 12 since 0 s, by Planted.count"))),
-    Known("planted", "r2@3.5", "sets off for (5.00, 12.50)", (
+    Known("planted", "r2@3.5", "drives to (5.00, 12.50)", (
         ("state", 3.0, "wish - → 5.00, 12.50, by Following.at_member with r1"),
         ("replica", 2.701, "replica of r1, 0.299 s old (publication 3): wish 5.00, 12.50"),
         ("frame", 2.701, "received in a frame of r1, direct"),
         ("lost", 2.701, "no frame of r1 was lost between 1.7 and 2.701 s"))),
-    Known("planted", "r2@9.5", "sets off for (4.00, 12.00)", (
+    Known("planted", "r2@9.5", "drives to (4.00, 12.00)", (
         ("state", 9.0, "wish 5.00, 12.50 → 4.00, 12.00, by Following.at_member with r1"),
         ("frame", 8.702, "received in a frame of r1, direct"),
         ("lost", 7.701, "3 frames of r1 were lost between 4.702 and 8.702 s: 5.701 s disturbed"))),
-    Known("planted", "r3@5.5", "sets off for (5.00, 12.50)", (
+    Known("planted", "r3@5.5", "drives to (5.00, 12.50)", (
         ("state", 5.0, "by Following.at_member with r1"),
         ("frame", 4.866, "relayed once"))),
-    Known("planted", "r3@9.5", "sets off for (4.00, 12.00)", (
+    Known("planted", "r3@9.5", "drives to (4.00, 12.00)", (
         ("state", 9.0, "by Following.at_member with r1"),
         ("frame", 8.872, "received in a frame of r4, relayed once"),
         ("lost", 8.78, "below sensitivity"))),
 )  # fmt: skip
 """r1 decides by its count; r2 receives r1, r3 a relay; r4 follows r2; r2 and r4 are jammed at times."""
 DOORWAY = (
-    Known("doorway", "r2@12", "sets off again for (12.52, 4.68)", (
+    Known("doorway", "r2@12", "drives again to (12.52, 4.68)", (
         ("goal", 12.0, "navigation had aborted the goal (12.52, 4.68): blocked"),)),
     Known("doorway", "r2@15", "takes over r1/0", (
         ("exchange", 15.0, "by exchange DestinationAdoption.at_member with r1"),
@@ -123,11 +123,11 @@ DOORWAY = (
         ("frame", 14.702, "received in a frame of r1, direct"),
         ("state", 15.0, "blocked for 0 → 1, by AdaptiveCleaningRobot.auto_unblock"),
         ("state", 15.0, "state free → blocked, by AdaptiveCleaningRobot.detect_blocked"))),
-    Known("doorway", "r2@16", "sets off for (9.00, 12.50)", (
+    Known("doorway", "r2@16", "drives to (9.00, 12.50)", (
         ("process", 16.0, "by process AdaptiveCleaningRobot.drive"),
         ("state", 15.0, "destination r2/0 → r1/0"),
         ("replica", 14.702, "replica of r1"))),
-    Known("doorway", "r1@18", "takes over r2/0, leaves to another r1/0", (
+    Known("doorway", "r1@18", "takes over r2/0, hands over r1/0", (
         ("exchange", 18.0, "by exchange AdoptedDestinationRemove.at_member with r2"),
         ("replica", 17.445, "adopted r1/0, destination r1/0, former r2/0"))),
     Known("doorway", "r2@57", "takes over r1/1", (

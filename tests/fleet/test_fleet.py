@@ -64,7 +64,7 @@ def test_paths_are_relative_to_the_file_not_to_the_working_directory(
             "step_ms = 15" + ROBOT,
             "step_ms is 15, but must be a multiple of the 10 ms physics sub-step, from 10 to 100",
         ),
-        ("[run]\nstrateg = 1" + ROBOT, "run.strateg is not known; did you mean run.strategy?"),
+        ("[run]\nstrateg = 1" + ROBOT, "unknown key run.strateg; did you mean run.strategy?"),
         ("[radio]\npan = 0xFFFF" + ROBOT, "radio.pan is 65535, but must be a whole number from 0 to 0xFFFE"),
         ("[radio]\npower_db = 1" + ROBOT, f"radio.power_db is 1, but must be {POWER}"),
         (robot(1, 'id = "R1"'), 'robot[0].id is "R1", but must be the id of a robot, such as "r2"'),

@@ -92,7 +92,7 @@ def test_a_run_in_memory_with_settings(tmp_path: Path, monkeypatch: pytest.Monke
 def test_errors_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text("raise SystemExit('it has run')")
-    mine = r"head_on.toml names the strategy mine:behaviour, whose code .*mine.py .* add modules=\["
+    mine = r"head_on.toml: strategy mine:behaviour: its code .*mine.py .* add modules=\["
     wrong: list[tuple[Callable[[], object], str]] = [
         (lambda: acrc.run("nowhere"), "nowhere: the scenario file cannot be read: No such file or directory"),
         (lambda: acrc.run("head_on", bus="air"), "bus: air; must be zenoh or memory"),  # type: ignore[arg-type]

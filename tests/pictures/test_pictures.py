@@ -95,7 +95,10 @@ def test_view_draws_page_and_movie(evidence: RunData, page: Page, folder: Path, 
     html = files[2].read_text()
     assert html.startswith("<!DOCTYPE html>") and html.count("data:image/svg+xml;base64,") == 1
     assert not re.findall(r"(?:src|href)=\"(?!data:|#)", html) and "<script" not in html
-    cleaned = "2 robots with strategy chapter and navigation chapter cleaned all 6 places in 99 simulated s."
+    cleaned = (
+        "2 robots with strategy chapter and navigation chapter cleaned all 6 places "
+        "in 99 s of simulated time."
+    )
     assert f"<p>{cleaned}</p>" in html
     headings = re.findall(r"<h2 id=\"s(\d)\">", html)
     assert headings == [str(number) for number in range(1, len(headings) + 1)] and len(headings) == 8

@@ -125,11 +125,11 @@ def test_faults_of_the_strategy_are_reported_after_the_floor(tmp_path: Path) -> 
     file = two_rooms(tmp_path)
     scenario = file.read_text()
     (tmp_path / "own_moves.py").write_text("from cleaning.strategies.none import behaviour\n")
-    names = f"{file} names the strategy"
+    names = f"{file}: strategy"
     for run, words, fault in (
-        ('strategy = "chapter"\n[strategy]\nreech = 3', (), "strategy.reech is not known"),
-        ('strategy = "gone_moves:behaviour"', (), f"{names} gone_moves:behaviour, but there is"),
-        ('strategy = "own_moves:behaviour"', (), f"{names} own_moves:behaviour, whose code "),
+        ('strategy = "chapter"\n[strategy]\nreech = 3', (), "unknown key strategy.reech"),
+        ('strategy = "gone_moves:behaviour"', (), f"{names} gone_moves:behaviour: there is"),
+        ('strategy = "own_moves:behaviour"', (), f"{names} own_moves:behaviour: its code "),
         ('strategy = "own_moves:behaviour"', ("--modules", tmp_path), ""),
         ('strategy = "own_moves:behavior"', ("--modules", tmp_path), "behaviour 'own_moves:behavior': "),
     ):

@@ -31,7 +31,7 @@ from tests.recorded_runs import record
 def test_a_run_made_again_is_the_same(recorded: Path) -> None:
     done = acrc("replay", recorded)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r"identical: \d{3} messages; digest [0-9a-f]{64}\n", done.stdout)
+    assert re.fullmatch(r"matches the recording: \d{3} messages; digest [0-9a-f]{64}\n", done.stdout)
 
 
 def test_another_start_is_found_and_named(copy: Path) -> None:
@@ -66,9 +66,9 @@ def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> Non
 
 def test_one_robot_is_the_same_again_and_can_be_left_early(recorded: Path) -> None:
     whole, part = (acrc("replay", recorded, "--robot", "r1", *to) for to in ((), ("--to", 1)))
-    assert re.fullmatch(r"r1: identical: \d+ outputs\n", whole.stdout)
-    assert re.fullmatch(r"r1: identical: \d+ outputs up to 1 s\n", part.stdout)
-    assert int(part.stdout.split()[2]) < int(whole.stdout.split()[2])
+    assert re.fullmatch(r"r1: matches the recording: \d+ outputs\n", whole.stdout)
+    assert re.fullmatch(r"r1: matches the recording: \d+ outputs up to 1 s\n", part.stdout)
+    assert int(part.stdout.split()[4]) < int(whole.stdout.split()[4])
 
 
 def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
@@ -89,7 +89,7 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     assert "r2" in said
     monkeypatch.setattr(sys, "stdin", io.StringIO("quit\n"))
     replay_commands.replay(recorded, "r2", begin=1.0, pdb=True)
-    assert re.search(r"r2: identical: \d+ outputs so far\n$", capsys.readouterr().out)
+    assert re.search(r"r2: matches the recording: \d+ outputs so far\n$", capsys.readouterr().out)
 
 
 def test_another_strategy_decides_as_recorded_until_it_does_not(recorded: Path) -> None:
@@ -180,7 +180,7 @@ def test_every_actor_is_the_same_again(moved: Path) -> None:
     assert replay_swarm(moved, permit=Permit(trust=True)).complete
     assert read_run(moved).grid.cells.any()
     done = acrc("explain", moved, "r1", "--trust")
-    assert done.returncode == 0 and "sets off for" in done.stdout, done.stderr
+    assert done.returncode == 0 and "drives to" in done.stdout, done.stderr
 
 
 def test_what_a_copy_lacks_is_named(moved: Path, tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_what_a_copy_lacks_is_named(moved: Path, tmp_path: Path) -> None:
     shutil.copytree(moved, out)
     done = acrc("replay", out, "--robot", "r1", "--trust")
     assert done.returncode == 1
-    assert "r1.mcap names the strategy moved_strategy:behaviour, but there is no module " in done.stderr
+    assert "r1.mcap: strategy moved_strategy:behaviour: there is no module " in done.stderr
     shutil.copytree(moved.parent / "code", tmp_path / "code")
     (out / "r1" / "model.toml").unlink()
     with pytest.raises(AcrcError, match=r"model\.toml: the robot model file cannot be read"):

@@ -108,7 +108,7 @@ def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
         (_actor("start", [1, 2]), "actor.start is [1, 2], but must be a list of length 3"),
         (_actor("places", [[1, True]]), "actor.places[0][1] is true, but must be a number"),
         (lambda told: told["actor"]["stack"]["dwa"].update(speed=1),
-         "actor.stack.dwa.speed is not known; remove it"),
+         "unknown key actor.stack.dwa.speed; remove it"),
         (lambda told: told["actor"]["stack"]["localisation"].update(beams=0),
          "actor.stack.localisation.beams is 0, but must be a whole number of at least 1"),
         (lambda told: told["process"].update(limits={"memory_mb": 0}),

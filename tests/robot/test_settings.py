@@ -66,7 +66,7 @@ class Plain:
 FAULTS = {
     "": "name is missing, but must be a string",
     "name = 3": "name is 3, but must be a string",
-    "nam = 'x'": "nam is not known; did you mean name?",
+    "nam = 'x'": "unknown key nam; did you mean name?",
     "length = 0": "length is 0, but must be a number above 0",
     "length = inf": "length is Infinity, but must be a number above 0",
     "length = true": "length is true, but must be a number above 0",
@@ -84,7 +84,7 @@ FAULTS = {
     "[[wheel]]\nradius = 1\n[[wheel]]\nradius = -1": "wheel[1].radius is -1, but must be a number above 0",
     "[[wheel]]": "wheel[0].radius is missing, but must be a number above 0",
     "[[wheel]]\nradius = 13": "wheel[0] must have another radius than 13",
-    "[[wheel]]\nradius = 1\nx = 1": "wheel[0].x is not known; known keys of wheel[0]: radius",
+    "[[wheel]]\nradius = 1\nx = 1": "unknown key wheel[0].x; known keys of wheel[0]: radius",
     "named = 3": "named is 3, but must be written as tables [named.NAME]",
     "named.left = 3": "named.left is 3, but must be a table [named.left]",
     "[named.left]\nradius = 0": "named.left.radius is 0, but must be a number above 0",

@@ -111,7 +111,7 @@ def test_links_and_parent_steps_in_a_path_are_resolved(tmp_path: Path) -> None:
         words = ("--robots", 1, "--duration", 1, "--bus", "memory")
         done = acrc("run", *words, "--out", tmp_path / way / str(number))
         assert done.returncode == 0, done.stderr
-        assert f"\nrecordings: {tmp_path}/far/{number}\n" in done.stdout
+        assert f"\nRecordings: {tmp_path}/far/{number}\n" in done.stdout
     assert claim(tmp_path / "link", "one") == tmp_path / "far" / "one"
 
 

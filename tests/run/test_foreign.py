@@ -57,7 +57,7 @@ def sha256(text: str) -> str:
 
 def foreign_sentence(name: str, file: Path, folder: object) -> str:
     return (
-        f"bold.toml names the strategy {name}, whose code {file} is neither installed nor in a "
+        f"bold.toml: strategy {name}: its code {file} is neither installed nor in a "
         f"permitted folder; read it, then add --modules {folder}, or --trust"
     )
 
@@ -120,7 +120,7 @@ def test_entries_that_name_no_module_are_refused(study: Path, entry: str) -> Non
 
 def test_a_missing_module_is_named_with_the_folders_searched(study: Path) -> None:
     assert refusal("no_such_module:behaviour", [study], INSTALLED) == (
-        "bold.toml names the strategy no_such_module:behaviour, but there is no module 'no_such_module' "
+        "bold.toml: strategy no_such_module:behaviour: there is no module 'no_such_module' "
         f"here or in {study} and {Path.cwd()}; install it, or name its folder with --modules DIR"
     )
 
@@ -161,12 +161,12 @@ def test_a_folder_for_modules_must_be_a_directory(study: Path) -> None:
 def test_a_module_with_the_name_of_an_installed_one_is_refused(study: Path) -> None:
     (study / "code.py").write_text(NOT_IMPORTED)
     assert refusal("code:behaviour", [], Permit((study,))) == (
-        f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of the "
+        f"bold.toml: strategy code:behaviour: {study}/code.py has the name of the "
         "installed module 'code'; rename your module"
     )
     for package in ("json", "deploy", "random"):
         assert refusal(f"{package}.evil:behaviour", [study], INSTALLED) == (
-            f"bold.toml names the strategy {package}.evil:behaviour, but '{package}' is an installed package "
+            f"bold.toml: strategy {package}.evil:behaviour: '{package}' is an installed package "
             f"without such a module; if {package}/ is your own folder, rename it"
         )
 

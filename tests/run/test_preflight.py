@@ -80,7 +80,7 @@ PORT = "Robot.drive needs a Wings ('wings'); this node provides Navigation"
     ("name", "text", "function", "sentence"),
     [
         ("key", "[strategy]\nleese = 3", "behaviour",
-         "strategy.leese is not known; did you mean strategy.lease?"),
+         "unknown key strategy.leese; did you mean strategy.lease?"),
         ("value", "[strategy]\nlease = true", "behaviour",
          "strategy.lease is true, but must be a number of seconds, at most 1000000"),
         ("port", "", "undeployed", "behaviour 'port:undeployed': " + PORT),

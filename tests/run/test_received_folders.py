@@ -107,7 +107,7 @@ def commands(received: ReceivedFolder) -> list[tuple[object, ...]]:
 
 def sentence(source: object, name: str, file: Path, word: object) -> str:
     return (
-        f"acrc: {source} names the strategy {name}, whose code {file} is neither installed nor in a "
+        f"acrc: {source}: strategy {name}: its code {file} is neither installed nor in a "
         f"permitted folder; read it, then add --modules {word}, or --trust\n"
     )
 
@@ -134,7 +134,7 @@ def test_folders_that_a_run_names_are_not_trusted(received: ReceivedFolder) -> N
     )
     received.forge("json.evil:behaviour", places)
     assert received.refuses("replay", received.run, "--robot", "r1", "--trust") == (
-        f"acrc: {received.run}/r1/r1.mcap names the strategy json.evil:behaviour, but 'json' is an "
+        f"acrc: {received.run}/r1/r1.mcap: strategy json.evil:behaviour: 'json' is an "
         "installed package without such a module; if json/ is your own folder, rename it\n"
     )
 

@@ -189,7 +189,7 @@ class Whole(msgspec.Struct):
         ('{"part": {"x": 1, "kind": "z"}}', 'part.kind is "z", which is not valid here'),
         ('{"part": {"x": 1, "counts": {"q": 0.5}}}', "part.counts[…] is wrong, but must be a whole number"),
         ('{"part": {"x": 1, "maybe": "u"}}', 'part.maybe is "u", but must be a whole number or null'),
-        ('{"part": {"x": 1, "y": 1}}', "part.y is not known; remove it"),
+        ('{"part": {"x": 1, "y": 1}}', "unknown key part.y; remove it"),
         ('{"part": {"x": 1}, "many": [{"x": 1}, 7]}', "many[1] is 7, but must be an object"),
         ('{"part": {"x": [1}', "part.x is wrong, but must be a whole number"),
         ("[1]", "it is [1], but must be an object"),

@@ -45,17 +45,17 @@ VALUES = {
         'places.areas[1] is 2, but must be the name of an area, such as "hall"',
     'navigation.preset = "best"': 'navigation.preset is "best", but must be "chapter" or "robust"',
     "local_map.size = 0.1": "local_map.size is 0.1, but must be 4 to 400 cells of 0.05 m",
-    "dwa.sim_tme = 1": "dwa.sim_tme is not known; did you mean dwa.sim_time?",
+    "dwa.sim_tme = 1": "unknown key dwa.sim_tme; did you mean dwa.sim_time?",
 }  # fmt: skip
 """Keys with their own descriptions or rules; others are tested with the checker."""
 KEYS = {
-    "run.sed = 1": "run.sed is not known; did you mean run.seed?",
-    "[robot_s]": "robot_s is not known; did you mean robots?",
+    "run.sed = 1": "unknown key run.sed; did you mean run.seed?",
+    "[robot_s]": "unknown key robot_s; did you mean robots?",
     "xyz = 1":
-        "xyz is not known; known keys: map, strategy, deeco, localisation, navigation, planner, local_map, "
+        "unknown key xyz; known keys: map, strategy, deeco, localisation, navigation, planner, local_map, "
         "dwa, area, run, robots, places, radio, uncertainty, robot, event, wall, wifi",
     '[[area]]\nname = "a"\nx = [1, 2]\ny = [1, 2]\nz = 0':
-        "area[0].z is not known; known keys of area[0]: name, x, y",
+        "unknown key area[0].z; known keys of area[0]: name, x, y",
 }  # fmt: skip
 TOGETHER = {
     '[[robot]]\nid = "r4"\n[[robot]]\nid = "r5"':

@@ -154,13 +154,11 @@ def test_a_module_beside_the_scenario_runs_alike_everywhere_and_is_replayed(tmp_
 def test_errors_of_a_strategy_are_reported_before_anything_is_written(tmp_path: Path) -> None:
     path = own_scenario(tmp_path / "study", "[strategy]\npauze = 0.5")
     done = in_process.acrc("run", path, "--out", tmp_path / "out")
-    assert done.returncode == 1 and done.stderr.startswith(
-        f"acrc: {path} names the strategy wanderer:behaviour, "
-    )
+    assert done.returncode == 1 and done.stderr.startswith(f"acrc: {path}: strategy wanderer:behaviour: ")
     assert done.stderr.endswith(f"read it, then add --modules {tmp_path}/study, or --trust\n")
     done = acrc("run", path, "--trust", "--out", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr) == (
-        1, "", "acrc: strategy.pauze is not known; did you mean strategy.pause?\n"
+        1, "", "acrc: unknown key strategy.pauze; did you mean strategy.pause?\n"
     )  # fmt: skip
     # settings of the file are used for its own strategy only
     done = acrc("run", path, "--trust", "--strategy", "wanderer:buggy", "--out", tmp_path / "out")

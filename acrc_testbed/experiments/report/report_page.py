@@ -40,7 +40,7 @@ _SECTIONS: Final[tuple[Callable[[ReportView], PageSection | None], ...]] = (
 
 
 _RUN_COLUMNS: Final = (
-    "strategy", "navigation", "seed", "places", "of", "complete at, s", "ended at, s", "length, s",
+    "strategy", "navigation", "seed", "places", "total", "complete at, s", "ended at, s", "length, s",
     "octets/s", "CPU ms/s", "failure", "digest",
 )  # fmt: skip
 
@@ -172,7 +172,7 @@ def _run_row(condition: str, record: TrialRecord) -> Row:
     return row | {
         "navigation": run.origin.navigation or None if simulated else None,
         "places": places_done_or_reported(run),
-        "of": run.places_total,
+        "total": run.places_total,
         "complete at, s": run.completion_s,
         "ended at, s": run.settled_s,
         "length, s": run.length_s,

@@ -237,7 +237,7 @@ def radio(view: ReportView) -> PageSection:
         unit=" octets/s", axis="octets on the air per robot and s", near=True,
         caption="Octets on the air per robot and second.", table="Octets on the air per robot and s",
     )  # fmt: skip
-    caption = "Outcomes of frames and of their copies at other robots, mean per run"
+    caption = "Outcomes of frames; copies count once per receiving robot. Means per run"
     text = ("Octets of the frames sent by robots, including MAC header and FCS.",)
     outcomes = view.group_table("frames", caption, frames, folded=True)
     return PageSection("Radio load", text, picture, (table, outcomes))

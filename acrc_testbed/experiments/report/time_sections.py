@@ -1,4 +1,4 @@
-"""Report sections on time by cause, blockings, and decisions of the adaptation."""
+"""Report sections on time by cause, blockages, and decisions of the adaptation."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -73,20 +73,20 @@ def _cause_shares(group: Group) -> dict[str, float]:
 
 
 def blockings(view: ReportView) -> PageSection | None:
-    """Return the section on blockings and their diagnosis; None if unknown."""
+    """Return the section on blockages and their diagnosis; None if unknown."""
     if not any(group.times for group in view.groups):
         return None
     return PageSection(
-        "Blockings",
+        "Blockages",
         (
-            "A blocking begins when a robot stands and waits for another one, and ends when one of them "
+            "A blockage begins when a robot stands and waits for another one, and ends when one of them "
             "drives on. The diagnosis compares blocked times reported by the strategy with ground truth: "
             "precision is the share of reported time that was blocked, recall the share of blocked time that "
             "was reported.",
         ),
         None,
         (
-            view.group_table("blockings", "Blockings, all runs together", _blocking_rows),
+            view.group_table("blockings", "Blockages, all runs together", _blocking_rows),
             view.group_table("deadlocks", "Deadlocked pairs of robots", _deadlock_rows),
             view.group_table("diagnosis", "Diagnosis by the strategy", _diagnosis_rows),
             view.group_table("findings", "Other findings", _finding_rows),
@@ -102,7 +102,7 @@ def _blocking_rows(group: Group) -> Iterator[Row]:
             "runs": len(group.times),
             "place": place,
             "cause": cause,
-            "blockings": len(of_kind),
+            "blockages": len(of_kind),
             "median length, s": float(np.median([event.end_s - event.begin_s for event in of_kind])),
             "lasted to the end": sum(event.at_end for event in of_kind),
         }
@@ -127,7 +127,7 @@ def _diagnosis_rows(group: Group) -> Iterator[Row]:
             "precision": _known_mean([score.precision for score in scores]),
             "recall": _known_mean([score.recall for score in scores]),
             "delay, s": _known_mean([score.delay_s for score in scores]),
-            "spells": sum(score.spells for score in scores),
+            "blockages": sum(score.spells for score in scores),
             "detected": sum(score.noticed for score in scores),
             "false alarms": sum(score.false_alarms for score in scores),
         }
@@ -193,7 +193,7 @@ def _decision_rows(group: Group) -> Iterator[Row]:
         for event in () if record.time is None else record.time.decisions:
             yield {
                 "seed": str(record.seed),
-                "s": event.instant_s,
+                "time, s": event.instant_s,
                 "robot": event.robot,
                 "trigger": event.trigger,
                 "decision": event.words,
@@ -201,7 +201,7 @@ def _decision_rows(group: Group) -> Iterator[Row]:
                 "old goal": _goal_text(event.old_goal),
                 "new goal": _goal_text(event.new_goal),
                 "outcome": event.outcome,
-                "stood for, s": event.blocked_s,
+                "blocked for, s": event.blocked_s,
                 "free after, s": event.free_after_s,
             }
 

@@ -114,12 +114,12 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
         own = module_file(top, folder) if top == module else None
         if own is not None and own.suffix == ".py" and own.resolve() != there:
             raise AcrcError(
-                f"{source} names the strategy {name}, but {own} has the name of the installed "
+                f"{source}: strategy {name}: {own} has the name of the installed "
                 f"module {top!r}; rename your module"
             )
     if not is_installed(module):
         raise AcrcError(
-            f"{source} names the strategy {name}, but {top!r} is an installed package without such a module; "
+            f"{source}: strategy {name}: {top!r} is an installed package without such a module; "
             f"if {top}/ is your own folder, rename it"
         )
 
@@ -134,11 +134,11 @@ def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> No
     if folder is None:
         where = " and ".join(map(str, dict.fromkeys(folders)))
         raise AcrcError(
-            f"{source} names the strategy {name}, but there is no module {module!r} here or in {where}; "
+            f"{source}: strategy {name}: there is no module {module!r} here or in {where}; "
             "install it, or name its folder with --modules DIR" + _IGNORED
         )
     word = "." if folder == Path.cwd() else shlex.quote(str(folder))
     raise AcrcError(
-        f"{source} names the strategy {name}, whose code {module_file(module, folder)} is neither installed "
+        f"{source}: strategy {name}: its code {module_file(module, folder)} is neither installed "
         f"nor in a permitted folder; read it, then add --modules {word}, or --trust"
     )
