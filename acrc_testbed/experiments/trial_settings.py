@@ -80,8 +80,8 @@ def common_conditions(scenario: Scenario) -> str | None:
         if is_so
     ]
     return (
-        f"For every seed, {', '.join((f'{subject} at the same positions', *more))}, as fixed in the scenario; "
-        'use a study with conditions = "drawn" to draw them'
+        f"For every seed, {', '.join((f'{subject} at the same positions', *more))}, as fixed in the scenario"
+        '; use a study with conditions = "drawn" to draw them'
     )
 
 

@@ -172,7 +172,8 @@ def _completion_sentences(result: RunResult) -> Iterator[str]:
     left = result.places_total - (result.places_done or 0)
     yield (
         f"{robots}{by} cleaned {result.places_done} of {result.places_total} places in "
-        f"{_seconds_text(result.simulated_s)} s of simulated time; {left} {'is' if left == 1 else 'are'} left."
+        f"{_seconds_text(result.simulated_s)} s of simulated time; "
+        f"{left} {'is' if left == 1 else 'are'} left."
     )
 
 
