@@ -40,8 +40,8 @@ class BatteryLevel(Enum):
     DANGER = "danger"
 
 
-def level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
-    """Return the level at `volts`, with hysteresis; `before`: the previous level."""
+def battery_level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
+    """Return the level of a battery at `volts`, with hysteresis; `before`: the previous level."""
     if volts <= _DANGER_V + _MARGIN_V * (before is BatteryLevel.DANGER):
         return BatteryLevel.DANGER
     low = before in {BatteryLevel.LOW, BatteryLevel.DANGER}
@@ -53,7 +53,7 @@ def level(volts: float, before: BatteryLevel | None = None) -> BatteryLevel:
 
 
 class StateChange(NamedTuple):
-    """Change of a base: feedback present, a field of the feedback, battery level, or active stop causes."""
+    """Change of a base's state: feedback present, a feedback field, battery level, or active stop causes."""
 
     instant: Instant
     what: str
@@ -67,24 +67,24 @@ class StateChange(NamedTuple):
 
 _FIELDS: Final = ("bumper", "wheel_drop", "cliff", "buttons", "charger", "overcurrent")
 """Fields of BasicSensorData with reported changes."""
-_OVERDUE: Final[Duration] = milliseconds(40)
-"""Maximum interval of base controls without feedback; own choice, two feedbacks."""
-_INSIST: Final[Duration] = milliseconds(7)
+_MAX_CONTROL_INTERVAL: Final[Duration] = milliseconds(40)
+"""Maximum interval of base controls without feedback; our choice, two feedbacks."""
+_STOP_INTERVAL: Final[Duration] = milliseconds(7)
 """Interval of stop commands while the wheels still turn; a base accepts 150 per second."""
-_SHOUT: Final[Duration] = milliseconds(1)
-"""Interval of stop commands while noise replaces feedback: the capacity of the line. If three bytes in ten
-are damaged, one command in 35 arrives intact."""
-_LONGEST_SHOUT: Final = 20
+_NOISY_STOP_INTERVAL: Final[Duration] = milliseconds(1)
+"""Interval of stop commands while the line is noisy, which fills the line. If three bytes in ten are damaged,
+one command in 35 arrives intact."""
+_MAX_STOPS_PER_WRITE: Final = 20
 """Maximum number of stop commands per write, 200 bytes."""
 _REPEAT: Final[Duration] = milliseconds(1000)
-"""Interval of repeating outputs, as commands are not acknowledged."""
+"""Interval at which outputs are repeated, because commands are not acknowledged."""
 _FULL_V, _LOW_V, _DANGER_V = 16.5, 14.0, 13.2
 """Voltages of a battery of four lithium-ion cells: full, low, and shortly before the base switches off;
 kobuki_driver, battery defaults."""
 _MARGIN_V: Final = 0.3
-"""Hysteresis of the levels; own choice: motors lower the voltage."""
+"""Hysteresis of the levels; our choice: motors lower the voltage."""
 _NOISE_BYTES: Final = 100
-"""Number of damaged bytes without feedback that indicates a noisy line; own choice: more than a frame."""
+"""Number of damaged bytes without feedback that indicates a noisy line; our choice: more than a frame."""
 
 
 class KobukiDriver:
@@ -93,17 +93,17 @@ class KobukiDriver:
     def __init__(self, started: Instant) -> None:
         self._reader = FrameReader(decode_feedback)
         self._safety = SafetyStop(started)
-        self._heard: Instant = started
-        self._sent: Instant = Instant(started - _OVERDUE)
-        self._fed = False
+        self._feedback_at: Instant = started
+        self._sent_at: Instant = Instant(started - _MAX_CONTROL_INTERVAL)
+        self._has_new_feedback = False
         """True if feedback has been received since the last base control."""
         self._outputs = POWER_RAILS
         self._outputs_due = started
-        self._skipped = 0
+        self._skipped_before = 0
         """Number of damaged bytes up to the last feedback."""
         self._sound = b""
         """Pending sound command."""
-        self._pressed = 0
+        self._pressed_bits = 0
         self._changes: list[StateChange] = []
         self._fields = dict.fromkeys(_FIELDS, 0)
         self.battery: BatteryLevel | None = None
@@ -125,11 +125,11 @@ class KobukiDriver:
             if basic is not None:
                 feedbacks.append(BaseFeedback(now, basic, inertial))
                 self._feedback(feedbacks[-1])
-        if self.found and now - self._heard > FEEDBACK_SILENCE:
+        if self.found and now - self._feedback_at > FEEDBACK_SILENCE:
             self.found = False
-            self.odometry.stand()
+            self.odometry.set_standing()
             self._changes.append(StateChange(now, "feedback", True, False))
-        self._safety.hold(HoldCause.NOISE, self._noisy(now))
+        self._safety.hold(HoldCause.NOISE, self._is_noisy(now))
         return feedbacks
 
     def changes(self) -> list[StateChange]:
@@ -139,8 +139,8 @@ class KobukiDriver:
 
     def pressed(self) -> int:
         """Return the bumper bits set at any time since the last call, as in SensorData.bumper."""
-        bits = self._pressed
-        self._pressed = self._fields["bumper"] if self.found else 0
+        bits = self._pressed_bits
+        self._pressed_bits = self._fields["bumper"] if self.found else 0
         return bits
 
     @property
@@ -163,75 +163,77 @@ class KobukiDriver:
 
     def due(self, now: Instant) -> bytes:
         """Return the bytes to write now: none, or a base control and at most one other command."""
-        passed = Duration(now - self._sent)
-        if self._noisy(now):
-            count = min(passed // _SHOUT, _LONGEST_SHOUT)
-            self._sent = now if count else self._sent
-            self._ask_safety_stop(now)
-            return self.farewell() * count
-        if not self._fed and passed < (_INSIST if self._unheeded else _OVERDUE):
+        passed = Duration(now - self._sent_at)
+        if self._is_noisy(now):
+            count = min(passed // _NOISY_STOP_INTERVAL, _MAX_STOPS_PER_WRITE)
+            self._sent_at = now if count else self._sent_at
+            self._update_allowed(now)
+            return self.final_bytes() * count
+        if not self._has_new_feedback and passed < (
+            _STOP_INTERVAL if self._is_stop_ignored else _MAX_CONTROL_INTERVAL
+        ):
             return b""
-        self._fed, self._sent = False, now
-        self._ask_safety_stop(now)
+        self._has_new_feedback, self._sent_at = False, now
+        self._update_allowed(now)
         control = kobuki_motion.base_control(self.allowed.v, self.allowed.omega)
-        return _framed(control) + self._other(now)
+        return _frame(control) + self._other_command(now)
 
-    def farewell(self) -> bytes:
+    def final_bytes(self) -> bytes:
         """Return the last bytes to write: a stop command."""
-        return _framed(kobuki_motion.base_control(0.0, 0.0))
+        return _frame(kobuki_motion.base_control(0.0, 0.0))
 
-    def _ask_safety_stop(self, now: Instant) -> None:
+    def _update_allowed(self, now: Instant) -> None:
         before, self.allowed = self.allowed, self._safety.allowed(now)
         if self.allowed.stops != before.stops:
             self._changes.append(StateChange(now, "stops", before.stops, self.allowed.stops))
 
-    def _noisy(self, now: Instant) -> bool:
+    def _is_noisy(self, now: Instant) -> bool:
         """Return whether noise replaces feedback."""
-        silent = now - self._heard > FEEDBACK_SILENCE
-        return silent and self._reader.reception.skipped - self._skipped >= _NOISE_BYTES
+        silent = now - self._feedback_at > FEEDBACK_SILENCE
+        return silent and self._reader.reception.skipped - self._skipped_before >= _NOISE_BYTES
 
     @property
-    def _unheeded(self) -> bool:
+    def _is_stop_ignored(self) -> bool:
         """True while the wheels turn despite a stop command."""
         stand = self.allowed.v == 0 and self.allowed.omega == 0
-        return stand and self.found and self.odometry.moves
+        return stand and self.found and self.odometry.is_moving
 
     def _feedback(self, feedback: BaseFeedback) -> None:
         now, basic, _ = feedback
-        if not self.found:  # may be another or a restarted base
+        if not self.found:  # it may be another base, or a restarted one
             self.found, self._outputs_due = True, now
             self._changes.append(StateChange(now, "feedback", False, True))
-        self._heard, self._fed = now, True
-        self._skipped = self._reader.reception.skipped
+        self._feedback_at, self._has_new_feedback = now, True
+        self._skipped_before = self._reader.reception.skipped
         self._safety.sense(feedback)
         self.odometry.take(feedback)
-        self._pressed |= basic.bumper
+        self._pressed_bits |= basic.bumper
         for name, before in self._fields.items():
             if before != (value := getattr(basic, name)):
                 self._changes.append(StateChange(now, name, before, value))
                 self._fields[name] = value
-        battery = level(basic.battery_dv / 10, self.battery)
+        battery = battery_level(basic.battery_dv / 10, self.battery)
         if battery is not self.battery:
             self._changes.append(StateChange(now, "battery", self.battery, battery))
             self.battery = battery
-            self._warn(now, battery)
+            self._signal_battery(now, battery)
 
-    def _warn(self, now: Instant, battery: BatteryLevel) -> None:
+    def _signal_battery(self, now: Instant, battery: BatteryLevel) -> None:
         """Signal a low battery by LED and sound; stop with a nearly empty one."""
         self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
         light = {BatteryLevel.LOW: LED1_RED | LED1_GREEN, BatteryLevel.DANGER: LED1_RED}
         self._outputs, self._outputs_due = POWER_RAILS | light.get(battery, 0), now
         if battery in light:
-            self._sound = _framed(SoundSequence(RECHARGE_MELODY))
+            self._sound = _frame(SoundSequence(RECHARGE_MELODY))
 
-    def _other(self, now: Instant) -> bytes:
+    def _other_command(self, now: Instant) -> bytes:
         """Return the most urgent other command, or nothing."""
         if now >= self._outputs_due:
             self._outputs_due = Instant(now + _REPEAT)
-            return _framed(GeneralOutput(self._outputs))
+            return _frame(GeneralOutput(self._outputs))
         sound, self._sound = self._sound, b""
         return sound
 
 
-def _framed(command: Command) -> bytes:
+def _frame(command: Command) -> bytes:
     return encode_frame(encode_command(command))

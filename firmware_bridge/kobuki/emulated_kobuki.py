@@ -66,7 +66,7 @@ NO_ERRORS: Final = KobukiErrors(
 )
 """No errors except the protocol's resolution."""
 _BYTE_US: Final = 10e6 / 115_200
-_FLOOR: Final = struct.Struct("<HHH")
+_CLIFF_VALUES: Final = struct.Struct("<HHH")
 _RAW_GYRO: Final = struct.Struct("<BB6h")
 
 
@@ -97,7 +97,7 @@ class KobukiFaults:
     """Wheel-drop bits: the base is lifted, its wheels turn freely."""
     gyro: Literal["works", "frozen", "absent"] = "works"
     left_scale: float = 1.0
-    """Scale of the encoder's ticks; 0 = stopped."""
+    """Scale of the encoder's ticks; 0: stopped."""
     right_scale: float = 1.0
     gyro_scale: float = 1.0
     """Scale of the gyro's rate."""
@@ -154,7 +154,7 @@ class EmulatedKobuki:
         self.faults = KobukiFaults()
         self.outputs = POWER_RAILS
         """Last setting of digital outputs, power rails and LEDs."""
-        self.heard: deque[tuple[Instant, Command]] = deque(maxlen=1024)
+        self.commands: deque[tuple[Instant, Command]] = deque(maxlen=1024)
         """Last commands with their time of arrival."""
 
     @property
@@ -168,8 +168,8 @@ class EmulatedKobuki:
             return
         for commands in self._reader.take(data):
             for command in commands:
-                self.heard.append((now, command))
-                self._obey(command)
+                self.commands.append((now, command))
+                self._execute(command)
 
     def run(self, now: Instant) -> bytes:
         """Advance to `now`; return the bytes sent to the driver, at 11 520 per second."""
@@ -180,20 +180,20 @@ class EmulatedKobuki:
             self._feedbacks += 1
             at = Instant(self._started + self._feedbacks * period)
             self._measure(truth, at, now)
-            self._feed_back(at)
+            self._send_feedback(at)
         self._measure(truth, now, now)
-        return self._left(now)
+        return self._sent_bytes(now)
 
     # --- motion ---
 
-    def _obey(self, command: Command) -> None:
+    def _execute(self, command: Command) -> None:
         if isinstance(command, BaseControl):
             self._body.drive(*((0.0, 0.0) if self.faults.wheel_drop else kobuki_motion.velocity(command)))
         elif isinstance(command, GeneralOutput):
             self.outputs = command.flags
 
     def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:
-        """Add the motion from the last measurement to `until`, interpolated to `truth` at `now`."""
+        """Add the motion since the last measurement up to `until`, interpolated towards `truth` at `now`."""
         if until == self._now:
             return
         share = (until - self._now) / (now - self._now)
@@ -220,18 +220,20 @@ class EmulatedKobuki:
         wheels.left += left * self.faults.left_scale
         wheels.right += right * self.faults.right_scale
         turn = turn * self.faults.gyro_scale + self.faults.gyro_drift * time
-        seen = turn + wheels.bias * time + noise[2] * math.radians(errors.gyro_noise_deg) * math.sqrt(time)
-        wheels.angle += seen
-        wheels.rate = seen / time
+        measured_turn = (
+            turn + wheels.bias * time + noise[2] * math.radians(errors.gyro_noise_deg) * math.sqrt(time)
+        )
+        wheels.angle += measured_turn
+        wheels.rate = measured_turn / time
         wheels.bias += noise[3] * math.radians(errors.gyro_walk_deg) * math.sqrt(time)
 
     # --- feedback ---
 
-    def _feed_back(self, at: Instant) -> None:
+    def _send_feedback(self, at: Instant) -> None:
         """Send one feedback."""
         data = encode_frame(b"".join(map(encode_feedback, self._packets(at))))
         if not self.faults.silent:
-            self._line.append((at, data))  # at most 164 bytes, 14 ms: the previous one has been sent
+            self._line.append((at, data))  # at most 164 bytes take 14 ms: the previous feedback has been sent
 
     def _packets(self, at: Instant) -> list[FeedbackPacket]:
         per_tick = self._p.errors.tick_um * 1e-6
@@ -251,28 +253,23 @@ class EmulatedKobuki:
         )
         inertial, raw = self._gyro()
         floor = [200 if self.faults.cliff & bit else 2000 for bit in (1, 2, 4)]
-        docking, currents, inputs = (
-            UnknownPacket(3, bytes(3)),
-            UnknownPacket(6, bytes(2)),
-            UnknownPacket(16, bytes(16)),
-        )
         packets: list[FeedbackPacket] = [
             basic,
-            docking,
+            UnknownPacket(3, bytes(3)),
             inertial,
-            UnknownPacket(5, _FLOOR.pack(*floor)),
-            currents,
+            UnknownPacket(5, _CLIFF_VALUES.pack(*floor)),
+            UnknownPacket(6, bytes(2)),
             raw,
-            inputs,
+            UnknownPacket(16, bytes(16)),
         ]
         absent = (inertial, raw) if self.faults.gyro == "absent" else ()
         return [packet for packet in packets if packet not in absent]
 
     def _stamp(self, at: Instant) -> int:
         """Return the base's clock, ms."""
-        right = self._p.stamp_ms + (at - self._started) // 1000
+        correct_ms = self._p.stamp_ms + (at - self._started) // 1000
         if self.faults.stamp == "works":
-            self._last_stamp = right
+            self._last_stamp = correct_ms
         else:
             self._last_stamp += {"frozen": 0, "backward": -20, "jumping": 20_000}[self.faults.stamp]
         return self._last_stamp & 0xFFFF
@@ -281,23 +278,23 @@ class EmulatedKobuki:
         resolution = math.radians(self._p.errors.gyro_resolution_deg)
         angle = math.remainder(self._p.angle + self._wheels.angle, math.tau)
         rate = math.degrees(self._wheels.rate)
-        inertial = InertialSensorData(round(angle / resolution), _within(rate * 100))
+        inertial = InertialSensorData(round(angle / resolution), _to_int16(rate * 100))
         if self.faults.gyro == "frozen":
             inertial = self._frozen = self._frozen or inertial
         else:
             self._frozen = None
-        z = _within(rate / 0.00875)
+        z = _to_int16(rate / 0.00875)
         return inertial, UnknownPacket(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
 
-    def _left(self, now: Instant) -> bytes:
+    def _sent_bytes(self, now: Instant) -> bytes:
         """Return the bytes sent completely by `now`."""
         out = b""
         while self._line:
-            begun, data = self._line[0]
-            gone = max(self._sent, math.floor((now - begun) / _BYTE_US))
-            out += data[self._sent : gone]
-            if gone < len(data):
-                self._sent = gone
+            started, data = self._line[0]
+            sent = max(self._sent, math.floor((now - started) / _BYTE_US))
+            out += data[self._sent : sent]
+            if sent < len(data):
+                self._sent = sent
                 break
             self._line.popleft()
             self._sent = 0
@@ -305,7 +302,7 @@ class EmulatedKobuki:
 
 
 def _motion(before: Pose, after: Pose) -> tuple[float, float]:
-    """Return the arc between two poses: length, m, and turn, rad."""
+    """Return length, m, and turn, rad, of the arc between two poses."""
     turn = math.remainder(after.heading - before.heading, math.tau)
     course = before.heading + turn / 2
     chord = cos(course) * (after.x - before.x) + sin(course) * (after.y - before.y)
@@ -317,6 +314,6 @@ def _chord(turn: float) -> float:
     return sin(turn / 2) / (turn / 2) if turn else 1.0
 
 
-def _within(value: float) -> int:
+def _to_int16(value: float) -> int:
     """Return the value rounded and clipped to int16."""
     return max(-0x8000, min(0x7FFF, round(value)))

@@ -2,12 +2,12 @@
 
 `python -I -S guardian.py beside CHANNEL PORT` is started by a base (firmware_bridge.onboard.vehicle), shares
 its port, and echoes its heartbeats on the descriptor CHANNEL. End of file: the base has exited, stop at once.
-No heartbeat for PATIENCE_S: stop until heartbeats return; none for HUNG_S: kill the base, which its
+No heartbeat for HEARTBEAT_TIMEOUT_S: stop until heartbeats return; none for HUNG_S: kill the base, which its
 supervisor restarts. `python -I -S guardian.py alone PORT` opens the port itself, after all processes were
 killed.
 
-It imports little of the standard library, to start fast; it stops without disk or log, and ignores all
-signals but SIGKILL until the wheels stand.
+For a fast start it imports little of the standard library. It needs neither disk nor log, and ignores all
+signals except SIGKILL until the wheels stand.
 """
 
 import fcntl
@@ -23,10 +23,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final
 
-PATIENCE_S: Final = 0.15
-"""Timeout of heartbeats after which stop is sent; own choice: seven rounds of a base's loop."""
+HEARTBEAT_TIMEOUT_S: Final = 0.15
+"""Timeout of heartbeats after which stop is sent; our choice: seven cycles of the base's event loop."""
 HUNG_S: Final = 5.0
-"""Timeout of heartbeats after which the base is killed; own choice: it stands for most of that time."""
+"""Timeout of heartbeats after which the base is killed; our choice: it stands for most of that time."""
 PERIOD_S: Final = 0.02
 """Interval of stop commands; that of a base's feedback."""
 LIMIT_S: Final = 10.0
@@ -50,13 +50,14 @@ class Standstill:
         self._ticks: deque[tuple[int, int, int]] = deque(maxlen=_WINDOW)
 
     @property
-    def reached(self) -> bool:
+    def is_reached(self) -> bool:
         """True if neither wheel has turned during a full window of feedbacks."""
         if len(self._ticks) < _WINDOW:
             return False
         _, left, right = self._ticks[0]
         return all(
-            max(_apart(left, wheels[0]), _apart(right, wheels[1])) <= _STILL for _, *wheels in self._ticks
+            max(_counter_distance(left, wheels[0]), _counter_distance(right, wheels[1])) <= _STILL
+            for _, *wheels in self._ticks
         )
 
     def take(self, data: bytes) -> None:
@@ -85,27 +86,27 @@ class Standstill:
         return True
 
 
-def farewell(port: int, begun: Standstill | None = None, limit_s: float = LIMIT_S) -> str:
+def stop_until_standstill(port: int, detector: Standstill | None = None, limit_s: float = LIMIT_S) -> str:
     """Send stop commands until standstill, loss of the port, or `limit_s`; return the result, in words."""
-    heard = begun or Standstill()
+    standstill = detector or Standstill()
     deadline, said = time.monotonic() + limit_s, 0
     while time.monotonic() < deadline:
-        if not send_stop(port, heard):
+        if not send_stop(port, standstill):
             return f"sent stop {said} times, until the port was lost"
         said += 1
-        if heard.reached:
+        if standstill.is_reached:
             return f"sent stop {said} times, until the wheels stood"
         time.sleep(PERIOD_S)
     return f"sent stop {said} times, but no standstill was detected: the base may still be driving"
 
 
-def send_stop(port: int, heard: Standstill) -> bool:
+def send_stop(port: int, standstill: Standstill) -> bool:
     """Send one stop command and read feedback; return False if the port is lost."""
     try:
         with suppress(BlockingIOError):
             os.write(port, STOP)
         with suppress(BlockingIOError):
-            heard.take(os.read(port, 4096))
+            standstill.take(os.read(port, 4096))
     except OSError:
         return False
     return True
@@ -115,28 +116,33 @@ class BaseWatchdog:
     """Watchdog of the base process at the other end of `channel`."""
 
     def __init__(self, channel: socket.socket, kill: Callable[[], None]) -> None:
-        """Create it; `kill`: kills the base process."""
+        """`kill`: kills the base process."""
         self._channel = channel
         self._kill = kill
         self._port: int | None = None
-        self._heard: Standstill | None = None
+        self._standstill: Standstill | None = None
         """Standstill detector; None while heartbeats arrive."""
-        self._alive = time.monotonic()
+        self._heartbeat_s = time.monotonic()
 
     def run(self) -> str:
         """Run until the base has exited and the wheels stand; return the result, in words."""
         while True:
-            patience = PATIENCE_S - (time.monotonic() - self._alive)
-            if select.select([self._channel], [], [], PERIOD_S if self._heard else max(patience, 0.0))[0]:
+            remaining_s = HEARTBEAT_TIMEOUT_S - (time.monotonic() - self._heartbeat_s)
+            if select.select(
+                [self._channel], [], [], PERIOD_S if self._standstill else max(remaining_s, 0.0)
+            )[0]:
                 if not self._receive():
                     break
             else:
-                self._stand_in()
-        return "no port to send stop to" if self._port is None else farewell(self._port, self._heard)
+                self._send_stop()
+        return (
+            "no port to send stop to"
+            if self._port is None
+            else stop_until_standstill(self._port, self._standstill)
+        )
 
     def _receive(self) -> bool:
-        """Handle one message: a heartbeat, a port's descriptor, or the port's closing; False at end of
-        file."""
+        """Handle a heartbeat, a port's descriptor, or the port's closing; return False at end of file."""
         try:
             message, ports, _, _ = socket.recv_fds(self._channel, 16, 1)
         except OSError:
@@ -147,17 +153,17 @@ class BaseWatchdog:
             if self._port is not None:
                 os.close(self._port)
             self._port = ports[0] if ports else None
-        self._alive, self._heard = time.monotonic(), None
+        self._heartbeat_s, self._standstill = time.monotonic(), None
         with suppress(OSError):
             self._channel.send(message, socket.MSG_DONTWAIT)
         return True
 
-    def _stand_in(self) -> None:
-        """Send stop in place of a silent base; kill it after HUNG_S."""
-        self._heard = self._heard or Standstill()
+    def _send_stop(self) -> None:
+        """Send stop in place of the silent base; kill it after HUNG_S."""
+        self._standstill = self._standstill or Standstill()
         if self._port is not None:
-            send_stop(self._port, self._heard)
-        if time.monotonic() - self._alive > HUNG_S:
+            send_stop(self._port, self._standstill)
+        if time.monotonic() - self._heartbeat_s > HUNG_S:
             self._kill()
 
 
@@ -179,10 +185,10 @@ def main(argv: Sequence[str]) -> int:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     if argv[0] == "beside":
-        said = BaseWatchdog(socket.socket(fileno=int(argv[1])), _killer(os.getppid())).run()
+        said = BaseWatchdog(socket.socket(fileno=int(argv[1])), _kill_function(os.getppid())).run()
     else:
         try:
-            said = farewell(open_port(argv[1]))
+            said = stop_until_standstill(open_port(argv[1]))
         except OSError as error:
             said = f"stop cannot be sent: {error.strerror}"
     with suppress(OSError):
@@ -190,7 +196,7 @@ def main(argv: Sequence[str]) -> int:
     return 1 if "may still" in said or "cannot be sent" in said else 0
 
 
-def _killer(base: int) -> Callable[[], None]:
+def _kill_function(base: int) -> Callable[[], None]:
     def kill() -> None:
         if os.getppid() == base:
             os.kill(base, signal.SIGKILL)
@@ -198,7 +204,7 @@ def _killer(base: int) -> Callable[[], None]:
     return kill
 
 
-def _apart(one: int, other: int) -> int:
+def _counter_distance(one: int, other: int) -> int:
     """Return the distance of two 16-bit counters that wrap."""
     return min((one - other) & 0xFFFF, (other - one) & 0xFFFF)
 

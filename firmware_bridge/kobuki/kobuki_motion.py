@@ -22,7 +22,7 @@ TICKS_PER_TURN: Final = 52 * 6545 / 132
 """Encoder ticks per turn of a wheel: 52 per turn of the motor, geared 6545 : 132."""
 METRES_PER_TICK: Final = math.tau * WHEEL_RADIUS / TICKS_PER_TURN
 """85.292 µm."""
-_NOTHING: Final = 1e-4
+_NEGLIGIBLE: Final = 1e-4
 """Velocities below this count as zero, m/s and rad/s."""
 _HALF_TRACK_MM: Final = 500 * TRACK
 _LIMIT: Final = 0x7FFF
@@ -38,14 +38,14 @@ def base_control(v: float, omega: float) -> BaseControl:
     """
     if not (math.isfinite(v) and math.isfinite(omega)):
         raise WireMisuseError(f"velocity {v} m/s, {omega} rad/s is not finite")
-    if abs(omega) < _NOTHING:
-        return BaseControl(_whole(1000 * v), 0)
+    if abs(omega) < _NEGLIGIBLE:
+        return BaseControl(_to_int16(1000 * v), 0)
     radius = 1000 * v / omega
-    if abs(v) < _NOTHING or abs(radius) < 2:
-        return BaseControl(_whole(_HALF_TRACK_MM * omega), 1)
+    if abs(v) < _NEGLIGIBLE or abs(radius) < 2:
+        return BaseControl(_to_int16(_HALF_TRACK_MM * omega), 1)
     if abs(radius) > _LIMIT:
-        return BaseControl(_whole(1000 * v), 0)
-    return BaseControl(_whole((radius + math.copysign(_HALF_TRACK_MM, radius)) * omega), int(radius))
+        return BaseControl(_to_int16(1000 * v), 0)
+    return BaseControl(_to_int16((radius + math.copysign(_HALF_TRACK_MM, radius)) * omega), int(radius))
 
 
 def velocity(control: BaseControl) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def distances_between(before: BasicSensorData, after: BasicSensorData) -> tuple[
     return left * METRES_PER_TICK, right * METRES_PER_TICK
 
 
-def _whole(value: float) -> int:
+def _to_int16(value: float) -> int:
     """Return the value rounded towards zero and clipped to int16."""
     return int(max(-_LIMIT - 1, min(_LIMIT, value)))
 
@@ -80,18 +80,18 @@ _STANDING: Final = 0.02
 """Velocities below this count as standstill, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
 
 
-_FASTEST: Final = 2.0
+_MAX_WHEEL_SPEED: Final = 2.0
 """Maximum plausible wheel speed, m/s; own choice, twice the maximum at 0.7 m/s while turning."""
-_FASTEST_TURN: Final = 12.0
+_MAX_GYRO_RATE: Final = 12.0
 """Maximum plausible turn rate of the gyro, rad/s; own choice, twice the range of its rate's field."""
 _SLACK: Final = 0.02
 """Tolerance of the time between two stamps, s: stamps and ticks are sampled at different times."""
 LONGEST_GAP: Final = 3.0
 """Maximum time between two feedbacks, s; encoder ticks are ambiguous after 4 s at 0.7 m/s (half of 65536)."""
-_STILL_TURN: Final = 0.2
-"""Turn of the wheels with constant gyro values after which the gyro is suspected to be frozen, rad. Own
-choice. A noise-free gyro shows the same when a wheel slips; other checks decide."""
-_STILL_FEEDBACKS: Final = 25
+_FROZEN_TURN: Final = 0.2
+"""Turn of the wheels with constant gyro values after which the gyro may be frozen, rad; our choice. Slip of a
+wheel looks the same with a noise-free gyro, so other checks decide."""
+_FROZEN_FEEDBACKS: Final = 25
 """Minimum number of such feedbacks."""
 
 
@@ -100,15 +100,15 @@ class OdometryCounts:
     """Counts of irregular feedback."""
 
     repeated: int = 0
-    """Same stamp as before; ignored."""
+    """Feedbacks with the same stamp as before; ignored."""
     implausible: int = 0
-    """Implausibly fast motion; ignored."""
+    """Feedbacks with implausibly fast motion; ignored."""
     restarts: int = 0
     """Restarts of the base's counters; the motion in between is unknown."""
     gaps: int = 0
-    """Too long without feedback; the motion in between is unknown."""
+    """Gaps in the feedback that are too long; the motion in between is unknown."""
     wheel_headings: int = 0
-    """Turns taken from the wheels, without a working gyro."""
+    """Turns computed from the wheels, without a working gyro."""
 
 
 class _Motion(NamedTuple):
@@ -126,12 +126,12 @@ class KobukiOdometry:
     def __init__(self) -> None:
         self.longest_gap = LONGEST_GAP
         self._last: BaseFeedback | None = None
-        self._odd: BaseFeedback | None = None
-        """Last ignored feedback: if the next is consistent with it, the base has restarted."""
+        self._ignored: BaseFeedback | None = None
+        """Last ignored feedback; if the next one is consistent with it, the base has restarted."""
         self._x = self._y = 0.0
         self._v = self._omega = 0.0
-        self._unmoved = 0
-        self._owed = 0.0
+        self._constant_feedbacks = 0
+        self._uncounted_turn = 0.0
         """Turn of the wheels since the gyro's values last changed, rad."""
         self._frozen = False
         self.heading = 0.0
@@ -146,7 +146,7 @@ class KobukiOdometry:
     @property
     def gyro_is_constant(self) -> bool:
         """True if the gyro's values stay constant while the wheels turn: one of them is faulty."""
-        return self._unmoved >= _STILL_FEEDBACKS and abs(self._owed) >= _STILL_TURN
+        return self._constant_feedbacks >= _FROZEN_FEEDBACKS and abs(self._uncounted_turn) >= _FROZEN_TURN
 
     @property
     def uses_wheel_heading(self) -> bool:
@@ -158,7 +158,7 @@ class KobukiOdometry:
         self._frozen = True
 
     @property
-    def moves(self) -> bool:
+    def is_moving(self) -> bool:
         """True if the base moved between the last two feedbacks."""
         return abs(self._v) > _STANDING or abs(self._omega) > _STANDING
 
@@ -166,7 +166,7 @@ class KobukiOdometry:
         """Return the pose since the first feedback, and the velocity between the last two."""
         return Odometry(self._x, self._y, wrap(self.heading), self._v, 0.0, self._omega)
 
-    def stand(self) -> None:
+    def set_standing(self) -> None:
         """Set the velocity to zero, after a loss of feedback."""
         self._v = self._omega = 0.0
 
@@ -177,37 +177,37 @@ class KobukiOdometry:
             return
         if in_seconds(feedback.instant - self._last.instant) > self.longest_gap:
             self.counts.gaps += 1
-            self._begin_again(feedback)
+            self._restart(feedback)
             return
-        motion = _between(self._last, feedback)
+        motion = _motion_between(self._last, feedback)
         if motion.time == 0:
             self.counts.repeated += 1
-        elif self._plausible(motion):
-            self._odd = None
+        elif self._is_plausible(motion):
+            self._ignored = None
             self._add(motion, frozen=feedback.inertial == self._last.inertial)
             self._last = feedback
-        elif self._odd is not None and self._plausible(_between(self._odd, feedback)):
+        elif self._ignored is not None and self._is_plausible(_motion_between(self._ignored, feedback)):
             self.counts.restarts += 1
-            self._begin_again(feedback)
+            self._restart(feedback)
         else:
             self.counts.implausible += 1
-            self._odd = feedback
+            self._ignored = feedback
 
-    def _begin_again(self, feedback: BaseFeedback) -> None:
+    def _restart(self, feedback: BaseFeedback) -> None:
         """Restart from this feedback, ignoring motion before it."""
-        self._last, self._odd = feedback, None
+        self._last, self._ignored = feedback, None
         self._v = self._omega = 0.0
-        self._trust_gyro()
+        self._reset_gyro_check()
 
-    def _trust_gyro(self) -> None:
-        self._unmoved, self._owed, self._frozen = 0, 0.0, False
+    def _reset_gyro_check(self) -> None:
+        self._constant_feedbacks, self._uncounted_turn, self._frozen = 0, 0.0, False
 
-    def _plausible(self, motion: _Motion) -> bool:
+    def _is_plausible(self, motion: _Motion) -> bool:
         time = motion.time + _SLACK
         return (
             0 < motion.time <= self.longest_gap
-            and max(abs(motion.left), abs(motion.right)) <= _FASTEST * time
-            and (self._frozen or abs(motion.turn or 0.0) <= _FASTEST_TURN * time)
+            and max(abs(motion.left), abs(motion.right)) <= _MAX_WHEEL_SPEED * time
+            and (self._frozen or abs(motion.turn or 0.0) <= _MAX_GYRO_RATE * time)
         )
 
     def _add(self, motion: _Motion, frozen: bool) -> None:
@@ -223,21 +223,21 @@ class KobukiOdometry:
         """Return the gyro's turn, or the wheels' turn if the gyro is absent or known to be frozen."""
         by_wheels = (motion.right - motion.left) / TRACK
         if motion.turn is None or not frozen:
-            # A recovering gyro may jump by the turn that the wheels have already counted.
+            # a recovering gyro may jump by a turn that is already counted from the wheels
             on_wheels = motion.turn is None or self._frozen
-            self._trust_gyro()
+            self._reset_gyro_check()
             self.counts.wheel_headings += on_wheels
             return by_wheels if motion.turn is None or on_wheels else motion.turn
-        self._unmoved += 1
-        self._owed += by_wheels
+        self._constant_feedbacks += 1
+        self._uncounted_turn += by_wheels
         if not self._frozen:
             return motion.turn
         self.counts.wheel_headings += 1
-        owed, self._owed = self._owed, 0.0
-        return owed
+        turn_since, self._uncounted_turn = self._uncounted_turn, 0.0
+        return turn_since
 
 
-def _between(before: BaseFeedback, after: BaseFeedback) -> _Motion:
+def _motion_between(before: BaseFeedback, after: BaseFeedback) -> _Motion:
     turn = None
     if before.inertial is not None and after.inertial is not None:
         turn = wrap((after.inertial.angle_cdeg - before.inertial.angle_cdeg) * _CENTIDEGREE)

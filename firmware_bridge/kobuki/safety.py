@@ -1,6 +1,6 @@
 """Safety stop of a Kobuki: limits each commanded velocity, and reports the causes.
 
-It filters every command before the wire; no adaptation, setting or message bypasses it. A Kobuki's firmware
+It limits every command before it is sent; no adaptation, setting or message bypasses it. A Kobuki's firmware
 does not stop for bumper, cliff or wheel drop since 1.1.2.
 
 Rules while a cause lasts:
@@ -45,10 +45,10 @@ _SPEED_UP, _TURN_UP = 0.3, 3.5
 _SLOW_DOWN, _TURN_DOWN = 0.6, 4.2
 """Maximum decelerations. Own choice of 0.6, above kobuki_driver's 0.36; navigation plans with 1.0
 (actors.robot.navigation.steering), so that this base stops later than planned."""
-_LONGEST_PAUSE: Final[Duration] = milliseconds(60)
+_MAX_RAMP_TIME: Final[Duration] = milliseconds(60)
 """Limit of the time between two commands in ramps; own choice, three feedbacks: no jump after a suspended
 host."""
-_EDGE: Final = TRACK / 2 + 0.002
+_MIN_BACKWARD_RADIUS: Final = TRACK / 2 + 0.002
 """Minimum radius of backing off, m: half the track plus rounding to whole mm."""
 
 
@@ -69,24 +69,24 @@ class VelocityRamp:
         self._at, self.v, self.omega = now, v, omega
 
     def towards(self, now: Instant, v: float, omega: float) -> tuple[float, float]:
-        """Return the velocity at `now`, m/s and rad/s, ramped towards the wanted one."""
-        passed = 0 if self._at is None else max(0, min(now - self._at, _LONGEST_PAUSE))
+        """Return the velocity at `now`, m/s and rad/s, ramped towards the target."""
+        passed = 0 if self._at is None else max(0, min(now - self._at, _MAX_RAMP_TIME))
         time = in_seconds(passed)
         self.set(
             now,
-            _next(self.v, v, _SPEED_UP * time, _SLOW_DOWN * time),
-            _next(self.omega, omega, _TURN_UP * time, _TURN_DOWN * time),
+            _ramp_step(self.v, v, _SPEED_UP * time, _SLOW_DOWN * time),
+            _ramp_step(self.omega, omega, _TURN_UP * time, _TURN_DOWN * time),
         )
         return self.v, self.omega
 
 
-def _next(value: float, wanted: float, up: float, down: float) -> float:
-    """Return the value closest to `wanted` within one step; a change of sign stops at 0."""
+def _ramp_step(value: float, target: float, up: float, down: float) -> float:
+    """Return the value closest to `target` within one step; a change of sign stops at 0."""
     if value < 0:
-        return -_next(-value, -wanted, up, down)
-    if wanted > value:
-        return min(wanted, value + up)
-    return max(wanted, value - down, 0.0) if value > 0 else max(wanted, -up)
+        return -_ramp_step(-value, -target, up, down)
+    if target > value:
+        return min(target, value + up)
+    return max(target, value - down, 0.0) if value > 0 else max(target, -up)
 
 
 class HoldCause(Enum):
@@ -155,15 +155,15 @@ class SafetyStop:
     def __init__(self, started: Instant) -> None:
         self._started = started
         self._basic: BasicSensorData | None = None
-        self._heard = started
+        self._feedback_at = started
         self._silent_until: Instant | None = None
         """Time of the first feedback after a silence; None before the first one."""
-        self._moved = started
+        self._moved_at = started
         """Time of the last motion."""
-        self._dropped = False
-        self._strained: Instant | None = None
+        self._was_lifted = False
+        self._overcurrent_at: Instant | None = None
         """Time of the last over-current."""
-        self._held: set[HoldCause] = set()
+        self._external_causes: set[HoldCause] = set()
         self._command: _Command | None = None
         self._since: dict[HoldCause, Instant] = {}
         self._ramp = VelocityRamp()
@@ -173,19 +173,19 @@ class SafetyStop:
     def sense(self, feedback: BaseFeedback) -> None:
         """Process one feedback of the base."""
         now, basic, inertial = feedback
-        if self._silent_until is None or now - self._heard > FEEDBACK_SILENCE:
+        if self._silent_until is None or now - self._feedback_at > FEEDBACK_SILENCE:
             self._silent_until = now
         if basic.wheel_drop:
-            self._dropped = True
-        if basic.wheel_drop or not self._still(basic, inertial):
-            self._moved = now
+            self._was_lifted = True
+        if basic.wheel_drop or not self._is_still(basic, inertial):
+            self._moved_at = now
         if basic.overcurrent:
-            self._strained = now
-        self._basic, self._heard = basic, now
+            self._overcurrent_at = now
+        self._basic, self._feedback_at = basic, now
 
     def hold(self, cause: HoldCause, holds: bool) -> None:
         """Set or clear an external cause that prevents all motion."""
-        (self._held.add if holds else self._held.discard)(cause)
+        (self._external_causes.add if holds else self._external_causes.discard)(cause)
 
     def command(self, now: Instant, issued: Instant, v: float, omega: float) -> None:
         """Accept a command decided at `issued`; ignore it if it is older than the last one.
@@ -199,22 +199,24 @@ class SafetyStop:
         self._command = _Command(now, issued, v, omega)
 
     def allowed(self, now: Instant) -> AllowedMotion:
-        """Return the permitted velocity from `now` on; call it for each base control, as it advances the
-        ramp."""
-        stops = self._stops(now)
+        """Return the permitted velocity from `now` on.
+
+        Each call advances the ramp, so call it once per base control.
+        """
+        stops = self._active_stops(now)
         standing = any(stop.cause not in _BACKWARD_ONLY for stop in stops)
         if standing or self._command is None:
             self._ramp.halt(now)
             return AllowedMotion(0.0, 0.0, stops)
-        v, omega = self._limited(self._command.v, self._command.omega)
+        v, omega = self._limit_velocity(self._command.v, self._command.omega)
         if not stops:
             return AllowedMotion(*self._ramp.towards(now, v, omega), stops)
-        ramped = self._ramp.towards(now, *_backward(v, omega))
-        v, omega = _backward(*ramped)  # no ramp down from going forward
+        ramped = self._ramp.towards(now, *_backward_only(v, omega))
+        v, omega = _backward_only(*ramped)  # stop forward motion immediately, without a ramp
         self._ramp.set(now, v, omega)
         return AllowedMotion(v, omega, stops)
 
-    def _stops(self, now: Instant) -> tuple[StopCause, ...]:
+    def _active_stops(self, now: Instant) -> tuple[StopCause, ...]:
         """Return all active causes, in the order of HoldCause."""
         causes = self._causes(now)
         self._since = {cause: self._since.get(cause, now) for cause in causes}
@@ -225,13 +227,13 @@ class SafetyStop:
     def _causes(self, now: Instant) -> dict[HoldCause, int]:
         """Return active causes with their sensor's bits."""
         causes: dict[HoldCause, int] = {}
-        if self._basic is None or now - self._heard > FEEDBACK_SILENCE:
+        if self._basic is None or now - self._feedback_at > FEEDBACK_SILENCE:
             causes[HoldCause.NO_FEEDBACK] = 0
         elif self._silent_until is not None and now - self._silent_until < _FEEDBACK_RECOVERY:
             causes[HoldCause.LINK_RECOVERING] = 0
         if self._basic is not None:
-            causes |= self._sensed(now, self._basic)
-        causes |= dict.fromkeys(self._held, 0)
+            causes |= self._sensor_causes(now, self._basic)
+        causes |= dict.fromkeys(self._external_causes, 0)
         command = self._command
         if command is None or now - command.arrived > _COMMAND_AGE:
             causes[HoldCause.NO_COMMAND] = 0
@@ -241,16 +243,16 @@ class SafetyStop:
             causes[HoldCause.BAD_COMMAND] = 0
         return causes
 
-    def _sensed(self, now: Instant, basic: BasicSensorData) -> dict[HoldCause, int]:
+    def _sensor_causes(self, now: Instant, basic: BasicSensorData) -> dict[HoldCause, int]:
         causes = {}
         if basic.wheel_drop:
             causes[HoldCause.WHEEL_DROP] = basic.wheel_drop
-        elif self._dropped:
-            if self._heard - self._moved < _STILLNESS:
+        elif self._was_lifted:
+            if self._feedback_at - self._moved_at < _STILLNESS:
                 causes[HoldCause.PUT_DOWN] = 0
             else:
-                self._dropped = False
-        if self._strained is not None and now - self._strained <= _OVERCURRENT_REST:
+                self._was_lifted = False
+        if self._overcurrent_at is not None and now - self._overcurrent_at <= _OVERCURRENT_REST:
             causes[HoldCause.OVERCURRENT] = basic.overcurrent
         if basic.bumper:
             causes[HoldCause.BUMPER] = basic.bumper
@@ -258,21 +260,21 @@ class SafetyStop:
             causes[HoldCause.CLIFF] = basic.cliff
         return causes
 
-    def _still(self, basic: BasicSensorData, inertial: InertialSensorData | None) -> bool:
+    def _is_still(self, basic: BasicSensorData, inertial: InertialSensorData | None) -> bool:
         """Return whether the base has not moved since the last feedback."""
         if self._basic is None:
             return False
         turning = inertial is not None and abs(inertial.rate_cdeg) > _STILL_RATE_CDEG
         return max(map(abs, ticks_between(self._basic, basic))) <= _STILL_TICKS and not turning
 
-    def _limited(self, v: float, omega: float) -> tuple[float, float]:
+    def _limit_velocity(self, v: float, omega: float) -> tuple[float, float]:
         """Return the velocity scaled to the base's limits, on the same arc."""
         share = max(1.0, abs(v) / _SPEED, abs(omega) / _TURN_RATE)
         return v / share, omega / share
 
 
-def _backward(v: float, omega: float) -> tuple[float, float]:
+def _backward_only(v: float, omega: float) -> tuple[float, float]:
     """Return the nearest velocity at which no wheel turns forward; zero for forward motion."""
     v = min(v, 0.0)
-    bound = -v / _EDGE
+    bound = -v / _MIN_BACKWARD_RADIUS
     return v, max(-bound, min(bound, omega))

@@ -218,7 +218,7 @@ class DeviceDriver(Protocol):
     def due(self, now: Instant) -> bytes:
         """Return the bytes to write now."""
 
-    def farewell(self) -> bytes:
+    def final_bytes(self) -> bytes:
         """Return the last bytes to write."""
 
 
@@ -246,6 +246,6 @@ class DeviceLine(ReconnectingPort[SerialPort]):
 
     def close(self) -> None:
         """Send the driver's last bytes and close the port."""
-        last = self._driver.farewell()
+        last = self._driver.final_bytes()
         self.exchange(lambda port: port.write(last))
         super().close()

@@ -285,7 +285,7 @@ class Rplidar(RangeReader):
         self._asked = True
         return _REQUESTS[self.phase].bytes
 
-    def farewell(self) -> bytes:
+    def final_bytes(self) -> bytes:
         """Return the last bytes to write."""
         return LidarRequest.STOP.bytes
 

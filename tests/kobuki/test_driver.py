@@ -243,7 +243,7 @@ def test_a_base_at_a_wall_stops_and_can_back_off() -> None:
     touched = rig.body.truth().pose
     assert touched.x == pytest.approx(4.0 - 0.177, abs=1e-6)
     assert rig.driver.pressed() & 2
-    controls = [command for _, command in rig.base.heard if isinstance(command, BaseControl)]
+    controls = [command for _, command in rig.base.commands if isinstance(command, BaseControl)]
     assert controls[-5:] == [BaseControl(0, 0)] * 5
     rig.run(3.0, (-0.2, 0.0))
     assert rig.body.truth().pose.x < touched.x - 0.3
@@ -261,7 +261,7 @@ def test_the_base_stops_in_time(fault: str, within_ms: int) -> None:
     if wish is not None:
         setattr(rig.base.faults, fault, 1)
     rig.run(0.5, wish)
-    moving = [at for at, c in rig.base.heard if isinstance(c, BaseControl) and velocity(c) != (0.0, 0.0)]
+    moving = [at for at, c in rig.base.commands if isinstance(c, BaseControl) and velocity(c) != (0.0, 0.0)]
     assert moving[-1] - began <= 1000 * within_ms
     assert rig.body.truth().v == 0.0
 
@@ -271,7 +271,7 @@ def changes(rig: Rig, what: str) -> list[StateChange]:
 
 
 def heard(rig: Rig, kind: type[Command]) -> list[Command]:
-    return [command for _, command in rig.base.heard if isinstance(command, kind)]
+    return [command for _, command in rig.base.commands if isinstance(command, kind)]
 
 
 def test_loss_and_return_of_the_base_are_reported() -> None:
@@ -294,13 +294,13 @@ def test_loss_and_return_of_the_base_are_reported() -> None:
 def test_base_control_is_sent_once_per_feedback() -> None:
     rig = Rig()
     rig.run(1.0)
-    rig.base.heard.clear()
+    rig.base.commands.clear()
     rig.fed = 0
     rig.run(4.0, (0.1, 0.1))
     controls = heard(rig, BaseControl)
     assert rig.fed == 200
     assert len(controls) == 200
-    assert len(rig.base.heard) <= 206  # and the outputs once a second
+    assert len(rig.base.commands) <= 206  # and the outputs once a second
 
 
 def test_changes_of_sensors_are_events() -> None:
@@ -368,7 +368,7 @@ def test_on_a_noisy_line_stop_is_sent_at_the_line_rate() -> None:
     assert rig.body.truth().v == 0.0
     before = len(rig.written)
     rig.run(0.1, (0.4, 0.0))
-    assert {data for _, data in rig.written[before:]} == {rig.driver.farewell() * 5}  # in 5 ms
+    assert {data for _, data in rig.written[before:]} == {rig.driver.final_bytes() * 5}  # in 5 ms
     rig.noise = NO_NOISE
     rig.run(0.5, (0.4, 0.0))
     assert rig.driver.allowed.stops == () and rig.body.truth().v > 0.0

@@ -229,7 +229,7 @@ def alone(port: Path) -> "subprocess.CompletedProcess[str]":
 
 def test_missing_standstill_is_reported() -> None:
     silent = os.open("/dev/ptmx", os.O_RDWR | os.O_NONBLOCK)
-    said = guardian.farewell(silent, limit_s=0.05)
+    said = guardian.stop_until_standstill(silent, limit_s=0.05)
     os.close(silent)
     assert "no standstill was detected: the base may still be driving" in said
     assert encode_frame(encode_command(BaseControl(0, 0))) == guardian.STOP
@@ -255,11 +255,11 @@ def test_standstill_is_detected_for_standing_wheels_only(
     data = b"".join(noise + feedback(20 * i, 7, begin + speed * i) for i in range(40))
     for at in range(0, len(data), cut):
         heard.take(data[at : at + cut])
-        assert not (speed and heard.reached)
-    assert heard.reached == (speed == 0)
+        assert not (speed and heard.is_reached)
+    assert heard.is_reached == (speed == 0)
     repeated = Standstill()
     repeated.take(20 * feedback(7, 1, 2))
-    assert not repeated.reached, "repeated feedback is no evidence"
+    assert not repeated.is_reached, "repeated feedback is no evidence"
 
 
 @pytest.mark.parametrize("abstract", [False, True])
