@@ -109,7 +109,7 @@ def run(
     if out is None:
         prepared = with_claimed_folder(prepared)
     options = prepared.options
-    if overwrite and (options.out / _MARK).is_file() and run_state(options.out) is RunState.GOING_ON:
+    if overwrite and (options.out / _MARK).is_file() and run_state(options.out) is RunState.RUNNING:
         raise AcrcError(f"--out: a run is in progress in {options.out}; choose another folder")
     start_run(prepared, replaces=_MARK if overwrite else "")
     return Run(options.out)

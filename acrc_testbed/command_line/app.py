@@ -24,7 +24,7 @@ from actors.runtime.errors import AcrcError, printable
 
 
 class StreamError(AcrcError):
-    """Standard output is not writable."""
+    """Standard output that cannot be written."""
 
 
 def protect_standard_streams() -> None:

@@ -47,8 +47,8 @@ def info(
         raise OptionError("--follow, --from, --to: require a KEY, such as '*'")
     from acrc_testbed.recordings import message_formats as figures
 
-    found = figures.info(out)
-    lines = list(chain(*(figures.sentences(one, topics=out.is_file()) for one in found)))
+    found = figures.recording_statistics(out)
+    lines = list(chain(*(figures.recording_sentences(one, topics=out.is_file()) for one in found)))
     answer([*lines, *([figures.total_sentence(found)] if len(found) > 1 else [])], found, json=json)
 
 
@@ -118,9 +118,9 @@ def check(out: _Recorded, json: Json = False) -> None:
     if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:
         answer([seal.seal_sentence(out, sealed)], {"sealed": sealed._asdict()}, json=json)
         return
-    report = record_check.check(out)
+    report = record_check.check_run(out)
     data = vars(report) | {"sealed": None if report.sealed is None else report.sealed._asdict()}
-    answer([*record_check.sentences(report), seal.seal_sentence(out, report.sealed)], data, json=json)
+    answer([*record_check.check_sentences(report), seal.seal_sentence(out, report.sealed)], data, json=json)
 
 
 def _messages(
@@ -139,7 +139,7 @@ def _answer_rates(recorded: Iterator["LoggedMessage"], *, follow: bool, json: bo
     rates: dict[str, KeyStatistics] = {}
     due = time.monotonic() + _PERIOD_S
     for one in recorded:
-        rates.setdefault(one.key, KeyStatistics()).take(one)
+        rates.setdefault(one.key, KeyStatistics()).add(one)
         if follow and time.monotonic() >= due:
             _print_rates(rates, json=json)
             due = time.monotonic() + _PERIOD_S

@@ -145,16 +145,16 @@ def _replay_here(
         reached.append(True)
         stop()
 
-    wanted = None if stop is None else stop_and_note
-    shown = None if stop is not None else partial(output_to_stream, prints)  # a debugger prints itself
+    stop_call = None if stop is None else stop_and_note
+    capture = None if stop is not None else partial(output_to_stream, prints)  # a debugger prints itself
     replay_options = ReplayOptions(
-        lambda core, step_us: record_replay.limit(core, step_us, window, wanted), prints=shown
+        lambda core, step_us: record_replay.limit_replay(core, step_us, window, stop_call), prints=capture
     )
     if strategy is None:
         report = replay_actor(out, robot, replay_options)
     else:
         report = swarm_replay.replay_with_behaviour(out, robot, entry(strategy), replay_options)
-    if wanted is not None and not reached:
+    if stop_call is not None and not reached:
         raise AcrcError(f"--from: {begin:g} is after the end of {robot}'s recording")
     return report
 
@@ -188,9 +188,9 @@ def explain(
         lines = [printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})") for row in rows]
         answer(lines or [f"{request.robot} made no decision."], rows, json=json)
         return
-    found = explainer.explain(request.at_s)
-    paragraphs = ["\n".join(map(printable, explanation.sentences(one))) for one in found]
-    answer(["\n\n".join(paragraphs)], found, json=json)
+    explanations = explainer.explain(request.at_s)
+    paragraphs = ["\n".join(map(printable, explanation.sentences(one))) for one in explanations]
+    answer(["\n\n".join(paragraphs)], explanations, json=json)
 
 
 def export(
@@ -232,16 +232,16 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
 
     console = create_console(stderr=True, soft_wrap=False)
     with console.status("reading"):
-        found = table_rows.tables(out)
+        explanations = table_rows.tables(out)
     with out_folder.convert_write_errors(folder or out):
         where = folder or regular_file.check_no_link(out / "tables")
-        written = dict(parquet_files.write(found, where))
+        written = dict(parquet_files.write(explanations, where))
     answer(
         (f"{path}: {count} rows" for path, count in written.items()),
         [{"file": path, "rows": count} for path, count in written.items()],
         json=json,
     )
-    if missing := parquet_files.lacking(found):
+    if missing := parquet_files.lacking(explanations):
         raise AcrcError(f"{out}: recorded lean, so {', '.join(missing)} are missing; run with --record full")
 
 

@@ -188,11 +188,11 @@ def _show(
     say, complete = create_console(stderr=True).print, True
     with out_folder.convert_write_errors((save or screenshot or folders[0]).absolute().parent):
         if save is not None:
-            complete = run_view.save(folders, robots, save, say)
+            complete = run_view.save_view(folders, robots, save, say)
         if screenshot is not None:
-            complete &= run_view.picture(folders, robots, screenshot, at, say)
+            complete &= run_view.take_screenshot(folders, robots, screenshot, at, say)
         if save is None and screenshot is None:
-            complete = run_view.show(folders, robots, say)
+            complete = run_view.show_view(folders, robots, say)
     if not complete:
         raise AcrcError(f"{folders[0]}: the view is incomplete, see above")
 
@@ -226,7 +226,7 @@ def _warn_if_incomplete(out: Path, run: "RunData") -> None:
 def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
     """Draw the run into each page and, if given, into `movie`; return the files."""
     from acrc_testbed.picture import run_html, run_movie, run_page
-    from acrc_testbed.recordings.topics import partial_run_notice
+    from acrc_testbed.recordings.topics import partial_run_sentence
     from acrc_testbed.run_model.simulated_runs import read_run
     from deploy.run import out_folder
 
@@ -234,7 +234,7 @@ def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: floa
         run_movie.check(movie)
     run = read_run(out)
     if run.result is None:
-        create_console(stderr=True).print(partial_run_notice(out, run.end))
+        create_console(stderr=True).print(partial_run_sentence(out, run.end))
     _warn_if_incomplete(out, run)
     for page in pages:
         with out_folder.convert_write_errors(page.parent):

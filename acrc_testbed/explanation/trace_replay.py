@@ -43,7 +43,7 @@ def trace(
     Raises TraceError for a fault, AcrcError for code that is not permitted.
     """
     report_damage(all_recordings(out)[actor])
-    words = ("--file-mb", str(max(1, bounds.most_bytes // 1_000_000)))
+    words = ("--file-mb", str(max(1, bounds.max_bytes // 1_000_000)))
     answer = run_program(out, _PROGRAM, actor, words, bounds, permit=permit, isolate=isolate)
     if answer.data is None:
         raise TraceError(answer.fault)
@@ -80,7 +80,7 @@ def main(argv: Sequence[str]) -> int:
     """Write the trace of one robot; return the exit code."""
     parser = sandboxed_replay.argument_parser(_PROGRAM)
     parser.add_argument(
-        "--file-mb", type=int, default=BOUNDS.most_bytes // 1_000_000, help="limit of the answer"
+        "--file-mb", type=int, default=BOUNDS.max_bytes // 1_000_000, help="limit of the answer"
     )
     options = parser.parse_args(argv)
     with sandboxed_replay.open_answer(options, options.file_mb) as answer:

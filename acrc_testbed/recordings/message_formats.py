@@ -20,8 +20,8 @@ from acrc_testbed.recordings.topics import (
     GrowingRecording,
     LoggedMessage,
     TopicError,
-    files,
     has_ended,
+    recording_files,
     short_key,
 )
 from actors.instant import in_seconds
@@ -130,10 +130,10 @@ def format_message(one: LoggedMessage) -> str:
 
 
 def _fields(message: Message) -> str:
-    return " ".join(f"{name}={_shown(value)}" for name, value in to_json_types(message).items())
+    return " ".join(f"{name}={_value_text(value)}" for name, value in to_json_types(message).items())
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
@@ -179,7 +179,7 @@ def series(recorded: Iterable[LoggedMessage], column: str) -> dict[str, tuple[li
         message = one.message()
         if message is None:
             continue
-        value = _number(message, column, one.key)
+        value = _numeric_value(message, column, one.key)
         if value is not None:
             seconds, values = found.setdefault(one.key, ([], []))
             seconds.append(in_seconds(one.instant))
@@ -189,7 +189,7 @@ def series(recorded: Iterable[LoggedMessage], column: str) -> dict[str, tuple[li
     return found
 
 
-def _number(message: Message, column: str, key: str) -> float | None:
+def _numeric_value(message: Message, column: str, key: str) -> float | None:
     try:
         value = column_value(message, column)
     except (LookupError, ValueError):
@@ -228,16 +228,16 @@ def read_logs(
     """Yield the lines of these logs; `follow`: also new ones until the run ends. Raises AcrcError."""
     if out.is_file():
         raise TopicError(f"{out}: a recording has no log; give a run's folder")
-    wanted = [key.removesuffix(_LOG) for key in keys]
-    check_names(wanted, logged_robots(out), str(out))
-    tail, now = LogTail(out, wanted), dict[str, float]()
+    names = [key.removesuffix(_LOG) for key in keys]
+    check_names(names, logged_robots(out), str(out))
+    tail, now = LogTail(out, names), dict[str, float]()
     while follow and not has_ended(out):
-        yield from _within(tail.poll(), now, begin, end)
+        yield from _lines_within(tail.poll(), now, begin, end)
         time.sleep(_POLL_S)
-    yield from _within(tail.close(), now, begin, end)
+    yield from _lines_within(tail.close(), now, begin, end)
 
 
-def _within(
+def _lines_within(
     found: Iterable[tuple[str, str]], now: dict[str, float], begin: float, end: float | None
 ) -> Iterator[LogLine]:
     for robot, line in found:
@@ -269,7 +269,7 @@ class KeyStatistics:
         self._instants: list[float] = []
         self._sizes: list[int] = []
 
-    def take(self, one: LoggedMessage) -> None:
+    def add(self, one: LoggedMessage) -> None:
         """Add a message."""
         self._instants.append(in_seconds(one.instant))
         self._sizes.append(one.size)
@@ -307,23 +307,23 @@ def statistics_sentences(figures: dict[str, Any]) -> list[str]:
     ]
 
 
-def info(target: Path) -> list[dict[str, Any]]:
+def recording_statistics(target: Path) -> list[dict[str, Any]]:
     """Return statistics of all recordings in a run's folder, or of one recording. Raises RecordingError.
 
     `whole`: the process closed the file. `seals`: number of verified checksums. `commit`: version of the
     testbed that wrote it; empty without a first record.
     """
-    return [_info(actor, path) for actor, path in files(target).items()]
+    return [_recording_statistics(actor, path) for actor, path in recording_files(target).items()]
 
 
-def _info(actor: str, path: Path) -> dict[str, Any]:
+def _recording_statistics(actor: str, path: Path) -> dict[str, Any]:
     rates: dict[tuple[Direction, str], KeyStatistics] = {}
     first = last = 0.0
     with GrowingRecording(path) as growing:
         for one in growing.poll():
             last = in_seconds(one.instant)
             first = first if rates else last
-            rates.setdefault((one.direction, one.key), KeyStatistics()).take(one)
+            rates.setdefault((one.direction, one.key), KeyStatistics()).add(one)
     keys = [{"direction": direction, **rate.figures(key)} for (direction, key), rate in rates.items()]
     run, reading = growing.run, growing.reading
     return {
@@ -334,7 +334,7 @@ def _info(actor: str, path: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def sentences(figures: dict[str, Any], *, topics: bool) -> list[str]:
+def recording_sentences(figures: dict[str, Any], *, topics: bool) -> list[str]:
     """Describe one recording in words; `topics`: with one line per key."""
     state = "complete" if figures["whole"] else "truncated or still open"
     where = f", on {figures['processor']}" if topics and figures["processor"] else ""

@@ -108,14 +108,15 @@ def _check_final(contents: RecordingContents) -> None:
     final = contents.final
     if final is None:
         return
-    counted, held = final.digest, contents.digest  # on hardware the actor is "base", and its file "r1.base"
-    if (counted.count, counted.sha256) != (held.count, held.sha256):
+    # names are not compared: on hardware the actor is "base", and its file "r1.base"
+    counted, recorded = final.digest, contents.digest
+    if (counted.count, counted.sha256) != (recorded.count, recorded.sha256):
         raise CheckError(
             f"{contents.path}: contains {contents.digest.count} messages of {contents.actor} with hash "
             f"{contents.digest.sha256[:12]}; the process counted {final.digest.count} with hash "
             f"{final.digest.sha256[:12]}"
         )
-    sent, received = _counted(contents, "out"), _counted(contents, "in")
+    sent, received = _message_counts(contents, "out"), _message_counts(contents, "in")
     if dict(final.sent) != sent or final.published != sum(sent.values()):
         raise CheckError(f"{contents.path}: number of sent messages differs from the process's count")
     lost = {key for key in received if received[key] > final.arrived.get(key, 0)}
@@ -124,18 +125,18 @@ def _check_final(contents: RecordingContents) -> None:
         raise CheckError(f"{contents.path}: number of received messages differs from the process's count")
 
 
-def _counted(contents: RecordingContents, wanted: Direction) -> dict[str, int]:
+def _message_counts(contents: RecordingContents, counted_direction: Direction) -> dict[str, int]:
     return {
         key: len(trail) // STAMP.size
         for (direction, key), trail in contents.trails.items()
-        if direction == wanted
+        if direction == counted_direction
         and not topic_of(key).is_from_outside
         and not topic_of(key).is_telemetry
         and not topic_of(key).is_recorded_only
     }
 
 
-_LARGEST_RESULT: Final = 64 * 1024 * 1024
+_MAX_RESULT_BYTES: Final = 64 * 1024 * 1024
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class CheckReport:
     """The verified seal; None: there is none."""
 
 
-def sentences(report: CheckReport) -> Iterator[str]:
+def check_sentences(report: CheckReport) -> Iterator[str]:
     """Yield sentences about the recordings; the seal is reported separately."""
     digest = f"digest {report.digest}" if report.digest else "no digest without a recording of the world,"
     yield f"{digest} over {report.messages} messages"
@@ -180,7 +181,7 @@ def check_recording(file: Path) -> tuple[dict[str, object], str]:
     return {"is": "recording", **contents}, sentence
 
 
-def check(out: Path, *, strict: bool = True) -> CheckReport:
+def check_run(out: Path, *, strict: bool = True) -> CheckReport:
     """Compare all recordings of a run with each other, with its result and its seal.
 
     `strict`: raise RecordingError for a damaged recording, and CheckError for a truncated one of a run with a
@@ -191,7 +192,7 @@ def check(out: Path, *, strict: bool = True) -> CheckReport:
     blank = [contents for contents in recordings if contents.blank]
     if blank and all(contents.final is not None for contents in recordings if not contents.blank):
         raise CheckError(f"{blank[0].path}: ends before its first record")
-    unreceived = sum(_compare(key, mesh) for mesh in _meshes(recordings) for key in _keys(mesh))
+    unreceived = sum(_compare(key, mesh) for mesh in _meshes(recordings) for key in _exchanged_keys(mesh))
     complete = all(contents.final is not None and contents.whole for contents in recordings)
     digest = (
         run_digest(contents.digest for contents in recordings)
@@ -222,7 +223,7 @@ def _meshes(recordings: Sequence[RecordingContents]) -> list[list[RecordingConte
     return [*meshes.values()]
 
 
-def _keys(recordings: Sequence[RecordingContents]) -> list[str]:
+def _exchanged_keys(recordings: Sequence[RecordingContents]) -> list[str]:
     """Return the keys on which recorded actors exchange messages."""
     keys = {key for contents in recordings for _, key in contents.trails} - {ROSTER.pattern}
     topics = {key: topic_of(key) for key in keys}
@@ -251,30 +252,30 @@ def _compare_stamps(
     key: str,
     senders: Sequence[RecordingContents],
     receivers: Sequence[RecordingContents],
-    left: Counter[tuple[int, bytes]],
+    pending: Counter[tuple[int, bytes]],
     received: bytes,
 ) -> int:
-    """Return how many of the stamps `left` were not received. Raises CheckError for an unknown one."""
-    known, sender = min((_known(contents) for contents in senders), default=-1), senders[0].actor
+    """Return how many of the stamps `pending` were not received. Raises CheckError for an unknown one."""
+    known, sender = min((_last_known_step(contents) for contents in senders), default=-1), senders[0].actor
     for stamp in _stamps(received):
         step, _ = stamp
-        if left[stamp] > 0:
-            left[stamp] -= 1
+        if pending[stamp] > 0:
+            pending[stamp] -= 1
         elif step <= known:
             names = " and ".join(contents.actor for contents in receivers)
-            what = "differs from what" if any(other == step for other, _ in left) else "is not among what"
+            what = "differs from what" if any(other == step for other, _ in pending) else "is not among what"
             raise CheckError(f"step {step}: a message that {names} received on {key} {what} {sender} sent")
     unread = sum(contents.final.unread for contents in receivers if contents.final is not None)
-    missing = left.total()
+    missing = pending.total()
     if _ended_by_clock(senders, receivers) and missing:
         last = max((step for step, _ in _stamps(received)), default=-1)
-        if min(step for step, _ in left.elements()) > last:
+        if min(step for step, _ in pending.elements()) > last:
             return missing  # in flight when the receiver exited
     if all(contents.final is not None for contents in (*senders, *receivers)) and missing > unread:
         names = " and ".join(contents.actor for contents in receivers)
         raise CheckError(
             f"{key}: {missing - unread} messages of {sender} were not received by {names}, "
-            f"the first one in step {min(step for step, _ in left.elements())}"
+            f"the first one in step {min(step for step, _ in pending.elements())}"
         )
     return missing
 
@@ -284,7 +285,7 @@ def _ended_by_clock(senders: Sequence[RecordingContents], receivers: Sequence[Re
     return any("." in contents.robot for contents in (*senders, *receivers))
 
 
-def _known(contents: RecordingContents) -> int:
+def _last_known_step(contents: RecordingContents) -> int:
     """Return the last step whose sent messages are all recorded."""
     if contents.final is not None:
         return 1 << 64
@@ -305,7 +306,7 @@ def _compare_result(out: Path, digest: str, recordings: Sequence[RecordingConten
     if not result.is_file():
         return
     with regular_file.open_regular(result) as file:
-        text = file.read(_LARGEST_RESULT + 1)
+        text = file.read(_MAX_RESULT_BYTES + 1)
     try:
         claimed = typed_json.decode(text, _ResultDigest).digest
     except ValueError as error:

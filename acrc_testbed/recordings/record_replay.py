@@ -15,7 +15,7 @@ from typing import Any, Final, cast
 
 import msgspec
 
-from acrc_testbed.recordings.record_check import check
+from acrc_testbed.recordings.record_check import check_run
 from acrc_testbed.recordings.run_recordings import all_recordings, decode_setup, read_run_note
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import command_name
@@ -54,13 +54,13 @@ class TimeWindow:
     """None: to the end."""
 
 
-def limit(core: Core, step_us: int, window: TimeWindow, stop: Callable[[], None] | None) -> None:
+def limit_replay(core: Core, step_us: int, window: TimeWindow, stop: Callable[[], None] | None) -> None:
     """Call `stop` before the first step of the window, and raise ReplayStoppedError after the last one."""
     advance = core.advance
     begin, stopped = seconds(window.begin_s), stop is None
     end = None if window.end_s is None else seconds(window.end_s)
 
-    def watched(inputs: Inputs) -> Sequence[Output]:
+    def limited_advance(inputs: Inputs) -> Sequence[Output]:
         nonlocal stopped
         instant = Instant(core.step * step_us)
         if end is not None and instant > end:
@@ -74,7 +74,7 @@ def limit(core: Core, step_us: int, window: TimeWindow, stop: Callable[[], None]
         except bdb.BdbQuit:
             raise ReplayStoppedError from None
 
-    cast(Any, core).advance = watched
+    cast(Any, core).advance = limited_advance
 
 
 def pdb_breakpoint(*, own: bool) -> Callable[[], None]:
@@ -133,24 +133,24 @@ def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOp
     prints = None if replay_options.prints is None else replay_options.prints(run.step_us)
     with nullcontext() if prints is None else prints.during(0):
         expect_hashes(
-            None if run.code is None or replay_options.behaviour is not None else _recorded(path, run.code)
+            None if run.code is None or replay_options.behaviour is not None else _modules_of(path, run.code)
         )
-        part = _part(path, actor, run, replay_options)
+        process = _build_process(path, actor, run, replay_options)
     if replay_options.prepare is not None:
-        replay_options.prepare(part.core, run.step_us)
-    bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
-    shell = Shell(part.core, bus, bus, actor=run.actor, optional_inputs=part.optional_inputs)
-    if part.ready is not None:
-        shell.send(part.ready)
+        replay_options.prepare(process.core, run.step_us)
+    bus = ReplayBus(path, lambda sha256: _find_message(files.values(), sha256))
+    shell = Shell(process.core, bus, bus, actor=run.actor, optional_inputs=process.optional_inputs)
+    if process.ready is not None:
+        shell.send(process.ready)
     shell.prints = prints
     try:
         replay(shell, bus)
     except ReplayStoppedError:
         return ReplayReport(actor, bus.compared, whole=False)
     except ReplayError as error:
-        here = part.run
-        why = difference_cause(run.processor, here.processor, differing_kernels(run.kernels, here.kernels))
-        raise (ReplayError(f"{error}; {why}") if why else error) from None
+        here = process.run
+        cause = difference_cause(run.processor, here.processor, differing_kernels(run.kernels, here.kernels))
+        raise (ReplayError(f"{error}; {cause}") if cause else error) from None
     return ReplayReport(actor, bus.compared)
 
 
@@ -158,7 +158,7 @@ _RECHECK: Final = (
     "import sys; from acrc_testbed.recordings.record_replay import replay_all; "
     "sys.exit(replay_all(sys.argv[1:]))"
 )
-_LONGEST: Final = 2000
+_MAX_FAULT: Final = 2000
 """Limit of a fault, characters; less than a pipe's buffer."""
 
 
@@ -192,7 +192,7 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> RecheckReport:
 
     `modules`: folders of the run's strategy.
     """
-    check(out)
+    check_run(out)
     actors = tuple(all_recordings(out))
     words = (*map(str, modules), str(out), *actors)
     other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
@@ -244,7 +244,7 @@ def _replay_parallel(out: Path, actors: Sequence[str]) -> Iterator[RecheckedActo
     while waiting or running:
         while waiting and len(running) < (os.cpu_count() or 1):
             actor = waiting.popleft()
-            pid, pipe = _start(out, actor)
+            pid, pipe = _fork_replay(out, actor)
             running[pid] = (actor, pipe)
         pid, status = os.wait()
         if pid not in running:
@@ -257,7 +257,7 @@ def _replay_parallel(out: Path, actors: Sequence[str]) -> Iterator[RecheckedActo
         yield msgspec.json.decode(text, type=RecheckedActor) if text else ended
 
 
-def _start(out: Path, actor: str) -> tuple[int, int]:
+def _fork_replay(out: Path, actor: str) -> tuple[int, int]:
     """Fork a process for one actor; return its pid and the descriptor of its answer."""
     mine, theirs = os.pipe()
     parent = os.getpid()
@@ -270,24 +270,24 @@ def _start(out: Path, actor: str) -> tuple[int, int]:
         die_with_parent(parent)
         failure.hold_reserve(Path(tempfile.gettempdir()))
         os.dup2(2, 1)  # prints of a strategy must not mix with the answer
-        os.write(theirs, msgspec.json.encode(_replayed(out, actor)))
+        os.write(theirs, msgspec.json.encode(_replay_one(out, actor)))
         code = 0
     finally:
         os._exit(code)
 
 
-def _replayed(out: Path, actor: str) -> RecheckedActor:
+def _replay_one(out: Path, actor: str) -> RecheckedActor:
     try:
         return RecheckedActor(actor, replay_actor(out, actor).outputs)
     except AcrcError as error:
-        return RecheckedActor(actor, fault=str(error)[:_LONGEST])
+        return RecheckedActor(actor, fault=str(error)[:_MAX_FAULT])
     except Exception as error:  # a strategy that diverges may fail
         failure.release_reserve()
-        return RecheckedActor(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
+        return RecheckedActor(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_MAX_FAULT])
 
 
-def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
-    """Return the known modules of a recorded process."""
+def _modules_of(path: Path, code: dict[str, str]) -> RecordedModules:
+    """Return the recorded modules of a process, with their hashes."""
     notes = read_notes(path)
     if "final" not in notes:
         return RecordedModules(code, whole=False)
@@ -298,15 +298,15 @@ def recorded_code(out: Path) -> RecordedModules | None:
     """Return the modules of a run's robots; None if none were recorded."""
     files = all_recordings(out)
     runs = [(path, read_run_note(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
-    known = [_recorded(path, run.code) for path, run in runs if run.code is not None]
+    known = [_modules_of(path, run.code) for path, run in runs if run.code is not None]
     if not known:
         return None
     hashes = {name: sha256 for one in known for name, sha256 in one.hashes.items()}
     return RecordedModules(hashes, all(one.whole for one in known))
 
 
-def _part(path: Path, actor: str, run: RunNote, replay_options: ReplayOptions) -> ActorProcess:
-    """Build the recorded actor, with the behaviour replaced if `onlook` has one."""
+def _build_process(path: Path, actor: str, run: RunNote, replay_options: ReplayOptions) -> ActorProcess:
+    """Build the recorded actor, with the behaviour replaced if `replay_options` names one."""
     folder = path.parent
     if actor == "world":
         return world_program.actor_process_of(
@@ -321,7 +321,7 @@ def _part(path: Path, actor: str, run: RunNote, replay_options: ReplayOptions) -
     return actor_process_of(setup, folder, run.actor, run.commit)
 
 
-def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:
+def _find_message(files: Iterable[Path], sha256: bytes) -> bytes | None:
     """Find a large message in its receiver's recording."""
     for path in files:
         try:

@@ -1,7 +1,8 @@
 """Replay of recorded code in a separate process, sandboxed where the machine supports it.
 
-`ask` runs a program and returns its answer: untrusted bytes of limited size. Such programs share `parser` and
-`answering`. The program of this module replays one actor and answers with a JSON object:
+`run_program` runs a program and returns its answer: untrusted bytes of limited size. Such programs share
+`argument_parser` and `open_answer`. The program of this module replays one actor and answers with a JSON
+object:
 `python -m acrc_testbed.recordings.sandboxed_replay --out DIR --actor NAME --answer FILE --own DIR`.
 """
 
@@ -53,7 +54,7 @@ from actors.runtime.replay_bus import ReplayError
 _PROGRAM: Final = "acrc_testbed.recordings.sandboxed_replay"
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
 """Processes that serve devices of a real robot; they cannot be replayed."""
-_SHOWN: Final = 300
+_MAX_QUOTE: Final = 300
 """Length of the quote from a failed program's log, characters."""
 _FILE_MB: Final = 64
 """Limit of the answer; `CapturedOutput` limits printed output to less."""
@@ -74,12 +75,12 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
     entry = decode_setup(files[actor], run, RobotSetup, "a robot").behaviour
     folders = permitted_folders(files[actor], entry, code_folders(out), permit)
     if folders and run.code is None and not permit.trust:
-        warn_unhashed(files[actor])
+        warn_about_missing_hashes(files[actor])
     return folders
 
 
 @cache
-def warn_unhashed(place: Path) -> None:
+def warn_about_missing_hashes(place: Path) -> None:
     """Warn once that the strategy's code cannot be compared with the recorded one."""
     print_warning(f"{place}: recorded without hashes of the strategy's modules; they may differ here")
 
@@ -88,13 +89,13 @@ def warn_unhashed(place: Path) -> None:
 class ProgramLimits:
     """Limits of one program."""
 
-    most_bytes: int
+    max_bytes: int
     """Limit of the answer."""
-    least_s: float = 120.0
-    """Timeout, including compilation of kernels ..."""
+    min_timeout_s: float = 120.0
+    """Minimum timeout, including compilation of kernels."""
     bytes_per_s: float = 4096.0
-    """... plus 1 s per this many bytes of the recording: half of the data of a simulated second, so that runs
-    slower than real time can be replayed."""
+    """Bytes of the recording per second of additional timeout: half of the data of a simulated second, so
+    that runs slower than real time can be replayed."""
 
 
 class ProgramOutput(NamedTuple):
@@ -103,7 +104,7 @@ class ProgramOutput(NamedTuple):
     data: bytes | None
     fault: str | None
     """Sentence that begins with the actor."""
-    said: str
+    output: str
     """Last output of its code."""
 
 
@@ -124,37 +125,37 @@ def run_program(
     folders = check_trust(out, actor, permit)
     if folders is None:
         raise AcrcError(f"{actor}: not a robot")
-    patience_s = bounds.least_s + all_recordings(out)[actor].stat().st_size / bounds.bytes_per_s
-    with scratch_folder() as home, create_launcher("exec") as launched:
-        stage = home / actor
-        (stage / "own").mkdir(parents=True)
+    timeout_s = bounds.min_timeout_s + all_recordings(out)[actor].stat().st_size / bounds.bytes_per_s
+    with scratch_folder() as home, create_launcher("exec") as launcher:
+        work = home / actor
+        (work / "own").mkdir(parents=True)
         argv = (
             *("--out", str(out.resolve()), "--actor", actor, *words),
             *(word for folder in folders for word in ("--path", str(folder))),
             *(("--any-content",) if permit.trust else ()),
             *(("--isolate",) if isolate else ()),
-            *("--answer", str(stage / "answer"), "--own", str(stage / "own")),
+            *("--answer", str(work / "answer"), "--own", str(work / "own")),
         )
-        program = Program(actor, module, argv, stage / f"{actor}.log", None)
-        child, deadline = launched.start(program), time.monotonic() + patience_s
-        while child.exit_code is None and time.monotonic() < deadline:
-            launched.wait(0.5)
-        is_late = child.exit_code is None
-        while child.exit_code is None:
-            child.send(signal.SIGKILL)
-            launched.wait(0.5)
+        program = Program(actor, module, argv, work / f"{actor}.log", None)
+        process, deadline = launcher.start(program), time.monotonic() + timeout_s
+        while process.exit_code is None and time.monotonic() < deadline:
+            launcher.wait(0.5)
+        is_late = process.exit_code is None
+        while process.exit_code is None:
+            process.send(signal.SIGKILL)
+            launcher.wait(0.5)
         data = b""
-        with suppress(OSError), (stage / "answer").open("rb") as file:
-            data = file.read(bounds.most_bytes + 1)
+        with suppress(OSError), (work / "answer").open("rb") as file:
+            data = file.read(bounds.max_bytes + 1)
         printed, fault = program_output(program), None
         if is_late:
-            fault = f"replay timed out after {patience_s:.0f} s and was killed"
-        elif len(data) > bounds.most_bytes:
-            fault = f"answer is larger than {bounds.most_bytes} bytes"
-        elif not data or child.exit_code != 0:
-            last = " ".join(printed.split())[-_SHOWN:]
-            why = f"exit code {child.exit_code}" + (f"; last output: {last}" if last else "")
-            fault = f"replay failed ({why})"
+            fault = f"replay timed out after {timeout_s:.0f} s and was killed"
+        elif len(data) > bounds.max_bytes:
+            fault = f"answer is larger than {bounds.max_bytes} bytes"
+        elif not data or process.exit_code != 0:
+            last = " ".join(printed.split())[-_MAX_QUOTE:]
+            reason = f"exit code {process.exit_code}" + (f"; last output: {last}" if last else "")
+            fault = f"replay failed ({reason})"
         return (
             ProgramOutput(None, f"{actor}: {fault}", printed) if fault else ProgramOutput(data, None, printed)
         )
@@ -188,7 +189,7 @@ def replay(
         return replay_actor(out, actor)  # in this process, for debuggers
     report_damage(all_recordings(out)[actor])
     outcome = run_program(out, _PROGRAM, actor, (), bounds, permit=permit, isolate=choice.isolate)
-    print_output(outcome.said)
+    print_output(outcome.output)
     fault = outcome.fault
     if outcome.data is not None:
         try:
@@ -237,7 +238,7 @@ def open_answer(options: Namespace, file_mb: int) -> Iterator[FileIO]:
 
 
 def describe_failure(actor: str, error: Exception) -> str:
-    """Return the fault of failed code; its traceback goes to the log, if that has room."""
+    """Return the fault of failed code, and write its traceback to the log if that has room."""
     failure.release_reserve()
     print_traceback(error)
     return f"{actor}: {type(error).__name__}: {error}"

@@ -25,16 +25,16 @@ from actors.runtime.replay_bus import topic_of
 from actors.topic import Message, Topic
 
 _POLL_S: Final = 0.1
-_HASH: Final = 40
+_HASH_SIZE: Final = 40
 """Recorded bytes of a message of which only the hash was kept."""
 _WITHOUT_STEP: Final = frozenset({CONTROL.pattern, BOARD.pattern})
-_UNTAKEN: Final = frozenset({ROSTER.pattern, BOARD.pattern})
+_NOT_RECORDED_BY_RECEIVERS: Final = frozenset({ROSTER.pattern, BOARD.pattern})
 """Keys whose receivers do not record."""
 
 
 def _is_from_sender(key: str) -> bool:
     """Return True for keys that are read from the sender's recording, as no receiver records them."""
-    return key in _UNTAKEN or topic_of(key).is_recorded_only
+    return key in _NOT_RECORDED_BY_RECEIVERS or topic_of(key).is_recorded_only
 
 
 class TopicError(AcrcError):
@@ -74,38 +74,40 @@ def short_key(key: str) -> str:
     return key.removeprefix("swarm/up/").removeprefix("swarm/down/").removeprefix("swarm/infra/")
 
 
-def matches(key: str, wanted: str) -> bool:
+def matches(key: str, pattern: str) -> bool:
     """Return True if a key, in full or short, matches a pattern such as `*/drive`."""
-    return fnmatchcase(key, wanted) or fnmatchcase(short_key(key), wanted)
+    return fnmatchcase(key, pattern) or fnmatchcase(short_key(key), pattern)
 
 
-def files(target: Path) -> dict[str, Path]:
+def recording_files(target: Path) -> dict[str, Path]:
     """Return recordings by actor: those of a run's folder, or the given file."""
     if not target.is_file():
         return recordings(target)
     return {target.stem: target}
 
 
-def messages(target: Path, wanted: str) -> Iterator[LoggedMessage]:
+def messages(target: Path, pattern: str) -> Iterator[LoggedMessage]:
     """Yield every message on the matching keys once, in order of time.
 
     Messages come from the receiver's recording, as senders record only the hash of a large one. Raises
     RecordingError, and TopicError if there is no such message.
     """
-    return follow(target, [wanted], lambda: True)
+    return follow(target, [pattern], lambda: True)
 
 
-def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> Iterator[LoggedMessage]:
+def follow(target: Path, patterns: Sequence[str], ended: Callable[[], bool]) -> Iterator[LoggedMessage]:
     """Yield messages as `messages` does, then new ones until `ended` returns True."""
-    alone, found = target.is_file(), False
+    is_single, found = target.is_file(), False
     readers: dict[Path, GrowingRecording] = {}
     with ExitStack() as stack:
         while True:
             last = ended()
-            for path in files(target).values():
+            for path in recording_files(target).values():
                 if path not in readers:
                     readers[path] = stack.enter_context(GrowingRecording(path))
-            for one in heapq.merge(*(_of(each, wanted, alone) for each in readers.values()), key=_order):
+            for one in heapq.merge(
+                *(_matching(each, patterns, is_single) for each in readers.values()), key=_step_of
+            ):
                 found = True
                 yield one
             if last:
@@ -113,7 +115,7 @@ def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> It
             time.sleep(_POLL_S)
     if not found:
         raise TopicError(
-            f"{target}: no messages on {', '.join(map(repr, wanted))}; "
+            f"{target}: no messages on {', '.join(map(repr, patterns))}; "
             f"`acrc record info {target} '*'` lists the keys"
         )
 
@@ -129,7 +131,7 @@ def has_ended(target: Path) -> bool:
     """Return True if the run has a result, or all recordings were closed."""
     if (target / "run.json").is_file():
         return True
-    return all(is_closed(path) for path in files(target).values())
+    return all(is_closed(path) for path in recording_files(target).values())
 
 
 class GrowingRecording:
@@ -163,7 +165,7 @@ class GrowingRecording:
             step = self._step + 1  # processed at the start of the next step
         elif not entry.key.endswith("/ready"):
             self._step = max(step, self._step)
-        size = _HASH if entry.payload is None else len(entry.payload)
+        size = _HASH_SIZE if entry.payload is None else len(entry.payload)
         instant = Instant(step * (0 if self.run is None else self.run.step_us))
         return LoggedMessage(
             step=step,
@@ -177,16 +179,16 @@ class GrowingRecording:
         )
 
 
-def _of(growing: GrowingRecording, wanted: Sequence[str], alone: bool) -> Iterator[LoggedMessage]:
-    """Yield the matching messages of one file; unless it is `alone`, those that it records for the run."""
+def _matching(growing: GrowingRecording, patterns: Sequence[str], is_single: bool) -> Iterator[LoggedMessage]:
+    """Yield the matching messages of one file: all if `is_single`, else those that it records for the run."""
     for one in growing.poll():
-        if any(matches(one.key, name) for name in wanted) and (
-            alone or (one.direction == "out") == _is_from_sender(one.key)
+        if any(matches(one.key, name) for name in patterns) and (
+            is_single or (one.direction == "out") == _is_from_sender(one.key)
         ):
             yield one
 
 
-def _order(one: LoggedMessage) -> int:
+def _step_of(one: LoggedMessage) -> int:
     return one.step
 
 
@@ -203,9 +205,9 @@ class RunState(Enum):
 
     ENDED = "ended"
     """World and radio closed their recordings, or the run has a result."""
-    GOING_ON = "going on"
+    RUNNING = "going on"
     DIED = "died"
-    """They did not, and no process writes to them."""
+    """The run has no result, and no process writes to its recordings."""
 
 
 def run_state(out: Path) -> RunState:
@@ -218,7 +220,7 @@ def run_state(out: Path) -> RunState:
     conducting = [path for actor, path in files.items() if actor in ("world", "radio")]
     if (out / "run.json").is_file() or not conducting or all(is_closed(path) for path in conducting):
         return RunState.ENDED
-    return RunState.GOING_ON if _written(conducting) else RunState.DIED
+    return RunState.RUNNING if _is_written(conducting) else RunState.DIED
 
 
 def recorded_span(out: Path, end: float) -> str:
@@ -228,37 +230,39 @@ def recorded_span(out: Path, end: float) -> str:
 
 def is_running(out: Path) -> bool:
     """Return True if a run is running, or has got its result since its data were read."""
-    return run_state(out) is RunState.GOING_ON or (out / "run.json").is_file()
+    return run_state(out) is RunState.RUNNING or (out / "run.json").is_file()
 
 
-def partial_run_notice(out: Path, end: float) -> str:
+def partial_run_sentence(out: Path, end: float) -> str:
     """Return a notice that a run without a result is drawn up to `end`, s."""
     how = "is still running" if is_running(out) else "was cut off"
     return f"the run {how}; drawn up to {end:g} s"
 
 
-def _written(files: list[Path]) -> bool:
+def _is_written(paths: list[Path]) -> bool:
     """Return True if a process of this user has one of the files open, or if that is unknown."""
-    if sys.platform != "linux" or files[0].stat().st_uid != os.getuid():
+    if sys.platform != "linux" or paths[0].stat().st_uid != os.getuid():
         return True
-    wanted = {(there.st_dev, there.st_ino) for there in (path.stat() for path in files)}
-    return any(_has_open(process, wanted) for process in Path("/proc").glob("[0-9]*/fd"))
+    inodes = {(there.st_dev, there.st_ino) for there in (path.stat() for path in paths)}
+    return any(_has_open(process, inodes) for process in Path("/proc").glob("[0-9]*/fd"))
 
 
-def _has_open(descriptors: Path, wanted: set[tuple[int, int]]) -> bool:
+def _has_open(descriptors: Path, inodes: set[tuple[int, int]]) -> bool:
     if descriptors.parent.name == str(os.getpid()):
         return False  # this process only reads
     try:
         for link in descriptors.iterdir():
             there = link.stat()
-            if (there.st_dev, there.st_ino) in wanted and _writes(descriptors.parent / "fdinfo" / link.name):
+            if (there.st_dev, there.st_ino) in inodes and _is_writable(
+                descriptors.parent / "fdinfo" / link.name
+            ):
                 return True
     except OSError:  # exited, or of another user
         return False
     return False
 
 
-def _writes(info: Path) -> bool:
+def _is_writable(info: Path) -> bool:
     """Return True if a file was opened for writing (proc_pid_fdinfo(5))."""
     flags = next(line for line in info.read_text().splitlines() if line.startswith("flags:"))
     return bool(int(flags.split()[1], 8) & os.O_ACCMODE)

@@ -241,7 +241,7 @@ class RunData:
         return in_seconds(steps * self.step_us)
 
 
-_THERE: Final = 0.1
+_ARRIVAL_DISTANCE: Final = 0.1
 """Distance between a carried robot and the ordered point at that step, at most, m."""
 
 
@@ -261,22 +261,22 @@ def ordered_changes(run: RunData) -> list[AppliedOrder]:
     """
     found = []
     for step, order in run.orders:
-        if words := _words(order):
+        if words := _order_text(order):
             robot = order.robot if isinstance(order, AssignPlaces | Move | LoseFrame) else ""
-            if not isinstance(order, Move) or _carried(run, step, order):
+            if not isinstance(order, Move) or _has_arrived(run, step, order):
                 found.append(AppliedOrder(in_seconds(step * run.step_us), robot, words))
     return found
 
 
-def _carried(run: RunData, step: int, order: Move) -> bool:
+def _has_arrived(run: RunData, step: int, order: Move) -> bool:
     if order.robot not in run.robots or not len(run.seconds):
         return False
     row = step - round(run.seconds[0] * 1e6) // run.step_us
     x, y = run.true[min(max(row, 0), len(run.true) - 1), run.robots.index(order.robot), :2].tolist()
-    return math.dist((x, y), (order.x, order.y)) < _THERE
+    return math.dist((x, y), (order.x, order.y)) < _ARRIVAL_DISTANCE
 
 
-def _words(order: Order) -> str:
+def _order_text(order: Order) -> str:
     """Describe an order; "" for one with other marks."""
     words = ""
     match order:

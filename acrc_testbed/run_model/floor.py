@@ -84,7 +84,7 @@ class FloorHistory:
                 break
             for one in changes.get(second, ()):
                 self._apply(one)
-            now = (*self._standing(), *self._jamming(second))
+            now = (*self._objects(), *self._active_jammers(second))
             if now != self._state:
                 self._state = now
                 yield second, now
@@ -95,12 +95,12 @@ class FloorHistory:
             self._things.pop(number, None)
         self._things.update((one.number, one) for one in changed.put)
 
-    def _standing(self) -> Iterator[FloorObject]:
+    def _objects(self) -> Iterator[FloorObject]:
         for one in self._things.values():
             if one.kind != "closing door":
                 yield FloorObject(one.kind, one.points, one.radius)
 
-    def _jamming(self, second: float) -> Iterator[FloorObject]:
+    def _active_jammers(self, second: float) -> Iterator[FloorObject]:
         for begin, jam in self._jams:
             if begin <= second < in_seconds(jam.until):
                 yield FloorObject("jammer", ((jam.x, jam.y),), jam.radius)
@@ -120,14 +120,14 @@ def floor_intervals(changes: Sequence[tuple[float, FloorState]], end: float) -> 
     open_: list[FloorInterval] = []
     found: list[FloorInterval] = []
     for second, now in changes:
-        left = list(now)
+        remaining = list(now)
         for one in open_:
-            if one.object in left:
-                left.remove(one.object)
+            if one.object in remaining:
+                remaining.remove(one.object)
             else:
                 found[found.index(one)] = one._replace(end=second)
         open_ = [one for one in found if one.end == end and one.object in now]
-        new = [FloorInterval(each, second, end) for each in left]
+        new = [FloorInterval(each, second, end) for each in remaining]
         found += new
         open_ += new
     return found

@@ -51,7 +51,7 @@ class FrameCopies:
     outcomes: NDArray[np.int64]
     """Values of `Outcome`."""
 
-    def part(self, which: NDArray[np.bool_]) -> "FrameCopies":
+    def select(self, which: NDArray[np.bool_]) -> "FrameCopies":
         """Return the copies selected by a mask, (n,)."""
         return FrameCopies(
             self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which]
@@ -61,7 +61,7 @@ class FrameCopies:
 NO_COPIES: Final = FrameCopies(np.zeros(0), *(np.zeros(0, np.int64) for _ in range(3)))
 
 
-def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) -> FrameCopies:
+def frame_copies(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) -> FrameCopies:
     """Return the copies of all sent frames at active transceivers. Raises FrameOutcomesError.
 
     `transceivers`: index of the robot for each number that the radio uses.
@@ -78,13 +78,13 @@ def copies_of(messages: Sequence[FrameOutcomes], transceivers: Sequence[int]) ->
     return FrameCopies(seconds[rows], robots[senders[rows]], robots[receivers], outcomes[rows, receivers])
 
 
-def concatenated(parts: Sequence[FrameCopies]) -> FrameCopies:
+def concatenate_copies(parts: Sequence[FrameCopies]) -> FrameCopies:
     """Concatenate the copies of several parts."""
     names = ("seconds", "senders", "receivers", "outcomes")
     return FrameCopies(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
 
-def by_outcome(copies: FrameCopies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
+def outcome_rates(copies: FrameCopies, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
     """Return copies per second by outcome, (bins, outcomes), from `begin`, s; the last bin counts all later
     copies, too."""
     table = np.zeros((bins, len(Outcome)))

@@ -15,7 +15,7 @@ from acrc_testbed.results.clocks import AlignedClocks
 from acrc_testbed.results.field_recordings import FieldTrial, Moment, RobotLog, read_field_trial
 from acrc_testbed.results.field_trial_result import reported_places
 from acrc_testbed.run_model.data import RunData, RunDescription
-from acrc_testbed.run_model.model import RunModel, with_instants
+from acrc_testbed.run_model.model import RunModel, convert_instants
 from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals, process_model
 from acrc_testbed.run_model.simulated_runs import recorded_run
 from actors.floor.grid import FREE, OccupancyGrid
@@ -51,8 +51,8 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
     """Read a folder with the robots' folders. Raises FieldTrialError if they are not of one trial."""
     trial = read_field_trial([out])
     clocks = AlignedClocks(trial)
-    times = {id(log): _Times(log, clocks) for log in trial.all_logs()}
-    grid, missing = _grid(trial)
+    times = {id(log): _TrialClock(log, clocks) for log in trial.all_logs()}
+    grid, missing = _trial_map(trial)
     model = RunModel(
         RunDescription(
             out=out,
@@ -67,20 +67,20 @@ def collected_run(out: Path, *, internals: bool = False) -> RunData:
     )
     for second, key, message in sorted(_messages(trial, times), key=lambda one: one[0]):
         model.extend(key, message, second)
-    for robot, second, state in _states(trial, times):
+    for robot, second, state in _state_changes(trial, times):
         model.set_state(robot, second, state)
     for sentence in (*trial.notes, *clocks.notes, *reported_places(trial, clocks).notes, *missing):
-        model.note(sentence)
+        model.add_note(sentence)
     processes = [
         RecordedProcess(log.path.stem, log.identity.id, times[id(log)].seconds) for log in trial.all_logs()
     ]
-    run = model.observed(clocks.span / 1e6, processes)
+    run = model.take_reports(clocks.span / 1e6, processes)
     if not internals:
         return run
-    return replace(run, internals=tuple(map(_computed, trial.all_logs(), processes)))
+    return replace(run, internals=tuple(map(_introspection, trial.all_logs(), processes)))
 
 
-def _computed(log: RobotLog, process: RecordedProcess) -> RobotInternals:
+def _introspection(log: RobotLog, process: RecordedProcess) -> RobotInternals:
     """Return a robot's introspection up to the first damage of its recording."""
     model = process_model(process, log.path, read_run_note(log.path))
     topics = (SENSES, RECEIVED, INTROSPECTION)
@@ -92,7 +92,7 @@ def _computed(log: RobotLog, process: RecordedProcess) -> RobotInternals:
     return model.take(last, {drive.step: drive for _, drive in log.messages_of(Drive)})
 
 
-class _Times:
+class _TrialClock:
     """Conversion of one recording's instants to the seconds of the trial."""
 
     def __init__(self, log: RobotLog, clocks: AlignedClocks) -> None:
@@ -122,15 +122,15 @@ class TimedMessage(NamedTuple):
     message: Message
 
 
-def _messages(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[TimedMessage]:
+def _messages(trial: FieldTrial, times: Mapping[int, _TrialClock]) -> Iterator[TimedMessage]:
     """Yield the robots' messages with all instants converted to the trial's clock."""
     for log in trial.all_logs():
         own = times[id(log)]
         for tick, key, message in log.messages:
-            yield TimedMessage(float(own.ticks[tick]), key, with_instants(message, own.instant))
+            yield TimedMessage(float(own.ticks[tick]), key, convert_instants(message, own.instant))
 
 
-def _states(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[tuple[str, float, str]]:
+def _state_changes(trial: FieldTrial, times: Mapping[int, _TrialClock]) -> Iterator[tuple[str, float, str]]:
     """Yield the starts and exits of each robot in order of time."""
     for robot, logs in trial.logs.items():
         spans = [ticks for log in logs if len(ticks := times[id(log)].ticks)]
@@ -139,7 +139,7 @@ def _states(trial: FieldTrial, times: Mapping[int, _Times]) -> Iterator[tuple[st
             yield robot, second, state
 
 
-def _grid(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
+def _trial_map(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
     """Return the map stored with a recording; else empty floor around the robots' estimates, and a note."""
     for log in trial.all_logs():
         for path in (log.path.parent / "map.yaml", log.path.parent.parent / "map" / "map.yaml"):
@@ -149,6 +149,6 @@ def _grid(trial: FieldTrial) -> tuple[OccupancyGrid, tuple[str, ...]]:
     known = np.array(poses, np.float64).reshape(-1, 2)
     low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else (np.zeros(2), np.ones(2))
     columns, rows = np.ceil((high - low + 2 * _MARGIN) / _CELL).astype(np.int64).tolist()
-    bare = np.full((rows, columns), FREE, np.uint8)
+    empty = np.full((rows, columns), FREE, np.uint8)
     corner = Point(*(low - _MARGIN).tolist())
-    return OccupancyGrid(bare, _CELL, corner), ("the recordings have no map; the floor is drawn empty",)
+    return OccupancyGrid(empty, _CELL, corner), ("the recordings have no map; the floor is drawn empty",)

@@ -17,7 +17,7 @@ from acrc_testbed.run_model.data import (
     step_columns,
 )
 from acrc_testbed.run_model.floor import FLOOR_ORDERS, NO_CHANGES, FloorHistory
-from acrc_testbed.run_model.frame_outcomes import FrameCopies, copies_of
+from acrc_testbed.run_model.frame_outcomes import FrameCopies, frame_copies
 from acrc_testbed.run_model.place_reports import PlaceReports
 from acrc_testbed.run_model.robot_introspection import RecordedProcess
 from actors.instant import in_seconds
@@ -45,7 +45,7 @@ def robot_of(key: str) -> str:
     return parts[2] if len(parts) == 4 and parts[1] in ("up", "down") else ""
 
 
-def with_instants(message: Message, convert: Callable[[int], int]) -> Message:
+def convert_instants(message: Message, convert: Callable[[int], int]) -> Message:
     """Return a robot's message with the instants of its reports and radio events converted, µs."""
 
     def converted(parts: Sequence[T]) -> tuple[T, ...]:
@@ -61,7 +61,7 @@ def with_instants(message: Message, convert: Callable[[int], int]) -> Message:
 
 
 class RunModel:
-    """Accumulated messages of one run: `extend` adds them, `advance` or `observed` removes finished data.
+    """Accumulated messages of one run: `extend` adds them, `advance` or `take_reports` removes finished data.
 
     With ground truth a row needs the Truth of its step and all messages of that step; the caller decides when
     it is complete. Without ground truth each report of a robot is a row.
@@ -72,7 +72,9 @@ class RunModel:
         self.description = description
         self._index = {robot: number for number, robot in enumerate(description.robots)}
         self._reports = PlaceReports(description.own_places)
-        self._left = np.array([self._reports.left(robot) for robot in description.robots], np.int64)
+        self._places_left = np.array(
+            [self._reports.left_count(robot) for robot in description.robots], np.int64
+        )
         self._floor = FloorHistory(description.step_us)
         self._frames: list[FrameOutcomes] = []
         self._truths: list[Truth] = []
@@ -81,7 +83,7 @@ class RunModel:
         """Rows without ground truth, by robot: s, estimated pose, commanded velocity."""
         self._heard: list[tuple[int, float, int, int, float]] = []
         """Step and a row of `RunData.heard`; sender -1 is unknown."""
-        self._given: dict[str, Points] = {}
+        self._assigned: dict[str, Points] = {}
         self._orders = [one for one in scheduled if order_fault(one.order, OrderLimits()) is None]
         """Valid orders that were not returned yet."""
         self._boundary = 0
@@ -107,18 +109,18 @@ class RunModel:
         robot = robot_of(key)
         match message:
             case Truth():
-                self._truth(message)
+                self._add_truth(message)
             case Drive() if robot in self._index:
                 if second is None:
                     self._drives.append((robot, message))
                 else:
-                    self._reported(robot, message, second)
+                    self._add_report(robot, message, second)
             case RadioEvents() if robot in self._index:
-                self._receive(robot, message)
+                self._add_receptions(robot, message)
             case SensorData() if robot in self._index and message.places:
-                self._given[robot] = (*self._given.get(robot, ()), *message.places)
+                self._assigned[robot] = (*self._assigned.get(robot, ()), *message.places)
             case Ready() if robot in self._index:  # a new process receives all places again
-                self._given[robot] = ()
+                self._assigned[robot] = ()
             case FloorChanged() | FrameOutcomes():
                 self._extend_recorded(message)
             case RadioAdvanced():
@@ -139,7 +141,7 @@ class RunModel:
             self._states[robot] = state
             self._changes.setdefault(robot, []).append((second, state))
 
-    def note(self, sentence: str) -> None:
+    def add_note(self, sentence: str) -> None:
         """Add a sentence about missing or unknown data."""
         self._notes.append(sentence)
 
@@ -154,7 +156,7 @@ class RunModel:
             self.step = truths[-1].step
         end = float(seconds[-1]) if truths else self.since
         end += in_seconds(self.description.step_us) if last else 0.0
-        columns = self._columns(truths, last=last)
+        columns = self._fill_columns(truths, last=last)
         robots = self.description.robots
         for row, second in enumerate(seconds.tolist()):
             for number, robot in enumerate(robots):
@@ -162,130 +164,142 @@ class RunModel:
                 self.set_state(robot, second, "off" if not powered else "" if stepping else "frozen")
         true, estimated, commanded = columns["true"], columns["estimated"], columns["commanded"]
         jams = tuple((in_seconds(one.instant), jam) for one in truths for jam in one.jams)
-        orders = self._ordered()
+        orders = self._take_orders()
         records_floor = self._floor.is_recorded or not any(
             isinstance(one.order, FLOOR_ORDERS) for one in orders
         )
         if not records_floor:
-            self.note(NO_CHANGES)
-        return self._data(
+            self.add_note(NO_CHANGES)
+        return self._run_data(
             end,
             seconds,
             columns,
             {
-                robot: Trajectory(seconds, true[:, i], estimated[:, i], commanded[:, i], self._changed(robot))
+                robot: Trajectory(
+                    seconds, true[:, i], estimated[:, i], commanded[:, i], self._take_changes(robot)
+                )
                 for i, robot in enumerate(robots)
             },
-            heard=self._links(None if last else self.step),
+            heard=self._take_heard(None if last else self.step),
             jams=jams,
             orders=orders,
             floor=tuple(self._floor.advance(self.step, jams, end)),
             records_floor=records_floor,
-            copies=self._copies(last=last),
+            copies=self._take_copies(last=last),
             processes=tuple(processes),
         )
 
-    def _copies(self, *, last: bool) -> FrameCopies:
+    def _take_copies(self, *, last: bool) -> FrameCopies:
         """Remove and return the copies of frames up to the current step."""
         now = [one for one in self._frames if last or one.step <= self.step]
         self._frames = self._frames[len(now) :]
         transceivers = [self._index.get(robot, -1) for robot in self.description.addresses.values()]
-        return copies_of(now, transceivers)
+        return frame_copies(now, transceivers)
 
-    def observed(self, end: float, processes: Sequence[RecordedProcess] = ()) -> RunData:
+    def take_reports(self, end: float, processes: Sequence[RecordedProcess] = ()) -> RunData:
         """Remove and return the robots' reports up to `end`, s, of a run without ground truth."""
         trajectories = {}
         for robot in self.description.robots:
             table = np.array(self._rows.pop(robot, []), np.float64).reshape(-1, 7)
-            poses, states = table[:, 1:4], self._changed(robot)
+            poses, states = table[:, 1:4], self._take_changes(robot)
             trajectories[robot] = Trajectory(table[:, 0], poses, poses, table[:, 4:], states)
         columns = step_columns(0, len(trajectories))
-        return self._data(
-            end, np.zeros(0), columns, trajectories, heard=self._links(None), processes=tuple(processes)
+        return self._run_data(
+            end,
+            np.zeros(0),
+            columns,
+            trajectories,
+            heard=self._take_heard(None),
+            processes=tuple(processes),
         )
 
-    def _data(
-        self, end: float, seconds: Any, columns: dict[str, Any], robots: Mapping[str, Trajectory], **more: Any
+    def _run_data(
+        self,
+        end: float,
+        seconds: Any,
+        columns: dict[str, Any],
+        robots: Mapping[str, Trajectory],
+        **fields: Any,
     ) -> RunData:
-        reports, own = self._reports, self.description.own_places
+        reports, own_places = self._reports, self.description.own_places
         data = RunData(
             description=self.description,
             since=self.since,
             end=end,
             seconds=seconds,
             trajectories=robots,
-            places={robot: (*own.get(robot, ()), *self._given.get(robot, ())) for robot in robots},
+            places={robot: (*own_places.get(robot, ()), *self._assigned.get(robot, ())) for robot in robots},
             reported=tuple(reports.reported),
             taken_over=tuple(reports.taken_over),
             given_up=tuple(reports.given_up),
             routes=tuple(reports.routes),
             notes=tuple(self._notes),
             **columns,
-            **more,
+            **fields,
         )
         reports.clear()
         self._notes = []
         self.since = end
         return data
 
-    def _truth(self, truth: Truth) -> None:
+    def _add_truth(self, truth: Truth) -> None:
         if truth.halt or not truth.robots:
             return
         if tuple(robot.id for robot in truth.robots) != self.description.robots:
             raise RunDataError("the set of robots changes between steps")
         self._truths.append(truth)
 
-    def _reported(self, robot: str, drive: Drive, second: float) -> None:
+    def _add_report(self, robot: str, drive: Drive, second: float) -> None:
         self._reports.extend(robot, drive, second)
         row = (second, *(drive.pose or (np.nan,) * 3), drive.vx, drive.vy, drive.omega)
         self._rows.setdefault(robot, []).append(row)
 
-    def _receive(self, robot: str, received: RadioEvents) -> None:
-        addresses, own = self.description.addresses, self._index[robot]
+    def _add_receptions(self, robot: str, received: RadioEvents) -> None:
+        addresses, own_places = self.description.addresses, self._index[robot]
         for event in received.events:
             if isinstance(event, FrameReceived):
                 sender = self._index.get(addresses.get(event.sender, ""), -1)
-                row = (received.step, in_seconds(event.instant), sender, own, event.rssi_dbm)
+                row = (received.step, in_seconds(event.instant), sender, own_places, event.rssi_dbm)
                 self._heard.append(row)
 
-    def _changed(self, robot: str) -> tuple[tuple[float, str], ...]:
+    def _take_changes(self, robot: str) -> tuple[tuple[float, str], ...]:
         return tuple(self._changes.pop(robot, ()))
 
-    def _links(self, until: int | None) -> Any:
+    def _take_heard(self, until: int | None) -> Any:
         """Remove and return the frames received up to a step; None: all."""
         now = [one for one in self._heard if until is None or one[0] <= until]
         self._heard = [] if until is None else [one for one in self._heard if one[0] > until]
         return np.array(sorted(one[1:] for one in now if one[2] >= 0), np.float64).reshape(-1, 4)
 
-    def _ordered(self) -> tuple[RecordedOrder, ...]:
+    def _take_orders(self) -> tuple[RecordedOrder, ...]:
         """Remove and return the orders up to the current step; those of the scenario come first."""
         now = sorted((one for one in self._orders if one.step <= self.step), key=attrgetter("step"))
         self._orders = [one for one in self._orders if one.step > self.step]
         return tuple(now)
 
-    def _columns(self, truths: Sequence[Truth], *, last: bool) -> dict[str, Any]:
+    def _fill_columns(self, truths: Sequence[Truth], *, last: bool) -> dict[str, Any]:
         columns = step_columns(len(truths), len(self._index))
         first, until = (truths[0].step, truths[-1].step) if truths else (0, -1)
         for row, truth in enumerate(truths):
             columns["true"][row] = [(one.x, one.y, one.heading) for one in truth.robots]
             columns["powered"][row] = [one.powered for one in truth.robots]
             columns["stepping"][row] = [one.stepping for one in truth.robots]
-        columns["places_left"][:] = self._left
+        columns["places_left"][:] = self._places_left
         for robot, drive in self._drives:
             if drive.step <= until:
-                self._answer(columns, self._index[robot], robot, drive, drive.step - first)
+                self._add_answer(columns, self._index[robot], robot, drive, drive.step - first)
         self._drives = [(robot, drive) for robot, drive in self._drives if drive.step > until]
         for step, _, _, receiver, _ in self._heard:
             if (last or step <= self.step) and 0 <= step - first < len(truths):
                 columns["frames_heard"][step - first, receiver] += 1
         return columns
 
-    def _answer(self, columns: dict[str, Any], index: int, robot: str, drive: Drive, row: int) -> None:
+    def _add_answer(self, columns: dict[str, Any], index: int, robot: str, drive: Drive, row: int) -> None:
         """Add a robot's answer to the senses of a step."""
         self._reports.extend(robot, drive, in_seconds(drive.step * self.description.step_us))
         if drive.route is not None:
-            self._left[index] = self._reports.left(robot)
-            columns["places_left"][max(row, 0) :, index] = self._left[index]
+            self._places_left[index] = self._reports.left_count(robot)
+            columns["places_left"][max(row, 0) :, index] = self._places_left[index]
         if row >= 0:
             columns["estimated"][row, index] = (np.nan,) * 3 if drive.pose is None else drive.pose
             columns["commanded"][row, index] = (drive.vx, drive.vy, drive.omega)

@@ -27,18 +27,18 @@ class PlaceReports:
         self.given_up: list[PlaceEvent] = []
         self.routes: list[Route] = []
 
-    def left(self, robot: str) -> int:
+    def left_count(self, robot: str) -> int:
         """Return the number of places that a robot intends to visit."""
         return len(self._routes.get(robot, ()))
 
     def extend(self, robot: str, drive: Drive, second: float) -> None:
         """Add the reports of one step that began at `second`."""
-        for done in drive.reports:
-            key = PlaceKey(done.owner, done.place)
-            self.reported.append(PlaceEvent(robot, in_seconds(done.instant), key))
-        for gone in drive.given_up:
-            key = PlaceKey(gone.owner, gone.place)
-            self.given_up.append(PlaceEvent(robot, in_seconds(gone.instant), key))
+        for visit in drive.reports:
+            key = PlaceKey(visit.owner, visit.place)
+            self.reported.append(PlaceEvent(robot, in_seconds(visit.instant), key))
+        for abandoned in drive.given_up:
+            key = PlaceKey(abandoned.owner, abandoned.place)
+            self.given_up.append(PlaceEvent(robot, in_seconds(abandoned.instant), key))
         if drive.route is not None:
             before = self._routes.get(robot, set())
             self.routes.append(Route(robot, second, drive.route))
@@ -112,21 +112,21 @@ class PlaceTable:
             yield PlaceChange(0.0, dict(own))
         for report in _reports(run):
             changed = {
-                key: state for key in self._touched(report) if (state := self._after(run, key, report))
+                key: state for key in self._affected(report) if (state := self._status(run, key, report))
             }
             changed = {key: state for key, state in changed.items() if state != self.states.get(key)}
             if changed:
                 self.states |= changed
                 yield PlaceChange(report.second, changed)
 
-    def _touched(self, report: _Report) -> list[PlaceKey]:
+    def _affected(self, report: _Report) -> list[PlaceKey]:
         if report.kind != "route":
             return list(report.places)
         now = frozenset(report.places)
         before, self._routes[report.robot] = self._routes.get(report.robot, frozenset()), now
         return sorted(now ^ before, key=lambda key: (key.owner, key.place))
 
-    def _after(self, run: RunData, key: PlaceKey, report: _Report) -> PlaceStatus | None:
+    def _status(self, run: RunData, key: PlaceKey, report: _Report) -> PlaceStatus | None:
         """Return the state after a report; None for an unknown place."""
         points = run.places.get(key.owner, ())
         if not 0 <= key.place < len(points):

@@ -36,14 +36,14 @@ def messages_on(path: Path, topic: Topic[M], direction: Direction = "in") -> Ite
     `direction`: "in" for received messages, "out" for sent ones. Raises RecordingError for a damaged file,
     WireError for an invalid message.
     """
-    prefix, hole, suffix = topic.pattern.partition("{id}")
+    prefix, placeholder, suffix = topic.pattern.partition("{id}")
     for item in read_recording(path):
         if isinstance(item, Note) or item.direction != direction or item.payload is None:
             continue
         if item.key.startswith(prefix) and item.key.endswith(suffix):
             message = decode(cast(Topic[Message], topic), item.key, item.payload)
             assert isinstance(message, topic.kind)
-            yield item.key[len(prefix) : len(item.key) - len(suffix)] if hole else "", message
+            yield item.key[len(prefix) : len(item.key) - len(suffix)] if placeholder else "", message
 
 
 def frame_outcomes(out: Path) -> tuple[list[str], list[FrameOutcomes]]:
@@ -64,9 +64,9 @@ def final_outcomes(path: Path) -> Mapping[str, msgspec.Raw]:
     return {} if text is None else decode_note(path, "final", text, FinalNote).outcome
 
 
-def final_outcome(path: Path, subject: str, kind: type[T], whose: str) -> T | None:
+def final_outcome(path: Path, subject: str, kind: type[T], origin: str) -> T | None:
     """Return one subject of the final record, or None. Raises RecordingError or OutcomeError."""
-    return decode_subject(path, final_outcomes(path), subject, kind, whose)
+    return decode_subject(path, final_outcomes(path), subject, kind, origin)
 
 
 def robot_report(records: Iterable[Path]) -> RobotReport:
@@ -115,18 +115,18 @@ def largest_radius(setup: WorldSetup) -> float:
 
 def place_outcomes(run: RunData) -> tuple[PlaceOutcome, ...]:
     """Return the outcome of each place by the referee; for a truncated run, by the robots' reports."""
-    judged = final_outcome(recordings(run.out)["world"], "places", tuple[PlaceOutcome, ...], "a world")
-    if judged is not None:
-        return judged
+    outcomes = final_outcome(recordings(run.out)["world"], "places", tuple[PlaceOutcome, ...], "a world")
+    if outcomes is not None:
+        return outcomes
     first = {one.place: (round(one.second * 1e6), one.robot) for one in reversed(run.reported)}
     return tuple(
-        _unjudged(owner, index, point, *first.get(PlaceKey(owner, index), (None, None)))
+        _reported_outcome(owner, index, point, *first.get(PlaceKey(owner, index), (None, None)))
         for owner, points in run.description.own_places.items()
         for index, point in enumerate(points)
     )
 
 
-def _unjudged(
+def _reported_outcome(
     owner: str, index: int, point: tuple[float, float], at: int | None, by: str | None
 ) -> PlaceOutcome:
     """Return the outcome of a place without the referee's record."""

@@ -38,7 +38,7 @@ Clock = Callable[[NDArray[np.int64]], Floats]
 """Conversion of a process's instants, µs, to seconds of the run."""
 Singles = NDArray[np.float32]
 Pose = tuple[float, float, float]
-_NO_WINDOWS: Final = np.zeros((0, 1, 1), np.uint8)
+_NO_COSTS: Final = np.zeros((0, 1, 1), np.uint8)
 _MAX_FIELDS: Final = 1000
 """Limit of the fields of a robot's knowledge."""
 NOT_RECORDED: Final = "introspection was not recorded; record the run with --record full"
@@ -239,8 +239,8 @@ class ProcessModel:
                 scans = (*message.earlier_scans, message.scan)
                 self._scan = next((one for one in reversed(scans) if one is not None), self._scan)
                 if not message.halt:
-                    told = message.odometry
-                    odometry = geometry.Pose(told.x, told.y, told.heading)
+                    measured = message.odometry
+                    odometry = geometry.Pose(measured.x, measured.y, measured.heading)
                     self._steps.append(_SensedStep(message.step, message.instant, odometry, self._scan))
             case RadioEvents():
                 self._senders |= {
@@ -269,7 +269,7 @@ class ProcessModel:
                 ) from None
         return part.result()
 
-    def quality(self, changed: EstimateQuality | None) -> EstimateQuality | None:
+    def update_quality(self, changed: EstimateQuality | None) -> EstimateQuality | None:
         """Return the current quality of the estimate."""
         if changed is not None:
             if len(changed.covariance) != 9:
@@ -277,15 +277,15 @@ class ProcessModel:
             self._quality = changed
         return self._quality
 
-    def commit(self, step: int, second: float, commit: KnowledgeCommit) -> StepCommit:
+    def number_commit(self, step: int, second: float, commit: KnowledgeCommit) -> StepCommit:
         """Return a change of knowledge with its number and the sender of the frame that caused it."""
         self._commits += 1
         via = None if commit.replica is None else self._senders.get(commit.replica.heard)
-        changed = tuple(self._whole(commit.component, one) for one in commit.changed)
+        changed = tuple(self._with_previous_value(commit.component, one) for one in commit.changed)
         commit = msgspec.structs.replace(commit, changed=changed)
         return StepCommit(step, second, self._commits - 1, commit, via)
 
-    def _whole(self, component: str, change: ValueChange) -> ValueChange:
+    def _with_previous_value(self, component: str, change: ValueChange) -> ValueChange:
         """Return the change with its previous value filled in."""
         place = component, change.path
         before = self._values.get(place) if change.before == "" else change.before
@@ -302,7 +302,7 @@ class ProcessModel:
         self._local.restore(Instant(0), self._local.corner, marks.reshape(side, side))
         return self._local.costs()
 
-    def words(self, changes: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    def update_knowledge(self, changes: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
         """Return all fields of the knowledge as text after these changes."""
         self._knowledge |= dict(changes)
         if len(self._knowledge) > _MAX_FIELDS:
@@ -317,8 +317,8 @@ class ProcessModel:
         ranges = np.frombuffer(scan.ranges_mm, "<u2")
         if len(ranges) != len(self._rays):
             raise ValueError(f"a scan has {len(ranges)} rays instead of {len(self._rays)}")
-        met = (ranges != NO_ECHO_MM) & (ranges >= 1000 * self._sensor.range_min)
-        x, y = (self._rays[met] * (ranges[met, None] / 1000.0)).T
+        hits = (ranges != NO_ECHO_MM) & (ranges >= 1000 * self._sensor.range_min)
+        x, y = (self._rays[hits] * (ranges[hits, None] / 1000.0)).T
         c, s = np.cos(sensor[2]), np.sin(sensor[2])
         return np.column_stack((sensor[0] + c * x - s * y, sensor[1] + s * x + c * y)).astype(np.float32)
 
@@ -355,29 +355,29 @@ class _PartBuilder:
         self, step: _SensedStep, record: StepRecord, message: Introspection | None, drive: Drive | None
     ) -> None:
         """Add one step; `message`: its sample. Raises ValueError for invalid values."""
-        second, quality = self._seconds[step.number], self._model.quality(record.quality)
+        second, quality = self._seconds[step.number], self._model.update_quality(record.quality)
         pose = record.pose or (None if drive is None else drive.pose)
         if pose is not None and quality is not None:
             self._estimates.append(StepEstimate(step.number, pose, quality))
-        if (doing := record.activity) is not None:
-            self._activities.append(ActivityChange(second, doing.activity, doing.destination, doing.point))
+        if (change := record.activity) is not None:
+            self._activities.append(ActivityChange(second, change.activity, change.destination, change.point))
         if record.goal is not None:
             self._goals.append(StepGoal(step.number, record.goal))
         self._contacts += [
-            ReplicaChange(second, peer, None if heard is None else self._at(heard))
+            ReplicaChange(second, peer, None if heard is None else self._second(heard))
             for peer, heard in record.contacts
         ]
         self._commits += [
-            self._model.commit(step.number, self._at(one.instant), one) for one in record.commits
+            self._model.number_commit(step.number, self._second(one.instant), one) for one in record.commits
         ]
         if message is not None and message.knowledge:
-            self._knowledge.append((second, self._model.words(message.knowledge)))
+            self._knowledge.append((second, self._model.update_knowledge(message.knowledge)))
         if message is not None and message.sample is not None and pose is not None and quality is not None:
             twist = (0.0, 0.0) if drive is None else (drive.vx, drive.omega)
             self._samples.append((second, pose, quality, twist))
-            self._sample(second, message.sample, step, geometry.Pose(*pose).frame(step.odometry))
+            self._add_sample(second, message.sample, step, geometry.Pose(*pose).frame(step.odometry))
 
-    def _sample(
+    def _add_sample(
         self, second: float, sample: PerceptionSample, step: _SensedStep, correction: geometry.Pose
     ) -> None:
         """Add a sample; `correction`: pose of the odometry frame in the map frame."""
@@ -393,7 +393,7 @@ class _PartBuilder:
             corner = correction.compose(geometry.Pose(column * self._model.cell, row * self._model.cell, 0.0))
             self._windows.append((second, self._model.costs(window), corner))
 
-    def _at(self, instant: int) -> float:
+    def _second(self, instant: int) -> float:
         if abs(instant) > LATEST:
             raise ValueError(f"instant {instant} µs is out of range")
         return float(self._model.process.clock(np.array([instant], np.int64))[0])
@@ -409,12 +409,12 @@ class _PartBuilder:
             estimates=np.array([one[1] for one in samples], np.float64).reshape(-1, 3),
             covariances=spreads[:, (0, 1, 4)],
             twists=np.array([one[3] for one in samples], np.float64).reshape(-1, 2),
-            scans=_sets(self._scans),
-            particles=_sets(self._particles),
-            plans=_sets(self._plans),
+            scans=_point_sets(self._scans),
+            particles=_point_sets(self._particles),
+            plans=_point_sets(self._plans),
             windows=CostWindows(
                 np.array([one[0] for one in self._windows], np.float64),
-                np.stack([one[1] for one in self._windows]) if self._windows else _NO_WINDOWS,
+                np.stack([one[1] for one in self._windows]) if self._windows else _NO_COSTS,
                 np.array([one[2] for one in self._windows], np.float64).reshape(-1, 3),
                 self._model.cell,
             ),
@@ -435,7 +435,7 @@ def _points(data: bytes) -> Singles:
     return np.frombuffer(data, "<f4").reshape(-1, 2)
 
 
-def _sets(sets: Sequence[tuple[float, Singles]]) -> PointSets:
+def _point_sets(sets: Sequence[tuple[float, Singles]]) -> PointSets:
     seconds = np.array([second for second, _ in sets], np.float64)
     counts = np.array([len(points) for _, points in sets], np.int64)
     return PointSets(

@@ -40,16 +40,16 @@ from actors.messages import (
 from actors.radio.radio_model import RadioSetup
 from actors.world.world_setup import WorldSetup
 
-_PATIENCE_S: Final = 1.0
+_TIMEOUT_S: Final = 1.0
 """Timeout for the robots' recordings of a step, s."""
 _TOPICS: Final[dict[str, frozenset[str]]] = {
     "radio": frozenset({TRUTH.pattern}),
     "world": frozenset({DRIVE.pattern, AIRED.pattern, CONTROL.pattern}),
 }
-_OF_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
+_RECEIVED_BY_ROBOTS: Final = frozenset({SENSES.pattern, RECEIVED.pattern})
 """Topics of received messages to read, by the actor whose recording has them."""
-_BY_ROBOTS: Final = frozenset({READY.pattern, INTROSPECTION.pattern})
-_BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern})
+_SENT_BY_ROBOTS: Final = frozenset({READY.pattern, INTROSPECTION.pattern})
+_SENT_BY_OTHERS: Final = frozenset({FRAME_OUTCOMES.pattern, FLOOR_CHANGED.pattern})
 
 
 def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
@@ -91,14 +91,14 @@ class RunReader:
         """By actor; None: not requested."""
         self._answers: dict[str, dict[int, Drive]] = {}
         """Answers of each robot by step, for its introspection."""
-        self._sensed: dict[str, int] = {}
+        self._sensed_steps: dict[str, int] = {}
         """Last step whose senses were read, by robot."""
-        self._closed = -1
+        self._completed_step = -1
         """Last step that the world has completed."""
-        self._aired = -1
+        self._outcome_step = -1
         """Last step whose outcomes of frames were read."""
-        self._moved = time.monotonic()
-        self._over = False
+        self._last_progress = time.monotonic()
+        self._is_finished = False
         """The last part was returned."""
 
     def __enter__(self) -> Self:
@@ -113,16 +113,16 @@ class RunReader:
         return self.description.robots
 
     @property
-    def behind(self) -> int:
+    def pending_steps(self) -> int:
         """Number of steps that were read but not returned."""
         return len(self.model.truths)
 
-    def unread(self) -> int:
+    def count_unread(self) -> int:
         """Read the radio's recording, and return the number of steps that were not returned."""
-        self._take("radio", "", self._opened("radio", recordings(self.description.out)["radio"]))
-        return self.behind
+        self._read_messages("radio", "", self._open("radio", recordings(self.description.out)["radio"]))
+        return self.pending_steps
 
-    def beginning(self) -> RunData:
+    def initial_data(self) -> RunData:
         """Return the run before its first step."""
         return self.model.advance(-1)
 
@@ -132,15 +132,15 @@ class RunReader:
         Raises RecordingError for damaged files, RunDataError if the set of robots changes.
         """
         for actor, path in recordings(self.description.out).items():
-            self._take(actor, path.parent.name, self._opened(actor, path))
+            self._read_messages(actor, path.parent.name, self._open(actor, path))
         truths = self.model.truths
-        until = truths[-1].step if last and truths else self._complete()
+        until = truths[-1].step if last and truths else self._last_complete_step()
         ready = bool(truths) and truths[0].step <= until
-        if self._over or not (ready or last):
+        if self._is_finished or not (ready or last):
             return None
-        self._over = last
+        self._is_finished = last
         if ready:
-            self._moved = time.monotonic()
+            self._last_progress = time.monotonic()
         run = self.model.advance(until, last=last, processes=self._processes())
         if self._internals is None:
             return run
@@ -159,23 +159,23 @@ class RunReader:
             if growing.run is not None and (robot := growing.reading.path.parent.name) in self.robots
         ]
 
-    def _opened(self, actor: str, path: Path) -> GrowingRecording:
+    def _open(self, actor: str, path: Path) -> GrowingRecording:
         if actor not in self._files:
             self._files[actor] = self._stack.enter_context(GrowingRecording(path))
         return self._files[actor]
 
-    def _take(self, actor: str, robot: str, growing: GrowingRecording) -> None:
+    def _read_messages(self, actor: str, robot: str, growing: GrowingRecording) -> None:
         """Add the messages of a recording; each topic is read from the process that records it in full."""
         path, is_robot = growing.reading.path, robot in self.robots
-        received = _TOPICS.get(actor, _OF_ROBOTS if is_robot else frozenset())
-        sent = _BY_ROBOTS if is_robot else _BY_OTHERS
+        received = _TOPICS.get(actor, _RECEIVED_BY_ROBOTS if is_robot else frozenset())
+        sent = _SENT_BY_ROBOTS if is_robot else _SENT_BY_OTHERS
         for one in growing.poll():
             if actor == "world" and one.key == TRUTH.pattern:
-                self._closed = max(self._closed, one.step - 1)
+                self._completed_step = max(self._completed_step, one.step - 1)
             elif one.topic.pattern in (received if one.direction == "in" else sent):
-                self._fold(path, actor, robot, one)
+                self._add_message(path, actor, robot, one)
 
-    def _fold(self, path: Path, actor: str, robot: str, one: LoggedMessage) -> None:
+    def _add_message(self, path: Path, actor: str, robot: str, one: LoggedMessage) -> None:
         internals = self._internals
         if (one.topic is INTROSPECTION and internals is None) or (message := one.message()) is None:
             return
@@ -184,9 +184,9 @@ class RunReader:
         except RunDataError as error:
             raise RunDataError(f"{path}: {error}") from None
         if one.topic is SENSES:
-            self._sensed[robot] = one.step
+            self._sensed_steps[robot] = one.step
         elif one.topic is FRAME_OUTCOMES:
-            self._aired = one.step
+            self._outcome_step = one.step
         if internals is None:
             return
         if isinstance(message, Drive):
@@ -198,17 +198,17 @@ class RunReader:
                 internals[actor] = process_model(RecordedProcess(actor, robot, seconds_of), path, run)
             internals[actor].extend(message)
 
-    def _complete(self) -> int:
+    def _last_complete_step(self) -> int:
         """Return the last step whose messages have all been read."""
         truths = self.model.truths
         if not truths:
             return -1
-        until = min(truths[-1].step, self._closed)
+        until = min(truths[-1].step, self._completed_step)
         if self.description.records_frames:
-            until = min(until, self._aired)
-        if time.monotonic() <= self._moved + _PATIENCE_S:
+            until = min(until, self._outcome_step)
+        if time.monotonic() <= self._last_progress + _TIMEOUT_S:
             acting = [robot.id for robot in truths[-1].robots if robot.stepping]
-            until = min([until, *(self._sensed.get(robot, -1) for robot in acting)])
+            until = min([until, *(self._sensed_steps.get(robot, -1) for robot in acting)])
         return until
 
 

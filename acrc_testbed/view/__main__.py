@@ -8,7 +8,7 @@ from pathlib import Path
 
 from acrc_testbed.results.summary import LIVE_VIEW
 from acrc_testbed.view import run_view
-from acrc_testbed.view.run_view import FILE_NAME, say_at_once
+from acrc_testbed.view.run_view import FILE_NAME, print_now
 from actors.observer import viewer
 from actors.runtime.errors import AcrcError
 from actors.runtime.linux import die_with_parent, exit_on_sigterm
@@ -27,11 +27,11 @@ def main(argv: Sequence[str]) -> int:
     die_with_parent(os.getppid())
     os.nice(_NICE)
     path = options.out / FILE_NAME
-    opened = viewer.open_any(say_at_once, f"the view is written to {path} only")
+    opened = viewer.open_any(print_now, f"the view is written to {path} only")
     try:
         if opened is not None and opened.page:
-            say_at_once(f"{LIVE_VIEW}, open {opened.page} in a browser on this machine.")
-        run_view.follow(options.out, path, options.robot, opened, say_at_once)
+            print_now(f"{LIVE_VIEW}, open {opened.page} in a browser on this machine.")
+        run_view.follow_run(options.out, path, options.robot, opened, print_now)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -6,7 +6,13 @@ from typing import Final
 import numpy as np
 
 from acrc_testbed.run_model.data import RunData, Trajectory, ordered_changes
-from acrc_testbed.run_model.frame_outcomes import LOSSES, FrameCopies, by_outcome, concatenated, outcome_name
+from acrc_testbed.run_model.frame_outcomes import (
+    LOSSES,
+    FrameCopies,
+    concatenate_copies,
+    outcome_name,
+    outcome_rates,
+)
 from acrc_testbed.run_model.place_reports import first_reports
 from acrc_testbed.run_model.robot_introspection import Floats
 from actors.observer import panels
@@ -25,15 +31,15 @@ class RunEventTexts:
         self._notes: set[str] = set()
         self._begun: set[str] = set()
 
-    def of(self, run: RunData) -> Iterator[DrawnEvent]:
+    def events(self, run: RunData) -> Iterator[DrawnEvent]:
         """Yield the events of a run, or of its next part."""
         for event in first_reports(run.reported, self._known):
             own = "" if event.place.owner == event.robot else f", adopted from {event.place.owner}"
-            yield DrawnEvent(event.second, event.robot, f"cleaned {name(event.place)}{own}")
+            yield DrawnEvent(event.second, event.robot, f"cleaned {place_name(event.place)}{own}")
         for event in run.given_up:
-            yield DrawnEvent(event.second, event.robot, f"gives up {name(event.place)}", "ERROR")
+            yield DrawnEvent(event.second, event.robot, f"gives up {place_name(event.place)}", "ERROR")
         for event in run.taken_over:
-            yield DrawnEvent(event.second, event.robot, f"adopts {name(event.place)}", "WARN")
+            yield DrawnEvent(event.second, event.robot, f"adopts {place_name(event.place)}", "WARN")
         for robot, track in run.trajectories.items():
             for second, state in track.states:
                 if state or robot in self._begun:
@@ -47,7 +53,7 @@ class RunEventTexts:
                 yield DrawnEvent(run.since, "", note, "WARN")
 
 
-def name(place: PlaceKey) -> str:
+def place_name(place: PlaceKey) -> str:
     """Return a place's name such as "r1/3"."""
     return f"{place.owner}/{place.place}"
 
@@ -93,14 +99,14 @@ class Plots:
             self._done[event.robot] += 1
             rows.append(list(self._done.values()))
         counts = np.array([*rows, rows[-1]], np.float64)
-        lines = _spread(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
+        lines = _spread_lines(counts) if self._many else dict(zip(self._done, counts.T, strict=True))
         for name, values in lines.items():
             panels.draw_line(self._canvas, f"plots/places/{name}", ends, values)
         for robot, track in run.trajectories.items():
-            self._drive(robot, track)
-        self._strengths(run.heard)
+            self._draw_motion(robot, track)
+        self._draw_rssi(run.heard)
 
-    def _drive(self, robot: str, track: Trajectory) -> None:
+    def _draw_motion(self, robot: str, track: Trajectory) -> None:
         """Draw speed and localisation error twice a second."""
         rows, due = [], self._last.get(robot, (_NEVER,))[0] + _PLOT_S
         for row, second in enumerate(track.seconds.tolist()):
@@ -119,43 +125,43 @@ class Plots:
         if self._true:
             lines["error"] = np.hypot(*(poses[:, :2] - held[:, :2]).T)
         for name, values in lines.items():
-            told = np.isfinite(values)
-            panels.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[told], values[told])
+            valid = np.isfinite(values)
+            panels.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[valid], values[valid])
 
-    def _strengths(self, heard: Floats) -> None:
+    def _draw_rssi(self, heard: Floats) -> None:
         """Draw the RSSI of each link in the sender's colour; with many robots one line per sender."""
         canvas, names = self._canvas, self._canvas.robots
         pairs = heard[:, 1] if self._many else heard[:, 1] * len(names) + heard[:, 2]
         for pair in np.unique(pairs).tolist():
-            mine = heard[pairs == pair]
-            sender = names[int(mine[0, 1])]
-            receiver = "all" if self._many else names[int(mine[0, 2])]
+            frames = heard[pairs == pair]
+            sender = names[int(frames[0, 1])]
+            receiver = "all" if self._many else names[int(frames[0, 2])]
             path = f"plots/rssi/{sender}_at_{receiver}"
             if pair not in self._pairs:
                 self._pairs.add(pair)
                 panels.set_line_style(
                     canvas, path, f"{sender} at {receiver}", canvas.colour(sender), dots=True
                 )
-            panels.draw_line(canvas, path, mine[:, 0], mine[:, 3])
+            panels.draw_line(canvas, path, frames[:, 0], frames[:, 3])
 
-    def copies(self, copies: FrameCopies, until: float, *, last: bool) -> None:
+    def add_copies(self, copies: FrameCopies, until: float, *, last: bool) -> None:
         """Count copies up to an instant, s; `last`: the run ends there, within a bin."""
         self._copies.append(copies)
         begin = self._bins * _BIN_S
         bins = max(0, int(np.ceil((until - begin) / _BIN_S) if last else (until - begin) // _BIN_S))
         if not bins:
             return
-        waiting = concatenated(self._copies)
+        waiting = concatenate_copies(self._copies)
         now = waiting.seconds < (np.inf if last else begin + bins * _BIN_S)
-        self._copies = [waiting.part(~now)]
-        table = by_outcome(waiting.part(now), begin, bins, _BIN_S)
+        self._copies = [waiting.select(~now)]
+        table = outcome_rates(waiting.select(now), begin, bins, _BIN_S)
         middles = np.minimum(begin + (np.arange(bins) + 0.5) * _BIN_S, until)
         for outcome in (Outcome.HEARD, *LOSSES):
             if table[:, outcome].any() or outcome in self._counted:
-                self._count(outcome, middles, table[:, outcome])
+                self._draw_counts(outcome, middles, table[:, outcome])
         self._bins += bins
 
-    def _count(self, outcome: Outcome, middles: Floats, counts: Floats) -> None:
+    def _draw_counts(self, outcome: Outcome, middles: Floats, counts: Floats) -> None:
         name = outcome_name(outcome)
         path = f"plots/copies/{name.replace(' ', '_')}"
         if outcome not in self._counted:
@@ -166,7 +172,7 @@ class Plots:
         panels.draw_line(self._canvas, path, middles, counts)
 
 
-def _spread(counts: Floats) -> dict[str, Floats]:
+def _spread_lines(counts: Floats) -> dict[str, Floats]:
     """Return mean and percentiles, (n,) each, of places done, (n, robots)."""
     low, high = np.percentile(counts, [10, 90], axis=1)
     return dict(zip(_SPREAD, (counts.mean(axis=1), low, high), strict=True))

@@ -20,7 +20,7 @@ from acrc_testbed.run_model.robot_introspection import (
     RobotInternals,
     StepCommit,
 )
-from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, name
+from acrc_testbed.view.plots import Plots, PositionHistory, RobotLane, RunEventTexts, place_name
 from actors.installation.usage import wrong_value
 from actors.introspection import DecisionRecord
 from actors.observer import floor_drawing, layout, panels, robots
@@ -44,9 +44,9 @@ class ProcessEvents:
         self._blocked: float | None = None
         self._activity = ""
 
-    def of(self, inside: RobotInternals) -> Iterator[DrawnEvent]:
+    def events(self, internals: RobotInternals) -> Iterator[DrawnEvent]:
         """Yield the events of the next part."""
-        for one in inside.activities:
+        for one in internals.activities:
             if one.activity == "blocked" and self._blocked is None:
                 self._blocked = one.second
                 yield DrawnEvent(one.second, self._robot, "is blocked", "WARN")
@@ -57,10 +57,10 @@ class ProcessEvents:
             if one.activity == "aborted" and self._activity != "aborted":
                 yield DrawnEvent(one.second, self._robot, "navigation aborts its goal", "ERROR")
             self._activity = one.activity
-        for change, decision in inside.decisions():
-            made = change.commit
-            told = f" from {made.peer}, {made.age / 1e6:.1f} s old" if made.peer else ""
-            words = f"{decision.words} ({made.by.partition('.')[0]}{told})"
+        for change, decision in internals.decisions():
+            commit = change.commit
+            source = f" from {commit.peer}, {commit.age / 1e6:.1f} s old" if commit.peer else ""
+            words = f"{decision.words} ({commit.by.partition('.')[0]}{source})"
             yield DrawnEvent(change.second, self._robot, words, "WARN")
 
 
@@ -83,30 +83,30 @@ class ProcessDrawing:
         self._events = ProcessEvents(robot)
         self._last: ActivityChange | None = None
         self._line_due: float | None = None
-        self._met: dict[str, tuple[float, float]] = {}
+        self._age_times: dict[str, tuple[float, float]] = {}
         """By peer: next time of the plot of its age, and last reception, s."""
         if is_detailed:
             panels.set_perception_style(canvas, robot)
 
-    def draw(self, inside: RobotInternals, end: float | None = None) -> Iterator[KnowledgeExchange]:
+    def draw(self, internals: RobotInternals, end: float | None = None) -> Iterator[KnowledgeExchange]:
         """Draw the next part, and yield exchanges with others. `end`: end of the run, if nothing follows."""
         canvas, robot = self._canvas, self._robot
-        until = inside.end if end is None else end
+        until = internals.end if end is None else end
         if self._is_detailed:
-            _draw_perception(canvas, robot, inside)
-            panels.draw_decisions(canvas, robot, [_causes(*one) for one in inside.decisions()])
-            self._ages(inside, until)
-        activities = [LaneActivity(one.second, one.activity, one.destination) for one in inside.activities]
+            _draw_perception(canvas, robot, internals)
+            panels.draw_decisions(canvas, robot, [_causes(*one) for one in internals.decisions()])
+            self._draw_ages(internals, until)
+        activities = [LaneActivity(one.second, one.activity, one.destination) for one in internals.activities]
         self._lane.draw_activities(activities, until)
-        panels.draw_knowledge(canvas, robot, list(inside.knowledge))
+        panels.draw_knowledge(canvas, robot, list(internals.knowledge))
         if self._has_goals:
-            self._intents(inside.activities, inside.end)
-        panels.draw_events(canvas, "inside", list(self._events.of(inside)))
-        for one, _ in inside.decisions():
+            self._draw_goals(internals.activities, internals.end)
+        panels.draw_events(canvas, "inside", list(self._events.events(internals)))
+        for one, _ in internals.decisions():
             if one.commit.peer:
                 yield KnowledgeExchange(one.second, one.commit.by.partition(".")[0], one.commit.peer, robot)
 
-    def _intents(self, activities: Sequence[ActivityChange], until: float) -> None:
+    def _draw_goals(self, activities: Sequence[ActivityChange], until: float) -> None:
         """Draw the robot's goal twice a second."""
         known = [*([] if self._last is None else [self._last]), *activities]
         if not known:
@@ -123,48 +123,48 @@ class ProcessDrawing:
         there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
         floor_drawing.draw_goals(self._canvas, self._robot, seconds, self._path.at(seconds), there)
 
-    def _ages(self, inside: RobotInternals, until: float) -> None:
+    def _draw_ages(self, internals: RobotInternals, until: float) -> None:
         """Draw the ages of replicas."""
         canvas, robot = self._canvas, self._robot
-        for peer in dict.fromkeys((*self._met, *(one.peer for one in inside.contacts))):
-            mine = [one for one in inside.contacts if one.peer == peer]
-            begins = np.array([one.second for one in mine], np.float64)
-            heard = np.array([np.nan if one.heard is None else one.heard for one in mine], np.float64)
+        for peer in dict.fromkeys((*self._age_times, *(one.peer for one in internals.contacts))):
+            intervals = [one for one in internals.contacts if one.peer == peer]
+            begins = np.array([one.second for one in intervals], np.float64)
+            heard = np.array([np.nan if one.heard is None else one.heard for one in intervals], np.float64)
             path = f"plots/ages/{peer}_at_{robot}"
-            if peer not in self._met:
+            if peer not in self._age_times:
                 panels.set_line_style(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
-                self._met[peer] = float(begins[0]), np.nan
-            due, last = self._met[peer]
+                self._age_times[peer] = float(begins[0]), np.nan
+            due, last = self._age_times[peer]
             begins, heard = np.concatenate(([-np.inf], begins)), np.concatenate(([last], heard))
             seconds = np.arange(due, until, _AGE_S)
             ages = seconds - heard[np.searchsorted(begins, seconds, side="right") - 1]
             known = np.isfinite(ages)
             panels.draw_line(canvas, path, seconds[known], ages[known])
-            self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
+            self._age_times[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
 
 
 def _causes(change: StepCommit, decision: DecisionRecord) -> tuple[float, Sequence[str]]:
     """Return the time of a decision, the decision and its recorded causes."""
-    made = change.commit
-    causes = [f"{decision.words}, by {made.by}"]
-    if made.peer:
-        causes.append(f"knowledge of {made.peer}, {made.age / 1e6:.1f} s old")
-    if (used := made.replica) is not None:
+    commit = change.commit
+    causes = [f"{decision.words}, by {commit.by}"]
+    if commit.peer:
+        causes.append(f"knowledge of {commit.peer}, {commit.age / 1e6:.1f} s old")
+    if (used := commit.replica) is not None:
         relayed = f", relayed {used.hops} times" if used.hops else ""
         strength = "" if used.rssi_dbm is None else f", {used.rssi_dbm:.0f} dBm"
         causes.append(f"publication {used.publication}{relayed}{strength}")
-    causes += [f"{one.path}: {one.before} → {one.after}" for one in made.changed]
+    causes += [f"{one.path}: {one.before} → {one.after}" for one in commit.changed]
     return change.second, causes
 
 
-def _draw_perception(canvas: Canvas, robot: str, inside: RobotInternals) -> None:
+def _draw_perception(canvas: Canvas, robot: str, internals: RobotInternals) -> None:
     """Draw scan, particles, estimate, costs, plan and arc."""
-    for what, sets in (("scan", inside.scans), ("particles", inside.particles)):
+    for what, sets in (("scan", internals.scans), ("particles", internals.particles)):
         panels.draw_clouds(canvas, robot, what, sets.seconds, sets.counts, sets.points)
-    panels.draw_estimates(canvas, robot, inside.seconds, inside.estimates, inside.covariances)
-    panels.draw_arcs(canvas, robot, inside.seconds, inside.estimates, inside.twists)
-    panels.draw_plans(canvas, robot, inside.plans.seconds, inside.plans.sets())
-    windows = inside.windows
+    panels.draw_estimates(canvas, robot, internals.seconds, internals.estimates, internals.covariances)
+    panels.draw_arcs(canvas, robot, internals.seconds, internals.estimates, internals.twists)
+    panels.draw_plans(canvas, robot, internals.plans.seconds, internals.plans.sets())
+    windows = internals.windows
     panels.draw_costs(canvas, robot, windows.seconds, windows.costs, windows.corners, windows.cell)
 
 
@@ -207,7 +207,7 @@ class RunDrawing:
             robots.draw_body(canvas, robot)
             floor_drawing.set_goal_style(canvas, robot)
 
-    def recorded(self, run: RunData) -> None:
+    def draw_recorded(self, run: RunData) -> None:
         """Draw robots, trails, places, links, plots and events."""
         canvas = self._canvas
         for robot, track in run.trajectories.items():
@@ -222,12 +222,12 @@ class RunDrawing:
         for second, put in run.floor:
             floor_drawing.draw_things(canvas, second, put)
         self._draw_places(run)
-        self._links(run)
+        self._draw_links(run)
         self._plots.extend(run)
-        panels.draw_events(canvas, "recorded", list(self._event_texts.of(run)))
-        self._adoptions(run)
+        panels.draw_events(canvas, "recorded", list(self._event_texts.events(run)))
+        self._draw_adoptions(run)
 
-    def copies(self, copies: FrameCopies, until: float, *, last: bool = True) -> None:
+    def draw_copies(self, copies: FrameCopies, until: float, *, last: bool = True) -> None:
         """Draw outcomes of frames up to an instant, s: rings at losses, and counts by outcome.
 
         `last`: nothing will follow.
@@ -238,43 +238,43 @@ class RunDrawing:
             (s, who, outcome_name(Outcome(what))) for s, who, what in rows if Outcome(what) in LOSSES
         ]
         shown = robots.shown_s(canvas)
-        seconds = _every(robots.period(canvas), max(0.0, self._copies_since - shown), until)
+        seconds = _multiples(robots.period(canvas), max(0.0, self._copies_since - shown), until)
         robots.draw_losses(canvas, seconds, self._positions(seconds), self._lost, self._copies_since)
         self._copies_since = until
         self._lost = [one for one in self._lost if one[0] > until - shown - robots.period(canvas)]
-        self._plots.copies(copies, until, last=last)
+        self._plots.add_copies(copies, until, last=last)
 
-    def computed(self, run: RunData, *, last: bool = False) -> None:
-        """Draw frame outcomes and introspection, after `recorded`; `last`: nothing will follow."""
+    def draw_computed(self, run: RunData, *, last: bool = False) -> None:
+        """Draw frame outcomes and introspection, after `draw_recorded`; `last`: nothing will follow."""
         end = run.end if last else None
         if run.description.records_frames:
-            self.copies(run.copies, run.end, last=last)
+            self.draw_copies(run.copies, run.end, last=last)
         if last and not run.since and run.records_floor and (run.out / "run.json").is_file():
-            self._deadlocks(run)
+            self._draw_deadlocks(run)
         self._recorded |= {one.process.robot for one in run.internals if one.is_recorded}
         known = len(self._exchanges)
-        for inside in run.internals:
-            if inside.is_recorded:
-                self._inside(inside, end)
+        for internals in run.internals:
+            if internals.is_recorded:
+                self._draw_internals(internals, end)
         begin = min([run.since, *(one.second for one in self._exchanges[known:])])
         for robot, activity in self._outside.items():
             changes = [LaneActivity(*one) for one in activity.extend(run.trajectories[robot], run.routes)]
             if robot not in self._recorded:
                 self._lanes[robot].draw_activities(changes, run.end)
-        self._ensembles(begin)
+        self._draw_ensembles(begin)
         if last:
             for lane in self._lanes.values():
                 lane.end(run.end)
 
-    def lacks(self, run: RunData) -> list[str]:
+    def missing_data(self, run: RunData) -> list[str]:
         """Return sentences about missing data of a whole run."""
         found = [NO_FRAMES] if run.description.has_truth and not run.description.records_frames else []
         return found + [
             f"{one.process.actor}: {NOT_RECORDED}" for one in run.internals if not one.is_recorded
         ]
 
-    def _inside(self, inside: RobotInternals, end: float | None) -> None:
-        robot, actor = inside.process.robot, inside.process.actor
+    def _draw_internals(self, internals: RobotInternals, end: float | None) -> None:
+        robot, actor = internals.process.robot, internals.process.actor
         if actor not in self._insides:
             self._insides[actor] = ProcessDrawing(
                 self._canvas,
@@ -282,27 +282,27 @@ class RunDrawing:
                 self._paths[robot],
                 self._lanes[robot],
                 is_detailed=robot in self._detailed,
-                has_goals=self._in_full(robot),
+                has_goals=self._is_full(robot),
             )
-        self._exchanges += self._insides[actor].draw(inside, end)
+        self._exchanges += self._insides[actor].draw(internals, end)
 
-    def _deadlocks(self, run: RunData) -> None:
+    def _draw_deadlocks(self, run: RunData) -> None:
         """Draw deadlocks by ground truth."""
         found: dict[str, list[tuple[float, float]]] = {}
         for one in cause_intervals(run):
             if one.cause is Cause.DEADLOCK:
                 found.setdefault(one.robot, []).append((one.begin, one.end))
-        for robot, mine in found.items():
-            self._lanes[robot].set_deadlocks(mine)
-        told = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot, mine in found.items()
-                for begin, _ in mine]  # fmt: skip
-        panels.draw_events(self._canvas, "truth", told)
+        for robot, intervals in found.items():
+            self._lanes[robot].set_deadlocks(intervals)
+        source = [DrawnEvent(begin, robot, "is in a deadlock", "ERROR") for robot, intervals in found.items()
+                for begin, _ in intervals]  # fmt: skip
+        panels.draw_events(self._canvas, "truth", source)
 
-    def tell(self, events: Sequence[DrawnEvent]) -> None:
+    def draw_notices(self, events: Sequence[DrawnEvent]) -> None:
         """Draw events about the view itself, such as missing data."""
         panels.draw_events(self._canvas, "view", events)
 
-    def _ensembles(self, since: float) -> None:
+    def _draw_ensembles(self, since: float) -> None:
         """Draw the graph of exchanges from an instant on, s."""
         panels.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
         self._exchanges = [one for one in self._exchanges if one.second + 2 * _LASTING > since]
@@ -311,43 +311,43 @@ class RunDrawing:
         """Draw an owner's places at each change of their status."""
         for change in self._places.extend(run):
             for owner in sorted({key.owner for key in change.states}):
-                mine = [state for key, state in self._places.states.items() if key.owner == owner]
-                draw_places(self._canvas, owner, change.second, mine)
+                intervals = [state for key, state in self._places.states.items() if key.owner == owner]
+                draw_places(self._canvas, owner, change.second, intervals)
 
-    def _links(self, run: RunData) -> None:
+    def _draw_links(self, run: RunData) -> None:
         canvas = self._canvas
         heard = np.concatenate((self._heard, run.heard))
         self._heard = heard[heard[:, 0] > run.end - 2 * robots.LASTING]
-        seconds = _every(robots.period(canvas), run.since, run.end)
+        seconds = _multiples(robots.period(canvas), run.since, run.end)
         robots.draw_links(canvas, seconds, self._positions(seconds), heard, self._chosen)
 
     def _positions(self, seconds: Floats) -> Floats:
         """Return the robots' positions, (n, robots, 2), m."""
         return np.stack([path.at(seconds) for path in self._paths.values()], axis=1)
 
-    def _in_full(self, robot: str) -> bool:
+    def _is_full(self, robot: str) -> bool:
         """Return True if goals and adoptions of a robot are drawn: all of few robots, chosen ones of many."""
         return self._canvas.has_few or robot in self._chosen
 
-    def _adoptions(self, run: RunData) -> None:
+    def _draw_adoptions(self, run: RunData) -> None:
         for event in run.taken_over:
-            if self._in_full(event.robot) and event.place.place < len(run.places.get(event.place.owner, ())):
+            if self._is_full(event.robot) and event.place.place < len(run.places.get(event.place.owner, ())):
                 point = run.places[event.place.owner][event.place.place]
                 x, y = self._paths[event.robot].at(np.array([event.second]))[0].tolist()
                 floor_drawing.draw_adoption(
-                    self._canvas, event.robot, event.second, (x, y), point, name(event.place)
+                    self._canvas, event.robot, event.second, (x, y), point, place_name(event.place)
                 )
 
 
-def detailed_robots(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
+def detailed_robots(robots: Sequence[str], requested: Sequence[str]) -> list[str]:
     """Return the robots to draw in detail: the requested ones, else the first DETAILED.
 
     Raises OptionError for an unknown robot.
     """
-    for robot in wished:
+    for robot in requested:
         if robot not in robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
-    return [robot for robot in robots if robot in wished] or list(robots[:DETAILED])
+    return [robot for robot in robots if robot in requested] or list(robots[:DETAILED])
 
 
 def arrangement(run: RunData, detailed: Sequence[str]) -> layout.ViewerContents:
@@ -355,7 +355,7 @@ def arrangement(run: RunData, detailed: Sequence[str]) -> layout.ViewerContents:
     return layout.ViewerContents(run.grid, run.robots, detailed, run.end, run.description.has_truth)
 
 
-def _every(period: float, since: float, end: float) -> Floats:
+def _multiples(period: float, since: float, end: float) -> Floats:
     """Return the multiples of a period from `since` to before `end`, (n,), s."""
     first, last = (int(np.ceil(second / period - 1e-9)) for second in (since, end))
     return np.arange(first, max(first, last)).astype(np.float64) * period

@@ -15,9 +15,9 @@ import numpy as np
 
 from acrc_testbed.results.field_recordings import EVENT_COUNTERS
 from acrc_testbed.run_model.data import RunDescription
-from acrc_testbed.run_model.model import RunModel, robot_of, with_instants
+from acrc_testbed.run_model.model import RunModel, convert_instants, robot_of
 from acrc_testbed.view.run_drawing import RunDrawing
-from acrc_testbed.view.run_view import say_at_once
+from acrc_testbed.view.run_view import print_now
 from actors.floor.map_file import load_map
 from actors.messages import DRIVE, RECEIVED, Board, Drive, Progress, RadioEvents
 from actors.observer import panels, viewer
@@ -77,7 +77,7 @@ class FleetView:
         self._drawn: set[str] = set()
         self._counted = 0.0
         self._missed = 0
-        self._drawing = RunDrawing(self._canvas, self._model.observed(0.0), ())
+        self._drawing = RunDrawing(self._canvas, self._model.take_reports(0.0), ())
         for robot in self.robots:
             panels.set_line_style(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
@@ -91,10 +91,10 @@ class FleetView:
         for robot in self.robots:
             is_silent = now - self._last.get(robot, -math.inf) > _SILENT_S
             self._model.set_state(robot, self._model.since, "not heard" if is_silent else "")
-        run = self._model.observed(now)
-        self._drawing.recorded(run)
-        self._drawing.computed(run)
-        self._drawing.tell(events)
+        run = self._model.take_reports(now)
+        self._drawing.draw_recorded(run)
+        self._drawing.draw_computed(run)
+        self._drawing.draw_notices(events)
         for robot, last in self._last.items():
             panels.draw_line(self._canvas, f"plots/ages/{robot}", [now], np.array([now - last]))
         if now >= self._counted + _RATE_WINDOW_S:
@@ -111,7 +111,7 @@ class FleetView:
             case Drive() | RadioEvents() if robot in self.robots:
                 if isinstance(message, RadioEvents):
                     self._counts.update(EVENT_COUNTERS[type(event)] for event in message.events)
-                self._model.extend(key, with_instants(message, lambda _: round(second * 1e6)), second)
+                self._model.extend(key, convert_instants(message, lambda _: round(second * 1e6)), second)
             case Progress():
                 source, report = robot or endpoint, operator_station.progress_text(message)
                 if self._reports.get(source) != report:
@@ -154,10 +154,10 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
     operator_station.start_listeners(
         endpoints, keys, lines, further_addresses=(at(DRIVE, "*"), at(RECEIVED, "*")), on_message=on_message
     )
-    opened = viewer.open_any(say_at_once, "reports are printed only")
+    opened = viewer.open_any(print_now, "reports are printed only")
     try:
         if opened is not None and opened.page:
-            say_at_once(f"open {opened.page} in a browser on this machine to see the robots; Ctrl-C to quit")
+            print_now(f"open {opened.page} in a browser on this machine to see the robots; Ctrl-C to quit")
         with scratch_folder() as folder:
             contents = ViewerContents(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address
@@ -167,7 +167,7 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
                     messages = [waiting.get_nowait() for _ in range(waiting.qsize())]
                     view.draw(messages, time.monotonic() - started, missed)
                     while not lines.empty():
-                        say_at_once(lines.get())
+                        print_now(lines.get())
                     time.sleep(_PERIOD_S)
     finally:
         viewer.end(opened)

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 from rich.console import Console
 
-from acrc_testbed.recordings.record_check import check
+from acrc_testbed.recordings.record_check import check_run
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.results import summary
 from acrc_testbed.results.result import BranchOrigin, RunResult
@@ -74,7 +74,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     """
     if not (origin / SCENARIO).is_file():
         raise AcrcError(f"{origin}: contains no {SCENARIO}; give the folder of a simulated run")
-    report, files = check(origin, strict=False), all_recordings(origin)
+    report, files = check_run(origin, strict=False), all_recordings(origin)
     if "world" not in files or "radio" not in files:
         raise AcrcError(f"{origin}: no recording of the world or the radio")
     scenario = load_scenario(origin / SCENARIO)

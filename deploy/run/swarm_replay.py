@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.recordings.record_check import STAMP, check, read_contents
+from acrc_testbed.recordings.record_check import STAMP, check_run, read_contents
 from acrc_testbed.recordings.record_replay import ReplayOptions, ReplayReport, recorded_code, replay_actor
 from acrc_testbed.recordings.run_recordings import all_recordings, read_setup, recordings
-from acrc_testbed.recordings.sandboxed_replay import warn_unhashed
+from acrc_testbed.recordings.sandboxed_replay import warn_about_missing_hashes
 from actors.instant import in_seconds
 from actors.messages import DRIVE, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH, Truth
 from actors.processes.launcher import scratch_folder
@@ -57,7 +57,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: contains no {SCENARIO}; give the folder of a simulated run")
-    report = check(out, strict=False)
+    report = check_run(out, strict=False)
     scenario = load_scenario(out / SCENARIO)
     modules = permitted_folders(
         out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit
@@ -94,7 +94,7 @@ def _recorded_modules(out: Path, modules: tuple[Path, ...], permit: Permit) -> R
         return None
     recorded = recorded_code(out)
     if recorded is None:
-        warn_unhashed(out)
+        warn_about_missing_hashes(out)
     return recorded
 
 

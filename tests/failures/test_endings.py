@@ -87,7 +87,7 @@ def outcome(one: LineNoise, out: Path, digest: str) -> tuple[str, list[str]]:
         faults.append("another digest")
     try:
         if any(out.glob("*/*.mcap")):
-            record_check.check(out)
+            record_check.check_run(out)
     except AcrcError as error:
         faults.append(str(error))
     return how, faults

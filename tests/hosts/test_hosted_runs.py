@@ -133,14 +133,14 @@ def test_a_run_over_two_hosts_has_the_digest_of_one_computer(
     told = seal.read_hosts(out)
     assert told is not None
     assert [part.robots for part in told.hosts.values()] == [("r1", "r2"), ("r3", "r4")]
-    for wants_robots in (account_time, record_check.check, check_seal, recheck):
+    for wants_robots in (account_time, record_check.check_run, check_seal, recheck):
         with pytest.raises(AcrcError, match=r"still on hosts h1, h2; fetch with `\S+ cluster fetch"):
             wants_robots(out)
     fetched = acrc(hosts, cluster, "cluster", "fetch", out, "--json")
     assert fetched.returncode == 0, fetched.stderr
     assert json.loads(fetched.stdout)["files"] == 4
     assert run.folders_left() == [] and run.nothing_left()
-    assert record_check.check(out).digest == digest
+    assert record_check.check_run(out).digest == digest
     assert check_seal(out) is not None
 
 

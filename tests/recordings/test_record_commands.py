@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from acrc_testbed.recordings import message_formats
-from acrc_testbed.recordings.message_formats import column_value, info, to_json_types
+from acrc_testbed.recordings.message_formats import column_value, recording_statistics, to_json_types
 from acrc_testbed.recordings.record_check import check_recording
 from acrc_testbed.recordings.topics import TopicError, follow, has_ended, matches, messages
 from actors.messages import CONTROL, Control
@@ -31,7 +31,7 @@ def test_check_of_one_recording(recorded_run: Path, tmp_path: Path) -> None:
 
 
 def test_info_counts_messages_and_reports_truncation(recorded_run: Path, tmp_path: Path) -> None:
-    found = {one["actor"]: one for one in info(recorded_run)}
+    found = {one["actor"]: one for one in recording_statistics(recorded_run)}
     assert list(found) == ["r1", "r2", "radio", "world"]
     robot = found["r1"]
     assert robot["whole"] and (robot["first_s"], robot["last_s"]) == (0.0, 30.0) and robot["seals"] > 300

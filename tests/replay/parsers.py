@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from acrc_testbed.recordings.record_check import check
+from acrc_testbed.recordings.record_check import check_run
 from acrc_testbed.results.field_recordings import read_field_trial
 from acrc_testbed.results.field_trial_result import read_ground_truth
 from actors.floor.map_file import load_map
@@ -99,7 +99,7 @@ def _recordings(out: Path) -> Iterator[Parser]:
     def in_its_place(data: bytes) -> None:
         path.write_bytes(data)
         try:
-            check(out)
+            check_run(out)
         finally:
             path.write_bytes(sound)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from acrc_testbed.recordings.record_check import CheckError, check
+from acrc_testbed.recordings.record_check import CheckError, check_run
 from acrc_testbed.recordings.record_replay import replay_actor
 from actors.messages import SensorData
 from actors.robot import assembly
@@ -33,7 +33,7 @@ from tests.replay.forging import forge, with_payload
 
 def fault(out: Path) -> str:
     with pytest.raises(AcrcError) as caught:
-        check(out)
+        check_run(out)
     return str(caught.value)
 
 
@@ -43,7 +43,7 @@ def flipped(content: bytes, at: int) -> bytes:
 
 def test_flipped_bits_are_detected_without_traceback(copy: Path) -> None:
     """60 bits of all recordings, and many at the end of one, where counters and sums are."""
-    report = check(copy)
+    report = check_run(copy)
     assert report.complete and report.unreceived == 0
     assert report.digest == json.loads((copy / "run.json").read_text())["digest"]
     files = sorted(copy.glob("*/*.mcap"))
@@ -75,7 +75,7 @@ def test_truncated_run_reports_last_valid_step(copy: Path) -> None:
         f"{path}: ends after step {last}, but the run has a result; the file is truncated or damaged"
     )
     (copy / "run.json").unlink()
-    report = check(copy)
+    report = check_run(copy)
     assert (report.complete, report.good_until) == (False, last)
     done = acrc("record", "check", copy)
     assert done.returncode == 0
@@ -90,7 +90,7 @@ def test_truncated_recording_is_read_to_its_last_complete_step(copy: Path) -> No
     for length in range(0, len(sound), 1499):
         path.write_bytes(sound[:length])
         try:
-            report = check(copy)
+            report = check_run(copy)
         except CheckError as error:  # not even its first record
             assert str(error) == f"{path}: ends before its first record"
         else:
@@ -105,7 +105,7 @@ def test_robot_killed_at_startup_is_part_of_a_truncated_run(copy: Path) -> None:
     robot.write_bytes(b"")
     assert fault(copy) == f"{robot}: ends before its first record", "all others have ended as planned"
     world.write_bytes(world.read_bytes()[: world.stat().st_size // 2])
-    report = check(copy)
+    report = check_run(copy)
     assert not report.complete and report.good_until is None
 
 

@@ -79,7 +79,7 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
         record_replay.TimeWindow(begin_s=1.0, end_s=None),
         record_replay.pdb_breakpoint(own=False),
     )
-    watch = ReplayOptions(lambda core, step_us: record_replay.limit(core, step_us, window, terminal))
+    watch = ReplayOptions(lambda core, step_us: record_replay.limit_replay(core, step_us, window, terminal))
     report = replay_actor(recorded, "r2", watch)
     assert report.whole and report.outputs > 30, "a look changes nothing"
     said = capsys.readouterr().out

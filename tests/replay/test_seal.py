@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.recordings.record_check import check
+from acrc_testbed.recordings.record_check import check_run
 from acrc_testbed.results.seal import SUMS, SealError, SealReport, check_seal, seal, seal_sentence
 from actors.runtime.errors import AcrcError
 from tests.in_process import acrc
@@ -124,7 +124,7 @@ def test_tampering_is_named(tamper: Callable[[Path], str], sealed: Path) -> None
     expected = tamper(sealed)
     assert fault(sealed) == expected
     with pytest.raises(AcrcError):
-        check(sealed)
+        check_run(sealed)
 
 
 def test_files_drawn_later_are_counted_and_views_are_ignored(sealed: Path) -> None:

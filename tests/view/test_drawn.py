@@ -15,9 +15,9 @@ from acrc_testbed.command_line import visualisation
 from acrc_testbed.explanation.time_accounting import cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
 from acrc_testbed.run_model.data import RunData
-from acrc_testbed.run_model.frame_outcomes import by_outcome
+from acrc_testbed.run_model.frame_outcomes import outcome_rates
 from acrc_testbed.run_model.hardware_runs import whole_run
-from acrc_testbed.view.run_view import draw, place, save
+from acrc_testbed.view.run_view import draw_runs, save_view, view_path
 from actors.observer import glyphs, viewer
 from actors.observer.layout import APPLICATION
 from actors.radio.medium.state import Outcome
@@ -43,7 +43,7 @@ class View(NamedTuple):
 def view(folder: Path, strict: None, tmp_path_factory: pytest.TempPathFactory) -> View:
     said: list[str] = []
     path = tmp_path_factory.mktemp("view") / "run.rrd"
-    assert save([folder], (), path, said.append)
+    assert save_view([folder], (), path, said.append)
     assert [file.name for file in path.parent.iterdir()] == ["run.rrd"]
     return View(rows(path), said)
 
@@ -106,7 +106,7 @@ def test_an_incomplete_view_is_reported_and_fails(
 
 def test_layout_and_chosen_robots(folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
-    save([folder], ("r2",), path, lambda sentence: None)
+    save_view([folder], ("r2",), path, lambda sentence: None)
     (blueprint,) = RrdReader(str(path)).blueprints()
     assert blueprint.application_id == APPLICATION
     found = rows(path)
@@ -118,7 +118,7 @@ def test_two_runs_share_a_timeline(folder: Path, view: View, tmp_path: Path) -> 
     copytree(folder, tmp_path / "branch")
     said: list[str] = []
     path = tmp_path / "beside.rrd"
-    save((folder, tmp_path / "branch"), (), path, said.append)
+    save_view((folder, tmp_path / "branch"), (), path, said.append)
     assert [sentence.partition(" after ")[0] for sentence in said] == ["recorded data drawn", "complete view"]
     one, both = view.rows, rows(path)
     drawn_there = {entity for entity in one if entity != "/__properties"}
@@ -127,7 +127,7 @@ def test_two_runs_share_a_timeline(folder: Path, view: View, tmp_path: Path) -> 
         whens = [[row.get("sim_time") for row in some] for some in (one[entity], both[f"/2{entity}"])]
         assert whens[0] == whens[1]
     with pytest.raises(AcrcError):
-        save((folder, tmp_path / "nowhere"), (), path, said.append)
+        save_view((folder, tmp_path / "nowhere"), (), path, said.append)
 
 
 def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: P
     held = evidence.estimated[:, 0]
     known = np.isfinite(run.trajectories["r1"].poses[:, 0])
     np.testing.assert_allclose(run.trajectories["r1"].poses[known], held[np.isfinite(held[:, 0])])
-    assert draw([run], tmp_path / "trial.rrd", (), None, lambda sentence: None)
+    assert draw_runs([run], tmp_path / "trial.rrd", (), None, lambda sentence: None)
     found = rows(tmp_path / "trial.rrd")
     assert "/inside/r1/scan" in found and "/plots/error/r1" not in found
     assert "/plots/copies/heard" not in found
@@ -149,9 +149,9 @@ def test_recordings_of_robots_alone(folder: Path, evidence: RunData, tmp_path: P
 def test_the_view_of_a_read_only_folder_is_written_elsewhere(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert place(folder) == folder / "view.rrd"
+    assert view_path(folder) == folder / "view.rrd"
     monkeypatch.setattr("os.access", lambda path, mode: False)
-    elsewhere = place(folder)
+    elsewhere = view_path(folder)
     assert elsewhere.name == "view.rrd" and not elsewhere.is_relative_to(folder)
     elsewhere.parent.rmdir()
 
@@ -171,7 +171,7 @@ SHOWN = {
 @pytest.mark.nightly
 def test_the_viewer_shows_everything(folder: Path, tmp_path: Path) -> None:
     view = tmp_path / "view.rrd"
-    save([folder], (), view, lambda sentence: None)
+    save_view([folder], (), view, lambda sentence: None)
     try:
         shot = viewer.take_screenshot(view, 20.0, 1200, 800)
     except viewer.ScreenshotError as error:
@@ -204,5 +204,5 @@ def test_recorded_copies_of_frames_are_those_the_radio_counted(evidence: RunData
     told = sorted((second, int(receiver)) for second, _, receiver, _ in evidence.heard.tolist())
     mine = sorted(zip(copies.seconds[heard].tolist(), copies.receivers[heard].tolist(), strict=True))
     assert mine == told
-    table = by_outcome(copies, 0.0, 6, 5.0)
+    table = outcome_rates(copies, 0.0, 6, 5.0)
     assert table[:, Outcome.HEARD].sum() * 5.0 == pytest.approx(counts[Outcome.HEARD])

@@ -17,7 +17,7 @@ from acrc_testbed.recordings.topics import RunState, run_state
 from acrc_testbed.run_model.data import RunDataError
 from acrc_testbed.run_model.simulated_runs import RunReader, recorded_run
 from acrc_testbed.view.run_drawing import RunDrawing
-from acrc_testbed.view.run_view import LiveView, save
+from acrc_testbed.view.run_view import LiveView, save_view
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, FrameReceived, Progress, RadioEvents
@@ -52,8 +52,8 @@ def growing(folder: Path, tmp_path: Path) -> GrowingRun:
 def test_a_growing_run_is_drawn_like_a_finished_one(
     growing: GrowingRun, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(RunDrawing, "_deadlocks", lambda *_: None)  # known once a run has ended
-    save([folder], (), tmp_path / "whole.rrd", lambda sentence: None)
+    monkeypatch.setattr(RunDrawing, "_draw_deadlocks", lambda *_: None)  # known once a run has ended
+    save_view([folder], (), tmp_path / "whole.rrd", lambda sentence: None)
     growing.grow(0.31)
     with RunReader(growing.out, internals=True) as reader:
         what = ViewerContents(reader.description.grid, reader.robots, reader.robots)
@@ -68,7 +68,7 @@ def test_a_growing_run_is_drawn_like_a_finished_one(
             while view.draw():
                 pass
             view.draw(last=True)
-            assert view.end == pytest.approx(30.0) and reader.unread() == 0
+            assert view.end == pytest.approx(30.0) and reader.count_unread() == 0
     grown, whole = (
         {
             entity: {row.get("sim_time") for row in some}
@@ -109,7 +109,7 @@ def test_the_state_of_a_run_follows_from_its_writing_processes(growing: GrowingR
     assert run_state(growing.out) is RunState.DIED
     with (growing.out / "world" / "world.mcap").open("ab") as file:
         writer = subprocess.Popen(["sleep", "60"], stdout=file)
-    assert run_state(growing.out) is RunState.GOING_ON
+    assert run_state(growing.out) is RunState.RUNNING
     writer.kill()
     writer.wait()
     assert run_state(growing.out) is RunState.DIED

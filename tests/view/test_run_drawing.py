@@ -80,7 +80,7 @@ def painted(path: Path, *pieces: RunData) -> Rows:
     with ViewFile(path, ViewerContents(GRID, ("r1", "r2")), name="a run") as sheet:
         drawing = RunDrawing(Canvas(sheet.recording, ("r1", "r2")), pieces[0], ())
         for piece in pieces:
-            drawing.recorded(piece)
+            drawing.draw_recorded(piece)
     return rows(path)
 
 
@@ -171,7 +171,7 @@ def test_a_machine_without_a_display_gets_a_page_which_ends_with_the_run(
             assert b"Rerun" in shown.read()
         pages.append(page)
 
-    monkeypatch.setattr(run_view, "follow", follow)
+    monkeypatch.setattr(run_view, "follow_run", follow)
     assert program.main(["--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert said.startswith(f"To watch the run live, open {pages[0]}?url=")
