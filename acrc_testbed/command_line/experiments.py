@@ -112,8 +112,8 @@ def causes(
 ) -> None:
     """Break down the robots' time by cause.
 
-    Causes are deadlock, blocked by dead robot, lost, and others. Also print the longest blockages and the
-    effects of decisions.
+    Causes are deadlock, blocked by dead robot, lost, and others; docs/concepts.md defines them. Also print
+    the longest blockages, the effects of decisions, and for whom others waited.
     """
     from acrc_testbed.explanation.time_accounting import account_time
 
@@ -243,7 +243,7 @@ def _times(spent: TimeSpent) -> Table:
 
 
 def _blockages(spent: TimeSpent) -> Table:
-    table = Table("from, s", "to, s", "robots", "x, y, m", "place", "cause", title="Longest blockages")
+    table = Table("from, s", "to, s", "robots", "x, y, m", "location", "cause", title="Longest blockages")
     longest = sorted(spent.blockings, key=lambda one: one.begin_s - one.end_s)[:_MOST]
     for one in sorted(longest, key=lambda one: one.begin_s):
         end = f"{one.end_s:.1f}" + (" (end of run)" if one.at_end else "")
@@ -254,10 +254,13 @@ def _blockages(spent: TimeSpent) -> Table:
 
 def _decisions(spent: TimeSpent) -> Table:
     table = Table(
-        "time, s", "robot", "decision", "trigger", "knowledge of", "outcome", "free after", title="Decisions"
+        "time, s", "robot", "decision", "made by", "data from", "outcome", "moved after", title="Decisions"
     )
     for one in spent.decisions[:_MOST]:
-        known = ", ".join(f"{each.source} ({each.age_s:.1f} s old)" for each in one.knowledge)
+        known = ", ".join(
+            f"{each.source}, {each.age_s:.1f} s old" if each.source != one.robot else "itself"
+            for each in one.knowledge
+        )
         free = "" if one.free_after_s is None else f"{one.free_after_s:.1f} s"
         by = one.trigger.partition(".")[0 if one.trigger.endswith(".at_member") else 2]
         table.add_row(f"{one.instant_s:.1f}", one.robot, one.words, by, known, one.outcome, free)
@@ -270,11 +273,24 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         yield f"not shown: {hidden[0]} blockages, {hidden[1]} decisions; --json has them"
     if spent.decisions_left_out:
         yield f"decisions not recorded by robots: {spent.decisions_left_out}"
+    if spent.decisions:
+        yield (
+            "outcome: what happened to the robot next; superseded: it was still blocked at its next decision; "
+            "moved after: time until it was no longer blocked"
+        )
+    if any(each[Cause.NO_PROGRESS.value] for each in spent.robots.values()):
+        yield (
+            "no progress: the robot stands for none of the other reasons, such as at a wall or robot that "
+            "navigation does not get past; docs/concepts.md defines all causes"
+        )
     for blame in spent.blames:
-        yield f"{blame.robot} delayed others for {blame.seconds:.1f} s ({blame.cause})"
-    if spent.deadlocks is not None and spent.deadlocks.pairs:
-        yield f"deadlocked pairs: {spent.deadlocks.pairs}, of which {spent.deadlocks.came_free} resolved"
-    if (score := spent.diagnosis) is not None:
+        yield f"others waited {blame.seconds:.1f} s for {blame.robot} (cause: {blame.cause})"
+    if (deadlocks := spent.deadlocks) is not None and deadlocks.pairs:
+        yield (
+            f"deadlocks of two robots of 10 s or longer: {deadlocks.pairs}; "
+            f"resolved before the end of the run: {deadlocks.came_free}"
+        )
+    if (score := spent.diagnosis) is not None and (score.spells or score.false_alarms):
         precision, recall = (
             "none" if share is None else f"{share:.0%}" for share in (score.precision, score.recall)
         )

@@ -211,7 +211,8 @@ def run(
     chosen, options = prepared
     if not json:
         adapted = chosen.run.strategy not in _BASELINES
-        summary.print_next_commands(options.out, [*_baseline_arguments(sys.argv[1:], out)] if adapted else ())
+        baseline = [*_baseline_arguments(sys.argv[1:], out)] if adapted else ()
+        summary.print_next_commands(options.out, baseline, options.modules)
     if view:
         summary.print_observer_messages(options.out)
     require_delivery(result.undelivered, result.not_delivered)

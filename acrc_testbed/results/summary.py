@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -63,16 +63,18 @@ def result_sentences(result: RunResult) -> Iterator[str]:
     yield from _driving_sentences(result)
 
 
-def print_next_commands(out: Path, baseline: Sequence[str] = ()) -> None:
+def print_next_commands(out: Path, baseline: Sequence[str] = (), modules: Iterable[Path] = ()) -> None:
     """Print commands that show the run, and one that repeats it without adaptation.
 
-    `baseline`: arguments of the last command; empty: none.
+    `baseline`: arguments of the last command; empty: none; `modules`: folders of the strategy's code.
     """
     console = create_console()
     console.print(f"Draw the run: {command_line('view', out, '--png')}")
     console.print(f"Open the run in the viewer: {command_line('view', out)}")
+    console.print(f"Show where the robots' time went: {command_line('causes', out)}")
+    console.print(f"List the decisions of r1: {command_line('explain', out, 'r1', modules=modules)}")
     if baseline:
-        console.print(f"Repeat it without adaptation: {command_line(*baseline)}")
+        console.print(f"For comparison, run it without adaptation: {command_line(*baseline)}")
 
 
 LIVE_VIEW: Final = "To watch the run live"
@@ -242,7 +244,7 @@ def _named_counts(counts: Mapping[str, int], prefix: str) -> dict[str, int]:
 
 def _in_brackets(preset: str) -> str:
     """Return a preset's name in brackets; empty for results without it."""
-    return f" ({printable(preset)})" if preset else ""
+    return f" (preset {printable(preset)})" if preset else ""
 
 
 def _causes(counts: Mapping[str, int]) -> str:

@@ -243,16 +243,21 @@ def test_a_result_names_the_next_commands(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(REPOSITORY)
-    summary.print_next_commands(Path("/o/my run"), ["run", "my.toml", "--strategy", "none"])
+    baseline = ["run", "my.toml", "--strategy", "none"]
+    summary.print_next_commands(Path("/o/my run"), baseline, [REPOSITORY])
     assert capsys.readouterr().out.splitlines() == [
         "Draw the run: ./acrc view '/o/my run' --png",
         "Open the run in the viewer: ./acrc view '/o/my run'",
-        "Repeat it without adaptation: ./acrc run my.toml --strategy none",
+        "Show where the robots' time went: ./acrc causes '/o/my run'",
+        "List the decisions of r1: ./acrc explain '/o/my run' r1 --modules .",
+        "For comparison, run it without adaptation: ./acrc run my.toml --strategy none",
     ]
     summary.print_next_commands(REPOSITORY / "runs" / "a")
     assert capsys.readouterr().out.splitlines() == [
         "Draw the run: ./acrc view runs/a --png",
         "Open the run in the viewer: ./acrc view runs/a",
+        "Show where the robots' time went: ./acrc causes runs/a",
+        "List the decisions of r1: ./acrc explain runs/a r1",
     ]
 
 
