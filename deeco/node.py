@@ -100,7 +100,7 @@ class NodeObserver(Protocol):
         `replica`: the peer that an ensemble used; None for a process and for a peer on the same node.
         """
 
-    def heard(self, component: str, replica: Replica, now: Instant) -> None:
+    def replica_received(self, component: str, replica: Replica, now: Instant) -> None:
         """Receive the news that a component's node has a newer replica since `now`."""
 
 
@@ -305,7 +305,7 @@ class Node:
         """Evaluate the ensembles whose watched facts changed."""
         if self._observer is not None:
             for component in self._locals:
-                self._observer.heard(component.id, update.after, self._now)
+                self._observer.replica_received(component.id, update.after, self._now)
         for ensemble in self._reacting:
             if any(_differs(update, fact) for fact in ensemble.type.on_change):
                 self._evaluate(ensemble, self._now)

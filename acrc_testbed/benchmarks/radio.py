@@ -38,9 +38,9 @@ from actors.radio.radio_model import (
     RadioSetup,
     WifiInterferer,
     WifiParameters,
-    needed_dbm,
     preset,
     radio_model,
+    required_dbm,
 )
 from actors.radio.walls import build
 
@@ -283,7 +283,7 @@ def _draw_corridor(file: Path, map_file: Path, task: PlotTask) -> None:
     spots = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     loss = found.propagation.loss_db(np.array([task.transmitter]), spots)[0].reshape(len(y), len(x))
     power = found.parameters.transceiver.tx_power_dbm - loss
-    weakest = needed_dbm(found.parameters)
+    weakest = required_dbm(found.parameters)
     light = np.clip((-40.0 - power) / (-40.0 - weakest), 0.0, 1.0)
     colours = np.stack([60 + 160 * light, 90 + 140 * light, 160 + 70 * light], axis=-1)
     colours[power < weakest] = (230, 150, 130)

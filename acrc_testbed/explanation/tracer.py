@@ -256,7 +256,7 @@ class Tracer:
             )
         )
 
-    def heard(self, component: str, replica: Replica, now: Instant) -> None:
+    def replica_received(self, component: str, replica: Replica, now: Instant) -> None:
         """Record a newer replica."""
         self.news.append(ReplicaReception(replica.id, replica.contact(now).heard))
 

@@ -79,7 +79,7 @@ class DrawnRun(NamedTuple):
 
 def draw_run(axes: Axes, run: RunData, doing: Sequence[CauseInterval]) -> DrawnRun:
     """Draw trails, final positions, places, obstacles and positions of blocked robots."""
-    few = glyphs.has_few(run.robots)
+    few = glyphs.is_small_swarm(run.robots)
     put = floor_intervals(run.floor, run.end)
     labels = [_name(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
     kinds = {"start"} | ({"door"} if draw_doors(axes, run) else set())

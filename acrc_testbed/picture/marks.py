@@ -132,17 +132,17 @@ def sample(name: str) -> Artist:
     colour = colour_of(mark)
     match mark.shape:
         case "tint":
-            return Patch(facecolor=colour, label=mark.says)
+            return Patch(facecolor=colour, label=mark.meaning)
         case "bar":
-            return Line2D([], [], color=colour, lw=3.0, label=mark.says)
+            return Line2D([], [], color=colour, lw=3.0, label=mark.meaning)
         case "dashed ring":
-            return Patch(facecolor="none", edgecolor=colour, ls="--", label=mark.says)
+            return Patch(facecolor="none", edgecolor=colour, ls="--", label=mark.meaning)
         case "dotted line":
-            return Line2D([], [], color=colour, lw=1.2, ls=":", label=mark.says)
+            return Line2D([], [], color=colour, lw=1.2, ls=":", label=mark.meaning)
     size = {"soft ring": 11.0, "square": 4.0, "tick": 9.0, "heavy cross": 9.0, "snowflake": 9.0}
     fill = "#9a9fa8" if name == "done" else ""
     look = _look(mark, style.INK, size.get(mark.shape, 6.0), fill)
-    return Line2D([], [], ls="", label=mark.says, **look)
+    return Line2D([], [], ls="", label=mark.meaning, **look)
 
 
 def _look(mark: Mark, own: str, size: float, fill: str) -> dict[str, Any]:

@@ -127,7 +127,7 @@ class _Scene:
         self._axes = axes = self._figure.add_subplot()
         floor_picture.draw_floor(axes, run.grid)
         doors = floor_picture.draw_doors(axes, run)
-        self._few = few = glyphs.has_few(run.robots)
+        self._few = few = glyphs.is_small_swarm(run.robots)
         self._begins = {
             PlaceKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
         }

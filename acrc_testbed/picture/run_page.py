@@ -32,7 +32,7 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, lege
 
     Ticks: cleaned places, in the owner's colour; triangles: adoptions; dashed lines: orders.
     """
-    few = glyphs.has_few(run.robots)
+    few = glyphs.is_small_swarm(run.robots)
     rows = {robot: row for row, robot in enumerate(lane_order(run, doing))}
     for one in doing:
         extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
@@ -58,7 +58,7 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, lege
 
 def lane_order(run: RunData, doing: Sequence[CauseInterval]) -> list[str]:
     """Return the robots from top to bottom: few in scenario order, many by lost time, longest first."""
-    if glyphs.has_few(run.robots):
+    if glyphs.is_small_swarm(run.robots):
         return list(run.robots)
     kept: defaultdict[str, float] = defaultdict(float)
     for one in doing:
@@ -125,7 +125,7 @@ def draw(run: RunData) -> Figure:
     below.tick_params(labelbottom=False)
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
-    draw_progress(figure.add_subplot(grid[1:, 1] if glyphs.has_few(run.robots) else grid[2, 1]), run)
+    draw_progress(figure.add_subplot(grid[1:, 1] if glyphs.is_small_swarm(run.robots) else grid[2, 1]), run)
     marks.settle(figure)
     marks.place(floor, drawn.labels, drawn.taken)
     return figure
@@ -144,7 +144,7 @@ def draw_progress(axes: Axes, run: RunData) -> None:
         robot: sorted(event.second for event in first.values() if event.robot == robot)
         for robot in run.robots
     }
-    if glyphs.has_few(run.robots):
+    if glyphs.is_small_swarm(run.robots):
         for index, (robot, done) in enumerate(by_robot.items()):
             ends = [*range(len(done) + 1), len(done)]
             look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2, "label": robot}

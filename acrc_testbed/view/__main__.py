@@ -36,7 +36,7 @@ def main(argv: Sequence[str]) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     finally:
-        viewer.end(opened)
+        viewer.terminate(opened)
     return 0
 
 

@@ -82,7 +82,7 @@ class Plots:
         self._bins = 0
         """Number of drawn bins of copies."""
         self._counted: set[Outcome] = set()
-        self._many = not canvas.has_few
+        self._many = not canvas.is_small_swarm
         shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
         for name, colour in shown.items():
             panels.set_line_style(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
@@ -230,9 +230,7 @@ class RobotLane:
             back += [before[-1]._replace(second=second)] if before else []
         self._last = known[-1] if known else None
         if activities or back:
-            self._lane.draw(
-                panels.without_short(with_deadlocks(sorted((*activities, *back)), self._deadlocks))
-            )
+            self._lane.draw(panels.drop_short(with_deadlocks(sorted((*activities, *back)), self._deadlocks)))
 
 
 def with_deadlocks(

@@ -327,7 +327,7 @@ class RunDrawing:
 
     def _is_full(self, robot: str) -> bool:
         """Return True if goals and adoptions of a robot are drawn: all of few robots, chosen ones of many."""
-        return self._canvas.has_few or robot in self._chosen
+        return self._canvas.is_small_swarm or robot in self._chosen
 
     def _draw_adoptions(self, run: RunData) -> None:
         for event in run.taken_over:

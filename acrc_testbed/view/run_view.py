@@ -85,7 +85,7 @@ def show_view(folders: Sequence[Path], robots: Sequence[str], say: Say) -> bool:
             complete = draw_runs(runs, path, robots, None if opened is None else opened.address, say, began)
         _serve_until_closed(opened, path, say)
     finally:
-        viewer.end(opened)
+        viewer.terminate(opened)
     return complete
 
 

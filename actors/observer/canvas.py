@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.glyphs import GREY, Colour, has_few
+from actors.observer.glyphs import GREY, Colour, is_small_swarm
 from actors.observer.glyphs import robot as robot_colour
 
 TIMELINE: Final = "sim_time"
@@ -35,7 +35,7 @@ class Canvas:
         self.recording = recording
         self._root = root
         self.robots = tuple(robots)
-        self.has_few = has_few(robots)
+        self.is_small_swarm = is_small_swarm(robots)
         self._index = {robot: number for number, robot in enumerate(robots)}
 
     def colour(self, robot: str) -> Colour:
@@ -43,22 +43,22 @@ class Canvas:
         number = self._index.get(robot)
         return GREY if number is None else robot_colour(number)
 
-    def still(self, path: str, drawn: Any) -> None:
+    def draw_static(self, path: str, drawn: Any) -> None:
         """Draw something for the whole run."""
         self.recording.log(f"{self._root}/{path}", drawn, static=True)
 
-    def at(self, second: float, path: str, drawn: Any) -> None:
+    def draw_at(self, second: float, path: str, drawn: Any) -> None:
         """Draw or replace something at an instant, s."""
-        self.recording.set_time(TIMELINE, duration=_instants([second])[0])
+        self.recording.set_time(TIMELINE, duration=_microseconds([second])[0])
         self.recording.log(f"{self._root}/{path}", drawn)
 
-    def columns(self, path: str, seconds: Sequence[float] | NDArray[np.float64], columns: Any) -> None:
+    def draw_columns(self, path: str, seconds: Sequence[float] | NDArray[np.float64], columns: Any) -> None:
         """Draw or replace something at many instants, s; one row of the columns for each."""
         if len(seconds):
-            when = rr.TimeColumn(TIMELINE, duration=_instants(seconds))
+            when = rr.TimeColumn(TIMELINE, duration=_microseconds(seconds))
             self.recording.send_columns(f"{self._root}/{path}", [when], columns)
 
-    def strips(
+    def draw_strips(
         self,
         path: str,
         seconds: Sequence[float] | NDArray[np.float64],
@@ -72,10 +72,10 @@ class Canvas:
         more: Any = {} if colours is None else {"colors": packed([one for row in colours for one in row])}
         if not flat:
             flat, more = [], {}
-        self.columns(path, seconds, rr.LineStrips3D.columns(strips=flat, **more).partition(lengths))
+        self.draw_columns(path, seconds, rr.LineStrips3D.columns(strips=flat, **more).partition(lengths))
 
 
-def _instants(seconds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.timedelta64]:
+def _microseconds(seconds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.timedelta64]:
     """Convert s to whole microseconds."""
     return np.round(np.asarray(seconds, np.float64) * 1e6).astype("timedelta64[us]")
 
@@ -95,7 +95,7 @@ def ring(x: float, y: float, radius: float, height: float) -> NDArray[np.float32
     return drawn
 
 
-def lifted(points: NDArray[Any], height: float) -> NDArray[np.float32]:
+def at_height(points: NDArray[Any], height: float) -> NDArray[np.float32]:
     """Return points of the floor, (k, 2), at a height, (k, 3)."""
     drawn: NDArray[np.float32] = np.column_stack((points, np.full(len(points), height))).astype(np.float32)
     return drawn

@@ -8,17 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
-from actors.observer.canvas import (
-    BODY,
-    CIRCLE,
-    INTENT,
-    LABEL,
-    PLACE,
-    TRAIL,
-    Canvas,
-    lifted,
-    ring,
-)
+from actors.observer.canvas import BODY, CIRCLE, INTENT, LABEL, PLACE, TRAIL, Canvas, at_height, ring
 from actors.observer.glyphs import DOOR, FLOOR, GREY, GROUND, MARKS, WALL, WHITE, Colour, faded
 
 Floats = NDArray[np.float64]
@@ -44,7 +34,7 @@ def draw_places(canvas: Canvas, owner: str, second: float, places: Sequence[Plac
             strips.append(strip)
             colours.append(colour)
             radii.append(radius)
-    canvas.at(second, f"world/places/{owner}", rr.LineStrips3D(strips, colors=colours, radii=radii))
+    canvas.draw_at(second, f"world/places/{owner}", rr.LineStrips3D(strips, colors=colours, radii=radii))
 
 
 def _marks(canvas: Canvas, owner: str, place: PlaceState) -> list[tuple[NDArray[np.float32], Colour, float]]:
@@ -66,20 +56,20 @@ def set_goal_style(canvas: Canvas, robot: str) -> None:
     """Set the style of a robot's goal: a dot, and a faint line to it."""
     colour = canvas.colour(robot)
     line = rr.LineStrips3D.from_fields(colors=[faded(colour, 0.5)], radii=[-0.7])
-    canvas.still(f"world/intent/{robot}", line)
-    canvas.still(f"world/heading/{robot}", rr.Points3D.from_fields(colors=[colour], radii=[0.07]))
+    canvas.draw_static(f"world/intent/{robot}", line)
+    canvas.draw_static(f"world/heading/{robot}", rr.Points3D.from_fields(colors=[colour], radii=[0.07]))
 
 
 def draw_goals(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there: Floats) -> None:
     """Draw a robot's goals; `here` and `there`: (n, 2), m; NaN: no goal."""
     heads: NDArray[np.bool_] = np.isfinite(there[:, 0])
-    lines = np.stack((lifted(here, INTENT), lifted(there, INTENT)), axis=1)
+    lines = np.stack((at_height(here, INTENT), at_height(there, INTENT)), axis=1)
     rows = [[line] if shown else [] for line, shown in zip(lines, heads.tolist(), strict=True)]
-    canvas.strips(f"world/intent/{robot}", seconds, rows)
+    canvas.draw_strips(f"world/intent/{robot}", seconds, rows)
     new = np.ones(len(there), np.bool_)
     new[1:] = (np.nan_to_num(there[1:], nan=-1e9) != np.nan_to_num(there[:-1], nan=-1e9)).any(axis=1)
-    dots = rr.Points3D.columns(positions=lifted(there[new & heads], PLACE)).partition(heads[new])
-    canvas.columns(f"world/heading/{robot}", seconds[new], dots)
+    dots = rr.Points3D.columns(positions=at_height(there[new & heads], PLACE)).partition(heads[new])
+    canvas.draw_columns(f"world/heading/{robot}", seconds[new], dots)
 
 
 def draw_adoption(
@@ -98,17 +88,17 @@ def draw_adoption(
         colors=[WHITE],
         radii=[-1.6],
         labels=[f"{robot} adopts {name}"],
-        show_labels=canvas.has_few,
+        show_labels=canvas.is_small_swarm,
     )
-    canvas.at(second, path, arrow)
-    canvas.at(second + _ADOPTION_S, path, rr.Arrows3D.from_fields(clear_unset=True))
+    canvas.draw_at(second, path, arrow)
+    canvas.draw_at(second + _ADOPTION_S, path, rr.Arrows3D.from_fields(clear_unset=True))
 
 
 def draw_floor(canvas: Canvas, grid: OccupancyGrid, doors: NDArray[np.bool_] | None = None) -> None:
     """Draw the floor plan at /world/map; `doors`: tinted cells, (rows, columns)."""
     image = _image(grid, np.zeros(grid.cells.shape, np.bool_) if doors is None else doors)
     rows, columns, _ = image.shape
-    canvas.still(
+    canvas.draw_static(
         "world/map",
         rr.GridMap(
             data=image.tobytes(),
@@ -147,11 +137,11 @@ _MORE: Final = (
 def draw_marks(canvas: Canvas) -> None:
     """Write the legend of the symbols on the floor."""
     rows = [
-        (f"{_SIGNS[mark.shape]} {name}", mark.says) for name, mark in MARKS.items() if mark.shape in _SIGNS
+        (f"{_SIGNS[mark.shape]} {name}", mark.meaning) for name, mark in MARKS.items() if mark.shape in _SIGNS
     ]
-    rows += [(name, says) for name, says in _MORE]
-    text = "\n".join(f"- **{name}**: {says}" for name, says in rows)
-    canvas.still("legend/marks", rr.TextDocument(text, media_type="text/markdown"))
+    rows += [(name, meaning) for name, meaning in _MORE]
+    text = "\n".join(f"- **{name}**: {meaning}" for name, meaning in rows)
+    canvas.draw_static("legend/marks", rr.TextDocument(text, media_type="text/markdown"))
 
 
 def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
@@ -164,7 +154,7 @@ def draw_lines(canvas: Canvas, name: str, lines: Mapping[str, Colour]) -> None:
         labels=list(lines),
         show_labels=True,
     )
-    canvas.still(f"legend/{name}", dots)
+    canvas.draw_static(f"legend/{name}", dots)
 
 
 DrawnObject = tuple[str, tuple[tuple[float, float], ...], float]
@@ -189,11 +179,11 @@ def draw_things(canvas: Canvas, second: float, things: Sequence[DrawnObject]) ->
             radii.append(width)
         middle = np.mean(points, axis=0)
         names.append((float(middle[0]), float(middle[1]), LABEL))
-    canvas.at(second, "world/put", rr.LineStrips3D(strips, colors=colours, radii=radii))
+    canvas.draw_at(second, "world/put", rr.LineStrips3D(strips, colors=colours, radii=radii))
     words: Any = [kind for kind, _, _ in things]
     colours = [MARKS[kind].colour or WHITE for kind, _, _ in things]
     label = rr.Points3D(names, labels=words, colors=colours, radii=[0.0] * len(names), show_labels=True)
-    canvas.at(second, "world/put/names", label)
+    canvas.draw_at(second, "world/put/names", label)
 
 
 def _strips(

@@ -56,7 +56,7 @@ COSTS_COLOUR: Final[Colour] = (120, 110, 200)
 ARC: Final[Colour] = (255, 90, 200)
 
 
-def has_few(robots: Sequence[str]) -> bool:
+def is_small_swarm(robots: Sequence[str]) -> bool:
     """Return True for few robots, which get individual names and marks."""
     return len(robots) <= _FEW
 
@@ -106,7 +106,7 @@ class Mark(NamedTuple):
     `snowflake`, `dotted line`, `tick` or `triangle`."""
     colour: Colour | None
     """None: the colour of the robot concerned."""
-    says: str
+    meaning: str
     """Text of the legend."""
 
 

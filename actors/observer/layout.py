@@ -49,11 +49,13 @@ class ViewerContents:
     """Name of the run for several runs side by side."""
 
 
-def layout(what: ViewerContents) -> rrb.Blueprint:
+def layout(contents: ViewerContents) -> rrb.Blueprint:
     """Return the layout for one run, with side panels closed."""
-    left = rrb.Vertical(_swarm(what), rrb.Horizontal(_lanes(what), _plots(what)), row_shares=[2.1, 1])
-    parts: list[Any] = [left, _reading(what)]
-    live = what.end is None
+    left = rrb.Vertical(
+        _floor_view(contents), rrb.Horizontal(_lanes(contents), _plots(contents)), row_shares=[2.1, 1]
+    )
+    parts: list[Any] = [left, _right_part(contents)]
+    live = contents.end is None
     speed: dict[str, Any] = {} if live else {"playback_speed": _SPEED}
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[2.35, 1]),
@@ -71,9 +73,9 @@ def side_by_side(runs: Sequence[ViewerContents]) -> rrb.Blueprint:
     """Return the layout for several runs side by side with one time axis, side panels closed."""
     columns: list[Any] = []
     for run in runs:
-        below = rrb.Tabs(_lanes(run), _plots(run), _reading(run), active_tab=0)
+        below = rrb.Tabs(_lanes(run), _plots(run), _right_part(run), active_tab=0)
         columns.append(
-            rrb.Vertical(_swarm(run, 2 * _NARROW / len(runs)), below, row_shares=[1.6, 1], name=run.name)
+            rrb.Vertical(_floor_view(run, 2 * _NARROW / len(runs)), below, row_shares=[1.6, 1], name=run.name)
         )
     return rrb.Blueprint(
         rrb.Horizontal(*columns),
@@ -85,9 +87,9 @@ def side_by_side(runs: Sequence[ViewerContents]) -> rrb.Blueprint:
     )
 
 
-def _swarm(what: ViewerContents, aspect: float = _ASPECT) -> rrb.Spatial3DView:
+def _floor_view(contents: ViewerContents, aspect: float = _ASPECT) -> rrb.Spatial3DView:
     """Return the view of the whole floor from above, north up."""
-    grid = what.grid
+    grid = contents.grid
     width, height = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
     x, y = grid.origin.x + width / 2, grid.origin.y + height / 2
     altitude = 1.04 * max(height, width / aspect) / 2 / math.tan(_FIELD_OF_VIEW / 2)
@@ -97,24 +99,25 @@ def _swarm(what: ViewerContents, aspect: float = _ASPECT) -> rrb.Spatial3DView:
     )
     ever = rrb.VisibleTimeRange(TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=to_cursor)
     trails: dict[Any, Any] = {
-        f"{what.root}/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])] for robot in what.robots
+        f"{contents.root}/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])]
+        for robot in contents.robots
     }
     history: dict[Any, Any] = {
-        f"{what.root}/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in what.robots
+        f"{contents.root}/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in contents.robots
     }
-    truth = "Swarm, ground truth" if what.true else "Swarm, estimated poses"
+    truth = "Swarm, ground truth" if contents.true else "Swarm, estimated poses"
     return rrb.Spatial3DView(
-        origin=f"{what.root}/world",
-        name=f"{what.name}: {truth}" if what.name else truth,
-        contents=[f"{what.root}/world/**"],
+        origin=f"{contents.root}/world",
+        name=f"{contents.name}: {truth}" if contents.name else truth,
+        contents=[f"{contents.root}/world/**"],
         background=_GROUND,
         line_grid=False,
-        eye_controls=_eye(x, y, altitude),
+        eye_controls=_camera(x, y, altitude),
         overrides={**trails, **history},
     )
 
 
-def _eye(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
+def _camera(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         # Slightly south of the target: looking straight down has no "up".
@@ -124,63 +127,65 @@ def _eye(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
     )
 
 
-def _own(robot: str, what: ViewerContents) -> rrb.Vertical:
+def _robot_view(robot: str, contents: ViewerContents) -> rrb.Vertical:
     """Return one robot's view, centred on it, with its knowledge and decisions."""
-    own = f"{what.root}/world/robots/{robot}"
-    bodies = [f"{what.root}/world/robots/{other}/turn/**" for other in what.robots]
+    own = f"{contents.root}/world/robots/{robot}"
+    bodies = [f"{contents.root}/world/robots/{other}/turn/**" for other in contents.robots]
     view = rrb.Spatial3DView(
         origin=own,
         name=f"{robot}: perception and plan",
         contents=[
-            *(f"{what.root}/world/{part}" for part in ("map", "places/**")),
-            *(*bodies, f"{what.root}/inside/{robot}/**"),
+            *(f"{contents.root}/world/{part}" for part in ("map", "places/**")),
+            *(*bodies, f"{contents.root}/inside/{robot}/**"),
         ],
         background=_GROUND,
         line_grid=False,
-        eye_controls=_eye(0.0, 0.0, _OWN_HEIGHT),
+        eye_controls=_camera(0.0, 0.0, _OWN_HEIGHT),
     )
-    knowledge = rrb.TextDocumentView(origin=f"{what.root}/knowledge/{robot}", name=f"{robot}: knowledge")
-    decisions = rrb.TextDocumentView(origin=f"{what.root}/decisions/{robot}", name=f"{robot}: decisions")
+    knowledge = rrb.TextDocumentView(origin=f"{contents.root}/knowledge/{robot}", name=f"{robot}: knowledge")
+    decisions = rrb.TextDocumentView(origin=f"{contents.root}/decisions/{robot}", name=f"{robot}: decisions")
     below = rrb.Tabs(knowledge, decisions, active_tab=0)
     return rrb.Vertical(view, below, row_shares=[3, 2], name=robot)
 
 
-def _reading(what: ViewerContents) -> Any:
+def _right_part(contents: ViewerContents) -> Any:
     """Return the right part: robots' views, events, ensembles and legend."""
     columns = rrb.TextLogColumns(text_log_columns=["body"])
-    events: Any = rrb.TextLogView(origin=f"{what.root}/events", name="Events", columns=columns)
-    marks = rrb.TextDocumentView(origin=f"{what.root}/legend/marks", name="Legend")
-    if not what.detailed_robots:
+    events: Any = rrb.TextLogView(origin=f"{contents.root}/events", name="Events", columns=columns)
+    marks = rrb.TextDocumentView(origin=f"{contents.root}/legend/marks", name="Legend")
+    if not contents.detailed_robots:
         return rrb.Tabs(events, marks, active_tab=0)
-    ensembles = rrb.GraphView(origin=f"{what.root}/ensembles", name="Ensembles")
+    ensembles = rrb.GraphView(origin=f"{contents.root}/ensembles", name="Ensembles")
     below = rrb.Tabs(events, ensembles, marks, active_tab=0)
-    tabs = rrb.Tabs(*(_own(robot, what) for robot in what.detailed_robots), active_tab=0, name="Robots")
+    tabs = rrb.Tabs(
+        *(_robot_view(robot, contents) for robot in contents.detailed_robots), active_tab=0, name="Robots"
+    )
     return rrb.Vertical(tabs, below, row_shares=[3, 1], name="Robots and events")
 
 
-def _lanes(what: ViewerContents) -> rrb.StateTimelineView:
+def _lanes(contents: ViewerContents) -> rrb.StateTimelineView:
     return rrb.StateTimelineView(
-        origin=what.root or "/",
-        contents=[f"{what.root}/{lane_path(robot)}" for robot in what.robots],
+        origin=contents.root or "/",
+        contents=[f"{contents.root}/{lane_path(robot)}" for robot in contents.robots],
         name="Activities of robots",
-        time_view=_whole(what),
+        time_view=_run_range(contents),
     )
 
 
-def _plots(what: ViewerContents) -> rrb.Tabs:
-    axis = _whole(what)
+def _plots(contents: ViewerContents) -> rrb.Tabs:
+    axis = _run_range(contents)
 
     def plot(path: str, name: str, **more: Any) -> rrb.TimeSeriesView:
-        return rrb.TimeSeriesView(origin=f"{what.root}/plots/{path}", name=name, axis_x=axis, **more)
+        return rrb.TimeSeriesView(origin=f"{contents.root}/plots/{path}", name=name, axis_x=axis, **more)
 
     hidden = rrb.PlotLegend(visible=False)
     done = plot("places", "Places done", plot_legend=hidden)
     tabs: list[Any] = [plot("speed", "Speed, m/s", plot_legend=hidden)]
-    if what.true:
+    if contents.true:
         tabs.insert(0, plot("error", "Localisation error, m", plot_legend=hidden))
     copies = plot("copies", "Copies of frames per second, by outcome", plot_legend=hidden)
     fates = rrb.Spatial2DView(
-        origin=f"{what.root}/legend/copies", name="Outcomes", background=_GROUND,
+        origin=f"{contents.root}/legend/copies", name="Outcomes", background=_GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=(-1.0, 1.0), y_range=(-0.8, len(OUTCOME_COLOURS) + 0.4)),
     )  # fmt: skip
     curves = rrb.Vertical(done, copies)
@@ -190,13 +195,13 @@ def _plots(what: ViewerContents) -> rrb.Tabs:
     return rrb.Tabs(first, rssi, *tabs, ages, active_tab=0, name="Plots")
 
 
-def _whole(what: ViewerContents) -> rrb.TimeAxis | None:
+def _run_range(contents: ViewerContents) -> rrb.TimeAxis | None:
     """Return the time axis of the whole run; None while it is running."""
-    if what.end is None:
+    if contents.end is None:
         return None
     absolute = rrb.TimeRangeBoundary.absolute
     return rrb.TimeAxis(
-        view_range=rrb.TimeRange(start=absolute(seconds=0.0), end=absolute(seconds=max(1.0, what.end)))
+        view_range=rrb.TimeRange(start=absolute(seconds=0.0), end=absolute(seconds=max(1.0, contents.end)))
     )
 
 
@@ -212,12 +217,12 @@ class ViewFile:
     def __init__(
         self,
         path: Path,
-        what: ViewerContents | Sequence[ViewerContents],
+        contents: ViewerContents | Sequence[ViewerContents],
         *,
         name: str,
         send_to: str | None = None,
     ) -> None:
-        """Create the file; `what`: one run or several side by side, `send_to`: a viewer's address.
+        """Create the file; `contents`: one run or several side by side, `send_to`: a viewer's address.
 
         Raises AcrcError if the file cannot be written.
         """
@@ -230,7 +235,7 @@ class ViewFile:
         """True once the viewer was closed; the file is complete nevertheless."""
         self.recording = rr.RecordingStream(APPLICATION)
         self.recording.set_log_time_enabled(False)
-        arranged = layout(what) if isinstance(what, ViewerContents) else side_by_side(what)
+        arranged = layout(contents) if isinstance(contents, ViewerContents) else side_by_side(contents)
         viewers = [] if send_to is None else [rr.GrpcSink(send_to)]
         self.recording.set_sinks(rr.FileSink(path), *viewers, default_blueprint=arranged)
         self.recording.send_recording_name(name)

@@ -7,18 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.canvas import (
-    BODY,
-    CIRCLE,
-    CLOUD,
-    COSTS,
-    NOSE,
-    WAY,
-    Canvas,
-    lifted,
-    packed,
-    ring,
-)
+from actors.observer.canvas import BODY, CIRCLE, CLOUD, COSTS, NOSE, WAY, Canvas, at_height, packed, ring
 from actors.observer.glyphs import (
     ACTIVITY_GLYPHS,
     ARC,
@@ -32,10 +21,10 @@ from actors.observer.glyphs import (
     Colour,
 )
 
-_SHORTEST: Final = 0.6
+_MIN_DURATION: Final = 0.6
 """Minimum duration of an activity in a lane, s; shorter ones are merged with the previous one."""
 _PHRASES: Final = {"driving": "to {}", "adopted": "adopted {}", "blocked": "blocked, {}"}
-_ALWAYS: Final = frozenset({"blocked", "deadlock", "frozen", "off"})
+_ALWAYS_SHOWN: Final = frozenset({"blocked", "deadlock", "frozen", "off"})
 """Activities shown for any duration."""
 _ROUND: Final = 60.0
 """Radius of the circle of robots in the graph of ensembles."""
@@ -81,26 +70,28 @@ class Lane:
         }
         if len(self._kinds) > known:
             values, colours = list(self._kinds), list(self._kinds.values())
-            canvas.still(self._path, rr.StateConfiguration(values=values, labels=values, colors=colours))
+            canvas.draw_static(
+                self._path, rr.StateConfiguration(values=values, labels=values, colors=colours)
+            )
         states = [_label(activity) for activity in activities]
-        canvas.columns(
+        canvas.draw_columns(
             self._path, [activity.second for activity in activities], rr.StateChange.columns(state=states)
         )
 
     def end(self, second: float) -> None:
         """End the lane at an instant, s."""
-        self._canvas.columns(self._path, [second], rr.StateChange.columns(state=[""]))
+        self._canvas.draw_columns(self._path, [second], rr.StateChange.columns(state=[""]))
 
 
-def without_short(activities: Sequence[LaneActivity]) -> list[LaneActivity]:
-    """Return activities without those that are too short, except for those in `_ALWAYS`."""
-    kept: list[LaneActivity] = []
+def drop_short(activities: Sequence[LaneActivity]) -> list[LaneActivity]:
+    """Return activities without those that are too short, except for those in `_ALWAYS_SHOWN`."""
+    shown: list[LaneActivity] = []
     for activity, after in zip(activities, [*(one.second for one in activities[1:]), np.inf], strict=True):
-        short = after - activity.second < _SHORTEST and activity.activity not in _ALWAYS
-        if (kept and short) or (kept and kept[-1][1:] == activity[1:]):
+        short = after - activity.second < _MIN_DURATION and activity.activity not in _ALWAYS_SHOWN
+        if shown and (short or shown[-1][1:] == activity[1:]):
             continue
-        kept.append(activity)
-    return kept
+        shown.append(activity)
+    return shown
 
 
 def _label(activity: LaneActivity) -> str:
@@ -113,7 +104,7 @@ def draw_events(canvas: Canvas, source: str, events: Sequence[DrawnEvent]) -> No
     ordered = sorted(events)
     for robot in dict.fromkeys(event.robot for event in ordered):
         mine = [event for event in ordered if event.robot == robot]
-        canvas.columns(
+        canvas.draw_columns(
             f"events/{robot or 'run'}/{source}",
             [event.second for event in mine],
             rr.TextLog.columns(
@@ -145,7 +136,7 @@ def _draw_texts(canvas: Canvas, path: str, texts: Sequence[tuple[float, str]]) -
     columns = rr.TextDocument.columns(
         text=[text for _, text in texts], media_type=["text/markdown"] * len(texts)
     )
-    canvas.columns(path, [second for second, _ in texts], columns)
+    canvas.draw_columns(path, [second for second, _ in texts], columns)
 
 
 def _cell(text: str) -> str:
@@ -165,17 +156,19 @@ def set_line_style(
     """Set the style of a plot's line; `steps`: as a step function, `dots`: as points."""
     if dots:
         style = rr.SeriesPoints(colors=[colour], names=[name], markers=["Circle"], marker_sizes=[1.8])
-        canvas.still(path, style)
+        canvas.draw_static(path, style)
         return
     mode: Any = "StepAfter" if steps else None
-    canvas.still(path, rr.SeriesLines(colors=[colour], names=[name], widths=[1.6], interpolation_mode=mode))
+    canvas.draw_static(
+        path, rr.SeriesLines(colors=[colour], names=[name], widths=[1.6], interpolation_mode=mode)
+    )
 
 
 def draw_line(
     canvas: Canvas, path: str, seconds: Sequence[float] | NDArray[np.float64], values: NDArray[np.float64]
 ) -> None:
     """Draw values of a plot's line."""
-    canvas.columns(path, seconds, rr.Scalars.columns(scalars=values))
+    canvas.draw_columns(path, seconds, rr.Scalars.columns(scalars=values))
 
 
 class KnowledgeExchange(NamedTuple):
@@ -195,7 +188,7 @@ def draw_ensembles(
     `since`: everything earlier is already drawn, s.
     """
     where = _circle(canvas.robots)
-    canvas.still(
+    canvas.draw_static(
         "ensembles/robots",
         rr.GraphNodes(
             list(canvas.robots),
@@ -210,12 +203,12 @@ def draw_ensembles(
     for second in [one for one in moments if one >= since]:
         now = [one for one in known if one.second <= second < one.second + lasting]
         names = {f"{one.ensemble}: {one.source} > {one.learner}": one for one in now}
-        canvas.at(second, "ensembles/exchanges", _between(names, where))
+        canvas.draw_at(second, "ensembles/exchanges", _exchange_nodes(names, where))
         edges = [edge for name, one in names.items() for edge in ((one.source, name), (name, one.learner))]
-        canvas.at(second, "ensembles/exchanges/edges", rr.GraphEdges(edges, graph_type="directed"))
+        canvas.draw_at(second, "ensembles/exchanges/edges", rr.GraphEdges(edges, graph_type="directed"))
 
 
-def _between(
+def _exchange_nodes(
     names: Mapping[str, KnowledgeExchange], where: Mapping[str, tuple[float, float]]
 ) -> rr.GraphNodes:
     """Return a node for each exchange, halfway between the robots."""
@@ -256,20 +249,22 @@ _HUES[253:, 3] = 190
 def set_perception_style(canvas: Canvas, robot: str) -> None:
     """Set colours and sizes of a robot's own view."""
     own = f"inside/{robot}"
-    canvas.still(f"{own}/scan", rr.Points3D.from_fields(colors=[SCAN], radii=[-1.4]))
-    canvas.still(f"{own}/particles", rr.Points3D.from_fields(colors=[PARTICLES], radii=[-1.0]))
-    canvas.still(f"{own}/plan", rr.LineStrips3D.from_fields(colors=[PLAN], radii=[-1.5]))
-    canvas.still(f"{own}/arc", rr.LineStrips3D.from_fields(colors=[ARC], radii=[-2.2]))
-    canvas.still(f"{own}/estimate", rr.LineStrips3D.from_fields(colors=[WHITE, PARTICLES], radii=[-1.3]))
+    canvas.draw_static(f"{own}/scan", rr.Points3D.from_fields(colors=[SCAN], radii=[-1.4]))
+    canvas.draw_static(f"{own}/particles", rr.Points3D.from_fields(colors=[PARTICLES], radii=[-1.0]))
+    canvas.draw_static(f"{own}/plan", rr.LineStrips3D.from_fields(colors=[PLAN], radii=[-1.5]))
+    canvas.draw_static(f"{own}/arc", rr.LineStrips3D.from_fields(colors=[ARC], radii=[-2.2]))
+    canvas.draw_static(
+        f"{own}/estimate", rr.LineStrips3D.from_fields(colors=[WHITE, PARTICLES], radii=[-1.3])
+    )
 
 
 def draw_clouds(
-    canvas: Canvas, robot: str, what: str, seconds: Floats, counts: NDArray[np.int64], points: Singles
+    canvas: Canvas, robot: str, layer: str, seconds: Floats, counts: NDArray[np.int64], points: Singles
 ) -> None:
-    """Draw scans or particles (`what`); `counts`: points per instant, `points`: (k, 2), m."""
-    height = BODY if what == "scan" else CLOUD
-    columns = rr.Points3D.columns(positions=lifted(points, height)).partition(counts)
-    canvas.columns(f"inside/{robot}/{what}", seconds, columns)
+    """Draw scans or particles (`layer`); `counts`: points per instant, `points`: (k, 2), m."""
+    height = BODY if layer == "scan" else CLOUD
+    columns = rr.Points3D.columns(positions=at_height(points, height)).partition(counts)
+    canvas.draw_columns(f"inside/{robot}/{layer}", seconds, columns)
 
 
 def draw_estimates(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, spread: Floats) -> None:
@@ -279,14 +274,14 @@ def draw_estimates(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, s
         sizes, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
         reach = _SIGMAS * np.sqrt(np.maximum(sizes, 1e-6))
         ellipse = (CIRCLE * reach) @ axes.T + (x, y)
-        rows.append((ring(x, y, RADIUS, NOSE), lifted(ellipse, NOSE)))
-    canvas.strips(f"inside/{robot}/estimate", seconds, rows)
+        rows.append((ring(x, y, RADIUS, NOSE), at_height(ellipse, NOSE)))
+    canvas.draw_strips(f"inside/{robot}/estimate", seconds, rows)
 
 
 def draw_plans(canvas: Canvas, robot: str, seconds: Floats, plans: Sequence[Singles]) -> None:
     """Draw plans, (k, 2), m, from each instant on; none with fewer than two points."""
-    rows = [[lifted(plan, WAY)] if len(plan) > 1 else [] for plan in plans]
-    canvas.strips(f"inside/{robot}/plan", seconds, rows)
+    rows = [[at_height(plan, WAY)] if len(plan) > 1 else [] for plan in plans]
+    canvas.draw_strips(f"inside/{robot}/plan", seconds, rows)
 
 
 def draw_arcs(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, twists: Floats) -> None:
@@ -302,8 +297,8 @@ def draw_arcs(canvas: Canvas, robot: str, seconds: Floats, poses: Floats, twists
         arc = np.column_stack(
             (x + np.cumsum(steps * np.cos(headings)), y + np.cumsum(steps * np.sin(headings)))
         )
-        rows.append([lifted(arc, CLOUD)])
-    canvas.strips(f"inside/{robot}/arc", seconds, rows)
+        rows.append([at_height(arc, CLOUD)])
+    canvas.draw_strips(f"inside/{robot}/arc", seconds, rows)
 
 
 def draw_costs(
@@ -319,7 +314,7 @@ def draw_costs(
     none, half = np.zeros(n), corners[:, 2] / 2
     kind = rr.components.ImageFormat(width=columns, height=rows, color_model="RGBA", channel_datatype="U8")
     shown = _HUES[costs[:, ::-1]]
-    canvas.columns(
+    canvas.draw_columns(
         f"inside/{robot}/costs",
         seconds,
         rr.GridMap.columns(

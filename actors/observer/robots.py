@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, lifted, ring
+from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, at_height, ring
 from actors.observer.canvas import LINK as HEIGHT
 from actors.observer.glyphs import LINK, OUTCOME_COLOURS, RADIUS, WHITE, Colour, faded
 
@@ -17,7 +17,7 @@ RECENT_S: Final = 20.0
 """Age up to which a trail is bright, s; the earlier history is dim."""
 SEGMENT_S: Final = 0.5
 """Duration of a segment of a trail, s."""
-_LEAST: Final = 0.04
+_MIN_STEP: Final = 0.04
 """Minimum length of a segment, m."""
 _JUMP: Final = 1.0
 """Distance from which a robot counts as carried, m, and no segment is drawn: more than a TurtleBot drives
@@ -31,13 +31,13 @@ def draw_body(canvas: Canvas, robot: str) -> None:
         lengths=[0.02], radii=[RADIUS], centers=[(0.0, 0.0, BODY)], colors=[colour], fill_mode="solid"
     )
     nose = rr.LineStrips3D([[(0.0, 0.0, NOSE), (1.9 * RADIUS, 0.0, NOSE)]], colors=[WHITE], radii=[-1.6])
-    canvas.still(f"{own}/turn/body", body)
-    canvas.still(f"{own}/turn/nose", nose)
+    canvas.draw_static(f"{own}/turn/body", body)
+    canvas.draw_static(f"{own}/turn/nose", nose)
     # The marker stays visible where the body is smaller than a pixel.
-    canvas.still(f"{own}/marker", rr.Points3D([(0.0, 0.0, BODY)], colors=[colour], radii=[-5.0]))
+    canvas.draw_static(f"{own}/marker", rr.Points3D([(0.0, 0.0, BODY)], colors=[colour], radii=[-5.0]))
     for path, share, width in (("trails", 1.0, -1.2), ("history", 0.4, -0.6)):
         style = rr.LineStrips3D.from_fields(colors=[faded(colour, share)], radii=[width])
-        canvas.still(f"world/{path}/{robot}", style)
+        canvas.draw_static(f"world/{path}/{robot}", style)
 
 
 def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> None:
@@ -45,18 +45,18 @@ def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> No
     none, half = np.zeros(len(poses)), poses[:, 2] / 2
     where = np.column_stack((poses[:, :2], none)).astype(np.float32)
     turned = np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32)
-    canvas.columns(f"world/robots/{robot}", seconds, rr.Transform3D.columns(translation=where))
-    canvas.columns(f"world/robots/{robot}/turn", seconds, rr.Transform3D.columns(quaternion=turned))
+    canvas.draw_columns(f"world/robots/{robot}", seconds, rr.Transform3D.columns(translation=where))
+    canvas.draw_columns(f"world/robots/{robot}/turn", seconds, rr.Transform3D.columns(quaternion=turned))
 
 
 def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> None:
     """Draw a robot's name from an instant on, with its state if it is not active."""
     name = f"{robot} ({state})" if state else robot
-    above = 1.1 if canvas.has_few else 0.5
+    above = 1.1 if canvas.is_small_swarm else 0.5
     label = rr.Points3D(
         [(0.0, above, LABEL)], labels=[name], colors=[canvas.colour(robot)], radii=[0.0], show_labels=True
     )
-    canvas.at(second, f"world/robots/{robot}/name", label)
+    canvas.draw_at(second, f"world/robots/{robot}/name", label)
 
 
 def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trail: "DrawnTrail") -> None:
@@ -68,7 +68,7 @@ def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trai
     ]
     for path in ("trails", "history") if found else ():
         strips = rr.LineStrips3D.columns(strips=np.array([piece for _, piece in found]))
-        canvas.columns(f"world/{path}/{robot}", [second for second, _ in found], strips)
+        canvas.draw_columns(f"world/{path}/{robot}", [second for second, _ in found], strips)
 
 
 class DrawnTrail:
@@ -87,7 +87,7 @@ class DrawnTrail:
         if gone > _JUMP:
             self._last = second, x, y
             return None
-        if second - before < SEGMENT_S - 1e-6 or gone < _LEAST:
+        if second - before < SEGMENT_S - 1e-6 or gone < _MIN_STEP:
             return None
         self._last = second, x, y
         return np.array([(from_x, from_y, TRAIL), (x, y, TRAIL)], np.float32)
@@ -98,7 +98,7 @@ LASTING: Final = 2.5
 _WEAKEST: Final = -95.0
 _STRONGEST: Final = -45.0
 """Range of RSSI for the brightness of a link, dBm."""
-_EACH: Final = 2
+_MAX_LINKS: Final = 2
 """Number of links per robot among many robots."""
 SHOWN: Final = ("collision", "disturbed", "half duplex", "receiver busy")
 """Losses drawn as a ring at the receiver; receivers out of range or off have none."""
@@ -106,13 +106,13 @@ SHOWN: Final = ("collision", "disturbed", "half duplex", "receiver busy")
 
 def period(canvas: Canvas) -> float:
     """Return the period at which links are drawn, s; longer for many robots."""
-    return 0.2 if canvas.has_few else 1.0
+    return 0.2 if canvas.is_small_swarm else 1.0
 
 
 def set_radio_style(canvas: Canvas) -> None:
     """Set the line widths of links and losses."""
-    canvas.still("world/radio/links", rr.LineStrips3D.from_fields(radii=[-1.0]))
-    canvas.still("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))
+    canvas.draw_static("world/radio/links", rr.LineStrips3D.from_fields(radii=[-1.0]))
+    canvas.draw_static("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))
 
 
 class _RecentLink(NamedTuple):
@@ -143,15 +143,15 @@ def draw_links(
         since = np.where(last >= 0, seconds - mine[last, 0], np.inf)
         for k in np.flatnonzero(since < LASTING).tolist():
             links[k].append(_RecentLink(float(mine[last[k], 3]), float(since[k]), one, other))
-    if not canvas.has_few:
+    if not canvas.is_small_swarm:
         whole = {number for number, robot in enumerate(canvas.robots) if robot in chosen}
         links = [_strongest(some, whole) for some in links]
     rows = [
-        [lifted(positions[k, [link.one, link.other]], HEIGHT) for link in some]
+        [at_height(positions[k, [link.one, link.other]], HEIGHT) for link in some]
         for k, some in enumerate(links)
     ]
     colours = [[_brightness(link.rssi_dbm, link.since) for link in some] for some in links]
-    canvas.strips("world/radio/links", seconds, rows, colours)
+    canvas.draw_strips("world/radio/links", seconds, rows, colours)
 
 
 def _strongest(links: Sequence[_RecentLink], whole: Collection[int]) -> list[_RecentLink]:
@@ -159,7 +159,7 @@ def _strongest(links: Sequence[_RecentLink], whole: Collection[int]) -> list[_Re
     drawn: Counter[int] = Counter()
     kept = []
     for link in sorted(links, reverse=True):
-        if min(drawn[link.one], drawn[link.other]) < _EACH or link.one in whole or link.other in whole:
+        if min(drawn[link.one], drawn[link.other]) < _MAX_LINKS or link.one in whole or link.other in whole:
             kept.append(link)
             drawn.update((link.one, link.other))
     return kept
@@ -176,7 +176,7 @@ def shown_s(canvas: Canvas) -> float:
 
 
 def _shown(canvas: Canvas) -> int:
-    return 5 if canvas.has_few else 1
+    return 5 if canvas.is_small_swarm else 1
 
 
 def draw_losses(
@@ -203,4 +203,4 @@ def draw_losses(
         for k, mark in enumerate(marks)
     ][new:]
     colours = [[OUTCOME_COLOURS[cause] for cause in mark.values()] for mark in marks[new:]]
-    canvas.strips("world/radio/losses", seconds[new:], rows, colours)
+    canvas.draw_strips("world/radio/losses", seconds[new:], rows, colours)

@@ -52,21 +52,21 @@ def open_page() -> OpenViewer:
     """Serve the viewer to a local browser until `process` ends. Raises RuntimeError if that fails."""
     port = _free_port()
     opened = _start(["--serve-web", "--web-viewer-port", str(port)], f"http://127.0.0.1:{port}/?url=")
-    if not _listens(port, opened.process):  # the page's port opens after the data port
+    if not _is_listening(port, opened.process):  # the page's port opens after the data port
         opened.process.kill()
         raise RuntimeError(f"rerun's viewer did not serve its page within {_PATIENCE:g} s")
     return opened
 
 
-def open_any(say: Callable[[str], None], instead: str) -> OpenViewer | None:
+def open_any(report: Callable[[str], None], fallback: str) -> OpenViewer | None:
     """Open a window, or a page without a display; report and return None if that fails.
 
-    `instead`: sentence for the report about what is done instead.
+    `fallback`: sentence for the report about what is done instead.
     """
     try:
         return open_window() if has_display(os.environ, sys.platform) else open_page()
     except (OSError, RuntimeError) as error:
-        say(f"Cannot open the viewer ({error}); {instead}.")
+        report(f"Cannot open the viewer ({error}); {fallback}.")
         return None
 
 
@@ -76,18 +76,18 @@ def open_headless(width: int, height: int) -> OpenViewer:
     return _start(["--headless", "--hide-welcome-screen", "--window-size", size], "")
 
 
-def end(opened: OpenViewer | None) -> None:
+def terminate(opened: OpenViewer | None) -> None:
     """Terminate a served viewer; windows stay open."""
     if opened is not None and opened.page:
         opened.process.terminate()
         opened.process.wait()
 
 
-def _start(words: Sequence[str], page: str) -> OpenViewer:
+def _start(arguments: Sequence[str], page: str) -> OpenViewer:
     """Start the program, listening locally; unless it is a window, it exits with this process."""
-    port, tied = _free_port(), "--serve-web" in words or "--headless" in words
+    port, tied = _free_port(), "--serve-web" in arguments or "--headless" in arguments
     viewer = subprocess.Popen(
-        [_program(), "--port", str(port), "--bind", "127.0.0.1", *words],
+        [_program(), "--port", str(port), "--bind", "127.0.0.1", *arguments],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -95,7 +95,7 @@ def _start(words: Sequence[str], page: str) -> OpenViewer:
         preexec_fn=_tie if tied and sys.platform == "linux" else None,  # noqa: PLW1509  # one call of prctl
         env={**os.environ, "RERUN_ANALYTICS": "0"},  # no analytics
     )
-    if not _listens(port, viewer):
+    if not _is_listening(port, viewer):
         if viewer.poll() is not None:
             raise RuntimeError(f"rerun's viewer exited at once with code {viewer.returncode}")
         viewer.kill()
@@ -123,7 +123,7 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def _listens(port: int, viewer: "subprocess.Popen[bytes]") -> bool:
+def _is_listening(port: int, viewer: "subprocess.Popen[bytes]") -> bool:
     deadline = time.monotonic() + _PATIENCE
     while time.monotonic() < deadline and viewer.poll() is None:
         try:
@@ -136,7 +136,7 @@ def _listens(port: int, viewer: "subprocess.Popen[bytes]") -> bool:
 
 _SETTLING_S: Final = 0.7
 """Interval between screenshots, s; data is loaded on demand, so two equal ones in a row are final."""
-_MOST: Final = 12
+_MAX_TRIES: Final = 12
 """Maximum number of screenshots; the last one is used."""
 _TOASTS_S: Final = 4.0
 """How long notifications cover a corner of the viewer, s."""
@@ -184,7 +184,7 @@ def take_screenshot(view: Path, second: float, width: int = 1600, height: int = 
         client = ViewerClient.connect(opened.address)
         client.open(str(view))
         client.set_time(TIMELINE, duration=second, play_state="paused")
-        png = _settled(client, began + _TOASTS_S)
+        png = _stable_screenshot(client, began + _TOASTS_S)
         views = tuple(
             ViewReport(one.name or "", one.view_class, tuple(str(said) for said in one.reports))
             for one in client.get_state().views
@@ -197,10 +197,10 @@ def take_screenshot(view: Path, second: float, width: int = 1600, height: int = 
         opened.process.wait()
 
 
-def _settled(client: "ViewerClient", earliest: float) -> bytes:
+def _stable_screenshot(client: "ViewerClient", earliest: float) -> bytes:
     """Return the first screenshot that equals the previous one."""
     last = b""
-    for _ in range(_MOST):
+    for _ in range(_MAX_TRIES):
         try:
             png: bytes = client.take_screenshot()
         except TimeoutError:

@@ -337,7 +337,7 @@ def _parameters_of(setup: RadioSetup) -> RadioParameters:
 _PERIOD_US: Final = 1_000_000
 
 
-def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
+def required_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
     """Return the received power, dBm, at which this share of frames of `octets` arrives undisturbed.
 
     Default: the longest frames, which have the shortest range.
@@ -354,7 +354,7 @@ def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = PS
 def reach(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
     """Return the distance, m, in line of sight and without shadowing, over which this share of frames
     arrives."""
-    budget_db = parameters.transceiver.tx_power_dbm - needed_dbm(parameters, share, octets)
+    budget_db = parameters.transceiver.tx_power_dbm - required_dbm(parameters, share, octets)
     return line_of_sight(budget_db, parameters.propagation.path_loss)
 
 
@@ -371,7 +371,7 @@ class DirectReach:
     frames."""
 
     def __init__(self, parameters: RadioParameters, propagation: Propagation) -> None:
-        self._greatest_loss_db = parameters.transceiver.tx_power_dbm - needed_dbm(parameters)
+        self._greatest_loss_db = parameters.transceiver.tx_power_dbm - required_dbm(parameters)
         self._propagation = propagation
         self._next = 0
         self._pairs = self._in_reach = 0

@@ -24,7 +24,7 @@ from actors.portable.compiled import cos, sin
 from actors.radio.frame import link_qualities, octets, rssi_codes, strengths_dbm
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import EventKind, Outcome
-from actors.radio.radio_model import Jammer, RadioModel, needed_dbm
+from actors.radio.radio_model import Jammer, RadioModel, required_dbm
 
 FRAMES: Final = {
     "frames_sent": "sent",
@@ -199,7 +199,7 @@ class RobotMedium:
         parameters = model.parameters
         self._addresses = tuple(addresses)
         self._noise_mw = exp10(parameters.phy.noise_dbm / 10.0)
-        self._weakest_dbm = needed_dbm(parameters)
+        self._weakest_dbm = required_dbm(parameters)
         self.medium = Medium(
             [parameters.transceiver.numbered(address) for address in addresses],
             model.propagation,

@@ -115,10 +115,10 @@ class RobotCore:
             rest = None if self._introspector is None else self._introspector.rest(self.step)
             return () if rest is None else (Output(self._introspection, rest),)
         if self._introspector is None:
-            outputs = self._outputs(*self._act(senses, events))
+            outputs = self._outputs(*self._advance(senses, events))
         else:
             with observing_nodes(self._introspector):  # the node of a later behaviour is created in a step
-                outputs = self._outputs(*self._act(senses, events))
+                outputs = self._outputs(*self._advance(senses, events))
             record = self._introspector.end(self.step, self.behaviour)
             outputs += () if record is None else (Output(self._introspection, record),)
         self.step += 1
@@ -134,18 +134,20 @@ class RobotCore:
         if behaviour_outcome is None:
             return own
         outcome = behaviour_outcome()
-        if wrong := outcome_fault(outcome, tuple(own)):
-            raise BehaviourError(f"step {self.step}: behaviour {self._entry!r} of {self._robot} {wrong}")
+        if error := outcome_fault(outcome, tuple(own)):
+            raise BehaviourError(f"step {self.step}: behaviour {self._entry!r} of {self._robot} {error}")
         return own | cast(dict[str, object], outcome)
 
-    def _act(self, senses: SensorData, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose | None]:
+    def _advance(
+        self, senses: SensorData, events: tuple[RadioEvent, ...]
+    ) -> tuple[Decision, Twist, Pose | None]:
         odometry, instant = senses.odometry, Instant(senses.instant)
         localisation, navigation = self.localisation, self.navigation
         here = new_tuple(Pose, (odometry.x, odometry.y, odometry.heading))
         sweep = self._sweeps.take(instant, here, senses.scan)
         newest = sweep
         for scan in senses.earlier_scans:
-            earlier = self._sweeps.placed(scan)
+            earlier = self._sweeps.sweep_of(scan)
             newest = earlier if sweep is None else sweep
             localisation.update(here, earlier)
             navigation.sense(instant, here, earlier)
@@ -181,13 +183,13 @@ class RobotCore:
         try:
             decision = self.behaviour.advance(view, until)
         except Exception as error:
-            error.add_note(f"in {self._where(view.instant)}")
+            error.add_note(f"in {self._location(view.instant)}")
             raise
         if wrong := fault(decision, view.instant, until, self._limits):
-            raise BehaviourError(f"{self._where(view.instant)} {wrong}")
+            raise BehaviourError(f"{self._location(view.instant)} {wrong}")
         return decision
 
-    def _where(self, instant: int) -> str:
+    def _location(self, instant: int) -> str:
         return f"step {self.step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
 
     def _outputs(self, decision: Decision, twist: Twist, pose: Pose | None) -> list[Output]:

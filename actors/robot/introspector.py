@@ -55,23 +55,23 @@ _PHASES: Final = {
     GoalPhase.RETREATING: "backing out",
     GoalPhase.PAUSED: "paused",
 }
-_PARTICLES: Final = 300
+_MAX_PARTICLES: Final = 300
 """Maximum number of recorded particles; enough for pictures."""
 _PLAN_STRIDE: Final = 4
 """Record every fourth point of a plan (points are one cell apart)."""
-_LONGEST: Final = 160
+_MAX_TEXT: Final = 160
 """Maximum length of a value as text, characters."""
-_LONGEST_JSON: Final = 20_000
+_MAX_JSON: Final = 20_000
 """Maximum length of a value as JSON, characters."""
-_ROOM: Final = 1_000_000
+_MAX_CHARACTERS: Final = 1_000_000
 """Maximum length of all values in a message, characters; far below the largest record."""
-_MOST_SHOWN: Final = 10_000
+_MAX_REMEMBERED: Final = 10_000
 """Number of remembered values, so that the old value of a change is not recorded again."""
-_MOST_COMMITS: Final = 10_000
+_MAX_COMMITS: Final = 10_000
 """Maximum number of commits in a message."""
-_MOST_CHANGES: Final = 500
+_MAX_CHANGES: Final = 500
 """Maximum number of changed values of a commit."""
-_DEEPEST: Final = 3
+_MAX_DEPTH: Final = 3
 """Nesting depth from which values are omitted from text."""
 
 
@@ -97,7 +97,7 @@ class Introspector:
         self._robot, self._localisation, self._navigation = robot, localisation, navigation
         planner = navigation.local_planner
         self._planner = planner if isinstance(planner, BaseLocalPlanner) else None
-        self._outer: NodeObserver | None = node_observer()
+        self._outer_observer: NodeObserver | None = node_observer()
         self._instant, self._due = Instant(0), Instant(0)
         self._estimate = Estimate(ORIGIN, CERTAIN)
         self._quality: EstimateQuality | None = None
@@ -106,38 +106,38 @@ class Introspector:
         self._plan: Plan | None = None
         self._particles = b""
         self._goal: Goal | None = navigation.goal
-        self._acted: object = self
+        self._activity_goal: object = self
         """Goal of the activity recorded last."""
         self._knowledge: Any = None
         self._activity: tuple[str, PlaceKey | None, Point | None] | None = None
         self._peers: set[str] = set()
         """Peers with a replica."""
-        self._news: dict[str, int | None] = {}
-        self._room = _ROOM
-        self._shown: dict[tuple[str, str], object] = {}
+        self._new_replicas: dict[str, int | None] = {}
+        self._free_characters = _MAX_CHARACTERS
+        self._recorded: dict[tuple[str, str], object] = {}
         """Last recorded value by component and path."""
         self._commits: list[tuple[Commit, Replica | None]] = []
         self._steps: list[_Step] = []
         """Steps since the last message."""
         self._values: dict[str, object] = {}
-        self._words: dict[str, str] = {}
+        self._texts: dict[str, str] = {}
 
     def deployed(self, component: Knowledge, now: Instant) -> None:
         """Forward the event; see `deeco.node.NodeObserver` for this and the next methods."""
-        if self._outer is not None:
-            self._outer.deployed(component, now)
+        if self._outer_observer is not None:
+            self._outer_observer.deployed(component, now)
 
     def committed(self, commit: Commit, replica: Replica | None) -> None:
         """Record a change of a component's knowledge."""
         self._commits.append((commit, replica))
-        if self._outer is not None:
-            self._outer.committed(commit, replica)
+        if self._outer_observer is not None:
+            self._outer_observer.committed(commit, replica)
 
-    def heard(self, component: str, replica: Replica, now: Instant) -> None:
+    def replica_received(self, component: str, replica: Replica, now: Instant) -> None:
         """Record a newer replica."""
-        self._news[replica.id] = int(replica.heard)
-        if self._outer is not None:
-            self._outer.heard(component, replica, now)
+        self._new_replicas[replica.id] = int(replica.heard)
+        if self._outer_observer is not None:
+            self._outer_observer.replica_received(component, replica, now)
 
     def begin(self, instant: Instant, estimate: Estimate, sweep: Sweep | None) -> None:
         """Record the inputs of a step. `sweep`: the last scan since the last step."""
@@ -155,7 +155,7 @@ class Introspector:
         if self._instant < self._due:
             return None
         self._due = Instant((self._instant // PERIOD + 1) * PERIOD)
-        words = () if knowledge is None else self._changed_words(knowledge)
+        words = () if knowledge is None else self._changed_texts(knowledge)
         return Introspection(step, self._step_records(), self._sample(), words)
 
     def rest(self, step: int) -> Introspection | None:
@@ -163,18 +163,23 @@ class Introspector:
         return Introspection(step, self._step_records()) if self._steps else None
 
     def _step_records(self) -> tuple[StepRecord, ...]:
-        steps, self._steps, self._room, left = self._steps, [], _ROOM, _MOST_COMMITS
+        steps, self._steps, self._free_characters, commits_left = (
+            self._steps,
+            [],
+            _MAX_CHARACTERS,
+            _MAX_COMMITS,
+        )
         found: list[StepRecord] = []
         for number, estimate, goal, knowledge, contacts, commits in steps:
             changed = (
                 self._changed_quality(estimate),
-                None if estimate.located else _triple(estimate.pose),
+                None if estimate.located else _coordinates(estimate.pose),
                 self._changed_activity(knowledge, goal),
                 self._changed_goal(goal),
                 tuple(contacts.items()),
-                tuple([self._commit(*commit) for commit in commits[:left]]),
+                tuple([self._commit(*commit) for commit in commits[:commits_left]]),
             )
-            left -= len(changed[-1])
+            commits_left -= len(changed[-1])
             if any(changed):
                 found.append(StepRecord(number, *changed))
         return tuple(found)
@@ -200,18 +205,18 @@ class Introspector:
 
     def _contacts(self, node: Node) -> dict[str, int | None]:
         """Return changed replicas since the last step, with None for forgotten ones."""
-        news, self._news, replicas = self._news, {}, node.replicas
-        self._peers.update(news)
+        new_replicas, self._new_replicas, replicas = self._new_replicas, {}, node.replicas
+        self._peers.update(new_replicas)
         if len(replicas) == len(self._peers):
-            return news
-        gone = self._peers - {one.id for one in replicas}
-        self._peers -= gone
-        return news | dict.fromkeys(sorted(gone))
+            return new_replicas
+        forgotten = self._peers - {one.id for one in replicas}
+        self._peers -= forgotten
+        return new_replicas | dict.fromkeys(sorted(forgotten))
 
     def _changed_activity(self, knowledge: Any, goal: Goal | None) -> Activity | None:
-        if knowledge is self._knowledge and goal is self._acted:
+        if knowledge is self._knowledge and goal is self._activity_goal:
             return None
-        self._knowledge, self._acted = knowledge, goal
+        self._knowledge, self._activity_goal = knowledge, goal
         key = getattr(getattr(knowledge, "destination", None), "key", None)
         destination = key if isinstance(key, PlaceKey) else None
         elsewhere = getattr(knowledge, "waypoint", None) is not None
@@ -234,30 +239,30 @@ class Introspector:
             peer=commit.peer,
             age=0 if commit.heard is None else instant - commit.heard,
             changed=self._changes(commit),
-            replica=None if replica is None else _use(replica, instant),
+            replica=None if replica is None else _replica_use(replica, instant),
             decision=decision(commit) if commit.adaptation else None,
         )
 
     def _changes(self, commit: Commit) -> tuple[ValueChange, ...]:
         found: list[ValueChange] = []
-        component, shown = commit.after.id, self._shown
+        component, shown = commit.after.id, self._recorded
         try:
             for path, before, after in differences(commit.before, commit.after):
-                if len(found) == _MOST_CHANGES or self._room < 0:
+                if len(found) == _MAX_CHANGES or self._free_characters < 0:
                     found.append(ValueChange("", None, '"further changes omitted"'))
                     break
                 known = shown.get((component, path), self) is before
-                if len(shown) == _MOST_SHOWN:
+                if len(shown) == _MAX_REMEMBERED:
                     shown.clear()
                 shown[component, path] = after
                 change = ValueChange(path, "" if known else as_json(before), as_json(after))
-                self._room -= len(change.before or "") + len(change.after or "")
+                self._free_characters -= len(change.before or "") + len(change.after or "")
                 found.append(change)
         except Exception as error:  # comparing and encoding values calls user code
             found.append(ValueChange("", None, f'"cannot be shown: {type(error).__name__}"'))
         return tuple(found)
 
-    def _changed_words(self, knowledge: Knowledge) -> tuple[tuple[str, str], ...]:
+    def _changed_texts(self, knowledge: Knowledge) -> tuple[tuple[str, str], ...]:
         """Return names and texts of changed fields, except parameters."""
         found = []
         kind: Any = type(knowledge)
@@ -266,25 +271,25 @@ class Introspector:
             if name == "parameters" or (name in self._values and self._values[name] is value):
                 continue
             self._values[name] = value
-            text = short_words(value)
-            if self._words.get(name) != text:
-                self._words[name] = text
+            text = short_text(value)
+            if self._texts.get(name) != text:
+                self._texts[name] = text
                 found.append((name.replace("_", " "), text))
         return tuple(found)
 
     def _sample(self) -> PerceptionSample:
-        scanned = None if self._sweep is None else _triple(self._sweep.pose)
+        scanned = None if self._sweep is None else _coordinates(self._sweep.pose)
         return PerceptionSample(scanned, self._changed_particles(), self._changed_plan(), self._window())
 
     def _changed_particles(self) -> bytes | None:
         particles = getattr(self._localisation, "particles", None)
         if particles is None:
             return None
-        some: bytes = particles[:: -(-len(particles) // _PARTICLES), :2].astype(np.float32).tobytes()
-        if some == self._particles:
+        sample: bytes = particles[:: -(-len(particles) // _MAX_PARTICLES), :2].astype(np.float32).tobytes()
+        if sample == self._particles:
             return None
-        self._particles = some
-        return some
+        self._particles = sample
+        return sample
 
     def _changed_plan(self) -> bytes | None:
         plan = self._navigation.plan
@@ -305,7 +310,7 @@ class Introspector:
         return CostWindow(corner, side, local.marked().astype(cell_type(side)).tobytes())
 
 
-def _triple(pose: Pose) -> tuple[float, float, float]:
+def _coordinates(pose: Pose) -> tuple[float, float, float]:
     return (pose.x, pose.y, pose.heading)
 
 
@@ -358,7 +363,7 @@ def goal_state(goal: Goal | None) -> GoalState:
     return GoalState((goal.point.x, goal.point.y), status, reason, phase)
 
 
-def _use(replica: Replica, now: Instant) -> ReplicaUse:
+def _replica_use(replica: Replica, now: Instant) -> ReplicaUse:
     contact = replica.contact(now)
     return ReplicaUse(*replica.version, contact.heard, contact.hops, contact.rssi_dbm)
 
@@ -430,21 +435,21 @@ def as_json(value: object) -> str | None:
     if value is ABSENT:
         return None
     text = _JSON.encode(value).decode()
-    if len(text) <= _LONGEST_JSON:
+    if len(text) <= _MAX_JSON:
         return text
-    return msgspec.json.encode(f"{text[:_LONGEST]}… ({len(text)} characters)").decode()
+    return msgspec.json.encode(f"{text[:_MAX_TEXT]}… ({len(text)} characters)").decode()
 
 
-def short_words(value: object) -> str:
+def short_text(value: object) -> str:
     """Return any value as text of limited length."""
     try:
         text = printable(value_text(value))
     except Exception as error:  # user code failed
         return f"cannot be shown: {type(error).__name__}"
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]}…"
 
 
-def value_text(value: Any, deep: int = 0) -> str:
+def value_text(value: Any, depth: int = 0) -> str:
     """Return a short text of a value: a place as "r1/3", a point as its coordinates."""
     key = value if isinstance(value, PlaceKey) else getattr(value, "key", None)
     if isinstance(key, PlaceKey):
@@ -455,10 +460,10 @@ def value_text(value: Any, deep: int = 0) -> str:
         return f"{value:.2f}"
     if isinstance(value, Enum):
         return str(value.value)
-    return _composed(value, deep)
+    return _composite_text(value, depth)
 
 
-def _composed(value: Any, deep: int) -> str:
+def _composite_text(value: Any, depth: int) -> str:
     """Return a short text of a composed value."""
     if is_dataclass(value):
         parts = [getattr(value, one.name) for one in fields(value)]
@@ -466,9 +471,9 @@ def _composed(value: Any, deep: int) -> str:
         parts = list(value)
     else:
         return str(value)
-    if deep == _DEEPEST:
+    if depth == _MAX_DEPTH:
         return "…"
-    words = [value_text(one, deep + 1) for one in parts]
+    words = [value_text(one, depth + 1) for one in parts]
     if isinstance(value, frozenset):
         words.sort()
     return (", " if is_dataclass(value) or hasattr(value, "_fields") else " ").join(words)

@@ -13,7 +13,7 @@ from actors.messages import Scan
 from actors.robot_model import RangeSensor
 from actors.runtime.errors import AcrcError
 
-_KEPT: Final = 128
+_CAPACITY: Final = 128
 """Number of stored poses: more than a second at the shortest step."""
 
 
@@ -31,14 +31,14 @@ class OdometryBuffer:
 
     def __init__(self, sensor: RangeSensor) -> None:
         self._rays = sensor.rays
-        self._track: deque[tuple[Instant, Pose]] = deque(maxlen=_KEPT)
+        self._track: deque[tuple[Instant, Pose]] = deque(maxlen=_CAPACITY)
 
     def take(self, instant: Instant, here: Pose, scan: Scan | None) -> Sweep | None:
         """Store the odometry pose of a step's start; return the scan that arrived, with its pose."""
         self._track += ((instant, here),)
-        return None if scan is None else self.placed(scan)
+        return None if scan is None else self.sweep_of(scan)
 
-    def placed(self, scan: Scan) -> Sweep:
+    def sweep_of(self, scan: Scan) -> Sweep:
         """Return a scan with its pose. Raises AcrcError for a wrong number of rays.
 
         A stamp outside of the buffer gets the nearest pose.
@@ -50,10 +50,10 @@ class OdometryBuffer:
             )
         newest, pose = self._track[-1]
         if scan.stamp < newest:
-            pose = self._at(scan.stamp)
+            pose = self._pose_at(scan.stamp)
         return Sweep(np.frombuffer(scan.ranges_mm, "<u2"), pose)
 
-    def _at(self, stamp: int) -> Pose:
+    def _pose_at(self, stamp: int) -> Pose:
         later, after = self._track[-1]
         for instant, pose in reversed(self._track):
             if instant <= stamp:

@@ -153,20 +153,20 @@ class WorldCore:
         match self._phase:
             case WorldPhase.ROLL_CALL:
                 robots = [
-                    at(READY, member.id) for member in self._participants.in_state(BarrierState.AWAITED)
+                    at(READY, member.id) for member in self._participants.members_in(BarrierState.AWAITED)
                 ]
                 return [*robots, at(RADIO_READY)] if self._awaits_radio else robots
             case WorldPhase.OPEN:
                 return [at(AIRED)] if self._step else []
             case WorldPhase.CLOSE:
-                return [member.drive for member in self._participants.in_state(BarrierState.STEPPING)]
+                return [member.drive for member in self._participants.members_in(BarrierState.STEPPING)]
             case WorldPhase.PAUSED:
                 return [at(CONTROL)]
             case WorldPhase.MOVE:
                 return []
 
     def _call_roll(self, inputs: Inputs) -> Sequence[Output]:
-        for member in self._participants.in_state(BarrierState.AWAITED):
+        for member in self._participants.members_in(BarrierState.AWAITED):
             self._admit(member, read(inputs, READY, member.id))
         self._awaits_radio = False
         if self._restarting:
@@ -250,7 +250,7 @@ class WorldCore:
         return self._task.settled and not self._orders.pending and not effects.starts
 
     def _halt(self) -> list[Output]:
-        alive = self._participants.in_state(BarrierState.STEPPING, BarrierState.FROZEN)
+        alive = self._participants.members_in(BarrierState.STEPPING, BarrierState.FROZEN)
         outputs = [self._senses(member, self.instant, halt=True) for member in alive]
         self._finished = True
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
@@ -261,7 +261,7 @@ class WorldCore:
         self._phase = WorldPhase.CLOSE
         instant = self.instant
         return [
-            self._senses(member, instant) for member in self._participants.in_state(BarrierState.STEPPING)
+            self._senses(member, instant) for member in self._participants.members_in(BarrierState.STEPPING)
         ]
 
     def _senses(self, member: Member, instant: Instant, halt: bool = False) -> Output:
@@ -276,7 +276,7 @@ class WorldCore:
         transmits = {member.id: 0 for member in self._participants.members}
         estimates: dict[int, tuple[float, float, float]] = {}
         begin, end = self.instant, self.instant + self._setup.step_us
-        for member in self._participants.in_state(BarrierState.STEPPING):
+        for member in self._participants.members_in(BarrierState.STEPPING):
             drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` returns
             if wrong := drive_fault(drive, self._step, begin, end):
                 raise AcrcError(f"{self._when()}: {member.id} {wrong}")

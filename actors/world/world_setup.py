@@ -141,7 +141,7 @@ class Participants:
     def __contains__(self, robot: str) -> bool:
         return robot in self._by_id
 
-    def in_state(self, *states: BarrierState) -> list[Member]:
+    def members_in(self, *states: BarrierState) -> list[Member]:
         """Return the members in one of these states."""
         return [member for member in self.members if member.state in states]
 

@@ -32,8 +32,8 @@ STATES: Final = ("driving", "standing", "blocked", "idle", "frozen", "off")
 """Externally observed states of a robot; "blocked": it stands near another robot."""
 LEGEND: Final[Mapping[str, Mark]] = {
     **{name: MARKS[name] for name in ("open", "given")},
-    "done": MARKS["done"]._replace(shape="dim disc", says="place reported as done"),
-    **{name: MARKS[name]._replace(says=says) for name, says in (
+    "done": MARKS["done"]._replace(shape="dim disc", meaning="place reported as done"),
+    **{name: MARKS[name]._replace(meaning=meaning) for name, meaning in (
         ("given up", "place given up"), ("off", "robot off"), ("frozen", "robot frozen"))},
     "blocked": Mark("blocked", ACTIVITY_GLYPHS["blocked"].colour, "blocked robot, and the robot in its way"),
     "destination": Mark("dashes", None, "next place, as reported by the robot"),
@@ -75,7 +75,7 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
         for index, (robot, radius) in enumerate(radii.items())
     }
     legend = {
-        name: (one.shape, hexadecimal(one.colour) if one.colour else "", one.says)
+        name: (one.shape, hexadecimal(one.colour) if one.colour else "", one.meaning)
         for name, one in LEGEND.items()
     }
     return {

@@ -170,4 +170,4 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet) -> None:
                         print_now(lines.get())
                     time.sleep(_PERIOD_S)
     finally:
-        viewer.end(opened)
+        viewer.terminate(opened)

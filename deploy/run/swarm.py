@@ -40,7 +40,7 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import FailureNote, failure_note, own_frames
 from actors.runtime.isolation import rules
-from actors.runtime.isolation.mounts import code_entries, unseen
+from actors.runtime.isolation.mounts import code_entries, hidden_paths
 from actors.runtime.isolation.sandbox import IsolationChoice, choose_isolation, print_warning
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.shell import MemoryBus
@@ -124,7 +124,7 @@ def started_hosts(plan: RunPlan, pool: "HostPool | None") -> Iterator["RunHosts 
 def _code_files(folder: Path, hidden: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
     """Yield the files of a strategy's folder that a robot may read. Raises AcrcError."""
     left = _MAX_CODE_BYTES
-    for entry in code_entries(folder.absolute(), unseen(hidden)):
+    for entry in code_entries(folder.absolute(), hidden_paths(hidden)):
         for path in sorted(entry.rglob("*")) if entry.is_dir() else [entry]:
             if path.is_file() and not path.is_symlink() and "__pycache__" not in path.parts:
                 left -= path.stat().st_size

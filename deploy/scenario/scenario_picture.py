@@ -16,7 +16,7 @@ from acrc_testbed.picture import floor_picture, style
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
 from actors.observer import glyphs
-from actors.radio.radio_model import needed_dbm, radio_model
+from actors.radio.radio_model import radio_model, required_dbm
 from actors.robot_model import RobotModel
 from actors.task.task import PlaceKey
 from deploy.scenario.resolve import ResolvedScenario
@@ -30,7 +30,7 @@ def draw_scenario(found: ScenarioSurvey) -> Figure:
     """Return the picture of a scenario."""
     figure, axes = _floor_figure(found)
     world = found.resolved.world
-    few = glyphs.has_few([body.id for body in world.robots])
+    few = glyphs.is_small_swarm([body.id for body in world.robots])
     if few:
         _draw_radio(axes, found)
     for index, body in enumerate(world.robots):
@@ -107,7 +107,7 @@ def _link_margins(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArr
     model = radio_model(resolved.radio)
     x, y = _lattice(grid)
     points = np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
-    budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
+    budget = model.parameters.transceiver.tx_power_dbm - required_dbm(model.parameters)
     starts = np.array([body.start[:2] for body in resolved.world.robots], np.float64)
     loss = model.propagation.loss_db(starts, points)
     return [(budget - row).reshape(len(y), len(x)) for row in loss]

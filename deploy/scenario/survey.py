@@ -27,7 +27,7 @@ from actors.floor.grid import (
 from actors.floor.map_file import load_map, map_warnings
 from actors.geometry import STILL, Point, Pose
 from actors.instant import Instant
-from actors.radio.radio_model import needed_dbm, radio_model, reach
+from actors.radio.radio_model import radio_model, reach, required_dbm
 from actors.robot.assembly import navigator, shared_map_data
 from actors.robot.behaviour.ports import GoalStatus
 from actors.robot.navigation.cost_map import room_needed
@@ -314,7 +314,7 @@ def _has_radio_link(
         chosen = np.linspace(0, rows.size - 1, min(rows.size, _SAMPLES)).astype(np.intp)
         x, y = grid.centres()
         points.append(np.column_stack((x[columns[chosen]], y[rows[chosen]])))
-    budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
+    budget = model.parameters.transceiver.tx_power_dbm - required_dbm(model.parameters)
     return bool((model.propagation.loss_db(points[0], points[1]) <= budget + _FADING_MARGIN_DB).any())
 
 

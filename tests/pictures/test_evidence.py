@@ -212,7 +212,7 @@ def test_the_page_has_all_marks_with_a_legend(ordered_run: RunData, tmp_path: Pa
     assert {PUT, JAM, CLOSED} <= seen
     says = {text.get_text() for text in legend_of(figure.axes[0]).get_texts()}
     own = ("wall", "obstacle", "jammer", "closed door", "door", "given", "off", "frozen", "carried", "start")
-    assert {MARKS[name].says for name in own} <= says
+    assert {MARKS[name].meaning for name in own} <= says
     told = {text.get_text() for text in figure.axes[0].texts}
     assert {"closed 2 to 10 s", "obstacle 3 to 16 s", "jammer 4 to 9 s", "wall 5 to 16 s"} <= told
 
@@ -302,7 +302,7 @@ def test_the_glyphs_in_the_documentation_are_current(tmp_path: Path) -> None:
         far = np.abs(np.asarray(drawn.convert("RGB")).astype(int) - np.asarray(kept.convert("RGB")))
     assert far.max() == 0, f"copy {tmp_path}/glyphs.png to docs/pictures"
     told = {text.get_text() for axes in figure.axes for text in legend_of(axes).get_texts()}
-    assert {*CAUSE_GLYPHS, *ACTIVITY_GLYPHS, *(mark.says for mark in MARKS.values())} <= told
+    assert {*CAUSE_GLYPHS, *ACTIVITY_GLYPHS, *(mark.meaning for mark in MARKS.values())} <= told
 
 
 def test_invalid_orders_are_left_out(short_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

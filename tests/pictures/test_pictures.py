@@ -79,7 +79,7 @@ def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunData) -> Non
 
 def test_robots_beyond_the_palette_have_a_colour_too() -> None:
     assert style.colour(len(style.ROBOTS)) == style.colour(0)
-    assert not glyphs.has_few([f"r{n}" for n in range(13)])
+    assert not glyphs.is_small_swarm([f"r{n}" for n in range(13)])
     assert len({mark.get_label() for mark in floor_picture.legend(MARKS)}) == len(MARKS)
 
 

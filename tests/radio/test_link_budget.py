@@ -23,10 +23,10 @@ from actors.radio.radio_model import (
     PRESETS,
     DirectReach,
     RadioSetup,
-    needed_dbm,
     preset,
     radio_model,
     reach,
+    required_dbm,
     share,
 )
 from actors.radio.walls import MATERIALS
@@ -51,7 +51,9 @@ def test_the_range_of_the_original_is_about_twelve_metres() -> None:
 def test_presets_have_the_ranges_of_their_sources() -> None:
     assert reach(preset("chapter")) == pytest.approx(10.0, abs=0.05)
     assert reach(preset("beeclick")) == pytest.approx(55.2, abs=0.1)
-    assert needed_dbm(preset("beeclick"), 0.99, 20) == pytest.approx(-95.0, abs=0.01), "the chip's data sheet"
+    assert required_dbm(preset("beeclick"), 0.99, 20) == pytest.approx(-95.0, abs=0.01), (
+        "the chip's data sheet"
+    )
     ideal = preset("ideal")
     assert reach(ideal) == math.inf
     assert reach(replace(ideal, transceiver=replace(ideal.transceiver, tx_power_dbm=-99))) == 0

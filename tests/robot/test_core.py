@@ -311,6 +311,6 @@ def test_heading_is_interpolated_along_the_shorter_arc() -> None:
     sweeps = _sweeps((100, 1.0, 0.0))
     latest = sweeps.take(Instant(200), Pose(2.0, 0.0, 0.0), Scan(200, RANGES))
     assert latest is not None and latest.pose.x == 2.0
-    assert sweeps.placed(Scan(150, RANGES)).pose.x == 1.5
+    assert sweeps.sweep_of(Scan(150, RANGES)).pose.x == 1.5
     with refused("received a scan of 18 bytes; the robot's range sensor with 8 rays should send 16"):
         OdometryBuffer(KIND.sensor).take(Instant(0), Pose(0.0, 0.0, 0.0), Scan(0, RANGES + b"12"))

@@ -19,7 +19,7 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.robot.behaviour import MAX_BACK_OUT, GoalOrder, GoalPhase
 from actors.robot.behaviour.node_host import RobotNavigation
-from actors.robot.navigation.navigator import Trail, backward
+from actors.robot.navigation.navigator import Trail, reverse_velocity
 from actors.robot.navigation.planning import (
     PLANNER_PRESETS,
     GridPlanner,
@@ -345,9 +345,9 @@ def test_a_paused_robot_backs_out_once_resumed() -> None:
 
 def test_it_turns_first_if_the_target_is_not_behind() -> None:
     here = Pose(0.0, 0.0, 0.0)
-    assert backward(here, Point(1.0, 0.1)).omega < 0 < backward(here, Point(1.0, -0.1)).omega
-    assert backward(here, Point(-1.0, 0.0)) == Twist(-0.2, 0.0, 0.0)
-    left, right = backward(here, Point(-1.0, 0.5)), backward(here, Point(-1.0, -0.5))
+    assert reverse_velocity(here, Point(1.0, 0.1)).omega < 0 < reverse_velocity(here, Point(1.0, -0.1)).omega
+    assert reverse_velocity(here, Point(-1.0, 0.0)) == Twist(-0.2, 0.0, 0.0)
+    left, right = reverse_velocity(here, Point(-1.0, 0.5)), reverse_velocity(here, Point(-1.0, -0.5))
     assert left.vx == right.vx == -0.2 and left.omega == -right.omega < 0
 
 

@@ -85,7 +85,7 @@ def _peers_fault(peers: object, limits: RobotLimits) -> str | None:
     return None
 
 
-_KEPT: Final = 1000
+_MAX_LISTED: Final = 1000
 """Maximum number of listed decisions and of blocked intervals; later decisions are only counted."""
 
 
@@ -157,33 +157,33 @@ class DecisionLog:
         before: Any = commit.before
         after: Any = commit.after
         if self._diagnoses:
-            self._diagnose(after.is_blocked(), commit.instant)
+            self._record_blocked(after.is_blocked(), commit.instant)
         if not (self._decides and commit.adaptation):
             return
         if words := after.decided_since(before):
-            self._decide(commit, words, before.target, after.target)
+            self._record_decision(commit, words, before.target, after.target)
 
     def report(self) -> AdaptationReport:
         """Return the decisions so far, for the run's result."""
         blocked = self._blocked if self._diagnoses or self._blocked else None
         return msgspec.structs.replace(self._report, blocked=blocked)
 
-    def _decide(self, commit: Commit, words: str, old: Point | None, new: Point | None) -> None:
+    def _record_decision(self, commit: Commit, words: str, old: Point | None, new: Point | None) -> None:
         report = self._report
-        if len(report.decisions) == _KEPT:
+        if len(report.decisions) == _MAX_LISTED:
             report.decisions_unlisted += 1
             return
         heard = commit.instant if commit.heard is None else commit.heard
         source, age = commit.peer or commit.after.id, commit.instant - heard
         report.decisions.append(AdaptationDecision(commit.instant, commit.by, words, source, age, old, new))
 
-    def _diagnose(self, is_blocked: bool, now: Instant) -> None:
-        """Open or close an interval; at most _KEPT are listed."""
+    def _record_blocked(self, is_blocked: bool, now: Instant) -> None:
+        """Open or close an interval; at most _MAX_LISTED are listed."""
         if is_blocked is self._is_blocked:
             return
         self._is_blocked = is_blocked
         if not is_blocked:
             if self._blocked and self._blocked[-1][1] is None:
                 self._blocked[-1] = (self._blocked[-1][0], now)
-        elif len(self._blocked) < _KEPT:
+        elif len(self._blocked) < _MAX_LISTED:
             self._blocked.append((now, None))

@@ -50,7 +50,7 @@ def split(text: str) -> tuple[str, tuple[BehaviourChange, ...]]:
 def join(first: str, handovers: Sequence[BehaviourChange]) -> str:
     """Return the text that `split` parses into these."""
     others = (
-        f"{_THEN}{handover.name}{_written(handover.settings)}{_AT}{handover.at_s!r}" for handover in handovers
+        f"{_THEN}{handover.name}{_as_text(handover.settings)}{_AT}{handover.at_s!r}" for handover in handovers
     )
     return "".join([first, *others])
 
@@ -84,7 +84,7 @@ class _BehaviourSequence:
         self._start = start
         self._present = load_behaviour(first, start)
         self._left = deque(handovers)
-        self._begun = False
+        self._is_started = False
         self._paused = False
         self._masked = False
 
@@ -99,7 +99,7 @@ class _BehaviourSequence:
         while self._left and seconds(self._left[0].at_s) <= view.instant:
             self._switch(self._left.popleft(), view)
             switched = True
-        self._begun = True
+        self._is_started = True
         decision = self._present.advance(view, until)
         if switched and self._paused and decision.paused is None:
             decision = replace(decision, paused=False)
@@ -119,10 +119,10 @@ class _BehaviourSequence:
     def _switch(self, handover: BehaviourChange, view: View) -> None:
         """Switch to the next behaviour; it resumes nothing if the robot has just started."""
         start = self._start
-        if self._begun:
+        if self._is_started:
             start = replace(start, pose=view.pose)
         successor = load_behaviour(handover.name, replace(start, settings=handover.settings))
-        if self._begun:
+        if self._is_started:
             take_over(successor, self._present, handover.name)
         self._present = successor
 
@@ -154,7 +154,7 @@ def _parse_handover(text: str, other: str) -> BehaviourChange:
         ) from None
 
 
-def _written(settings: Mapping[str, Setting]) -> str:
+def _as_text(settings: Mapping[str, Setting]) -> str:
     """Return settings as JSON, with the separators of behaviours escaped."""
     if not settings:
         return ""

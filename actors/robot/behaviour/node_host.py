@@ -153,9 +153,9 @@ class RobotPlaceMonitor:
 
 _TAGS: Final = 2**32
 """Tags of one epoch."""
-_BACKLOG: Final = 256
+_MAX_BACKLOG: Final = 256
 """Frames that may wait for a later step; twice the need of the largest packet and as many relays."""
-_AT_ONCE: Final = RobotLimits().frames
+_FRAMES_PER_STEP: Final = RobotLimits().frames
 """Frames that a robot may send in a step."""
 _OUTCOMES: Final[Mapping[type[Any], str]] = {
     FrameSent: "frames_sent",
@@ -228,12 +228,12 @@ class _NodeBehaviour:
         self._tasks = RobotTaskList(start.places, start.epoch)
         self._monitor = RobotPlaceMonitor(fields)
         self._log = DecisionLog(component)
-        self._counted: Counter[str] = Counter()
+        self._frame_counts: Counter[str] = Counter()
         self._backlog: deque[Transmission] = deque()
         self._tag = 0
         self._former: Node | None = None
         self.node = self._deploy(START)  # report missing ports before the first step
-        self._begun = False
+        self._is_started = False
 
     def resume(self, former: "_NodeBehaviour") -> bool:
         """Resume the state of the previous host, before the first step; False if the component cannot."""
@@ -244,14 +244,14 @@ class _NodeBehaviour:
             return False
         self._component = inherited
         self._log = DecisionLog(inherited, former._log)
-        self._counted, self._tag = former._counted, former._tag
+        self._frame_counts, self._tag = former._frame_counts, former._tag
         self._former = former.node
         return True
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Advance the node to `until`."""
-        if not self._begun or view.instant > self.node.now:
-            self._reach(view.instant)
+        if not self._is_started or view.instant > self.node.now:
+            self._start_or_skip(view.instant)
         self._positioning.take(view)
         self._navigation.take(view)
         if view.places:
@@ -270,10 +270,10 @@ class _NodeBehaviour:
     def outcome(self) -> dict[str, object]:
         """Return counts of node and link, decisions of the adaptation, and the component's outcome."""
         counts = self.node.outcome()
-        counts["counters"] |= dict(sorted(self._counted.items()))
+        counts["counters"] |= dict(sorted(self._frame_counts.items()))
         outcome = getattr(self.node.knowledge(self._component.id), "outcome", None)
-        own = outcome() if callable(outcome) else {}
-        return {**own, "deeco": NodeReport(**counts), "adaptation": self._log.report()}
+        results = outcome() if callable(outcome) else {}
+        return {**results, "deeco": NodeReport(**counts), "adaptation": self._log.report()}
 
     def _deploy(self, first: Instant) -> Node:
         start = self._start
@@ -300,34 +300,36 @@ class _NodeBehaviour:
         except DeecoError as error:
             raise BehaviourError(str(error)) from error
 
-    def _reach(self, instant: Instant) -> None:
+    def _start_or_skip(self, instant: Instant) -> None:
         """Start the node at the robot's first step, or skip a gap in which the robot was frozen."""
-        if not self._begun:
-            self._begun = True
+        if not self._is_started:
+            self._is_started = True
             if instant != self.node.now:
                 self.node = self._deploy(instant)
         elif instant > self.node.now:
             self.node.skip(instant)
 
     def _receptions(self, events: Sequence[RadioEvent]) -> list[Reception]:
-        heard: list[Reception] = []
+        receptions: list[Reception] = []
         for event in events:
             if isinstance(event, FrameReceived):
-                heard += (new_tuple(Reception, (event.instant, event.sender, event.data, event.rssi_dbm)),)
+                receptions += (
+                    new_tuple(Reception, (event.instant, event.sender, event.data, event.rssi_dbm)),
+                )
             else:
-                self._counted[_OUTCOMES[type(event)]] += 1
-        return heard
+                self._frame_counts[_OUTCOMES[type(event)]] += 1
+        return receptions
 
     def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[OutgoingFrame, ...]:
         """Return as many frames as a robot may send in a step; others wait."""
         if not sent and not self._backlog:
             return ()
         self._backlog.extend(sent)
-        while len(self._backlog) > _BACKLOG:
+        while len(self._backlog) > _MAX_BACKLOG:
             self._backlog.pop()
-            self._counted["frames_dropped"] += 1
+            self._frame_counts["frames_dropped"] += 1
         frames = []
-        for _ in range(min(len(self._backlog), _AT_ONCE)):
+        for _ in range(min(len(self._backlog), _FRAMES_PER_STEP)):
             frame = self._backlog.popleft()
             self._tag = (self._tag + 1) % _TAGS
             tag, instant = self._start.epoch * _TAGS + self._tag, max(frame.instant, begin)

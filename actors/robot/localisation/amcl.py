@@ -80,23 +80,23 @@ class FilterCounts:
 
     def outcome(self) -> dict[str, object]:
         """Return the counts by name, with the mean number of particles."""
-        counted: dict[str, object] = dict(vars(self))
-        del counted["particles"]
-        counted["mean_particles"] = round(self.particles / self.updates, 1) if self.updates else 0.0
-        return counted
+        counts: dict[str, object] = dict(vars(self))
+        del counts["particles"]
+        counts["mean_particles"] = round(self.particles / self.updates, 1) if self.updates else 0.0
+        return counts
 
 
-_TOGETHER: Final = 0.9
+_CONVERGED_WEIGHT: Final = 0.9
 """Minimum share of weight in the estimate's cluster for a converged filter."""
-_APART: Final = 0.5
+_CONVERGED_SPREAD: Final = 0.5
 """Maximum root mean square distance of a converged filter's particles from their mean, m."""
-_SEARCHED: Final = 0.5
+_SEARCH_BEGIN: Final = 0.5
 """Probability of being lost above which a search begins."""
-_FOUND: Final = 0.01
+_SEARCH_END: Final = 0.01
 """Probability of being lost below which it ends."""
-_DRIFT: Final = 0.02
+_START_DRIFT: Final = 0.02
 """Assumed odometry error per m of straight distance since the start, m and rad."""
-_GATHERED: Final = (0.1, 0.1, 0.05)
+_FOUND_SPREAD: Final = (0.1, 0.1, 0.05)
 """Standard deviations of the particles around a pose found by the search: m, m, rad."""
 
 
@@ -128,15 +128,15 @@ class Amcl:
         self._confidence = CovarianceModel(field, sensor, len(self._beams.rays))
         self._lost = LostProbability() if start is not None else LostProbability(1.0)
         self._search: PoseSearch | None = None
-        self._tally = FilterCounts()
+        self._filter_counts = FilterCounts()
         self._peers = np.empty((0, 2))
         self._odometry = origin
-        self._begun, self._placed = False, start is not None
+        self._begun, self._has_start = False, start is not None
         self._doubt = doubt
-        self._locating = None if doubt is None else StartLocator(doubt)
+        self._locator = None if doubt is None else StartLocator(doubt)
         self._count = parameters.max_particles
         self._restart(self._scatter(start))
-        self._drawn = np.empty_like(self._poses)
+        self._spare_poses = np.empty_like(self._poses)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
         pose = self._cluster.pose if start is None else start
         self._correction = pose.frame(origin)
@@ -144,9 +144,9 @@ class Amcl:
 
     def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
         """Return the estimate at a step's start; `here`: odometry pose, `sweep`: new scan."""
-        if sweep is not None and self._counts(sweep.pose):
-            self._take(sweep)
-        located = self._locating is None
+        if sweep is not None and self._is_update_due(sweep.pose):
+            self._process(sweep)
+        located = self._locator is None
         lost = self._lost.probability if located else 1.0
         return Estimate(self._correction.compose(here), self._covariance, located, lost)
 
@@ -162,7 +162,7 @@ class Amcl:
 
     def outcome(self) -> dict[str, object]:
         """Return the counts of the run."""
-        return self._tally.outcome()
+        return self._filter_counts.outcome()
 
     @property
     def particles(self) -> Floats:
@@ -178,9 +178,11 @@ class Amcl:
         """Return particles around the start, spread wider by `drift`, m and rad, or everywhere: (3, n)."""
         if start is None:
             return self._field.poses(self._generator, self._count)
-        p, doubt = self._parameters, self._doubt
-        aside, turned = (p.start_spread, p.start_turn_spread) if doubt is None else (doubt, doubt)
-        spread = aside + drift, aside + drift, turned + drift
+        parameters, doubt = self._parameters, self._doubt
+        position_spread, turn_spread = (
+            (parameters.start_spread, parameters.start_turn_spread) if doubt is None else (doubt, doubt)
+        )
+        spread = position_spread + drift, position_spread + drift, turn_spread + drift
         poses = sample_around(start, spread, normals(self._generator, (3, self._count)))
         poses[2] = _wrapped(poses[2])
         return poses
@@ -191,88 +193,88 @@ class Amcl:
         self._directions = np.stack((arrays.cos(poses[2]), arrays.sin(poses[2])))
         self._weights = np.full(poses.shape[1], 1 / self._count)
 
-    def _counts(self, pose: Pose) -> bool:
+    def _is_update_due(self, pose: Pose) -> bool:
         """Return True for the first scan and for one far enough from the last used one."""
-        if not self._begun or self._locating is not None:
+        if not self._begun or self._locator is not None:
             return True
-        last, p = self._odometry, self._parameters
+        last, parameters = self._odometry, self._parameters
         x, y, turn = pose.x - last.x, pose.y - last.y, wrap(pose.heading - last.heading)
-        if x * x + y * y >= p.update_distance * p.update_distance:
+        if x * x + y * y >= parameters.update_distance * parameters.update_distance:
             return True
-        return turn >= p.update_angle or -turn >= p.update_angle
+        return turn >= parameters.update_angle or -turn >= parameters.update_angle
 
-    def _take(self, sweep: Sweep) -> None:
+    def _process(self, sweep: Sweep) -> None:
         """Update the filter with a scan."""
         if not self._begun:
-            self._begin(sweep.pose)
+            self._draw_first(sweep.pose)
         self._move(sweep.pose)
-        points, judged = self._judged(sweep)
+        points, beam_classes = self._classified_beams(sweep)
         if len(points):
-            self._lost.take(judged.agreeing, judged.beyond)
-        fit = self._weigh(judged)
+            self._lost.take(beam_classes.agreeing, beam_classes.beyond)
+        fit = self._weigh(beam_classes)
         found = histogram(self._poses, self._count)
         self._cluster = self._heaviest(found)
         self._correction = self._cluster.pose.frame(sweep.pose)
-        self._tally.updates += 1
-        self._tally.particles += self._count
-        if len(judged.known):
+        self._filter_counts.updates += 1
+        self._filter_counts.particles += self._count
+        if len(beam_classes.known):
             self._draw(found, fit)
         else:
-            self._tally.blind += 1
+            self._filter_counts.blind += 1
         if len(points):
-            self._look(points, judged, sweep.pose)
+            self._locate_or_search(points, beam_classes, sweep.pose)
         self._covariance = self._confidence.covariance(
-            judged.known, self._cluster.pose, self._cluster.covariance, self._lost.probability
+            beam_classes.known, self._cluster.pose, self._cluster.covariance, self._lost.probability
         )
 
     def _draw(self, found: Histogram, fit: float) -> None:
         """Resample the particles if it is time."""
         injection = self._recovery.injection(fit)
-        if self._tally.updates % self._parameters.resample_interval == 0:
+        if self._filter_counts.updates % self._parameters.resample_interval == 0:
             self._resample(found, injection)
 
-    def _look(self, points: Floats, judged: BeamClasses, here: Pose) -> None:
+    def _locate_or_search(self, points: Floats, beam_classes: BeamClasses, here: Pose) -> None:
         """Locate a robot with an uncertain start, and search for a lost one."""
         lost = self._lost.probability
-        self._tally.lost += lost > _SEARCHED
-        if self._locating is not None:
-            if self._locating.take(self._cluster, judged.agreeing / len(points)):
-                self._locating = None
+        self._filter_counts.lost += lost > _SEARCH_BEGIN
+        if self._locator is not None:
+            if self._locator.take(self._cluster, beam_classes.agreeing / len(points)):
+                self._locator = None
             return
-        if self._search is None and self._parameters.search_poses and lost > _SEARCHED:
+        if self._search is None and self._parameters.search_poses and lost > _SEARCH_BEGIN:
             self._search = PoseSearch(
                 self._field, self._beams.mount, self._generator, self._parameters.search_poses
             )
-        elif lost < _FOUND:
+        elif lost < _SEARCH_END:
             self._search = None
         if self._search is not None:
-            self._tally.injected += self._parameters.search_poses
+            self._filter_counts.injected += self._parameters.search_poses
             place = self._search.take(points, here, self._cluster.pose)
             if place is not None:
-                self._gather(place.frame.compose(here), here)
-                self._lost = LostProbability(max(place.lost.probability, _SEARCHED))
+                self._move_all_to(place.frame.compose(here), here)
+                self._lost = LostProbability(max(place.lost.probability, _SEARCH_BEGIN))
             rivals = self._search.rivals(here, self._cluster.pose)
             self._lost = LostProbability(max(self._lost.probability, rivals / (rivals + 1)))
 
-    def _gather(self, pose: Pose, here: Pose) -> None:
+    def _move_all_to(self, pose: Pose, here: Pose) -> None:
         """Move all particles around a pose, at the odometry pose `here`."""
-        self._tally.found += 1
+        self._filter_counts.found += 1
         self._count = self._parameters.min_particles
         draws = normals(self._generator, (3, self._count))
-        self._poses[:, : self._count] = sample_around(pose, _GATHERED, draws)
+        self._poses[:, : self._count] = sample_around(pose, _FOUND_SPREAD, draws)
         self._poses[2] = _wrapped(self._poses[2])
         self._restart(self._poses)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
         self._correction = pose.frame(here)
 
-    def _begin(self, here: Pose) -> None:
+    def _draw_first(self, here: Pose) -> None:
         """Draw the particles at the first scan, moved from the start by odometry."""
         self._begun = True
-        believed, gone = self._correction.compose(here), here.point.distance_to(self._odometry.point)
-        if self._locating is not None:  # the uncertainty applies to the current pose
-            self._poses, self._locating.believed = self._scatter(believed), believed.point
-        elif self._placed and here != self._odometry:
-            self._poses = self._scatter(believed, _DRIFT * gone)
+        expected, distance = self._correction.compose(here), here.point.distance_to(self._odometry.point)
+        if self._locator is not None:  # the uncertainty applies to the current pose
+            self._poses, self._locator.expected = self._scatter(expected), expected.point
+        elif self._has_start and here != self._odometry:
+            self._poses = self._scatter(expected, _START_DRIFT * distance)
         self._odometry = here
 
     def _move(self, pose: Pose) -> None:
@@ -281,41 +283,44 @@ class Amcl:
         parts = step_count(before, pose, self._parameters)
         for part in range(1, parts + 1):
             after = pose if part == parts else interpolate(since, pose, part / parts)
-            made = odometry_step(before, after)
+            odometry = odometry_step(before, after)
             draws = normals(self._generator, (3, self._count))
-            move(self._poses, self._count, made, step_spread(made, self._parameters), draws)
+            move(self._poses, self._count, odometry, step_spread(odometry, self._parameters), draws)
             before = after
         self._odometry = pose
 
-    def _judged(self, sweep: Sweep) -> tuple[Floats, BeamClasses]:
+    def _classified_beams(self, sweep: Sweep) -> tuple[Floats, BeamClasses]:
         """Return the end points of the scan's beams and their classification at the estimate."""
-        parameters, tally, mount = self._parameters, self._tally, self._beams.mount
+        parameters, counts, mount = self._parameters, self._filter_counts, self._beams.mount
         pose = self._correction.compose(sweep.pose)
         points, masked = end_points(sweep.ranges_mm, self._beams, pose, self._peers, parameters.peer_radius)
-        filtered = parameters.stranger_filter and self._together()
-        judged = classify_beams(
+        filtered = parameters.stranger_filter and self._has_converged()
+        beam_classes = classify_beams(
             self._field.grid, points, mount, pose, parameters.stranger_distance if filtered else math.inf
         )
-        tally.beams_masked += masked
-        tally.beams_strange += judged.strangers
-        return points, judged
+        counts.beams_masked += masked
+        counts.beams_strange += beam_classes.strangers
+        return points, beam_classes
 
-    def _weigh(self, judged: BeamClasses) -> float:
+    def _weigh(self, beam_classes: BeamClasses) -> float:
         """Weigh the particles by the valid beams; return the fit."""
-        known, tally = judged.known, self._tally
+        known, counts = beam_classes.known, self._filter_counts
         fit, skipped = self._measurement.weigh(
             known,
             ParticleSet(self._poses, self._weights, self._directions, self._count),
-            together=self._together(),
+            together=self._has_converged(),
         )
-        tally.beams_skipped += skipped
-        tally.beams_used += len(known) - skipped
+        counts.beams_skipped += skipped
+        counts.beams_used += len(known) - skipped
         return fit
 
-    def _together(self) -> bool:
+    def _has_converged(self) -> bool:
         """Return True if the filter has converged."""
         _, covariance, weight = self._cluster
-        return weight >= _TOGETHER and covariance[0] + covariance[4] <= _APART * _APART
+        return (
+            weight >= _CONVERGED_WEIGHT
+            and covariance[0] + covariance[4] <= _CONVERGED_SPREAD * _CONVERGED_SPREAD
+        )
 
     def _heaviest(self, found: Histogram) -> Cluster:
         return heaviest_cluster(found, self._poses, self._directions, self._weights)
@@ -326,7 +331,7 @@ class Amcl:
         if injection > 0:
             poses = np.hstack((poses[:, : self._count], self._field.poses(self._generator, most)))
             found = histogram(poses, poses.shape[1])
-        self._count, new = resample(
+        self._count, injected = resample(
             poses,
             self._weights,
             self._count,
@@ -336,12 +341,12 @@ class Amcl:
             self._parameters.min_particles,
             self._parameters.kld_error,
             self._parameters.kld_quantile,
-            self._drawn,
+            self._spare_poses,
         )
-        self._poses, self._drawn = self._drawn, self._poses
+        self._poses, self._spare_poses = self._spare_poses, self._poses
         self._weights[: self._count] = 1 / self._count
-        self._tally.resamplings += 1
-        self._tally.injected += new
+        self._filter_counts.resamplings += 1
+        self._filter_counts.injected += injected
 
 
 def _wrapped(angles: Floats) -> Floats:

@@ -287,7 +287,7 @@ def end_points(
             continue
         forward = mount[0] + length * directions[beam, 0]
         left = mount[1] + length * directions[beam, 1]
-        if _near(peers, *to_map_frame(x, y, c, s, forward, left), radius):
+        if _is_near_peer(peers, *to_map_frame(x, y, c, s, forward, left), radius):
             masked += 1
         else:
             points[kept, 0], points[kept, 1] = forward, left
@@ -296,7 +296,7 @@ def end_points(
 
 
 @kernel
-def _near(points: Floats, x: float, y: float, radius: float) -> bool:
+def _is_near_peer(points: Floats, x: float, y: float, radius: float) -> bool:
     for i in range(points.shape[0]):  # noqa: SIM110 - numba does not support any() of a generator
         if hypot(points[i, 0] - x, points[i, 1] - y) <= radius:
             return True

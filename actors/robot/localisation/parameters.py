@@ -155,17 +155,17 @@ class Localisation(Protocol):
         """Return results of the run as JSON values by name."""
 
 
-_IN_A_ROW: Final = 5
+_MIN_SCANS: Final = 5
 """Number of consecutive scans that must agree; own choices, as all below."""
-_REACH: Final = 3.0
+_MAX_DISTANCE: Final = 3.0
 """Maximum distance from the known position in standard deviations, since rooms are similar."""
-_TOGETHER: Final = 0.95
+_MIN_WEIGHT: Final = 0.95
 """Minimum share of the particles' weight in the cluster."""
-_APART: Final = 0.15
+_MAX_SPREAD: Final = 0.15
 """Maximum root mean square distance of the cluster from its mean, m."""
-_TURNED: Final = 0.1
+_MAX_TURN_SPREAD: Final = 0.1
 """Maximum root mean square deviation of its headings, rad."""
-_FIT: Final = 0.85
+_MIN_FIT: Final = 0.85
 """Minimum share of beams that agree with the map."""
 
 
@@ -174,19 +174,22 @@ class StartLocator:
 
     def __init__(self, doubt: float) -> None:
         """Create a counter; `doubt`: standard deviation of the known position, m."""
-        self._reach = _REACH * doubt
-        self._agreed = 0
-        self.believed: Point | None = None
+        self._max_distance = _MAX_DISTANCE * doubt
+        self._agreements = 0
+        self.expected: Point | None = None
         """Known position, set by the caller."""
 
     def take(self, cluster: Cluster, fit: float) -> bool:
         """Process a scan; return True if the robot is located."""
         pose, covariance, weight = cluster
-        near = self.believed is not None and self.believed.distance_to(pose.point) <= self._reach
-        narrow = covariance[0] + covariance[4] <= _APART * _APART and covariance[8] <= _TURNED * _TURNED
-        agrees = near and narrow and weight >= _TOGETHER and fit >= _FIT
-        self._agreed = self._agreed + 1 if agrees else 0
-        return self._agreed >= _IN_A_ROW
+        is_near = self.expected is not None and self.expected.distance_to(pose.point) <= self._max_distance
+        is_narrow = (
+            covariance[0] + covariance[4] <= _MAX_SPREAD * _MAX_SPREAD
+            and covariance[8] <= _MAX_TURN_SPREAD * _MAX_TURN_SPREAD
+        )
+        agrees = is_near and is_narrow and weight >= _MIN_WEIGHT and fit >= _MIN_FIT
+        self._agreements = self._agreements + 1 if agrees else 0
+        return self._agreements >= _MIN_SCANS
 
 
 class DeadReckoning:

@@ -36,8 +36,8 @@ _HAZARD: Final = 1e-4
 """Probability per scan of becoming lost; own choice, as all below."""
 _RETURN: Final = 2e-3
 """Probability per scan of a lost robot no longer being lost."""
-_LEAST_PROBABILITY: Final = 1e-6
-_MOST_PROBABILITY: Final = 0.999
+_MIN_PROBABILITY: Final = 1e-6
+_MAX_PROBABILITY: Final = 0.999
 """Bounds of the probability of being lost."""
 
 
@@ -59,20 +59,20 @@ def odds_of_lost(agreeing: int, beyond: int) -> float:
 class LostProbability:
     """Probability of being lost, by a hidden Markov model (Rabiner, Proc. IEEE 77(2), 1989)."""
 
-    def __init__(self, probability: float = _LEAST_PROBABILITY) -> None:
-        self.probability = min(max(probability, _LEAST_PROBABILITY), _MOST_PROBABILITY)
+    def __init__(self, probability: float = _MIN_PROBABILITY) -> None:
+        self.probability = min(max(probability, _MIN_PROBABILITY), _MAX_PROBABILITY)
 
     def take(self, agreeing: int, beyond: int) -> None:
         """Update with a scan at the estimate: numbers of beams that agree and that pass through a wall."""
         before = self.probability * (1 - _RETURN) + (1 - self.probability) * _HAZARD
         odds = before / (1 - before) * odds_of_lost(agreeing, beyond)
-        self.probability = min(max(odds / (1 + odds), _LEAST_PROBABILITY), _MOST_PROBABILITY)
+        self.probability = min(max(odds / (1 + odds), _MIN_PROBABILITY), _MAX_PROBABILITY)
 
 
-_MOST: Final = 20
+_MAX_HYPOTHESES: Final = 20
 """Maximum number of hypotheses; own choices, as all below, tuned on 36 courses of `acrc verify localisation`
 with a carried robot, on three maps, at 58° and 360°, alone and among four others."""
-_FRESH: Final = 8
+_NEW: Final = 8
 """New hypotheses per scan."""
 _NEAR: Final = 0.1
 """Share of poses drawn near the estimate."""
@@ -82,23 +82,23 @@ _TRIES: Final = 24
 """Poses tried around one to refine it."""
 _FIRST_SPREAD: Final = (0.15, 0.15, 0.1)
 _LATER_SPREAD: Final = (0.06, 0.06, 0.04)
-_WIDE: Final = 0.25
+_DRAWN_ACCURACY: Final = 0.25
 """Accuracy of a drawn pose, m; see `beam_scores`."""
-_NARROW: Final = 0.1
+_REFINED_ACCURACY: Final = 0.1
 """Accuracy of a refined pose, m."""
-_APART: Final = (0.5, 0.35)
+_SAME: Final = (0.5, 0.35)
 """Distances below which two hypotheses are equal, m and rad."""
 _MEMORY: Final = 8
 """Number of scans in the mean of a score, approximately."""
-_RIPE: Final = 6
+_MIN_SCANS: Final = 6
 """Number of scans after which a hypothesis may be accepted."""
-_SURE: Final = 0.1
+_MAX_LOST: Final = 0.1
 """Maximum probability of being wrong for an accepted hypothesis."""
-_LEAST: Final = 0.5
+_MIN_SCORE: Final = 0.5
 """Minimum score of an accepted hypothesis."""
-_BETTER: Final = 0.2
+_MIN_GAIN: Final = 0.2
 """Minimum lead of its score over that of the estimate."""
-_LEAD: Final = 0.05
+_MIN_LEAD: Final = 0.05
 """Minimum lead over all other plausible hypotheses."""
 
 
@@ -127,7 +127,10 @@ class PoseSearch:
         self._mount = mount
         self._generator = generator
         self._poses = poses
-        self._wide, self._narrow = beam_scores(plan, _WIDE), beam_scores(plan, _NARROW)
+        self._coarse_scores, self._fine_scores = (
+            beam_scores(plan, _DRAWN_ACCURACY),
+            beam_scores(plan, _REFINED_ACCURACY),
+        )
         self._points: Floats = np.empty((0, 2))
         self._hypotheses: list[PoseHypothesis] = []
         self._estimate: float | None = None
@@ -139,100 +142,103 @@ class PoseSearch:
         current estimate, map frame.
         """
         self._points = points
-        self._follow(here, estimate)
-        self._hypotheses += self._drawn(here, estimate)
+        self._update_hypotheses(here, estimate)
+        self._hypotheses += self._new_hypotheses(here, estimate)
         self._hypotheses.sort(key=lambda one: -one.rank)
         self._hypotheses = _distinct(self._hypotheses, here)
-        found = self._found()
-        if found is not None:  # keep the others: later scans may select one of them
-            self._hypotheses.remove(found)
-            self._estimate = found.score
-        return found
+        accepted = self._accepted()
+        if accepted is not None:  # keep the others: later scans may select one of them
+            self._hypotheses.remove(accepted)
+            self._estimate = accepted.score
+        return accepted
 
     def rivals(self, here: Pose, estimate: Pose) -> int:
         """Return the number of other hypotheses that fit the scans as well as the estimate."""
         if self._estimate is None:
             return 0
-        as_good = [
-            one
-            for one in self._hypotheses
-            if one.scans >= _RIPE
-            and one.lost.probability < _SURE
-            and one.score > self._estimate - _LEAD
-            and not _same(one.frame.compose(here), estimate)
-        ]
-        return len(as_good)
+        return len(
+            [
+                one
+                for one in self._hypotheses
+                if one.scans >= _MIN_SCANS
+                and one.lost.probability < _MAX_LOST
+                and one.score > self._estimate - _MIN_LEAD
+                and not _is_same(one.frame.compose(here), estimate)
+            ]
+        )
 
-    def _follow(self, here: Pose, estimate: Pose) -> None:
+    def _update_hypotheses(self, here: Pose, estimate: Pose) -> None:
         """Update and refine all hypotheses and the estimate's score with the scan."""
-        score = float(self._explained(np.array([estimate]).T, self._narrow).score[0])
-        known = self._estimate
-        self._estimate = score if known is None else known + (score - known) / _MEMORY
+        score = float(self._fit(np.array([estimate]).T, self._fine_scores).score[0])
+        former = self._estimate
+        self._estimate = score if former is None else former + (score - former) / _MEMORY
         for one in self._hypotheses:
             predicted = one.frame.compose(here)
-            fit = self._explained(np.array([predicted]).T, self._narrow)
+            fit = self._fit(np.array([predicted]).T, self._fine_scores)
             one.scans += 1
             one.score += (float(fit.score[0]) - one.score) / min(one.scans, _MEMORY)
             one.lost.take(int(fit.agreeing[0]), int(fit.beyond[0]))
-            one.frame = self._better(predicted, _LATER_SPREAD)[0].frame(here)
+            one.frame = self._refined(predicted, _LATER_SPREAD)[0].frame(here)
 
-    def _drawn(self, here: Pose, estimate: Pose) -> list[PoseHypothesis]:
+    def _new_hypotheses(self, here: Pose, estimate: Pose) -> list[PoseHypothesis]:
         """Return new hypotheses: the best of random poses on the map and near the estimate."""
         near = sample_around(
             estimate, _NEAR_SPREAD, normals(self._generator, (3, round(_NEAR * self._poses)))
         )
         drawn = np.hstack((self._plan.poses(self._generator, self._poses - near.shape[1]), near))
-        score = self._explained(drawn, self._wide).score
+        score = self._fit(drawn, self._coarse_scores).score
         best: list[Pose] = []
-        for index in np.argsort(-score, kind="stable")[: 6 * _FRESH].tolist():
+        for index in np.argsort(-score, kind="stable")[: 6 * _NEW].tolist():
             pose = Pose(*drawn[:, index].tolist())
-            if not any(_same(pose, other) for other in best):
+            if not any(_is_same(pose, other) for other in best):
                 best.append(pose)
-            if len(best) == _FRESH:
+            if len(best) == _NEW:
                 break
-        found = []
+        accepted = []
         for pose in best:
-            better, score_there = self._better(self._better(pose, _FIRST_SPREAD)[0], _LATER_SPREAD)
-            found.append(PoseHypothesis(better.frame(here), score_there))
-        return found
+            refined, score_there = self._refined(self._refined(pose, _FIRST_SPREAD)[0], _LATER_SPREAD)
+            accepted.append(PoseHypothesis(refined.frame(here), score_there))
+        return accepted
 
-    def _better(self, pose: Pose, spread: tuple[float, float, float]) -> tuple[Pose, float]:
+    def _refined(self, pose: Pose, spread: tuple[float, float, float]) -> tuple[Pose, float]:
         """Return the best of a pose and random ones around it, with its score."""
         draws = normals(self._generator, (3, _TRIES))
         draws[:, 0] = 0.0
         tried = sample_around(pose, spread, draws)
-        score = self._explained(tried, self._narrow).score
+        score = self._fit(tried, self._fine_scores).score
         best = int(np.argmax(score))
         x, y, heading = tried[:, best].tolist()
         return Pose(x, y, wrap(heading)), float(score[best])
 
-    def _explained(self, poses: Floats, scores: Floats) -> PoseFit:
+    def _fit(self, poses: Floats, scores: Floats) -> PoseFit:
         return explain(self._plan.grid, self._points, self._mount, poses, scores)
 
-    def _found(self) -> PoseHypothesis | None:
+    def _accepted(self) -> PoseHypothesis | None:
         """Return the hypothesis to accept, if there is one."""
-        ripe = [one for one in self._hypotheses if one.scans >= _RIPE and one.lost.probability < _SURE]
-        if not ripe or self._estimate is None:
+        candidates = [
+            one for one in self._hypotheses if one.scans >= _MIN_SCANS and one.lost.probability < _MAX_LOST
+        ]
+        if not candidates or self._estimate is None:
             return None
-        best = max(ripe, key=lambda one: one.score)
+        best = max(candidates, key=lambda one: one.score)
         rivals = [one.score for one in self._hypotheses if one is not best and one.lost.probability < 0.5]
-        if best.score < max(_LEAST, self._estimate + _BETTER):
+        if best.score < max(_MIN_SCORE, self._estimate + _MIN_GAIN):
             return None
-        return None if rivals and max(rivals) > best.score - _LEAD else best
+        return None if rivals and max(rivals) > best.score - _MIN_LEAD else best
 
 
-def _same(one: Pose, other: Pose) -> bool:
-    near = one.point.distance_to(other.point) < _APART[0]
-    return near and abs(math.remainder(one.heading - other.heading, math.tau)) < _APART[1]
+def _is_same(one: Pose, other: Pose) -> bool:
+    near = one.point.distance_to(other.point) < _SAME[0]
+    return near and abs(math.remainder(one.heading - other.heading, math.tau)) < _SAME[1]
 
 
 def _distinct(ranked: list[PoseHypothesis], here: Pose) -> list[PoseHypothesis]:
-    """Return the first _MOST hypotheses without duplicates."""
-    kept: list[tuple[PoseHypothesis, Pose]] = []
+    """Return the first _MAX_HYPOTHESES hypotheses without duplicates."""
+    distinct: list[tuple[PoseHypothesis, Pose]] = []
     for one in ranked:
         pose = one.frame.compose(here)
-        if not any(_same(pose, other) for _, other in kept):
-            kept.append((one, pose))
-        if len(kept) == _MOST:
+        if not any(_is_same(pose, other) for _, other in distinct):
+            distinct.append((one, pose))
+        if len(distinct) == _MAX_HYPOTHESES:
             break
-    return [one for one, _ in kept]
+    return [one for one, _ in distinct]

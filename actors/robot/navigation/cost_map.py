@@ -301,15 +301,15 @@ class CostMap:
         up, right = row - self.corner.row, column - self.corner.column
         if up or right:
             self.corner = new_tuple(Cell, (row, column))
-            self._marks = _rolled(self._marks, up, right, 0)
+            self._marks = _moved_window(self._marks, up, right, 0)
             if self._stamps.size:
-                self._stamps = _rolled(self._stamps, up, right, _NEVER)
+                self._stamps = _moved_window(self._stamps, up, right, _NEVER)
             if self.arrivals.size:
-                self.arrivals = _rolled(self.arrivals, up, right, _NEVER)
+                self.arrivals = _moved_window(self.arrivals, up, right, _NEVER)
             self._squared = None
 
 
-def _rolled(cells: NDArray[Any], up: int, right: int, empty: int) -> NDArray[Any]:
+def _moved_window(cells: NDArray[Any], up: int, right: int, empty: int) -> NDArray[Any]:
     """Return the cells of a window moved by `up` rows and `right` columns; `empty` in new cells."""
     side = cells.shape[0]
     rolled = np.empty(cells.shape, cells.dtype)

@@ -78,7 +78,7 @@ def fingerprint() -> bytes:
 
 
 @kernel
-def _known(trusted: Octets, x: float, y: float) -> bool:
+def _is_known(trusted: Octets, x: float, y: float) -> bool:
     """Return True if a point's cell is trusted."""
     row, column = math.floor(y), math.floor(x)
     inside = 0 <= row < trusted.shape[0] and 0 <= column < trusted.shape[1]
@@ -86,18 +86,20 @@ def _known(trusted: Octets, x: float, y: float) -> bool:
 
 
 @kernel
-def _stern_known(trusted: Octets, x: float, y: float, c: float, s: float, radius: float) -> bool:
+def _is_rear_known(trusted: Octets, x: float, y: float, c: float, s: float, radius: float) -> bool:
     """Return True if the floor below the stern of a body at (x, y) is trusted; c, s: of its heading."""
     for side in (-1, 0, 1):
         along = _FLANK_COSINE if side else 1.0
         across = side * _FLANK_SINE
-        if not _known(trusted, x - radius * (along * c - across * s), y - radius * (along * s + across * c)):
+        if not _is_known(
+            trusted, x - radius * (along * c - across * s), y - radius * (along * s + across * c)
+        ):
             return False
     return True
 
 
 @kernel
-def _limit(speed: float, w: Any) -> float:
+def _min_clearance(speed: float, w: Any) -> float:
     """Return the squared distance from marks that is required at a speed, cells²."""
     growth = max(0.0, abs(speed) - w.scaling_speed) / w.scaling_range * w.scaling_factor
     reach = w.radius * (1.0 + growth) + w.padding
@@ -123,7 +125,7 @@ def squared_at(squared: Int16s, x: float, y: float) -> float:
 
 
 @kernel
-def _driven(
+def _least_clearance(
     x: float,
     y: float,
     c: float,
@@ -146,7 +148,7 @@ def _driven(
     chord = speed * time / count
     if 0.5 * angle != 0.0:  # half of the smallest float is 0
         chord *= half_s / (0.5 * angle)
-    limit = _limit(speed, w)
+    limit = _min_clearance(speed, w)
     if count * abs(chord) > w.goal_distance:
         stopping = abs(speed) * (w.stop_buffer + 0.5 * abs(speed) / w.deceleration)
         count = min(count, math.ceil(max(w.goal_distance, stopping) / abs(chord)))
@@ -159,7 +161,7 @@ def _driven(
         c, s = c * rotate_c - s * rotate_s, s * rotate_c + c * rotate_s
         if x < 0.5 or y < 0.5 or x >= squared.shape[1] - 0.5 or y >= squared.shape[0] - 0.5:
             return INVALID, x, y, c, s
-        if speed < 0.0 and not _stern_known(fields.trusted, x, y, c, s, w.radius):
+        if speed < 0.0 and not _is_rear_known(fields.trusted, x, y, c, s, w.radius):
             return INVALID, x, y, c, s
         here = squared_at(squared, x, y)
         if here <= limit and here < before:
@@ -211,7 +213,7 @@ def _is_barred(speed: float, turn: float, barred: Flags, w: Any) -> bool:
 
 
 @kernel
-def _stops_within(bounds: Floats, speed: float, turn: float, c: float, s: float, w: Any) -> bool:
+def _can_stop_within(bounds: Floats, speed: float, turn: float, c: float, s: float, w: Any) -> bool:
     """Return True if a body that brakes after `stop_buffer` stays within all bounds."""
     if bounds.shape[0] == 0 or speed == 0.0:
         return True
@@ -268,7 +270,7 @@ def best_velocity(
     """
     w = weights[0]
     c, s = cos_sin(pose[2])
-    least_allowed, start = _limit(0.0, w), squared_at(fields.squared, pose[0], pose[1])
+    least_allowed, start = _min_clearance(0.0, w), squared_at(fields.squared, pose[0], pose[1])
     nearest = max(w.radius + w.padding - w.escape, 0.0)
     fleeing = nearest * nearest <= start <= least_allowed
     speeds = _samples(window[0], window[1], counts[0])
@@ -276,9 +278,11 @@ def best_velocity(
     best_speed, best_turn, lowest = 0.0, 0.0, INVALID
     for speed in speeds:
         for turn in turns:
-            if _is_barred(speed, turn, barred, w) or not _stops_within(bounds, speed, turn, c, s, w):
+            if _is_barred(speed, turn, barred, w) or not _can_stop_within(bounds, speed, turn, c, s, w):
                 continue
-            least, x, y, end_c, end_s = _driven(pose[0], pose[1], c, s, speed, turn, fields, fleeing, w)
+            least, x, y, end_c, end_s = _least_clearance(
+                pose[0], pose[1], c, s, speed, turn, fields, fleeing, w
+            )
             if least < 0.0:
                 continue
             too_near = fleeing and squared_at(fields.squared, x, y) <= least_allowed

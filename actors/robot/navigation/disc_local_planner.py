@@ -96,7 +96,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         inputs = self._inputs(instant, body, cells, ended) if cells.size else None
         if inputs is None:
             return NO_COMMAND
-        self._turning, fields = self._turns(inputs.bearing), inputs.fields
+        self._turning, fields = self._is_spot_turn(inputs.bearing), inputs.fields
         self._weigh(inputs)
         too_near = squared_at(fields.squared, body[0], body[1]) <= self._limit
         window, barred = self._window(velocity, too_near), self._oscillation.barred
@@ -179,7 +179,7 @@ class DiscLocalPlanner(BaseLocalPlanner):
         self._weights["front"] = 0.0 if inputs.aside > self._p.front_angle else self._front
         self._weights["goal_distance"] = inputs.goal if inputs.ended else math.inf
 
-    def _turns(self, angle: float) -> bool:
+    def _is_spot_turn(self, angle: float) -> bool:
         """Return True if the robot turns on the spot: from `spot_angle` until half of it."""
         least = self._p.spot_angle * (0.5 if self._turning else 1.0)
         return abs(angle) > least

@@ -38,7 +38,7 @@ from deeco.knowledge import new_tuple
 
 
 @kernel
-def _part(path: Floats, robot: Floats, reach: float) -> tuple[int, int]:
+def _part_in_window(path: Floats, robot: Floats, reach: float) -> tuple[int, int]:
     """Return the index of the path's first point in the window and of the first point after it."""
     first = 0
     while first < path.shape[0]:
@@ -56,7 +56,7 @@ def _part(path: Floats, robot: Floats, reach: float) -> tuple[int, int]:
 
 
 @kernel
-def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Int32s) -> int:
+def _write_cells(points: Floats, cell: float, corner: Floats, side: int, cells: Int32s) -> int:
     """Write the cells of points, m, interpolated if they are more than a cell apart; return their number.
 
     From the first point in the window to the last one before the path leaves it.
@@ -84,7 +84,7 @@ def _cells(points: Floats, cell: float, corner: Floats, side: int, cells: Int32s
 
 
 @kernel
-def _moved(path: Floats, estimate: Floats, here: Floats) -> Floats:
+def _to_odometry_frame(path: Floats, estimate: Floats, here: Floats) -> Floats:
     """Return the points in the odometry frame."""
     c, s = cos_sin(here[2] - estimate[2])
     x = here[0] - (c * estimate[0] - s * estimate[1])
@@ -108,13 +108,13 @@ def local_plan(
     `corner`: of the window in the latter, m. `side`: of the window, cells. `nose`: distance from the centre,
     m.
     """
-    first, last = _part(path, estimate, side * cell / 2)
-    points = _moved(path[first:last], estimate, here)
+    first, last = _part_in_window(path, estimate, side * cell / 2)
+    points = _to_odometry_frame(path[first:last], estimate, here)
     room = math.ceil(nose / cell) + 2
     for k in range(1, points.shape[0]):
         room += 1 + math.ceil(hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]) / cell)
     cells = np.empty((min(room, side * side), 2), np.int32)
-    count = _cells(points, cell, corner, side, cells)
+    count = _write_cells(points, cell, corner, side, cells)
     if count == 0:
         return cells[:0], cells[:0], cells[:0], False
     end_x, end_y = points[-1, 0], points[-1, 1]
@@ -122,7 +122,7 @@ def local_plan(
     east, north = (1.0, 0.0) if apart == 0.0 else ((end_x - here[0]) / apart, (end_y - here[1]) / apart)
     points[-1, 0], points[-1, 1] = end_x + nose * east, end_y + nose * north
     farther = np.empty_like(cells)
-    ahead = _cells(points, cell, corner, side, farther)
+    ahead = _write_cells(points, cell, corner, side, farther)
     front = cells[count - 1 : count] if ahead == 0 else farther[ahead - 1 : ahead]
     return cells[:count], cells[count - 1 : count].copy(), front.copy(), apart > nose
 
@@ -220,18 +220,18 @@ class DwaLocalPlanner(BaseLocalPlanner):
     def reached(self, estimate: Pose, velocity: Twist) -> bool:
         """Return True if the robot has been near the plan's end, has the goal's heading, and stands."""
         return (
-            self._near_end(estimate)
-            and abs(_astray(estimate)) <= self._p.heading_tolerance
-            and self._stands(velocity)
+            self._is_near_end(estimate)
+            and abs(_heading_error(estimate)) <= self._p.heading_tolerance
+            and self._is_stopped(velocity)
         )
 
-    def _near_end(self, estimate: Pose) -> bool:
+    def _is_near_end(self, estimate: Pose) -> bool:
         if self._path.size and not self._arrived:
             x, y = self._end[0] - estimate.x, self._end[1] - estimate.y
             self._arrived = x * x + y * y <= self._p.goal_tolerance * self._p.goal_tolerance
         return self._arrived
 
-    def _stands(self, velocity: Twist) -> bool:
+    def _is_stopped(self, velocity: Twist) -> bool:
         return abs(velocity.omega) <= self._p.stopped_turn and abs(velocity.vx) <= self._p.stopped_speed
 
     def dynamic_window(self, here: Pose, estimate: Pose, velocity: Twist, barred: Flags) -> CheapestVelocity:
@@ -242,7 +242,7 @@ class DwaLocalPlanner(BaseLocalPlanner):
         return self._cheapest(here, estimate, self._window(velocity), barred)
 
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
-        if self._near_end(estimate):
+        if self._is_near_end(estimate):
             return self._finish(here, estimate, velocity)
         choice = self.dynamic_window(here, estimate, velocity, self._oscillation.barred)
         if choice.cost < 0.0:
@@ -284,11 +284,11 @@ class DwaLocalPlanner(BaseLocalPlanner):
 
     def _finish(self, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
         """Stop near the goal, then turn to its heading (computeVelocityCommandsStopRotate)."""
-        astray = _astray(estimate)
+        astray = _heading_error(estimate)
         if abs(astray) <= self._p.heading_tolerance:
             self._turning = False
             return Steering(STILL, True)
-        if not self._turning and not self._stands(velocity):
+        if not self._turning and not self._is_stopped(velocity):
             return self._checked(here, estimate, self._slower(velocity))
         self._turning = True
         return self._checked(here, estimate, Twist(0.0, 0.0, self._turn(astray, velocity.omega)))
@@ -319,6 +319,6 @@ class DwaLocalPlanner(BaseLocalPlanner):
         return Steering(twist, True)
 
 
-def _astray(estimate: Pose) -> float:
+def _heading_error(estimate: Pose) -> float:
     """Return the angle from the heading to that of the goal, rad."""
     return wrap(_GOAL_HEADING - estimate.heading)

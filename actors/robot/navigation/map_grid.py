@@ -41,7 +41,7 @@ class Waves(NamedTuple):
 
 
 @kernel
-def _ringed(squared: Int16s, limit: float, far: np.int32) -> Int32s:
+def _with_ring(squared: Int16s, limit: float, far: np.int32) -> Int32s:
     """Return `far` in free cells, -1 in others, and a ring of 0 around them, which replaces bounds checks."""
     rows, columns = squared.shape
     width = columns + 2
@@ -65,7 +65,7 @@ def wavefront(squared: Int16s, limit: float, starts: Int32s) -> Int32s:
     rows, columns = squared.shape
     far, barred, met = np.int32(rows * columns + 1), np.int32(-1), np.int32(-2)
     width = columns + 2
-    known = _ringed(squared, limit, far)
+    known = _with_ring(squared, limit, far)
     queue = np.empty(rows * columns + starts.shape[0], np.int32)
     end = 0
     for k in range(starts.shape[0]):

@@ -9,7 +9,7 @@ from actors.instant import Instant
 from actors.robot.behaviour.ports import AbortReason, GoalPhase, GoalStatus
 from actors.runtime.typed_json import BoundedList, Count, Counts, Metres, Name
 
-_KEPT: Final = 1000
+_MAX_LISTED: Final = 1000
 """Maximum number of listed goals and intervals; later ones are only counted."""
 
 Ending = Literal["itself", "abort", "order", "run"]
@@ -74,7 +74,7 @@ class NavigationCounts:
             return
         report.goals += 1
         self._close("replaced")
-        if report.given_unlisted or len(report.given) == _KEPT:
+        if report.given_unlisted or len(report.given) == _MAX_LISTED:
             report.given_unlisted += 1
         else:
             report.given.append(GoalRecord(self.now, *goal))
@@ -84,7 +84,7 @@ class NavigationCounts:
         if not found:
             self._planless_since = self.now if self._planless_since is None else self._planless_since
         elif self._planless_since is not None:
-            if len(self._report.without_plan) < _KEPT:
+            if len(self._report.without_plan) < _MAX_LISTED:
                 self._report.without_plan.append((self._planless_since, self.now))
             self._planless_since = None
 
@@ -93,7 +93,7 @@ class NavigationCounts:
         intervals = self._report.paused
         if not paused and intervals[-1][1] is None:
             intervals[-1] = (intervals[-1][0], self.now)
-        elif paused and len(intervals) < _KEPT:
+        elif paused and len(intervals) < _MAX_LISTED:
             intervals.append((self.now, None))
 
     def record_phase(self, phase: GoalPhase) -> None:
@@ -142,7 +142,7 @@ class NavigationCounts:
     def _end(self, ending: Ending) -> None:
         if self._begun is None:
             return
-        if len(self._report.no_valid_trajectory) < _KEPT:
+        if len(self._report.no_valid_trajectory) < _MAX_LISTED:
             self._report.no_valid_trajectory.append((self._begun, self.now, ending))
         else:
             self._report.no_valid_trajectory_unlisted += 1

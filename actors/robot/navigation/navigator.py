@@ -41,7 +41,7 @@ class PursuitState(Enum):
     """Recovering or aborting; the robot stands."""
 
 
-_DRIVES: Final = PursuitState.CONTROLLING
+_CONTROLLING: Final = PursuitState.CONTROLLING
 
 
 @dataclass
@@ -50,13 +50,13 @@ class Pursuit:
 
     period: Duration
     """Time between cycles."""
-    had_plan: Instant
+    planner_timer: Instant
     """Time of the last path, recovery or cycle without valid trajectory: start of the planner's timeout."""
-    had_trajectory: Instant
+    controller_timer: Instant
     """Time of the last valid trajectory; initially the start of the pursuit."""
-    progressed: Instant
+    last_progress: Instant
     """Time of the last sufficient progress or recovery."""
-    planned: Instant
+    last_search: Instant
     """Time of the last search for a path."""
     state: PursuitState = PursuitState.PLANNING
     recoveries: int = 0
@@ -73,7 +73,7 @@ class Pursuit:
         """Return a pursuit that starts at `instant`."""
         return cls(period, instant, instant, instant, instant)
 
-    def cycle_begins(self, instant: Instant) -> bool:
+    def begin_due_cycle(self, instant: Instant) -> bool:
         """Return True once a period, independent of the length of steps."""
         if self._due is not None and instant < self._due:
             return False
@@ -85,7 +85,7 @@ class Pursuit:
         """Let the next cycle recover or abort for this reason."""
         self.state, self.trigger = PursuitState.CLEARING, reason
 
-    def settle(self, reason: AbortReason) -> None:
+    def reset_recoveries(self, reason: AbortReason) -> None:
         """Reset the count of recoveries if this was their reason.
 
         A new plan settles NO_PLAN, a valid trajectory BLOCKED, and progress NO_PROGRESS
@@ -97,11 +97,11 @@ class Pursuit:
 
 _SPACING: Final = 0.05
 """Spacing of the trail's points, m."""
-_LOOK_BACK: Final = 0.25
+_LOOK_AHEAD: Final = 0.25
 """Look-ahead distance on the trail, m: about one and a half radii of the body."""
 _SPEED: Final = 0.2
 """Speed of backing out, m/s; own choice, below half of the forward speed, since the rear may be unseen."""
-_TURN: Final = 1.0
+_TURN_RATE: Final = 1.0
 """Highest turn rate of backing out, rad/s."""
 
 
@@ -118,7 +118,7 @@ class Trail:
 
     def behind(self, here: Point) -> Point | None:
         """Return the target for backing out and drop passed points; None at the trail's end."""
-        while self._points and self._points[-1].is_nearer(here, _LOOK_BACK):
+        while self._points and self._points[-1].is_nearer(here, _LOOK_AHEAD):
             self._points.pop()
         return self._points[-1] if self._points else None
 
@@ -127,21 +127,21 @@ class Trail:
 class Withdrawal:
     """Backing out along the trail, requested by the behaviour."""
 
-    left: float
+    distance_left: float
     """Distance to go, m."""
     last: Point
     """Position in the previous step, odometry frame."""
-    ends: Instant
+    deadline: Instant
     """Deadline."""
 
 
-def backward(here: Pose, target: Point) -> Twist:
+def reverse_velocity(here: Pose, target: Point) -> Twist:
     """Return the velocity backward on an arc to `target` (pure pursuit); turns first if it is not behind."""
     aim = here.relative(Pose(target.x, target.y, 0.0))
     if aim.x > -abs(aim.y):
-        return Twist(0.0, 0.0, -_TURN if aim.y > 0 else _TURN)
+        return Twist(0.0, 0.0, -_TURN_RATE if aim.y > 0 else _TURN_RATE)
     curvature = 2 * aim.y / (aim.x * aim.x + aim.y * aim.y)
-    return Twist(-_SPEED, 0.0, max(-_TURN, min(_TURN, -_SPEED * curvature)))
+    return Twist(-_SPEED, 0.0, max(-_TURN_RATE, min(_TURN_RATE, -_SPEED * curvature)))
 
 
 class NavigationParameters(Settings, frozen=True):
@@ -254,16 +254,16 @@ class Navigator:
         if paused is not None and paused is not self._paused:
             self._paused = paused
             self._counts.record_pause(paused)
-            self._begin_anew()
+            self._restart_pursuit()
         if order is GoalOrder.CANCEL:
             self._withdrawal = None
         if back_out is not None:  # deadline: twice the usual duration, and time for a turn
-            ends = Instant(self._now + seconds(3 + 2 * back_out / _SPEED))
-            self._withdrawal = Withdrawal(back_out, self._here, ends)
+            deadline = Instant(self._now + seconds(3 + 2 * back_out / _SPEED))
+            self._withdrawal = Withdrawal(back_out, self._here, deadline)
             self._counts.record_retreat()
         if order is GoalOrder.KEEP:
             return
-        self._begin_anew()
+        self._restart_pursuit()
         self._counts.record_goal(order if isinstance(order, Point) else None)
         self.goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
@@ -288,107 +288,109 @@ class Navigator:
             if twist is not None:
                 return twist
             self._withdrawal = None
-            self._begin_anew()
+            self._restart_pursuit()
         if self.goal is None or self.goal.status is not GoalStatus.ACTIVE:
             self._retreat = None
             return STILL
         if self._paused:
-            return self._in_phase(GoalPhase.PAUSED, instant)
-        if self._retreats(instant, here, bumped):
-            self._in_phase(GoalPhase.RETREATING, instant)
+            return self._set_phase(GoalPhase.PAUSED, instant)
+        if self._is_retreating(instant, here, bumped):
+            self._set_phase(GoalPhase.RETREATING, instant)
             return Twist(-self._p.retreat_speed, 0.0, 0.0)
         return self._pursue(self.goal.point, _RobotState(instant, here, estimate, velocity))
 
     def _back_out(self, withdrawal: Withdrawal, instant: Instant, here: Pose) -> Twist | None:
         """Return the velocity along the trail; None at the end of backing out."""
-        withdrawal.left -= withdrawal.last.distance_to(here.point)
+        withdrawal.distance_left -= withdrawal.last.distance_to(here.point)
         withdrawal.last = here.point
         target = self._trail.behind(here.point)
-        if withdrawal.left <= 0 or instant >= withdrawal.ends or target is None:
+        if withdrawal.distance_left <= 0 or instant >= withdrawal.deadline or target is None:
             return None
-        twist = backward(here, target)
-        if twist.vx < 0 and not self._local.free_behind(here, min(withdrawal.left, self._p.retreat)):
+        twist = reverse_velocity(here, target)
+        if twist.vx < 0 and not self._local.free_behind(here, min(withdrawal.distance_left, self._p.retreat)):
             return None
         if self.goal is not None and self.goal.status is GoalStatus.ACTIVE:
-            self._in_phase(GoalPhase.RETREATING, instant)
+            self._set_phase(GoalPhase.RETREATING, instant)
         return twist
 
-    def _pursue(self, goal: Point, now: _RobotState) -> Twist:
+    def _pursue(self, goal: Point, state: _RobotState) -> Twist:
         """Return the command of the current cycle (MoveBase::executeCb and executeCycle, move_base.cpp).
 
         In move_base the path of a new goal arrives after a first cycle, in which the base keeps its command.
         """
         pursuit = self._pursuit
         if pursuit is None:
-            pursuit = self._pursuit = Pursuit.begin(now.instant, self.local_planner.period)
+            pursuit = self._pursuit = Pursuit.begin(state.instant, self.local_planner.period)
             self.local_planner.begin()
-            self._plan(pursuit, goal, now)
-        begins = pursuit.cycle_begins(now.instant)
-        if begins:
-            self._watch(pursuit, now)
-            if pursuit.state is _DRIVES and now.instant - pursuit.planned >= self._p.replanning:
-                self._plan(pursuit, goal, now)
-        if pursuit.state is _DRIVES and self.local_planner.reached(now.estimate, now.velocity):
-            return self._close(GoalStatus.SUCCEEDED)
-        if begins:
-            pursuit.twist = self._cycle(pursuit, goal, now)
+            self._plan(pursuit, goal, state)
+        is_due = pursuit.begin_due_cycle(state.instant)
+        if is_due:
+            self._check_progress(pursuit, state)
+            if pursuit.state is _CONTROLLING and state.instant - pursuit.last_search >= self._p.replanning:
+                self._plan(pursuit, goal, state)
+        if pursuit.state is _CONTROLLING and self.local_planner.reached(state.estimate, state.velocity):
+            return self._end_goal(GoalStatus.SUCCEEDED)
+        if is_due:
+            pursuit.twist = self._cycle(pursuit, goal, state)
         return pursuit.twist
 
-    def _cycle(self, pursuit: Pursuit, goal: Point, now: _RobotState) -> Twist:
+    def _cycle(self, pursuit: Pursuit, goal: Point, state: _RobotState) -> Twist:
         """Return the command of the state (MoveBase::executeCycle: its switch)."""
         if pursuit.state is PursuitState.CLEARING:
-            return self._recover(pursuit, now.instant)
-        if pursuit.state is _DRIVES:
-            return self._control(pursuit, goal, now)
-        if pursuit.planned < now.instant:
-            self._plan(pursuit, goal, now)
-        return self._in_phase(GoalPhase.PLANNING, now.instant)
+            return self._recover(pursuit, state.instant)
+        if pursuit.state is _CONTROLLING:
+            return self._control(pursuit, goal, state)
+        if pursuit.last_search < state.instant:
+            self._plan(pursuit, goal, state)
+        return self._set_phase(GoalPhase.PLANNING, state.instant)
 
-    def _control(self, pursuit: Pursuit, goal: Point, now: _RobotState) -> Twist:
+    def _control(self, pursuit: Pursuit, goal: Point, state: _RobotState) -> Twist:
         """Return the local planner's command; without a valid trajectory stand and replan at once.
 
         MoveBase::executeCycle, case CONTROLLING: a robot without progress still receives a command in this
         cycle, and a cycle without valid trajectory resets the state, so that it does not recover yet.
         """
-        instant = now.instant
-        if instant - pursuit.progressed > self._p.oscillation_timeout:
+        instant = state.instant
+        if instant - pursuit.last_progress > self._p.oscillation_timeout:
             pursuit.give_up(AbortReason.NO_PROGRESS)
-        steering = self.local_planner.steer(instant, now.here, now.estimate, now.velocity)
+        steering = self.local_planner.steer(instant, state.here, state.estimate, state.velocity)
         if steering.valid:
-            pursuit.had_trajectory = instant
+            pursuit.controller_timer = instant
             self._stuck &= steering.twist.vx == 0.0
-            pursuit.settle(AbortReason.BLOCKED)
-            self._in_phase(GoalPhase.CONTROLLING, instant)
+            pursuit.reset_recoveries(AbortReason.BLOCKED)
+            self._set_phase(GoalPhase.CONTROLLING, instant)
             return steering.twist
-        if instant - pursuit.had_trajectory > self._p.controller_patience:
+        if instant - pursuit.controller_timer > self._p.controller_patience:
             pursuit.give_up(AbortReason.BLOCKED)
         elif self._p.mark_robots:
             pursuit.state = PursuitState.CONTROLLING
         else:
-            pursuit.state, pursuit.had_plan = PursuitState.PLANNING, instant
-            self._plan(pursuit, goal, now)
-        return self._in_phase(GoalPhase.OBSTRUCTED, instant)
+            pursuit.state, pursuit.planner_timer = PursuitState.PLANNING, instant
+            self._plan(pursuit, goal, state)
+        return self._set_phase(GoalPhase.OBSTRUCTED, instant)
 
-    def _plan(self, pursuit: Pursuit, goal: Point, now: _RobotState) -> None:
+    def _plan(self, pursuit: Pursuit, goal: Point, state: _RobotState) -> None:
         """Search for a path (MoveBase::planThread).
 
         Without a new path, the robot follows the old one or waits for the timeout.
         """
-        pursuit.planned = now.instant
-        path = self._planner.path(now.estimate.point, goal, self._strangers(now.here, now.estimate))
+        pursuit.last_search = state.instant
+        path = self._planner.path(
+            state.estimate.point, goal, self._unmapped_marks(state.here, state.estimate)
+        )
         if path is not None:
             self._counts.record_search(found=True)
             self.local_planner.follow(path)
             self.plan = Plan(path)
-            pursuit.had_plan, pursuit.state = now.instant, PursuitState.CONTROLLING
-            pursuit.settle(AbortReason.NO_PLAN)
+            pursuit.planner_timer, pursuit.state = state.instant, PursuitState.CONTROLLING
+            pursuit.reset_recoveries(AbortReason.NO_PLAN)
         elif pursuit.state is PursuitState.PLANNING:
             self._counts.record_search(found=False)
             self.plan = None
-            if now.instant - pursuit.had_plan > self._p.planner_patience:
+            if state.instant - pursuit.planner_timer > self._p.planner_patience:
                 pursuit.give_up(AbortReason.NO_PLAN)
 
-    def _strangers(self, here: Pose, estimate: Pose) -> Floats | None:
+    def _unmapped_marks(self, here: Pose, estimate: Pose) -> Floats | None:
         """Return the local map's marks in the map frame if planning uses them, otherwise None."""
         if not self._p.mark_robots:
             return None
@@ -404,22 +406,22 @@ class Navigator:
         """
         self._stuck = self._p.back_off and pursuit.trigger is not AbortReason.NO_PLAN
         if pursuit.recoveries >= self._p.recoveries:
-            return self._close(GoalStatus.ABORTED, pursuit.trigger)
+            return self._end_goal(GoalStatus.ABORTED, pursuit.trigger)
         self._local.clear(self._p.reset_distance)
         self._counts.record_recovery()
         pursuit.recoveries += 1
-        pursuit.progressed = pursuit.had_plan = instant
+        pursuit.last_progress = pursuit.planner_timer = instant
         pursuit.state, self.plan = PursuitState.PLANNING, None
-        return self._in_phase(GoalPhase.PLANNING, instant)
+        return self._set_phase(GoalPhase.PLANNING, instant)
 
-    def _watch(self, pursuit: Pursuit, now: _RobotState) -> None:
+    def _check_progress(self, pursuit: Pursuit, state: _RobotState) -> None:
         """Detect progress (MoveBase::executeCycle, at its begin, in every state)."""
-        place, distance = now.estimate.point, self._p.oscillation_distance
+        place, distance = state.estimate.point, self._p.oscillation_distance
         if self._anchor is None or not self._anchor.is_nearer(place, distance):
-            self._anchor, pursuit.progressed = place, now.instant
-            pursuit.settle(AbortReason.NO_PROGRESS)
+            self._anchor, pursuit.last_progress = place, state.instant
+            pursuit.reset_recoveries(AbortReason.NO_PROGRESS)
 
-    def _retreats(self, instant: Instant, here: Pose, bumped: bool) -> bool:
+    def _is_retreating(self, instant: Instant, here: Pose, bumped: bool) -> bool:
         """Return True while the robot must back away."""
         stuck = self._stuck
         if self._retreat is None:
@@ -427,14 +429,14 @@ class Navigator:
                 return False
             self._retreat = _Retreat(instant, here.point)
             self._counts.record_retreat()
-        left = self._p.retreat - self._retreat.touched.distance_to(here.point)
+        distance_left = self._p.retreat - self._retreat.touched.distance_to(here.point)
         in_time = instant - self._retreat.begun < self._p.retreat_patience
-        if left > 0.0 and in_time and self._local.free_behind(here, left, touching=stuck):
+        if distance_left > 0.0 and in_time and self._local.free_behind(here, distance_left, touching=stuck):
             return True
         self._retreat, self._stuck = None, False
         return False
 
-    def _in_phase(self, phase: GoalPhase, instant: Instant) -> Twist:
+    def _set_phase(self, phase: GoalPhase, instant: Instant) -> Twist:
         """Set the phase of the active goal; return STILL."""
         assert self.goal is not None
         if self.goal.phase is not phase:
@@ -442,13 +444,13 @@ class Navigator:
             self._counts.record_phase(phase)
         return STILL
 
-    def _begin_anew(self) -> None:
+    def _restart_pursuit(self) -> None:
         """Reset the pursuit of the current goal."""
         self._counts.record_interruption()
         self._pursuit = self.plan = None
         self._retreat = None
 
-    def _close(self, status: GoalStatus, reason: AbortReason | None = None) -> Twist:
+    def _end_goal(self, status: GoalStatus, reason: AbortReason | None = None) -> Twist:
         """End the goal; return STILL."""
         assert self.goal is not None
         self.goal = Goal(self.goal.point, status, reason)

@@ -264,7 +264,7 @@ class GridPlanner:
         first = self._nearest(costs > 0, start)
         if first is None:
             return None
-        region = self._around(costs, first)
+        region = self._connected_floor(costs, first)
         last = self._nearest(region, goal)
         if last is None:
             return None
@@ -277,7 +277,7 @@ class GridPlanner:
             path[-1] = goal
         return path
 
-    def _around(self, costs: Int32s, start: Cell) -> Flags:
+    def _connected_floor(self, costs: Int32s, start: Cell) -> Flags:
         """Return the floor that is connected to the start."""
         if costs is not self._floor.costs:
             return raster.flood(costs > 0, *start)

@@ -176,7 +176,7 @@ def _front(
 
 
 @kernel
-def _wake(
+def _add_if_lower(
     near: np.uint64,
     potential: np.float32,
     here: np.float32,
@@ -197,7 +197,7 @@ def _wake(
 
 
 @kernel
-def _asides() -> Singles:
+def _update_thresholds() -> Singles:
     """Return the difference of potentials above which a cell is updated again, by its cost."""
     aside = np.full(256, np.inf, np.float32)
     for cost in range(IMPASSABLE):
@@ -209,7 +209,7 @@ def _asides() -> Singles:
 def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Singles:
     # unsigned, so that indices need no check for negative values
     field = np.full(costs.size, UNREACHED, np.float32)
-    entrance, aside = costs.copy(), _asides()
+    entrance, aside = costs.copy(), _update_thresholds()
     # a cell is in at most one block; each block has space for all cells and one that is not kept
     blocks = np.empty((3, costs.size + 1), np.uint32)
     now, soon, later = blocks[0], blocks[1], blocks[2]
@@ -218,7 +218,7 @@ def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Sin
     here = field[cell] = np.float32(0.0)
     count, count_soon, count_later = none, none, none
     for near in (cell - one, cell + one, cell - across, cell + across):
-        count = _wake(near, field[near], here, aside, entrance, now, count)
+        count = _add_if_lower(near, field[near], here, aside, entrance, now, count)
     while count > none:
         for i in range(count):
             entrance[now[i]] = costs[now[i]]
@@ -231,10 +231,10 @@ def _wave(costs: Octets, columns: int, root: int, last: int, rise: float) -> Sin
                 field[cell] = here
                 sooner = here < threshold
                 block, n = (soon, count_soon) if sooner else (later, count_later)
-                n = _wake(left, at_left, here, aside, entrance, block, n)
-                n = _wake(right, at_right, here, aside, entrance, block, n)
-                n = _wake(down, at_down, here, aside, entrance, block, n)
-                n = _wake(up, at_up, here, aside, entrance, block, n)
+                n = _add_if_lower(left, at_left, here, aside, entrance, block, n)
+                n = _add_if_lower(right, at_right, here, aside, entrance, block, n)
+                n = _add_if_lower(down, at_down, here, aside, entrance, block, n)
+                n = _add_if_lower(up, at_up, here, aside, entrance, block, n)
                 if sooner:
                     count_soon = n
                 else:

@@ -65,7 +65,7 @@ def _crossing(x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
 
 
 @kernel
-def _passed(
+def _is_passed(
     x: float, y: float, ranges_mm: NDArray[np.uint16], rays: Rays, c: float, s: float, heading: float
 ) -> bool:
     """Return True if a ray passes through the cell centred at (x, y) relative to the sensor."""
@@ -122,7 +122,7 @@ def mark_and_clear(
                 marks[row, column] = 1
             elif marks[row, column]:
                 x, y = column + 0.5 - eye[0], row + 0.5 - eye[1]
-                if _passed(x, y, ranges_mm, rays, c, s, eye[2]):
+                if _is_passed(x, y, ranges_mm, rays, c, s, eye[2]):
                     marks[row, column] = 0
     _write_below(marks, 0, body, body[2] - HALF_DIAGONAL)
 

@@ -200,10 +200,10 @@ class ReachableFloor:
     @cached_property
     def _tiles(self) -> _Tiles:
         grid = self._floor.grid
-        x = _cuts(
+        x = _edges(
             grid.origin.x, grid.resolution, grid.columns, [e for a in self._areas for e in (a.x0, a.x1)]
         )
-        y = _cuts(grid.origin.y, grid.resolution, grid.rows, [e for a in self._areas for e in (a.y0, a.y1)])
+        y = _edges(grid.origin.y, grid.resolution, grid.rows, [e for a in self._areas for e in (a.y0, a.y1)])
         east, north = (x[:-1] + x[1:]) / 2, (y[:-1] + y[1:]) / 2
         columns = _cells(east, grid.origin.x, grid.resolution, grid.columns)
         rows = _cells(north, grid.origin.y, grid.resolution, grid.rows)
@@ -240,7 +240,7 @@ class ReachableFloor:
         return inside
 
 
-def _cuts(origin: float, resolution: float, count: int, edges: Sequence[float]) -> Floats:
+def _edges(origin: float, resolution: float, count: int, edges: Sequence[float]) -> Floats:
     """Return the edges of all cells along one axis, and of the areas on the map."""
     cells = origin + np.arange(count + 1) * resolution
     cuts: Floats = np.unique(np.concatenate([cells, np.clip(edges, cells[0], cells[-1])]))

@@ -9,15 +9,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from actors.runtime import linux
-from actors.runtime.linux import (
-    MS_BIND,
-    MS_NODEV,
-    MS_NOSUID,
-    MS_PRIVATE,
-    MS_RDONLY,
-    MS_REC,
-    MS_REMOUNT,
-)
+from actors.runtime.linux import MS_BIND, MS_NODEV, MS_NOSUID, MS_PRIVATE, MS_RDONLY, MS_REC, MS_REMOUNT
 
 SCRATCH: Final = (Path("/tmp"), Path("/run"), Path("/var/tmp"), Path("/dev/shm"))
 """World-writable folders; each process gets private, empty ones."""
@@ -64,10 +56,7 @@ class FileView(NamedTuple):
 
 
 def file_view(
-    own: Path,
-    hidden: Collection[Path] = (),
-    readable: Collection[Path] = (),
-    code: Collection[Path] = (),
+    own: Path, hidden: Collection[Path] = (), readable: Collection[Path] = (), code: Collection[Path] = ()
 ) -> FileView:
     """Return a view that keeps all paths.
 
@@ -77,13 +66,13 @@ def file_view(
     installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
     folders = (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT)
     known = (*installed, *SYSTEM)
-    not_seen = (*unseen(hidden), *SCRATCH, *map(Path, ("/proc", "/sys", "/dev")))
+    not_seen = (*hidden_paths(hidden), *SCRATCH, *map(Path, ("/proc", "/sys", "/dev")))
     entries = (code_entries(folder, not_seen) for folder in folders if not _is_under(folder, known))
     seen = (*installed, *readable, *(path for found in entries for path in found))
     return FileView(own, _places(own), {place: path for path in seen for place in _places(path)})
 
 
-def unseen(hidden: Collection[Path]) -> tuple[Path, ...]:
+def hidden_paths(hidden: Collection[Path]) -> tuple[Path, ...]:
     """Return the paths hidden in code folders: `hidden`, and the project's runs and scenarios.
 
     With a scenario, its sibling files are hidden, too: a single missing file would reveal which one it is.

@@ -225,7 +225,7 @@ class SandboxPaths:
         """Return the robot's file tree."""
         (_, folder), *code = ((inside, Path(outside)) for inside, outside in self.places())
         hidden = (*map(Path, self.hidden), folder.parent)
-        plain, not_seen = mounts.file_view(own_folder(folder), hidden), mounts.unseen(hidden)
+        plain, not_seen = mounts.file_view(own_folder(folder), hidden), mounts.hidden_paths(hidden)
         shown = {**plain.shown, FOLDER: folder}
         for inside, outside in code:
             shown |= {
