@@ -69,8 +69,8 @@ class AdaptiveCleaningRobot(CleaningRobot):
             return replace(self, blocked_for=0)
         if self.blocked_for < self.parameters.blocked_checks:
             return replace(self, blocked_for=self.blocked_for + 1)
-        robot = self._having_tried(monitor, now)._turned(floor, generator)
-        return replace(robot._afresh(), state=State.FREE)
+        robot = self._count_attempt(monitor, now)._choose_target(floor, generator)
+        return replace(robot._reset_counters(), state=State.FREE)
 
     @adaptation
     @periodic(every=milliseconds(500), order=6)
@@ -87,14 +87,14 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 
     def adopting(self, assignment: Assignment, now: Instant) -> Self:
-        """Return the robot on its way to a place of another robot; itself if `taking` does."""
-        robot = self.taking(assignment, len(self.route))
+        """Return the robot on its way to a place of another robot; itself if `insert_place` does."""
+        robot = self.insert_place(assignment, len(self.route))
         if robot is self:
             return self
         robot = replace(robot.heading_for(robot.route[-1]), former=self.destination, adopted_at=now)
-        return robot._afresh()
+        return robot._reset_counters()
 
-    def taking(self, assignment: Assignment, index: int) -> Self:
+    def insert_place(self, assignment: Assignment, index: int) -> Self:
         """Return the robot with a place of another robot in its route at `index`, destination unchanged.
 
         Returns itself if it holds or has settled the place, or if the term is LAST_TERM.
@@ -109,13 +109,13 @@ class AdaptiveCleaningRobot(CleaningRobot):
             adopted=(*others, taken.takeover)[-self.parameters.most_adopted :],
         )
 
-    def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
+    def places_taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
         """Return the places of its route that the peer has adopted with a higher term."""
-        heard = {takeover.key: takeover.term for takeover in peer.adopted}
+        terms = {takeover.key: takeover.term for takeover in peer.adopted}
         return frozenset(
             assignment.key
             for assignment in self.route
-            if assignment.key in heard and (heard[assignment.key], peer.id) > (assignment.term, self.id)
+            if assignment.key in terms and (terms[assignment.key], peer.id) > (assignment.term, self.id)
         )
 
     def leaving_to(self, peer: Cleaner, now: Instant, *, exchange: bool) -> Self:
@@ -124,15 +124,15 @@ class AdaptiveCleaningRobot(CleaningRobot):
         If one was its destination, it adopts the peer's former destination (with `exchange`) or continues
         with the first place of its route.
         """
-        gone = self.taken_by(peer)
-        robot, mine = self.without(gone, settled=False), self.destination
-        if mine is None or mine.key not in gone:
+        taken = self.places_taken_by(peer)
+        robot, mine = self.without(taken, settled=False), self.destination
+        if mine is None or mine.key not in taken:
             return robot
-        robot = robot.heading_for(robot.route[0] if robot.route else None)._afresh()
-        offered = peer.former if exchange and _heads_for(peer, mine) else None
+        robot = robot.heading_for(robot.route[0] if robot.route else None)._reset_counters()
+        offered = peer.former if exchange and _is_destination(peer, mine) else None
         return robot if offered is None else replace(robot.adopting(offered, now), former=None)
 
-    def _having_tried(self, monitor: PlaceMonitor, now: Instant) -> Self:
+    def _count_attempt(self, monitor: PlaceMonitor, now: Instant) -> Self:
         """Return the robot with one more counted attempt; gives the destination up at the limit."""
         assignment, most = self.destination, self.parameters.attempts
         if assignment is None or not most:
@@ -143,7 +143,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         reason = f"blocked on the way to it, {most} times without visiting any place meanwhile"
         return self.given_up(assignment, reason, monitor, now)
 
-    def _turned(self, floor: FloorPlan, generator: Generator) -> Self:
+    def _choose_target(self, floor: FloorPlan, generator: Generator) -> Self:
         """Return the robot with another target, or with a new attempt."""
         left = len(self.route)
         if self.parameters.unblock is UnblockTarget.FLOOR and generator.random() * (left + 1) < max(left, 1):
@@ -152,12 +152,12 @@ class AdaptiveCleaningRobot(CleaningRobot):
             return replace(self, attempt=self.attempt + 1)
         return self.heading_for(self.route[int(generator.integers(left))])
 
-    def _afresh(self) -> Self:
+    def _reset_counters(self) -> Self:
         """Return the robot with the counters of a new destination."""
         if not self.parameters.recount:
             return replace(self, blocked_for=0)
         return replace(self, blocked_for=0, still_for=0, state=State.FREE)
 
 
-def _heads_for(peer: Cleaner, assignment: Assignment) -> bool:
+def _is_destination(peer: Cleaner, assignment: Assignment) -> bool:
     return peer.destination is not None and peer.destination.key == assignment.key

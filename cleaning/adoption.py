@@ -104,7 +104,7 @@ class AdoptedDestinationRemove:
 
     def membership(self, coordinator: Cleaner, member: AdaptiveCleaningRobot) -> bool:
         """Return True if the coordinator has adopted a place of the member's route."""
-        return bool(member.taken_by(coordinator))
+        return bool(member.places_taken_by(coordinator))
 
     def at_member(
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, now: Instant

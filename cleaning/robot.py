@@ -74,14 +74,14 @@ class CleaningRobot(Cleaner):
         """
         if not isinstance(former, CleaningRobot):
             return None
-        held = {one.key: one for one in former.route}
-        own = [held.pop(one.key) for one in self.route if one.key in held]
+        former_places = {one.key: one for one in former.route}
+        own = [former_places.pop(one.key) for one in self.route if one.key in former_places]
         return replace(
             self,
             position=former.position,
             destination=former.destination,
             adopted=former.adopted,
-            route=(*own, *held.values()),
+            route=(*own, *former_places.values()),
             settled=former.settled,
             ordered=former.ordered,
             attempt=former.attempt + (former.waypoint is not None),
@@ -91,10 +91,12 @@ class CleaningRobot(Cleaner):
         """Return a description of changed plans since `before`, for results; empty if there are none."""
         words: list[str] = []
         if self.route is not before.route:
-            held, holds = ({one.key for one in robot.route} for robot in (before, self))
-            words += [f"takes over {_named(key)}" for key in sorted(holds - held, key=_named)]
-            for key in sorted(held - holds, key=_named):
-                words.append(f"{'gives up' if self.has_settled(key) else 'hands over'} {_named(key)}")
+            former_places, holds = ({one.key for one in robot.route} for robot in (before, self))
+            words += [
+                f"takes over {_place_name(key)}" for key in sorted(holds - former_places, key=_place_name)
+            ]
+            for key in sorted(former_places - holds, key=_place_name):
+                words.append(f"{'gives up' if self.has_settled(key) else 'hands over'} {_place_name(key)}")
         if not words and self.attempt != before.attempt:
             words.append("stops" if self.target is None else "changes destination")
         return ", ".join(words)
@@ -191,13 +193,13 @@ class CleaningRobot(Cleaner):
 
     def without(self, keys: Container[PlaceKey], *, settled: bool) -> Self:
         """Return the robot without these places in route and destination."""
-        gone = tuple(assignment.takeover for assignment in self.route if assignment.key in keys)
-        left, former = self.destination, self.former
+        removed = tuple(assignment.takeover for assignment in self.route if assignment.key in keys)
+        destination, former = self.destination, self.former
         return replace(
             self,
             route=tuple(assignment for assignment in self.route if assignment.key not in keys),
-            settled=self.settled + gone if settled else self.settled,
-            destination=None if left is not None and left.key in keys else left,
+            settled=self.settled + removed if settled else self.settled,
+            destination=None if destination is not None and destination.key in keys else destination,
             former=None if former is not None and former.key in keys else former,
         )
 
@@ -206,5 +208,5 @@ class CleaningRobot(Cleaner):
         return self.position.is_nearer(point, self.parameters.reach)
 
 
-def _named(key: PlaceKey) -> str:
+def _place_name(key: PlaceKey) -> str:
     return f"{key.owner}/{key.place}"

@@ -17,7 +17,7 @@ from cleaning.parameters import AdaptationParameters
 from deeco import Duration, Instant, adaptation, component, ensemble, periodic, replace, seconds
 
 _DRAWS: Final = 8
-"""Number of random places from which `place_aside` chooses the nearest."""
+"""Number of random places from which `nearby_place` chooses the nearest."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ class YieldingRobot(AdaptiveCleaningRobot):
         """Leave a door if the robot has no target."""
         if self.target is not None or floor.door(self.position) is None:
             return self
-        return self.sent_to(place_aside(self.position, floor))
+        return self.sent_to(nearby_place(self.position, floor))
 
-    def yielding(self, floor: FloorPlan, now: Instant) -> Self:
+    def request_back_out(self, floor: FloorPlan, now: Instant) -> Self:
         """Return the robot with a request to back out."""
         p = self.parameters
         far = p.back_out if floor.door(self.position) is None else p.back_out_of_door
@@ -97,11 +97,11 @@ class Yielding:
         """Return True if both are blocked near each other and the member should yield."""
         if not (coordinator.is_blocked() and member.is_blocked()) or member.waits_until is not None:
             return False
-        first = (member.destination is not None, member.id) > (
+        has_priority = (member.destination is not None, member.id) > (
             coordinator.destination is not None,
             coordinator.id,
         )
-        if member.blocked_for < (self.insist_checks if first else self.least_checks):
+        if member.blocked_for < (self.insist_checks if has_priority else self.least_checks):
             return False
         return coordinator.position.distance_to(member.position) < self.max_distance
 
@@ -109,7 +109,7 @@ class Yielding:
         self, coordinator: Cleaner, member: YieldingRobot, floor: FloorPlan, now: Instant
     ) -> YieldingRobot:
         """Let the member yield."""
-        return member.yielding(floor, now)
+        return member.request_back_out(floor, now)
 
 
 @ensemble(every=seconds(3), max_age=seconds(5))
@@ -126,12 +126,14 @@ class SteppingAside:
 
     def at_member(self, coordinator: Cleaner, member: YieldingRobot, floor: FloorPlan) -> YieldingRobot:
         """Send the member to a place nearby."""
-        return member.sent_to(place_aside(member.position, floor))
+        return member.sent_to(nearby_place(member.position, floor))
 
 
-def place_aside(here: Point, floor: FloorPlan) -> Point:
+def nearby_place(here: Point, floor: FloorPlan) -> Point:
     """Return a place outside of doors: the nearest of a few random places, m."""
     drawn = [floor.random_place() for _ in range(_DRAWS)]
-    out = [place for place in drawn if floor.door(place) is None and place.distance_to(here) > 1.0] or drawn
-    far = [floor.length(place, here) for place in out]
-    return min(zip(far, out, strict=True), key=lambda one: one[0] if one[0] is not None else 1e9)[1]
+    candidates = [
+        place for place in drawn if floor.door(place) is None and place.distance_to(here) > 1.0
+    ] or drawn
+    far = [floor.length(place, here) for place in candidates]
+    return min(zip(far, candidates, strict=True), key=lambda one: one[0] if one[0] is not None else 1e9)[1]

@@ -91,11 +91,11 @@ def adaptation(process: F) -> F:
 
 
 def _tag(schedule: Schedule) -> Callable[[F], F]:
-    def tagged(function: F) -> F:
+    def decorate(function: F) -> F:
         setattr(function, _TAG, schedule)
         return function
 
-    return tagged
+    return decorate
 
 
 def tag_of(function: object) -> Schedule | None:
@@ -168,7 +168,7 @@ def role(cls: type[K]) -> type[K]:
 
     Raises DefinitionError if a field's type is mutable, or if the class has processes.
     """
-    made = _made(cls, "role")
+    made = _define(cls, "role")
     if parent := next((base for base in made.__mro__[1:] if is_component(base)), None):
         raise DefinitionError(
             f"role {made.__name__} is derived from the component {parent.__name__}; "
@@ -185,14 +185,14 @@ def component(cls: type[K]) -> type[K]:
 
     Raises DefinitionError if a field's type is mutable or if a process is invalid.
     """
-    made = _made(cls, "component")
+    made = _define(cls, "component")
     if not roles_of(made):
         raise DefinitionError(f"component {made.__name__} plays no role; derive it from a class with @role")
     processes_of(made)
     return made
 
 
-def _made(cls: type[K], kind: str) -> type[K]:
+def _define(cls: type[K], kind: str) -> type[K]:
     if not issubclass(cls, Knowledge):
         raise DefinitionError(
             f"{kind} {cls.__name__} is not derived from Knowledge; derive it directly or through its roles"

@@ -112,12 +112,12 @@ def ensemble(
     if max_age is not None:
         check_duration("@ensemble: max_age", max_age)
 
-    def tagged(cls: type[T]) -> type[T]:
+    def decorate(cls: type[T]) -> type[T]:
         made = dataclass(frozen=True)(cls)
-        setattr(made, _TAG, described(made))
+        setattr(made, _TAG, definition_of(made))
         return made
 
-    def described(cls: type) -> EnsembleType:
+    def definition_of(cls: type) -> EnsembleType:
         coordinator, member, more = _sides(cls, "membership", COORDINATOR, MEMBER)
         if is_component(coordinator) and is_component(member):
             raise DefinitionError(
@@ -144,7 +144,7 @@ def ensemble(
             boundary=_sides(cls, "boundary", "sender", "here")[:2] if hasattr(cls, "boundary") else None,
         )
 
-    return tagged
+    return decorate
 
 
 def ensemble_type(cls: type) -> EnsembleType | None:
@@ -184,15 +184,15 @@ def _sides(
     if function is None:
         raise DefinitionError(f"ensemble {cls.__name__} has no {name}(self, {first}, {second})")
     where = f"{cls.__name__}.{name}"
-    given = ports(cls, function, where, skip=1)
-    if tuple(parameter for parameter, _ in given[:2]) != (first, second):
+    parameters = ports(cls, function, where, skip=1)
+    if tuple(parameter for parameter, _ in parameters[:2]) != (first, second):
         raise DefinitionError(f"{where}: its first parameters must be self, {first} and {second}")
-    for parameter, kind in given[:2]:
+    for parameter, kind in parameters[:2]:
         if not (isinstance(kind, type) and (is_role(kind) or is_component(kind))):
             raise DefinitionError(
                 f"{where}: {parameter} is a {describe(kind)}; use a class with @role or @component"
             )
-    return given[0][1], given[1][1], given[2:]
+    return parameters[0][1], parameters[1][1], parameters[2:]
 
 
 _NOW: Final = object()
@@ -224,21 +224,21 @@ class Binding:
     def __init__(self, provided: Mapping[Any, object]) -> None:
         self._process = {Instant: _NOW, **provided}
         self._pair = {Contact: _CONTACT, **self._process}
-        self._there = ", ".join(describe(one) for one in provided) or "nothing"
+        self._provided = ", ".join(describe(one) for one in provided) or "nothing"
 
     def process(
         self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str
     ) -> BoundFunction:
         """Bind a process. Raises DeploymentError for a missing port; `name` is for errors."""
-        return self._bound(function, ports, name, self._process)
+        return self._bind(function, ports, name, self._process)
 
     def pair(
         self, function: Callable[..., Any], ports: tuple[tuple[str, Any], ...], name: str
     ) -> BoundFunction:
         """Bind a method of an ensemble, as `process`."""
-        return self._bound(function, ports, name, self._pair)
+        return self._bind(function, ports, name, self._pair)
 
-    def _bound(
+    def _bind(
         self,
         function: Callable[..., Any],
         ports: tuple[tuple[str, Any], ...],
@@ -248,6 +248,6 @@ class Binding:
         for parameter, kind in ports:
             if kind not in provided:
                 raise DeploymentError(
-                    f"{name} needs a {describe(kind)} ({parameter!r}); this node provides {self._there}"
+                    f"{name} needs a {describe(kind)} ({parameter!r}); this node provides {self._provided}"
                 )
         return BoundFunction(function, [provided[kind] for _, kind in ports])

@@ -55,7 +55,7 @@ class Fragmenter:
         Packets are numbered from `first`, and from 0 after 65535. Raises ExecutionError, without using a
         number, for a packet that is empty or longer than `max_packet`.
         """
-        wholes = [self._checked(packet) for packet in packets]
+        wholes = [self._verified(packet) for packet in packets]
         sizes = [len(whole) for whole in wholes]
         first, source, left = self._next, self._source, self._limits.frame_data
         for size in sizes:
@@ -76,7 +76,7 @@ class Fragmenter:
             for frame in frames
         ]
 
-    def _checked(self, packet: bytes) -> bytes:
+    def _verified(self, packet: bytes) -> bytes:
         if not 0 < len(packet) <= self._limits.max_packet:
             raise ExecutionError(
                 f"a packet for the link has {len(packet)} bytes; "
@@ -177,7 +177,7 @@ class Reassembly:
         elif end >= SHORTEST:  # usual case: the frame is one whole packet
             total, size, start, _, _ = HEADER.unpack_from(frame)
             if size == total == end - HEADER.size and not start and total <= self._max_whole:
-                packet = self._checked(frame[HEADER.size :])
+                packet = self._verified(frame[HEADER.size :])
                 return [packet] if packet else []
         packets = []
         position = 0
@@ -192,7 +192,7 @@ class Reassembly:
                 self._counters.oversized += 1
                 continue
             whole = self._put(now, (sender, source, number), total, start, payload)
-            if whole is not None and (packet := self._checked(whole)):
+            if whole is not None and (packet := self._verified(whole)):
                 packets.append(packet)
         if position != end or not end:
             self._counters.junk_frames += 1
@@ -230,7 +230,7 @@ class Reassembly:
         begun = self._open[key] = _PartialPacket(now, bytearray(total), (1 << total) - 1)
         return begun
 
-    def _checked(self, whole: bytes) -> bytes | None:
+    def _verified(self, whole: bytes) -> bytes | None:
         packet = whole[: -CHECKSUM.size]
         if CHECKSUM.unpack_from(whole, len(packet))[0] != zlib.crc32(packet):
             self._counters.bad_checksum += 1

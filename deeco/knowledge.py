@@ -91,7 +91,7 @@ def _fault(annotation: Any, inside: frozenset[type]) -> str | None:
         return _class_fault(tuple, inside)
     if origin in {Union, types.UnionType, tuple, Annotated}:
         inner = arguments[:1] if origin is Annotated else arguments
-        return _first(tuple(item for item in inner if item is not Ellipsis), inside)
+        return _first_fault(tuple(item for item in inner if item is not Ellipsis), inside)
     if origin is None and isinstance(annotation, type):
         return _class_fault(annotation, inside)
     return _refusal(annotation, origin, arguments)
@@ -102,12 +102,12 @@ def _class_fault(cls: type, inside: frozenset[type]) -> str | None:
         return None
     inner = inside | {cls}
     if (issubclass(cls, tuple) and hasattr(cls, "_fields")) or is_frozen_struct(cls):
-        return _first(tuple(get_type_hints(cls, include_extras=True).values()), inner)
+        return _first_fault(tuple(get_type_hints(cls, include_extras=True).values()), inner)
     if is_dataclass(cls):
         if not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]  # typeshed has no such field
             return f"{cls.__name__} is a mutable dataclass; write @dataclass(frozen=True)"
         hints = get_type_hints(cls, include_extras=True)
-        return _first(tuple(hints[field.name] for field in fields(cls)), inner)
+        return _first_fault(tuple(hints[field.name] for field in fields(cls)), inner)
     if cls is tuple:
         return "tuple has no item type; write for example tuple[float, ...]"
     return _refusal(cls, cls, ())
@@ -124,7 +124,7 @@ def is_frozen_struct(cls: type) -> bool:
     return config is not None and bool(config.frozen) and bool(struct_fields(cls))
 
 
-def _first(annotations: tuple[Any, ...], inside: frozenset[type]) -> str | None:
+def _first_fault(annotations: tuple[Any, ...], inside: frozenset[type]) -> str | None:
     return next((wrong for item in annotations if (wrong := _fault(item, inside))), None)
 
 
@@ -178,13 +178,13 @@ def roles_of(cls: type) -> tuple[type[Knowledge], ...]:
 
 def role_subclasses(kind: type[Knowledge]) -> tuple[type[Knowledge], ...]:
     """Return a role and all roles derived from it."""
-    below = [one for sub in kind.__subclasses__() for one in role_subclasses(sub)]
-    return tuple(dict.fromkeys([kind, *below] if is_role(kind) else below))
+    subclasses = [one for sub in kind.__subclasses__() for one in role_subclasses(sub)]
+    return tuple(dict.fromkeys([kind, *subclasses] if is_role(kind) else subclasses))
 
 
-def role_view(value: Knowledge, wanted: type[Knowledge]) -> Knowledge:
+def role_view(value: Knowledge, role: type[Knowledge]) -> Knowledge:
     """Return a component's knowledge reduced to one role."""
-    return wanted(**{name: getattr(value, name) for name in role_fields(wanted)})
+    return role(**{name: getattr(value, name) for name in role_fields(role)})
 
 
 def role_fields(cls: type[Knowledge]) -> tuple[str, ...]:

@@ -56,17 +56,17 @@ class BoundProcess:
         for place in bound.now:
             bound.arguments[place] = now
         try:
-            made = bound.function(component.value, *bound.arguments)
+            result = bound.function(component.value, *bound.arguments)
         except Exception as error:
             error.add_note(f"in process {self.name} of {component.id!r} at {in_seconds(now):g} s")
             raise
-        if made is component.value:
+        if result is component.value:
             return False
-        return component.commit(made, self.name, now, adaptation=self._adaptation)
+        return component.commit(result, self.name, now, adaptation=self._adaptation)
 
 
 class LocalComponent:
-    """Knowledge of one component; `commit` applies every change and notifies the witnesses."""
+    """Knowledge of one component; `commit` applies every change and notifies the listeners."""
 
     def __init__(
         self, value: Knowledge, binding: Binding, listeners: tuple[CommitListener, ...] = ()
@@ -81,27 +81,27 @@ class LocalComponent:
         self.watched: list[tuple[str, Callable[[], str]]] = []
         """Watched facts by name, each with its callback."""
         self._facts: list[object] = []
-        self._seen: dict[type[Knowledge], tuple[Knowledge, Knowledge]] = {}
+        self._role_views: dict[type[Knowledge], tuple[Knowledge, Knowledge]] = {}
 
-    def watch(self, facts: Sequence[Fact], then: Callable[[], str]) -> None:
-        """Register `then` for `changes` if the value of one of the facts changes."""
+    def watch(self, facts: Sequence[Fact], callback: Callable[[], str]) -> None:
+        """Register `callback` for `changes` if the value of one of the facts changes."""
         for fact in facts:
-            self.watched.append((fact.__name__, then))
+            self.watched.append((fact.__name__, callback))
             self._facts.append(getattr(self.value, fact.__name__)())
 
     def changes(self) -> list[Callable[[], str]]:
         """Return the callbacks of facts that changed since the last call, each once, in order."""
-        called: dict[Callable[[], str], None] = {}
-        for index, (name, then) in enumerate(self.watched):
+        callbacks: dict[Callable[[], str], None] = {}
+        for index, (name, callback) in enumerate(self.watched):
             fact = getattr(self.value, name)()
             if fact != self._facts[index]:
                 self._facts[index] = fact
-                called[then] = None
-        return list(called)
+                callbacks[callback] = None
+        return list(callbacks)
 
     def commit(
         self,
-        made: Any,
+        result: Any,
         by: str,
         now: Instant,
         *,
@@ -111,20 +111,20 @@ class LocalComponent:
     ) -> bool:
         """Commit new knowledge; return whether it differs. Raises ExecutionError for an invalid value."""
         value = self.value
-        if type(made) is not type(value):
+        if type(result) is not type(value):
             raise ExecutionError(
-                f"{by} of {self.id!r} at {in_seconds(now):g} s returned a {type(made).__name__}; "
+                f"{by} of {self.id!r} at {in_seconds(now):g} s returned a {type(result).__name__}; "
                 f"return the next {type(value).__name__}"
             )
-        if made == value:
+        if result == value:
             return False
-        if made.id != self.id:
+        if result.id != self.id:
             raise ExecutionError(
-                f"{by} of {self.id!r} at {in_seconds(now):g} s changed the id to {made.id!r}; keep the id"
+                f"{by} of {self.id!r} at {in_seconds(now):g} s changed the id to {result.id!r}; keep the id"
             )
-        self.value = made
+        self.value = result
         if self._listeners:
-            commit = new_tuple(Commit, (by, now, value, made, adaptation, peer, heard))
+            commit = new_tuple(Commit, (by, now, value, result, adaptation, peer, heard))
             for on_commit in self._listeners:
                 on_commit(commit)
         return True
@@ -133,10 +133,10 @@ class LocalComponent:
         """Return the role visible to peers on the same node; None if the component does not play it."""
         if not is_role(kind) or not isinstance(self.value, kind):
             return None
-        seen = self._seen.get(kind)
-        if seen is None or seen[0] is not self.value:
-            seen = self._seen[kind] = (self.value, role_view(self.value, kind))
-        return seen[1]
+        view = self._role_views.get(kind)
+        if view is None or view[0] is not self.value:
+            view = self._role_views[kind] = (self.value, role_view(self.value, kind))
+        return view[1]
 
     def contact(self, now: Instant) -> Contact:
         """Return the contact between components of one node: now, without hops."""
@@ -164,8 +164,8 @@ class _EnsembleSide:
         self, kind: EnsembleType, exchange: Exchange | None, call: BoundFunction | None, side: str
     ) -> None:
         self.local_is_coordinator = side == COORDINATOR
-        both = kind.coordinator, kind.member
-        self.own, self.peer = both if self.local_is_coordinator else reversed(both)
+        roles = kind.coordinator, kind.member
+        self.own, self.peer = roles if self.local_is_coordinator else reversed(roles)
         self.exchange = exchange
         self.call = call
         self.name = f"{kind.name}.at_{side}"
@@ -251,10 +251,10 @@ class BoundEnsemble:
         if role is None or not isinstance(value, exchange.own):
             return False
         coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
-        made = call.pair(coordinator, member, now, contact)
-        if made is value:
+        result = call.pair(coordinator, member, now, contact)
+        if result is value:
             return False
-        if not local.commit(made, side.name, now, adaptation=True, peer=peer.id, heard=contact.heard):
+        if not local.commit(result, side.name, now, adaptation=True, peer=peer.id, heard=contact.heard):
             return False
         self._statistics.exchanges[self.type.name] += 1
         return True

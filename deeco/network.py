@@ -19,7 +19,7 @@ from deeco.fragments import Fragmenter, Reassembly
 from deeco.instant import START, Duration, Instant, Task, milliseconds, seconds
 from deeco.knowledge import Knowledge, new_tuple
 from deeco.link import LinkParameters, Reception, Transmission
-from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed
+from deeco.packet import KnowledgePacket, Unpacker, Version, increment_hops, pack
 from deeco.schema import RoleRegistry
 from deeco.statistics import NodeCounters, Statistics
 
@@ -42,8 +42,8 @@ class Replica:
         try:
             return self._by_kind[kind]
         except KeyError:
-            found = next((one for one in self.roles if isinstance(one, kind)), None)
-            return self._by_kind.setdefault(kind, found)
+            role = next((one for one in self.roles if isinstance(one, kind)), None)
+            return self._by_kind.setdefault(kind, role)
 
     def contact(self, now: Instant) -> Contact:
         """Return how this knowledge was received."""
@@ -83,13 +83,13 @@ class Replicas:
         self._versions[replica.id] = replica.version
         if len(self._versions) > 4 * self._most:
             del self._versions[next(iter(self._versions))]
-        fresh = replica.id not in self._by_id
-        if fresh and len(self._by_id) >= self._most:
+        is_new = replica.id not in self._by_id
+        if is_new and len(self._by_id) >= self._most:
             self._counters.replicas_evicted += 1
             del self._by_id[min(self._by_id.values(), key=lambda one: (one.heard, one.id)).id]
         self._by_id[replica.id] = replica
         self._oldest = min(self._oldest, replica.heard)
-        if fresh:
+        if is_new:
             self._by_id = dict(sorted(self._by_id.items()))
 
     def drop_old(self, now: Instant) -> None:
@@ -153,13 +153,13 @@ class Relay:
         counters: NodeCounters,
     ) -> None:
         """Create a relay; `plan` schedules a task at an instant, `send` gives a packet to the link."""
-        self._p = parameters
+        self._parameters = parameters
         self._address = address
         self._plan = plan
         self._send = send
         self._counters = counters
         self._waiting: dict[str, _WaitingPacket] = {}
-        self._planned = 0
+        self._scheduled = 0
         """Number of scheduled tasks, including those of cancelled packets."""
 
     def cancel_older(self, packet: KnowledgePacket) -> None:
@@ -171,35 +171,37 @@ class Relay:
 
     def should_relay(self, packet: KnowledgePacket, rssi_dbm: float | None) -> bool:
         """Return whether a new packet is below the hop limit and was not received too strongly."""
-        below = self._p.relay_below_dbm
-        near = below is not None and rssi_dbm is not None and rssi_dbm > below
-        return not near and packet.hops < self._p.hop_limit
+        below = self._parameters.relay_below_dbm
+        is_near = below is not None and rssi_dbm is not None and rssi_dbm > below
+        return not is_near and packet.hops < self._parameters.hop_limit
 
     def take(self, packet: KnowledgePacket, data: bytes, heard: Instant, rssi_dbm: float | None) -> None:
         """Schedule the relaying of a packet."""
-        if self._planned >= self._p.max_waiting:
+        if self._scheduled >= self._parameters.max_waiting:
             self._counters.relays_refused += 1
             return
-        waiting = self._waiting[packet.component] = new_tuple(_WaitingPacket, (packet.version, relayed(data)))
-        at = Instant(heard + self._p.delay(rssi_dbm, self._chance(packet)))
+        waiting = self._waiting[packet.component] = new_tuple(
+            _WaitingPacket, (packet.version, increment_hops(data))
+        )
+        instant = Instant(heard + self._parameters.delay(rssi_dbm, self._random_share(packet)))
 
-        def due(now: Instant) -> None:
-            self._planned -= 1
+        def relay_packet(now: Instant) -> None:
+            self._scheduled -= 1
             if self._waiting.get(packet.component) is waiting:
                 del self._waiting[packet.component]
                 self._counters.relayed += 1
                 self._send(now, waiting.data)
 
-        self._planned += 1
-        self._plan(due, at)
+        self._scheduled += 1
+        self._plan(relay_packet, instant)
 
     def clear(self) -> None:
         """Cancel all waiting packets; their scheduled tasks must not run any more."""
         self._counters.relays_cancelled += len(self._waiting)
         self._waiting.clear()
-        self._planned = 0
+        self._scheduled = 0
 
-    def _chance(self, packet: KnowledgePacket) -> float:
+    def _random_share(self, packet: KnowledgePacket) -> float:
         """Return a number in [0, 1) that depends on node and packet only, not on other draws."""
         name = f"{self._address}/{packet.component}/{packet.version.epoch}/{packet.version.counter}"
         return zlib.crc32(name.encode("utf-8", "surrogatepass")) / 2**32
@@ -290,11 +292,11 @@ class Network:
     def take(self, reception: Reception) -> list[ReplicaUpdate]:
         """Return the replicas changed by the packets that this frame completes."""
         whole = self._reassembly.take(reception.instant, reception.sender, reception.data)
-        found: list[ReplicaUpdate] = []
+        updates: list[ReplicaUpdate] = []
         for data in whole:
-            if update := self._open(data, reception):
-                found += (update,)
-        return found
+            if update := self._process_packet(data, reception):
+                updates += (update,)
+        return updates
 
     def transmissions(self) -> list[Transmission]:
         """Return the frames sent since the last call; packets of one instant share frames."""
@@ -320,7 +322,7 @@ class Network:
     def _send(self, now: Instant, data: bytes) -> None:
         self._outbox += ((now, data),)
 
-    def _open(self, data: bytes, reception: Reception) -> ReplicaUpdate | None:
+    def _process_packet(self, data: bytes, reception: Reception) -> ReplicaUpdate | None:
         counters, relay = self._counters, self._relay
         counters.packets += 1
         packet = self._unpacker.unpack(data)

@@ -173,7 +173,7 @@ class Node:
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; ids must be unique")
         self._ensembles = tuple(BoundEnsemble(one, binding, self._statistics) for one in ensembles)
-        self._reacting = tuple(one for one in self._ensembles if one.type.on_change)
+        self._change_ensembles = tuple(one for one in self._ensembles if one.type.on_change)
         self._network: Network = Network(
             parameters,
             RoleRegistry(self._roles(), parameters.link),
@@ -222,7 +222,7 @@ class Node:
         self._network.replicas.drop_old(self._now)
         for reception in inputs:
             for update in self._network.take(reception):
-                self._react(update)
+                self._process_update(update)
         self._tasks.run(until)
         self._now = until
         return self._network.transmissions()
@@ -249,10 +249,10 @@ class Node:
             if kind.every is not None:
                 first = Instant(start + kind.offset)
                 self._tasks.repeat(partial(self._evaluate, ensemble), first, kind.every, _ENSEMBLES)
-            triggered = partial(self._trigger_ensemble, ensemble)
+            callback = partial(self._trigger_ensemble, ensemble)
             for component in self._locals:
                 facts = [fact for fact in kind.on_change if has_fact(type(component.value), fact)]
-                component.watch(facts, triggered)
+                component.watch(facts, callback)
 
     def _activate(self, component: LocalComponent, process: BoundProcess, now: Instant) -> None:
         self._now = now
@@ -260,7 +260,7 @@ class Node:
         if process.run(now):
             self._counters.commits += 1
             if component.watched:
-                self._settle()
+                self._run_triggered()
 
     def _trigger(self, process: BoundProcess) -> str:
         self._counters.activations += 1
@@ -271,7 +271,7 @@ class Node:
         self._now = now
         changed = ensemble.evaluate(self._locals, self._fresh_replicas(ensemble), now)
         if any(component.watched for component in changed):
-            self._settle()
+            self._run_triggered()
 
     def _trigger_ensemble(self, ensemble: BoundEnsemble) -> str:
         ensemble.evaluate(self._locals, self._fresh_replicas(ensemble), self._now)
@@ -281,16 +281,18 @@ class Node:
         oldest = ensemble.type.max_age
         return [one for one in self._network.replicas if oldest is None or self._now - one.heard <= oldest]
 
-    def _settle(self) -> None:
+    def _run_triggered(self) -> None:
         """Run processes and ensembles triggered by changed facts until no fact changes."""
-        ran: list[str] = []
+        names: list[str] = []
         rounds = 0
-        while due := dict.fromkeys(then for component in self._locals for then in component.changes()):
+        while callbacks := dict.fromkeys(
+            callback for component in self._locals for callback in component.changes()
+        ):
             if rounds == CASCADE_LIMIT:
                 raise ExecutionError(
-                    f"at {in_seconds(self._now):g} s processes keep triggering each other: {_cycle(ran)}"
+                    f"at {in_seconds(self._now):g} s processes keep triggering each other: {_cycle_of(names)}"
                 )
-            ran += [then() for then in due]
+            names += [callback() for callback in callbacks]
             rounds += 1
 
     def _publish(self, now: Instant) -> None:
@@ -301,21 +303,19 @@ class Node:
         assert self._observer is not None
         self._observer.committed(commit, self._network.replicas.get(commit.peer))
 
-    def _react(self, update: ReplicaUpdate) -> None:
+    def _process_update(self, update: ReplicaUpdate) -> None:
         """Evaluate the ensembles whose watched facts changed."""
         if self._observer is not None:
             for component in self._locals:
                 self._observer.replica_received(component.id, update.after, self._now)
-        for ensemble in self._reacting:
+        for ensemble in self._change_ensembles:
             if any(_differs(update, fact) for fact in ensemble.type.on_change):
                 self._evaluate(ensemble, self._now)
 
     def _roles(self) -> tuple[type[Knowledge], ...]:
-        wanted = [kind for one in self._locals for kind in roles_of(type(one.value))]
-        wanted += [kind for ensemble in self._ensembles for kind in ensemble.type.roles]
-        known = {
-            (kind.__module__, kind.__qualname__): kind for one in wanted for kind in role_subclasses(one)
-        }
+        kinds = [kind for one in self._locals for kind in roles_of(type(one.value))]
+        kinds += [kind for ensemble in self._ensembles for kind in ensemble.type.roles]
+        known = {(kind.__module__, kind.__qualname__): kind for one in kinds for kind in role_subclasses(one)}
         return tuple(known.values())
 
     def _may_relay(self, sender: Replica) -> bool:
@@ -337,8 +337,8 @@ def _value(replica: Replica, fact: Fact) -> object:
     return None
 
 
-def _cycle(ran: Sequence[str]) -> str:
+def _cycle_of(names: Sequence[str]) -> str:
     """Return the part since the previous occurrence of the last name, joined by arrows."""
-    last = ran[-1]
-    begin = max((index for index, name in enumerate(ran[:-1]) if name == last), default=0)
-    return " → ".join(ran[begin:])
+    last = names[-1]
+    begin = max((index for index, name in enumerate(names[:-1]) if name == last), default=0)
+    return " → ".join(names[begin:])

@@ -86,7 +86,7 @@ class Unpacker:
         self._limits = limits
         self._known = known
         self._most = most
-        self._kept: dict[bytes, KnowledgePacket] = {}
+        self._cache: dict[bytes, KnowledgePacket] = {}
         self._bounds = {
             "max_array_len": max(limits.max_items, _HEAD + 2 * limits.max_roles),
             "max_str_len": max(limits.max_text, limits.max_id),
@@ -100,14 +100,14 @@ class Unpacker:
         if not 0 < len(data) <= self._limits.max_packet or data[0] & 0xF != _KNOWLEDGE:
             return None
         body = data[1:]
-        kept = self._kept.get(body)
-        if kept is not None:
-            return new_tuple(KnowledgePacket, (kept.component, kept.version, data[0] >> 4, kept.roles))
-        packet = self._unpacked(body, data[0] >> 4)
+        cached = self._cache.get(body)
+        if cached is not None:
+            return new_tuple(KnowledgePacket, (cached.component, cached.version, data[0] >> 4, cached.roles))
+        packet = self._decode(body, data[0] >> 4)
         if packet is not None:
-            self._kept[body] = packet
-            if len(self._kept) > self._most:
-                del self._kept[next(iter(self._kept))]
+            self._cache[body] = packet
+            if len(self._cache) > self._most:
+                del self._cache[next(iter(self._cache))]
         return packet
 
     def _is_role(self, key: object, fields: object) -> bool:
@@ -115,7 +115,7 @@ class Unpacker:
             return False
         return key in self._known or not _is_deeper(fields, self._limits.max_depth + 1)
 
-    def _unpacked(self, data: bytes, hops: int) -> KnowledgePacket | None:
+    def _decode(self, data: bytes, hops: int) -> KnowledgePacket | None:
         try:
             body = msgpack.unpackb(data, use_list=False, raw=False, strict_map_key=True, **self._bounds)
         except (ValueError, msgpack.UnpackException):  # ValueError: out of bounds, or text that is not UTF-8
@@ -134,7 +134,7 @@ class Unpacker:
         return new_tuple(KnowledgePacket, (component, new_tuple(Version, (epoch, counter)), hops, roles))
 
 
-def relayed(data: bytes) -> bytes:
+def increment_hops(data: bytes) -> bytes:
     """Return the packet with its hop count increased by one, up to 15."""
     hops = min((data[0] >> 4) + 1, _MAX_HOPS)
     return bytes([data[0] & 0xF | hops << 4]) + data[1:]

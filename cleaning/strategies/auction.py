@@ -81,11 +81,11 @@ class BiddingRobot(YieldingRobot, Bidder):
         stuck_for = self.stuck_for + 1 if self.is_blocked() else self.stuck_for
         robot = replace(self, stuck_for=stuck_for)
         costs = PathCosts(floor, self.parameters.door_charge)
-        return robot._ordered(costs)._with_bids(costs)
+        return robot._in_tour_order(costs)._with_bids(costs)
 
-    def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
+    def places_taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
         """Return also places that the peer holds, by its bids, with a higher term."""
-        gone = super().taken_by(peer)
+        gone = super().places_taken_by(peer)
         if not isinstance(peer, Bidder):
             return gone
         heard = {bid.assignment.key: bid.assignment.term for bid in peer.bids}
@@ -95,7 +95,7 @@ class BiddingRobot(YieldingRobot, Bidder):
             if mine.key in heard and (heard[mine.key], peer.id) > (mine.term, self.id)
         }
 
-    def bidding(self, peer: Bidder, floor: FloorPlan, now: Instant) -> Self:
+    def adopt_cheaper(self, peer: Bidder, floor: FloorPlan, now: Instant) -> Self:
         """Return the robot with those of the peer's places that reduce the sum of squared loads."""
         robot, p = self, self.parameters
         costs, theirs = PathCosts(floor, p.door_charge), peer.load
@@ -109,21 +109,21 @@ class BiddingRobot(YieldingRobot, Bidder):
             before, after = theirs * theirs + load * load, left * left + (load + added) * (load + added)
             if after + 2 * p.margin * max(theirs, load + added) >= before:
                 continue
-            taken = robot.taking(offered, index)
+            taken = robot.insert_place(offered, index)
             if taken is not robot:
                 robot, load, theirs = taken, load + added, left
         return robot
 
-    def _ordered(self, costs: PathCosts) -> Self:
+    def _in_tour_order(self, costs: PathCosts) -> Self:
         """Return the robot with its places in a short tour; prefers to keep the destination first."""
         if not self.route or self.waypoint is not None:
             return self
-        route = costs.shortened(self.position, self.route)
+        route = costs.two_opt(self.position, self.route)
         mine = self.destination
         if mine is None or mine == route[0]:
             return replace(self, route=route)
         first = (mine, *(place for place in self.route if place != mine))
-        kept = costs.shortened(self.position, first, fixed=1)
+        kept = costs.two_opt(self.position, first, fixed=1)
         there, here = costs.tour(self.position, route), costs.tour(self.position, kept)
         if self.is_blocked() or here - there < self.parameters.commitment:
             return replace(self, route=kept)
@@ -154,7 +154,7 @@ class Auction:
         self, coordinator: Bidder, member: BiddingRobot, floor: FloorPlan, now: Instant
     ) -> BiddingRobot:
         """Adopt places that the member can visit at lower cost."""
-        return member.bidding(coordinator, floor, now)
+        return member.adopt_cheaper(coordinator, floor, now)
 
 
 @ensemble(every=seconds(1))
@@ -163,7 +163,7 @@ class HigherBid:
 
     def membership(self, coordinator: Bidder, member: BiddingRobot) -> bool:
         """Return True if there are such places."""
-        return bool(member.taken_by(coordinator))
+        return bool(member.places_taken_by(coordinator))
 
     def at_member(self, coordinator: Bidder, member: BiddingRobot, now: Instant) -> BiddingRobot:
         """Leave these places to the coordinator."""

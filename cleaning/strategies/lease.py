@@ -99,37 +99,37 @@ class LeasingRobot(YieldingRobot, Lessee):
         since = self.held_since or now
         if now - since > p.turn_away:
             navigation.resume()
-            return robot._elsewhere(floor)
+            return robot._avoid_door(floor)
         navigation.pause()
         return replace(robot, held_since=since, state=State.FREE, still_for=0, blocked_for=0)
 
     def is_held_up(self, floor: FloorPlan) -> bool:
         """Return True near a door leased by another robot, unless this robot stands in a door."""
-        if self.claim is None or self.claim.inside or self.comes_first():
+        if self.claim is None or self.claim.inside or self.has_lease():
             return False
         if floor.door(self.position) is not None or self.goes_in == self.claim._replace(inside=False):
             return False
         near = floor.length(self.position, floor.doors[self.claim.door].middle)
         return near is not None and near < self.parameters.stand_off
 
-    def comes_first(self) -> bool:
+    def has_lease(self) -> bool:
         """Return True if no rival leases the door in another direction."""
-        return all(self.precedes(rival.id, rival.claim) for rival in self.rivals)
+        return all(self.has_priority(rival.id, rival.claim) for rival in self.rivals)
 
-    def precedes(self, peer: str, theirs: Claim) -> bool:
+    def has_priority(self, peer: str, theirs: Claim) -> bool:
         """Return True if this robot's claim has priority over the peer's, or they do not conflict."""
         mine = self.claim
         if mine is None or mine.door != theirs.door or mine.into == theirs.into:
             return True
         return (not mine.inside, mine.since, self.id) < (not theirs.inside, theirs.since, peer)
 
-    def hearing(self, peer: Lessee, now: Instant) -> Self:
+    def with_claim_of(self, peer: Lessee, now: Instant) -> Self:
         """Return the robot with the peer's current claim."""
         others = tuple(rival for rival in self.rivals if rival.id != peer.id)
         new = () if peer.claim is None else (Rival(peer.id, peer.claim, now),)
         return replace(self, rivals=others + new)
 
-    def _elsewhere(self, floor: FloorPlan) -> Self:
+    def _avoid_door(self, floor: FloorPlan) -> Self:
         """Return the robot with a destination behind fewer doors, otherwise entering the door."""
         mine = self.destination
         others = [place for place in self.route if place != mine]
@@ -153,13 +153,13 @@ class LeasingRobot(YieldingRobot, Lessee):
         door, far = doors[0], floor.length(self.position, floor.doors[doors[0]].middle)
         if far is None or far > p.ask_distance:
             return None
-        into = self._beyond(floor, door)
+        into = self._region_beyond(floor, door)
         inside, old = floor.door(self.position) == door, self.claim
         if old is None or (old.door, old.into) != (door, into) or now - old.since > p.lease:
             return Claim(door, into, now, inside)
         return old._replace(inside=inside)
 
-    def _beyond(self, floor: FloorPlan, door: int) -> int:
+    def _region_beyond(self, floor: FloorPlan, door: int) -> int:
         """Return the region behind the door on the path to the target."""
         assert self.target is not None
         passed = False
@@ -181,7 +181,7 @@ class RivalClaims:
 
     def at_member(self, coordinator: Lessee, member: LeasingRobot, now: Instant) -> LeasingRobot:
         """Store the coordinator's claim."""
-        return member.hearing(coordinator, now)
+        return member.with_claim_of(coordinator, now)
 
 
 @ensemble(every=seconds(1), max_age=seconds(4))
@@ -198,14 +198,14 @@ class DoorClearing:
             return False
         if member.waits_until is not None:  # it has given way already
             return False
-        met = coordinator.position.distance_to(member.position) < self.max_distance
-        return met and not member.precedes(coordinator.id, theirs)
+        meet = coordinator.position.distance_to(member.position) < self.max_distance
+        return meet and not member.has_priority(coordinator.id, theirs)
 
     def at_member(
         self, coordinator: Lessee, member: LeasingRobot, floor: FloorPlan, now: Instant
     ) -> LeasingRobot:
         """Let the member yield."""
-        return member.yielding(floor, now)
+        return member.request_back_out(floor, now)
 
 
 def behaviour(start: Start) -> Behaviour:

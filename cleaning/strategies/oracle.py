@@ -64,9 +64,9 @@ class OracleRobot(BiddingRobot):
             if HigherBid().membership(peer, robot):
                 robot = robot.leaving_to(peer, now, exchange=False)
             if Auction().membership(peer, robot):
-                robot = robot.bidding(peer, floor, now)
+                robot = robot.adopt_cheaper(peer, floor, now)
             if yielding.membership(peer, robot):
-                robot = robot.yielding(floor, now)
+                robot = robot.request_back_out(floor, now)
             if p.make_way and aside.membership(peer, robot):
                 robot = replace(robot, waypoint=aside.at_member(peer, robot, floor).waypoint)
         board.known[self.id] = robot

@@ -65,39 +65,39 @@ class SwappingRobot(AdaptiveCleaningRobot, Swapper):
     offers: int = 0
     """Number of offers made."""
 
-    def worth(self, give: Assignment, want: Assignment, peer: Cleaner, floor: FloorPlan) -> bool:
+    def is_worthwhile(self, give: Assignment, want: Assignment, peer: Cleaner, floor: FloorPlan) -> bool:
         """Return True if the swap shortens the sum of both robots' paths by more than the margin."""
         costs = PathCosts(floor)
         now = costs.cost(self.position, give.point) + costs.cost(peer.position, want.point)
         then = costs.cost(self.position, want.point) + costs.cost(peer.position, give.point)
         return then + self.parameters.margin < now
 
-    def offering(self, peer: Cleaner, floor: FloorPlan, now: Instant) -> Self:
+    def make_offer(self, peer: Cleaner, floor: FloorPlan, now: Instant) -> Self:
         """Return the robot with an offer to the peer; itself if an earlier offer is still valid."""
         give, want = self.destination, peer.destination
         if give is None or want is None or self.holds(want.key) or self.has_settled(want.key):
             return self
         if self.offered_at is not None and now - self.offered_at < self.parameters.patience:
             return self
-        if not self.worth(give, want, peer, floor):
+        if not self.is_worthwhile(give, want, peer, floor):
             return replace(self, offer=None)
         if self.offer is not None and self.offer[1:] == (peer.id, give, want):  # an answer may be under way
             return replace(self, offered_at=now)
         offer = Offer(self.offers + 1, peer.id, give, want)
         return replace(self, offer=offer, offered_at=now, offers=self.offers + 1)
 
-    def accepting(self, peer: Swapper, floor: FloorPlan, now: Instant) -> Self:
+    def accept_offer(self, peer: Swapper, floor: FloorPlan, now: Instant) -> Self:
         """Return the robot that accepts the peer's offer; itself if the swap is no longer worth it."""
         offer, mine = peer.offer, self.destination
         if offer is None or mine is None or mine.key != offer.want.key:
             return self
         answer = Answer(peer.id, offer.number)
-        if self.answer == answer or not self.worth(mine, offer.give, peer, floor):
+        if self.answer == answer or not self.is_worthwhile(mine, offer.give, peer, floor):
             return self
         robot = self.adopting(offer.give, now)
         return self if robot is self else replace(robot, answer=answer, offer=None)
 
-    def concluding(self, now: Instant) -> Self:
+    def conclude_offer(self, now: Instant) -> Self:
         """Return the robot with the wanted place after its offer was accepted."""
         if self.offer is None:
             return self
@@ -120,7 +120,7 @@ class Offers:
         self, coordinator: Cleaner, member: SwappingRobot, floor: FloorPlan, now: Instant
     ) -> SwappingRobot:
         """Make an offer if the member's id is less."""
-        return member.offering(coordinator, floor, now) if member.id < coordinator.id else member
+        return member.make_offer(coordinator, floor, now) if member.id < coordinator.id else member
 
 
 @ensemble(every=seconds(1), max_age=seconds(3))
@@ -135,7 +135,7 @@ class OfferAcceptance:
         self, coordinator: Swapper, member: SwappingRobot, floor: FloorPlan, now: Instant
     ) -> SwappingRobot:
         """Accept the offer if it is worth it."""
-        return member.accepting(coordinator, floor, now)
+        return member.accept_offer(coordinator, floor, now)
 
 
 @ensemble(every=seconds(1))
@@ -150,7 +150,7 @@ class OfferConclusion:
 
     def at_member(self, coordinator: Swapper, member: SwappingRobot, now: Instant) -> SwappingRobot:
         """Adopt the wanted place."""
-        return member.concluding(now)
+        return member.conclude_offer(now)
 
 
 def behaviour(start: Start) -> Behaviour:

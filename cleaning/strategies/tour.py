@@ -70,7 +70,7 @@ class PathCosts:
             before = after
         return max(0.0, best), where
 
-    def shortened(self, start: Point, route: Sequence[Assignment], fixed: int = 0) -> tuple[Assignment, ...]:
+    def two_opt(self, start: Point, route: Sequence[Assignment], fixed: int = 0) -> tuple[Assignment, ...]:
         """Return the places in a 2-opt tour (Croes 1958): no reversal of a part makes it shorter.
 
         The tour is open and begins at `start`; the first `fixed` places keep their positions. The initial
@@ -135,7 +135,7 @@ class TouringRobot(AdaptiveCleaningRobot):
             return self
         costs, mine = PathCosts(floor, self.parameters.door_charge), self.destination
         route = self.route if mine is None else (mine, *(one for one in self.route if one != mine))
-        return replace(self, route=costs.shortened(self.position, route, 0 if mine is None else 1))
+        return replace(self, route=costs.two_opt(self.position, route, 0 if mine is None else 1))
 
 
 def behaviour(start: Start) -> Behaviour:

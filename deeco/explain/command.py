@@ -93,13 +93,13 @@ def find(arguments: Sequence[str]) -> Subjects:
         if not colon:
             found, _ = _defined(module)
             if not found:
-                raise UnexplainableError(f"{_offer(module)}; name another module, or one of its classes")
+                raise UnexplainableError(f"{_available(module)}; name another module, or one of its classes")
             for one in found:
                 subjects.add(one)
         elif not hasattr(module, name):
-            raise UnexplainableError(f"{module_name} does not define {name!r}; {_offer(module)}")
+            raise UnexplainableError(f"{module_name} does not define {name!r}; {_available(module)}")
         elif not subjects.add(getattr(module, name)):
-            raise UnexplainableError(f"{argument} is {_kind(getattr(module, name))}; {_offer(module)}")
+            raise UnexplainableError(f"{argument} is {_kind(getattr(module, name))}; {_available(module)}")
     return subjects
 
 
@@ -126,7 +126,7 @@ def _defined(module: ModuleType) -> tuple[list[type], str]:
     return own or found, "defines" if own else "imports"
 
 
-def _offer(module: ModuleType) -> str:
+def _available(module: ModuleType) -> str:
     found, verb = _defined(module)
     if not found:
         return f"{module.__name__} has no class with @component or @ensemble"

@@ -399,9 +399,9 @@ def test_settled_places_are_not_adopted() -> None:
 def test_the_higher_term_wins_and_then_the_greater_id() -> None:
     r3 = replace(seen(adaptive("r3", 0.0)), adopted=(Takeover("r1", 0, 2),))
     mine = {term: replace(R2, route=(assignment(5.0, term=term),), destination=None) for term in (1, 2, 3)}
-    assert [bool(mine[term].taken_by(r3)) for term in (1, 2, 3)] == [True, True, False]
+    assert [bool(mine[term].places_taken_by(r3)) for term in (1, 2, 3)] == [True, True, False]
     other = replace(mine[2], id="r4")
-    assert not other.taken_by(r3)
+    assert not other.places_taken_by(r3)
 
 
 def test_an_impossible_term_is_not_adopted() -> None:

@@ -14,7 +14,7 @@ from deeco.errors import ExecutionError
 from deeco.fragments import CHECKSUM, HEADER, Fragmenter, Reassembly
 from deeco.instant import START, Instant, milliseconds, seconds
 from deeco.link import LinkParameters
-from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed
+from deeco.packet import KnowledgePacket, Unpacker, Version, increment_hops, pack
 from tests.deeco.sweepers import REGISTRY, Sweeper, published, robot
 from tests.refusals import refused
 
@@ -330,7 +330,7 @@ def test_relaying_changes_the_hops_only() -> None:
         assert packet is not None
         seen.append(packet.hops)
         assert packet.roles == REGISTRY.pack(robot(1))
-        data = relayed(data)
+        data = increment_hops(data)
     assert seen == [*range(16), 15]
 
 

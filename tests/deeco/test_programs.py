@@ -40,7 +40,7 @@ def test_the_numbers_of_the_page_are_those_of_the_code() -> None:
         f"Every {network.publish_every // 1000} ms, first at",
         f"A replica older than {network.forget_after // 1_000_000} s is dropped",
         f"Beyond {network.max_replicas} the oldest is dropped",
-        f"are followed for {CASCADE_LIMIT} rounds",
+        f"After {CASCADE_LIMIT} rounds of triggered changes",
         f"at most {relay.hop_limit} hops far",
         f"at most {LinkParameters().frame_data} bytes in a frame",
     ):

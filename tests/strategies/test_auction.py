@@ -94,7 +94,7 @@ def test_a_bid_is_one_frame() -> None:
         id="r8", position=Point(28.123, 13.456), state=State.BLOCKED, route=places, destination=places[0]
     )
     for place in (Assignment("r7", 8, Point(3.0, 4.0), 8), Assignment("r6", 9, Point(3.0, 4.0), 8)):
-        robot = robot.taking(place, 0)
+        robot = robot.insert_place(place, 0)
     robot = robot.plan(FLOOR)
     assert len(robot.bids) == robots and len(robot.adopted) == 2
     data = pack(KnowledgePacket("r8", Version(1, 600), 3, RoleRegistry([Bidder]).pack(robot)))

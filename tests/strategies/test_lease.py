@@ -71,7 +71,7 @@ def test_the_later_request_waits_until_the_other_robot_has_passed() -> None:
 def test_order_of_requests() -> None:
     r1 = leasing(robot("r1", -1.5, 5.0), FakeNavigation())
     r2 = leasing(robot("r2", 0.3, -5.0), FakeNavigation(), 1.0)
-    assert not hears(r1, r2, 1.0).comes_first() and hears(r2, r1, 1.0).comes_first()
+    assert not hears(r1, r2, 1.0).has_lease() and hears(r2, r1, 1.0).has_lease()
     again = leasing(r1, FakeNavigation(), 20.5)
     assert again.claim is not None and again.claim.since == NOW + seconds(20.5), "it has expired"
     r2 = hears(leasing(robot("r2", 1.5, -5.0), FakeNavigation(), 1.0), r1, 1.0)
@@ -101,7 +101,7 @@ def test_without_radio_contact_both_enter_and_one_backs_out() -> None:
     )
     r1, r2 = replace(r1, position=Point(-0.45, 0.0)), replace(r2, position=Point(0.45, 0.0))
     r1, r2 = leasing(r1, navigation[0], 3.0), leasing(r2, navigation[1], 3.3)
-    assert r1.comes_first() and r2.comes_first() and navigation[0].orders == navigation[1].orders == []
+    assert r1.has_lease() and r2.has_lease() and navigation[0].orders == navigation[1].orders == []
     assert r1.claim is not None and r2.claim is not None and r1.claim.inside and r2.claim.inside
     told = seen(r1), seen(r2)  # no wall between them in the door
     assert not CLEARED.membership(told[1], r1), "r1 requested first"

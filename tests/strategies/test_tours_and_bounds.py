@@ -78,7 +78,7 @@ def test_what_a_place_adds_and_saves(places: list[tuple[int, int]], place: tuple
 @given(PLACES, st.integers(0, 2))
 def test_a_shortened_tour_has_the_same_places(places: list[tuple[int, int]], fixed: int) -> None:
     costs, route = PathCosts(OpenFloor()), tour(places)
-    short = costs.shortened(START, route, min(fixed, len(route)))
+    short = costs.two_opt(START, route, min(fixed, len(route)))
     assert sorted(place.index for place in short) == list(range(len(route)))
     assert short[: min(fixed, len(route))] == route[:fixed]
     assert costs.tour(START, short) <= costs.tour(START, route) + 1e-9
@@ -86,7 +86,7 @@ def test_a_shortened_tour_has_the_same_places(places: list[tuple[int, int]], fix
 
 def test_a_crossing_is_undone() -> None:
     costs, route = PathCosts(OpenFloor()), tour([(0, 5), (5, 0), (5, 5), (9, 0)])
-    assert [place.index for place in costs.shortened(START, route)] == [0, 2, 1, 3]
+    assert [place.index for place in costs.two_opt(START, route)] == [0, 2, 1, 3]
 
 
 def test_doors_and_unreachable_places_have_costs() -> None:

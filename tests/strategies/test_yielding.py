@@ -52,7 +52,7 @@ def test_it_backs_out_waits_and_requests_the_goal_again() -> None:
     after = waiting.give_way(navigation, Instant(NOW + seconds(8)))
     assert after.waits_until is None and after.attempt == robot.attempt + 1
 
-    assert blocked("r1", 0.3).yielding(OpenFloor(0.0), NOW).backs_by == P.back_out_of_door
+    assert blocked("r1", 0.3).request_back_out(OpenFloor(0.0), NOW).backs_by == P.back_out_of_door
 
 
 def test_a_robot_without_target_leaves_a_door() -> None:
