@@ -105,7 +105,7 @@ def robot_report(records: Iterable[Path]) -> RobotReport:
 
 def world_setup(path: Path) -> WorldSetup:
     """Return the set-up of a world with current paths of its files. Raises RecordingError."""
-    return read_setup(path, WorldSetup, "a world").located(path.parent)
+    return read_setup(path, WorldSetup, "a world").resolve_paths(path.parent)
 
 
 def largest_radius(setup: WorldSetup) -> float:

@@ -124,22 +124,25 @@ class RadioCore:
             return [to(FRAME_OUTCOMES, FrameOutcomes(self._step, outcomes))] if outcomes else ()
         if truth.step != self._step:
             raise AcrcError(
-                f"Step {self._step}: the world sent Truth of step {truth.step}, expected step {self._step}."
+                f"step {self._step}: the world sent Truth of step {truth.step}; expected step {self._step}"
             )
-        given = self._delivered(truth, self._events(truth, inputs))
+        delivered = self._deliver_events(truth, self._events(truth, inputs))
         outputs = [
-            to(RECEIVED, RadioEvents(self._step + 1, tuple(some)), robot) for robot, some in given.items()
+            to(RECEIVED, RadioEvents(self._step + 1, tuple(robot_events)), robot)
+            for robot, robot_events in delivered.items()
         ]
         if self._records_outcomes and self._step * self._step_us % PERIOD < self._step_us:
             outputs.append(to(FRAME_OUTCOMES, FrameOutcomes(self._step, self._medium.take_outcomes())))
-        counts = tuple([EventCount(robot, len(some)) for robot, some in given.items()])
+        counts = tuple([EventCount(robot, len(robot_events)) for robot, robot_events in delivered.items()])
         outputs.append(to(AIRED, RadioAdvanced(self._step, counts)))
         self._step += 1
         return outputs
 
-    def _delivered(self, truth: Truth, events: Mapping[str, list[RadioEvent]]) -> dict[str, list[RadioEvent]]:
+    def _deliver_events(
+        self, truth: Truth, events: Mapping[str, list[RadioEvent]]
+    ) -> dict[str, list[RadioEvent]]:
         """Return the events delivered now, by robot."""
-        given: dict[str, list[RadioEvent]] = {}
+        delivered: dict[str, list[RadioEvent]] = {}
         for robot in truth.robots:
             if robot.id in events:
                 received = events[robot.id]
@@ -148,11 +151,11 @@ class RadioCore:
             else:
                 continue
             if robot.id in self._buffers:  # a robot without transceiver gets refusals only
-                event_buffer = self._buffers[robot.id]
-                received = event_buffer.deliver(received, robot.powered, robot.stepping, robot.epoch)
+                buffer = self._buffers[robot.id]
+                received = buffer.deliver(received, robot.powered, robot.stepping, robot.epoch)
             if received:
-                given[robot.id] = received
-        return given
+                delivered[robot.id] = received
+        return delivered
 
     def counters(self) -> dict[str, int]:
         """Return counts of frames and events (`FrameCounters.counters`).
@@ -177,7 +180,7 @@ class RadioCore:
             by_id = {robot.id: robot for robot in truth.robots}
             robots = [by_id.get(robot) for robot in self._ids]
         transceivers = TransceiverTruth(truth.instant, robots)
-        if self._reach.due(truth.instant):
+        if self._reach.is_due(truth.instant):
             self._reach.count_pairs(truth.instant, transceivers.places[list(transceivers.powered)])
         until = truth.instant + self._step_us
         for loss in truth.losses:
@@ -200,7 +203,7 @@ class RadioCore:
         for robot in _senders(truth):
             transmit = read(inputs, TRANSMIT, robot.id)
             if wrong := transmit_fault(transmit, self._step, robot.transmits):
-                raise AcrcError(f"Step {self._step}: {robot.id} {wrong}.")
+                raise AcrcError(f"step {self._step}: {robot.id} {wrong}")
             for frame in transmit.frames:
                 fault = self._refusal(robot.id, frame, truth.instant)
                 if fault:

@@ -110,7 +110,7 @@ class WifiInterferer:
         power: Floats = self._radiated_dbm - loss.reshape(receivers.shape[:-1])
         return power
 
-    def over(self, now_ns: int) -> bool:
+    def has_ended(self, now_ns: int) -> bool:
         """Return False: a station never ends."""
         return False
 
@@ -148,7 +148,7 @@ class Jammer:
             return np.array([[self.since_ns, self.until_ns]], np.int64)
         return _NONE
 
-    def over(self, now_ns: int) -> bool:
+    def has_ended(self, now_ns: int) -> bool:
         """Return whether its burst has ended."""
         return self.until_ns < now_ns
 
@@ -284,7 +284,7 @@ class RadioSetup(RadioTable, frozen=True, kw_only=True):
     detail: RecordDetail = "lean"
     """Level of detail of the radio's recording."""
 
-    def located(self, folder: Path) -> Self:
+    def resolve_paths(self, folder: Path) -> Self:
         """Return the set-up with its map's path relative to `folder` resolved."""
         return msgspec.structs.replace(self, map=str(folder / self.map)) if self.map else self
 
@@ -376,7 +376,7 @@ class DirectReach:
         self._next = 0
         self._pairs = self._in_reach = 0
 
-    def due(self, instant_us: int) -> bool:
+    def is_due(self, instant_us: int) -> bool:
         """Return whether a new second has begun since the last count."""
         return instant_us >= self._next
 

@@ -215,31 +215,31 @@ class RobotMedium:
         self._epochs: tuple[int, ...] | None = None
         self.discarded = 0
         """Number of notices discarded because their epoch had ended."""
-        self._placed: NDArray[np.float64] | None = None
+        self._last_places: NDArray[np.float64] | None = None
         # By transceiver and medium tag, as robots' own tags need not be unique.
         self._frames: list[dict[int, SubmittedFrame]] = [{} for _ in self._addresses]
         self._serial = 0
 
     def advance(
-        self, truth: TransceiverTruth, jams: Sequence[Jam], handed: Iterable[SubmittedFrame], until: int
+        self, truth: TransceiverTruth, jams: Sequence[Jam], frames: Iterable[SubmittedFrame], until: int
     ) -> Notices:
         """Return the transceivers' events from the step's start up to `until`, µs, exclusive.
 
-        The transceivers of `handed` must be on. Events of an earlier epoch are discarded.
+        The transceivers of `frames` must be on. Events of an earlier epoch are discarded.
         """
         notices: Notices = [[] for _ in self._addresses]
         if truth.powered != self._powered or truth.epochs != self._epochs:
-            restarted = self._restarted(truth.epochs)
+            restarted = self._restarted_transceivers(truth.epochs)
             self._record_events(self.medium.finish_frames(), notices)
             for number in restarted:
                 self.discarded += len(notices[number])
                 notices[number].clear()
-            self._switch(truth.powered, restarted)
+            self._switch_power(truth.powered, restarted)
         self._move(truth)
         now_ns = self.medium.now_ns
         for jam in jams:
             self.medium.add(Jammer(jam.x, jam.y, jam.radius, now_ns, jam.until * 1000))
-        self.medium.submit([self._request(frame) for frame in handed])
+        self.medium.submit([self._request(frame) for frame in frames])
         self._record_events(self.medium.run(until * 1000), notices)
         return notices
 
@@ -262,14 +262,14 @@ class RobotMedium:
         self._frames[frame.transceiver][self._serial] = frame
         return Request(frame.instant * 1000, frame.transceiver, octets(len(frame.data)), tag=self._serial)
 
-    def _restarted(self, epochs: tuple[int, ...]) -> frozenset[int]:
+    def _restarted_transceivers(self, epochs: tuple[int, ...]) -> frozenset[int]:
         """Return the transceivers whose epoch has changed since the last step."""
         before, self._epochs = self._epochs or epochs, epochs
         return frozenset(
             number for number, (was, now) in enumerate(zip(before, epochs, strict=True)) if was != now
         )
 
-    def _switch(self, powered: tuple[bool, ...], restarted: frozenset[int]) -> None:
+    def _switch_power(self, powered: tuple[bool, ...], restarted: frozenset[int]) -> None:
         """Switch transceivers on and off; a restart switches off and on, and clears all state."""
         for number, (was, on) in enumerate(zip(self._powered, powered, strict=True)):
             off = was and (not on or number in restarted)
@@ -282,10 +282,10 @@ class RobotMedium:
 
     def _move(self, truth: TransceiverTruth) -> None:
         if not truth.still:
-            self._placed = None
+            self._last_places = None
             self.medium.follow(truth.positions)
-        elif self._placed is None or not np.array_equal(self._placed, truth.places):
-            self._placed = truth.places
+        elif self._last_places is None or not np.array_equal(self._last_places, truth.places):
+            self._last_places = truth.places
             self.medium.place(truth.places)
 
     def _record_events(self, events: NDArray[np.void], notices: Notices) -> None:
@@ -315,5 +315,5 @@ class RobotMedium:
         receptions.
         """
         strengths = strengths_dbm(rssi_codes(10.0 * arrays.log10(power_mw)))
-        as_strong_dbm = 10.0 * arrays.log10(np.minimum(power_mw, sinr * self._noise_mw))
-        return strengths, link_qualities(as_strong_dbm, self._weakest_dbm)
+        equivalent_dbm = 10.0 * arrays.log10(np.minimum(power_mw, sinr * self._noise_mw))
+        return strengths, link_qualities(equivalent_dbm, self._weakest_dbm)

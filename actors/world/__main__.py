@@ -26,7 +26,7 @@ def main(argv: Sequence[str]) -> int:
         process = program.process
         if process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
-        core = build(program.actor.located(folder))
+        core = build(program.actor.resolve_paths(folder))
         conductor = Conductor(core, process.speed)
         note = world_note(program.actor, process.commit)
         router = folder / process.router

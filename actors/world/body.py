@@ -170,7 +170,7 @@ class Bodies:
         self._bumpers = np.zeros(len(names), np.uint8)
         self._driven = np.zeros(len(names))
         self._scan(Instant(0))
-        self._cache()
+        self._cache_states()
 
     @property
     def positions(self) -> NDArray[np.float64]:
@@ -230,7 +230,7 @@ class Bodies:
             self._bumpers |= self._arena.bumpers
             now = until
             self._scan(Instant(now))
-        self._cache()
+        self._cache_states()
 
     def place(self, index: int, pose: Pose) -> None:
         """Relocate a robot."""
@@ -238,7 +238,7 @@ class Bodies:
         self._arena.move(index, pose)
         self._odometers.relocate(index, pose)
         self._scans[index].clear()  # scans of the former position
-        self._cache()
+        self._cache_states()
 
     def add_obstacle(self, x: float, y: float, radius: float) -> None:
         """Add a round obstacle."""
@@ -281,7 +281,7 @@ class Bodies:
         for index, ranges in zip(due, self._sensors.encoded_scans(due, poses, obstacles), strict=True):
             self._scans[index].append(Scan(now, ranges))
 
-    def _cache(self) -> None:
+    def _cache_states(self) -> None:
         """Convert the states to lists once per step, as reading arrays item by item is slow."""
         self._poses = self._arena.poses.tolist()
         self._velocities = self._arena.velocities.tolist()

@@ -234,13 +234,13 @@ class WorldCore:
     def _add_event_counts(self, aired: RadioAdvanced) -> None:
         if aired.step != self._step - 1:
             raise AcrcError(
-                f"{self._when()}: the radio reports step {aired.step}; expected step {self._step - 1}"
+                f"{self._time_text()}: the radio reports step {aired.step}; expected step {self._step - 1}"
             )
         for count in aired.counts:
             if count.id not in self._participants or count.events < 1:
                 raise AcrcError(
-                    f"{self._when()}: the radio reports {count.events} events for {short_repr(count.id)}; "
-                    "expected at least 1, for a robot of this run"
+                    f"{self._time_text()}: the radio reports {count.events} events for "
+                    f"{short_repr(count.id)}; expected at least 1, for a robot of this run"
                 )
             self._participants[count.id].events += count.events
 
@@ -250,8 +250,8 @@ class WorldCore:
         return self._task.settled and not self._orders.pending and not effects.starts
 
     def _halt(self) -> list[Output]:
-        alive = self._participants.members_in(BarrierState.STEPPING, BarrierState.FROZEN)
-        outputs = [self._senses(member, self.instant, halt=True) for member in alive]
+        running = self._participants.members_in(BarrierState.STEPPING, BarrierState.FROZEN)
+        outputs = [self._senses(member, self.instant, halt=True) for member in running]
         self._finished = True
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         outputs.append(to(PROGRESS, self._progress()))
@@ -266,10 +266,10 @@ class WorldCore:
 
     def _senses(self, member: Member, instant: Instant, halt: bool = False) -> Output:
         events, member.events = member.events, 0
-        new: Places = ()
+        places: Places = ()
         if member.added_places and not halt:  # a restarted process gets them all
-            new, member.sent_places = member.added_places[member.sent_places :], len(member.added_places)
-        senses = self._bodies.senses(member.index, self._step, instant, events, halt, new)
+            places, member.sent_places = member.added_places[member.sent_places :], len(member.added_places)
+        senses = self._bodies.senses(member.index, self._step, instant, events, halt, places)
         return Output(member.senses, senses)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
@@ -279,10 +279,10 @@ class WorldCore:
         for member in self._participants.members_in(BarrierState.STEPPING):
             drive: Drive = inputs[member.drive.key]  # type: ignore[assignment]  # as `read` returns
             if wrong := drive_fault(drive, self._step, begin, end):
-                raise AcrcError(f"{self._when()}: {member.id} {wrong}")
+                raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, begin)
             if wrong := self._task.take(member.id, drive):
-                raise AcrcError(f"{self._when()}: {member.id} {wrong}")
+                raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
             if drive.pose is not None:
                 estimates[member.index] = drive.pose
             transmits[member.id] = drive.transmits
@@ -293,7 +293,7 @@ class WorldCore:
         jams, losses = self._orders.effects.jams, self._orders.effects.losses
         return (to(TRUTH, Truth(self._step, begin, tuple(truths), tuple(jams), losses=tuple(losses))),)
 
-    def _when(self) -> str:
+    def _time_text(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
@@ -308,8 +308,8 @@ class WorldCore:
         self._step += 1
         self._phase = WorldPhase.OPEN
         self._task.watch(self.instant, self._bodies.positions)
-        whole = self.instant % 1_000_000 < self._setup.step_us
-        return [*outputs, to(PROGRESS, self._progress())] if whole else outputs
+        is_new_second = self.instant % 1_000_000 < self._setup.step_us
+        return [*outputs, to(PROGRESS, self._progress())] if is_new_second else outputs
 
     def _floor_changes(self) -> list[Output]:
         changed = self._bodies.floor_record.take(self._step)
@@ -322,12 +322,12 @@ class WorldCore:
     def waiting(self, addresses: Sequence[Address]) -> Progress:
         """Return the progress while these messages are missing."""
         names = tuple(dict.fromkeys(address.robot or "radio" for address in addresses))
-        what = (
+        wait = (
             self.describe_wait(addresses[0]) if addresses else f"step {self._step}: the world is not stepping"
         )
         starting = self._phase is WorldPhase.ROLL_CALL
-        return msgspec.structs.replace(self._progress(), awaited=names, awaits=what, starting=starting)
+        return msgspec.structs.replace(self._progress(), awaited=names, awaits=wait, starting=starting)
 
     def describe_wait(self, address: Address) -> str:
         """Describe a missing message and its sender."""
-        return f"{self._when()}: no {address.topic.kind.__name__} from {address.robot or 'the radio'}"
+        return f"{self._time_text()}: no {address.topic.kind.__name__} from {address.robot or 'the radio'}"

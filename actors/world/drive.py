@@ -87,7 +87,7 @@ def drive_forces(
         if now_us - issued_us[i] > limit.watchdog_us:
             vx = vy = omega = 0.0
         if limit.omnidirectional:
-            vx, vy = _limited(vx, vy, limit.speed)
+            vx, vy = _shortened(vx, vy, limit.speed)
         else:
             vx, vy = min(max(vx, -limit.speed), limit.speed), 0.0
         # The physics moves bodies before it changes velocities, so the new velocity applies at the heading
@@ -99,7 +99,7 @@ def drive_forces(
         omega = min(max(omega, -limit.turn_rate), limit.turn_rate)
         turn, turn_grip = limit.turn_acceleration * dt, limit.turn_grip * dt
         wheels = memory[i]
-        wheels.hold_turn = _holding(wheels.hold_turn, state[i, 5] - wheels.turn, turn_grip)
+        wheels.hold_turn = _holding_action(wheels.hold_turn, state[i, 5] - wheels.turn, turn_grip)
         wheels.turn += min(max(omega - wheels.turn, -turn), turn)
         turning = min(max(wheels.turn - state[i, 5] + wheels.hold_turn, -turn_grip), turn_grip)
         forces[i, 0] = limit.mass * (c * ahead - s * aside) / dt
@@ -116,7 +116,7 @@ def _velocity_change(
     c, s = cos_sin(state[2])
     slip_ahead = c * state[3] + s * state[4] - wheels.ahead  # since the last sub-step: pushed
     slip_aside = c * state[4] - s * state[3] - wheels.aside
-    change_x, change_y = _limited(vx - wheels.ahead, vy - wheels.aside, reach)
+    change_x, change_y = _shortened(vx - wheels.ahead, vy - wheels.aside, reach)
     wheels.ahead += change_x
     wheels.aside += change_y
     ahead, aside = wheels.ahead - forward, wheels.aside - leftward
@@ -124,21 +124,21 @@ def _velocity_change(
         wheels.hold_ahead = 0.0
         if limit.omnidirectional:
             wheels.hold_aside = 0.0
-            ahead, aside = _limited(ahead, aside, reach)
+            ahead, aside = _shortened(ahead, aside, reach)
             wheels.ahead, wheels.aside = forward + ahead, leftward + aside
             return ahead, aside
         ahead = min(max(ahead, -reach), reach)
         wheels.ahead = forward + ahead
     else:
-        wheels.hold_ahead = _holding(wheels.hold_ahead, slip_ahead, grip)
+        wheels.hold_ahead = _holding_action(wheels.hold_ahead, slip_ahead, grip)
         ahead = min(max(ahead + wheels.hold_ahead, -grip), grip)
-    wheels.hold_aside = _holding(wheels.hold_aside, slip_aside, grip)
+    wheels.hold_aside = _holding_action(wheels.hold_aside, slip_aside, grip)
     aside = min(max(aside + wheels.hold_aside, -grip), grip)
     return ahead, aside
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _holding(hold: float, slip: float, grip: float) -> float:
+def _holding_action(hold: float, slip: float, grip: float) -> float:
     """Return the holding action after a slip at this velocity: critically damped, with slow decay.
 
     Without decay, a robot wedged between walls would stay under stress after the pushing has stopped.
@@ -147,7 +147,7 @@ def _holding(hold: float, slip: float, grip: float) -> float:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _limited(x: float, y: float, longest: float) -> tuple[float, float]:
+def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
     """Return the vector, shortened to at most `longest`."""
     length = hypot(x, y)
     share = 1.0 if length <= longest else longest / length

@@ -47,7 +47,7 @@ def add_scaled(track: Floats, robots: Indices, last: Floats, factors: Floats, es
         for k in range(track.shape[0]):
             forward, leftward, turn = _motion(x, y, heading, track[k, i])
             x, y, heading = track[k, i, 0], track[k, i, 1], track[k, i, 2]
-            _add(estimates[i], estimates[i, 2], forward * factors[i, 0], leftward * factors[i, 1])
+            _add_motion(estimates[i], estimates[i, 2], forward * factors[i, 0], leftward * factors[i, 1])
             estimates[i, 2] += turn * factors[i, 2]
 
 
@@ -98,7 +98,7 @@ def _read_sensors(
     base.left_ticks, base.right_ticks = left, right
     heading = math.floor(base.angle / resolution + 0.5) * resolution
     turn = heading - estimate[2]
-    _add(estimate, estimate[2] + turn / 2, forward, 0.0)
+    _add_motion(estimate, estimate[2] + turn / 2, forward, 0.0)
     estimate[2] = heading
     velocity[0], velocity[1], velocity[2] = forward / period, 0.0, turn / period
 
@@ -114,7 +114,7 @@ def _motion(x: float, y: float, heading: float, pose: Floats) -> tuple[float, fl
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _add(estimate: Floats, heading: float, forward: float, leftward: float) -> None:
+def _add_motion(estimate: Floats, heading: float, forward: float, leftward: float) -> None:
     c, s = cos_sin(heading)
     estimate[0] += c * forward - s * leftward
     estimate[1] += s * forward + c * leftward

@@ -69,7 +69,7 @@ class Orders:
         self._limits = OrderLimits()
         self._obstacles = 0
         self._refused: list[str] = []
-        self._refused_later = 0
+        self._further_refusals = 0
 
     @property
     def pending(self) -> bool:
@@ -79,8 +79,8 @@ class Orders:
     @property
     def refused(self) -> tuple[str, ...]:
         """Messages of refused orders; the last one may count further refusals."""
-        more = (f"and {self._refused_later} more",) if self._refused_later else ()
-        return (*self._refused, *more)
+        further = (f"and {self._further_refusals} more",) if self._further_refusals else ()
+        return (*self._refused, *further)
 
     def begin(self, now: Instant) -> None:
         """Begin a boundary: carry out all events of the scenario up to `now`."""
@@ -88,59 +88,59 @@ class Orders:
         self.effects = OrderEffects()
         while self._events and self._events[0].instant <= now:
             try:
-                self._carry_out(self._events.popleft().order)
+                self._execute(self._events.popleft().order)
             except AcrcError as error:
-                raise AcrcError(f"event {self._when()} failed: {error}") from error
+                raise AcrcError(f"event {self._time_text()} failed: {error}") from error
 
     def take(self, orders: Iterable[Order]) -> tuple[str, ...]:
         """Carry out orders from outside; record and return a message for each refused one."""
         refusals = []
         for order in orders:
             try:
-                self._carry_out(order)
+                self._execute(order)
             except AcrcError as error:
-                refusals.append(f"{self._when()}: {error}")
+                refusals.append(f"{self._time_text()}: {error}")
         room = self._limits.refusals - len(self._refused)
         self._refused += refusals[:room]
-        self._refused_later += len(refusals[room:])
+        self._further_refusals += len(refusals[room:])
         return tuple(refusals)
 
-    def _carry_out(self, order: Order) -> None:
-        if wrong := order_fault(order, self._limits):
-            raise AcrcError(wrong)
+    def _execute(self, order: Order) -> None:
+        if fault := order_fault(order, self._limits):
+            raise AcrcError(fault)
         match order:
             case Kill() | Freeze() | Thaw() | Restart() | Move() | AssignPlaces():
-                self._to_robot(order)
+                self._apply_to_robot(order)
             case StartJam() | LoseFrame():
-                self._to_radio(order)
+                self._apply_to_radio(order)
             case Obstacle() | Wall() | CloseDoor() | OpenDoor():
-                self._to_floor(order)
+                self._apply_to_floor(order)
             case Pause() | Resume() | Step() | Speed() | Stop():
-                self._to_run(order)
+                self._apply_to_run(order)
 
-    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | AssignPlaces) -> None:
+    def _apply_to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | AssignPlaces) -> None:
         if order.robot not in self._roster:
             raise AcrcError(f"cannot {_verb(order)} {order.robot!r}: no such robot")
         member = self._roster[order.robot]
         match order:
             case Kill():
-                self._end(member)
+                self._end_process(member)
             case Freeze() if member.state is BarrierState.STEPPING:
                 member.state = BarrierState.FROZEN
             case Thaw() if member.state is BarrierState.FROZEN:
                 member.state = BarrierState.STEPPING
             case Restart():
-                self._end(member)
+                self._end_process(member)
                 member.restart()
                 self.effects.starts.append(ProcessOrder(member.id, member.epoch))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
             case AssignPlaces():
-                self._give(member, order)
+                self._assign_places(member, order)
             case _:
                 raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.state.value}")
 
-    def _end(self, member: Member) -> None:
+    def _end_process(self, member: Member) -> None:
         """End the robot's process, running or about to start."""
         effects = self.effects
         effects.starts = [start for start in effects.starts if start.robot != member.id]
@@ -148,7 +148,7 @@ class Orders:
             effects.ends.append(member.id)
         member.state = BarrierState.ENDED
 
-    def _give(self, member: Member, order: AssignPlaces) -> None:
+    def _assign_places(self, member: Member, order: AssignPlaces) -> None:
         """Add places; the robot's process receives them with its next SensorData."""
         if len(member.added_places) + len(order.places) > self._limits.places:
             raise AcrcError(
@@ -159,7 +159,7 @@ class Orders:
         member.added_places += order.places
         self._task.give(self._now, member.id, order.places)
 
-    def _to_radio(self, order: StartJam | LoseFrame) -> None:
+    def _apply_to_radio(self, order: StartJam | LoseFrame) -> None:
         if isinstance(order, StartJam):
             self.effects.jams.append(Jam(order.x, order.y, order.radius, self._now + order.duration))
             return
@@ -170,7 +170,7 @@ class Orders:
             raise AcrcError(f"cannot lose a frame of {order.robot} at itself: robot and sender must differ")
         self.effects.losses.append(Loss(order.robot, order.sender))
 
-    def _to_floor(self, order: Obstacle | Wall | CloseDoor | OpenDoor) -> None:
+    def _apply_to_floor(self, order: Obstacle | Wall | CloseDoor | OpenDoor) -> None:
         match order:
             case Obstacle():
                 if self._obstacles >= self._limits.obstacles:
@@ -192,7 +192,7 @@ class Orders:
             case OpenDoor():
                 self._bodies.open_door(order.x, order.y)
 
-    def _to_run(self, order: Pause | Resume | Step | Speed | Stop) -> None:
+    def _apply_to_run(self, order: Pause | Resume | Step | Speed | Stop) -> None:
         effects = self.effects
         match order:
             case Pause():
@@ -206,7 +206,7 @@ class Orders:
             case Stop():
                 effects.stop = True
 
-    def _when(self) -> str:
+    def _time_text(self) -> str:
         return f"at {in_seconds(self._now):g} s"
 
 

@@ -267,7 +267,7 @@ class Arena:
         """Bumper bits pressed during the last `advance`, (n,); bit 0 right, 1 centre, 2 left."""
         self.contacts = 0
         """Contacts begun so far, between two robots or a robot and a static body."""
-        self._refuse_overlaps()
+        self._check_overlaps()
 
     def __len__(self) -> int:
         return len(self._names)
@@ -390,7 +390,7 @@ class Arena:
         shapes = list(self._shapes())
         return next((self._names[j] for j in others if gap(shape, shapes[j]) < 0), "")
 
-    def _refuse_overlaps(self) -> None:
+    def _check_overlaps(self) -> None:
         for index, (shape, pose) in enumerate(zip(self._shapes(), self.poses.tolist(), strict=True)):
             if obstruction := self._obstruction(shape, range(index)):
                 raise AcrcError(

@@ -38,13 +38,13 @@ def build(setup: WorldSetup) -> WorldCore:
 
 def actor_process_of(setup: WorldSetup, folder: Path, commit: str) -> ActorProcess:
     """Return the world of a set-up in `folder` without pacing: in memory, and for replays."""
-    return actor_process(build(setup.located(folder)), world_note(setup, commit))
+    return actor_process(build(setup.resolve_paths(folder)), world_note(setup, commit))
 
 
 def actor_process(
     core: WorldCore,
     run: RunNote,
-    hold: Callable[[Shell, Bus], None] = run_shell,
+    drive: Callable[[Shell, Bus], None] = run_shell,
 ) -> ActorProcess:
     """Return the core with its connections."""
     return ActorProcess(
@@ -52,7 +52,7 @@ def actor_process(
         listens=core.listens(),
         run=run,
         optional_inputs=core.optional_inputs,
-        drive=hold,
+        drive=drive,
         outcome=lambda: {**core.task_outcome, **msgspec.structs.asdict(core.report())},
     )
 
@@ -72,26 +72,26 @@ class Conductor:
     def __init__(self, core: WorldCore, speed: float | None) -> None:
         self._core = core
         self._pace = None if speed is None else Pace(speed)
-        self._heard: float | None = None
+        self._last_speed: float | None = None
 
     def drive(self, shell: Shell, bus: Bus) -> None:
         """Run to the end."""
-        seen = -1
+        last_advances = -1
 
         def tick(frame: FrameType | None) -> None:
-            nonlocal seen
-            if shell.advances == seen and not self._core.paused:
+            nonlocal last_advances
+            if shell.advances == last_advances and not self._core.paused:
                 shell.send(to(PROGRESS, self._core.waiting(shell.awaited)))
-            seen = shell.advances
+            last_advances = shell.advances
 
         with interval_timer(self.TICK_S, tick):
-            run_shell(shell, bus, self.hold)
+            run_shell(shell, bus, self.wait_for_step)
 
-    def hold(self) -> None:
+    def wait_for_step(self) -> None:
         """Wait until the next step is due at the last ordered speed."""
-        if self._core.speed != self._heard:
-            self._heard = self._core.speed
-            self._pace = Pace(self._heard) if self._heard else None
+        if self._core.speed != self._last_speed:
+            self._last_speed = self._core.speed
+            self._pace = Pace(self._last_speed) if self._last_speed else None
         if self._pace is None:
             return
         if self._core.paused:

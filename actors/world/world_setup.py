@@ -55,7 +55,7 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     detail: RecordDetail = "lean"
     """Level of detail of the world's recording."""
 
-    def located(self, folder: Path) -> Self:
+    def resolve_paths(self, folder: Path) -> Self:
         """Return the set-up with its paths relative to `folder` resolved."""
         robots = tuple(
             msgspec.structs.replace(robot, model=resolve_model(robot.model, folder)) for robot in self.robots

@@ -37,7 +37,7 @@ def main(argv: Sequence[str]) -> int:
         world = options.run / "world"
         setup = load_setup(world / SETUP)
         radio = read_setup(options.run / "radio" / SETUP, RadioProgram, "a radio").actor
-        scene = Scene(setup.actor.located(world), radio, setup.process.speed or 0.0)
+        scene = Scene(setup.actor.resolve_paths(world), radio, setup.process.speed or 0.0)
         router = unix_endpoint(world / "router.sock")
         observer = client_config(world / "observer.credentials", router, lossy=True)
         operator = client_config(world / "operator.credentials", router)

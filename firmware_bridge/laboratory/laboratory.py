@@ -120,7 +120,7 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
 def load(path: Path) -> LaboratorySetup:
     """Read the set-up from a JSON file, whose paths are relative to its folder. Raises AcrcError."""
     setup = typed_json.read(path, LaboratorySetup, "set-up of a laboratory")
-    world, radio = setup.world.located(path.parent), setup.radio.located(path.parent)
+    world, radio = setup.world.resolve_paths(path.parent), setup.radio.resolve_paths(path.parent)
     return msgspec.structs.replace(setup, world=world, radio=radio)
 
 

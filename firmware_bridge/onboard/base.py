@@ -148,7 +148,7 @@ def main(argv: Sequence[str]) -> int:
         if told.process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
         issued = credentials.read_router_file(router)
-        base = Base(setup.located(folder), Clock())
+        base = Base(setup.resolve_paths(folder), Clock())
         process = ActorProcess(
             core=base.core,
             listens=base.core.listens(),

@@ -41,7 +41,7 @@ class BaseSetup(RobotDescription, frozen=True, kw_only=True):
     patience_s: float | None = PATIENCE_S
     """Timeout of answers of robot and bridge, after which the base exits, s; None: no limit (debugger)."""
 
-    def located(self, folder: Path) -> Self:
+    def resolve_paths(self, folder: Path) -> Self:
         """Return the set-up with paths resolved against `folder`, in which it was read."""
         last_pose = None if self.last_pose is None else str(folder / self.last_pose)
         return msgspec.structs.replace(self, model=resolve_model(self.model, folder), last_pose=last_pose)

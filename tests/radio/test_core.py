@@ -256,15 +256,15 @@ def test_invalid_frames_are_refused() -> None:
 def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
     swarm = three()
     truth = swarm.truth([Frame(0, "a"), Frame(1, "a")])
-    with refused("Step 0: a announced 2 frames, but its Transmit carries 1."):
+    with refused("step 0: a announced 2 frames, but its Transmit carries 1"):
         swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(0, (OutgoingFrame(0, 0, b"x"),))})
-    with refused("Step 0: a sent a Transmit of step 3, expected step 0."):
+    with refused("step 0: a sent a Transmit of step 3, expected step 0"):
         swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(3, (OutgoingFrame(0, 0, b"x"),))})
 
 
 def test_a_truth_of_another_step_ends_the_run() -> None:
     swarm = three()
-    with refused("Step 0: the world sent Truth of step 2, expected step 0."):
+    with refused("step 0: the world sent Truth of step 2; expected step 0"):
         swarm.core.advance({TRUTH.key(): msgspec.structs.replace(swarm.truth([]), step=2)})
 
 

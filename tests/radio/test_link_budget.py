@@ -82,7 +82,7 @@ def test_pairs_in_reach_are_counted_once_a_second() -> None:
     seen = DirectReach(parameters, IndoorPropagation(parameters.propagation))
     places = np.array([[0.0, 0.0], [9.9, 0.0], [19.7, 0.0]])
     for instant in range(0, 3_000_000, 100_000):
-        if seen.due(instant):
+        if seen.is_due(instant):
             seen.count_pairs(instant, places + 0.2 * (instant // 1_000_000))
     assert seen.counters() == {"pairs": 9, "pairs_in_reach": 6}
     assert share(seen.counters()) == 0.6667

@@ -74,7 +74,7 @@ class Burst:
         begins = since_ns <= self.span[0] < until_ns
         return np.array([self.span] if begins else [], np.int64).reshape(-1, 2)
 
-    def over(self, now_ns: int) -> bool:
+    def has_ended(self, now_ns: int) -> bool:
         return False
 
     def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -72,7 +72,7 @@ class Interferer(Protocol):
         """
         ...
 
-    def over(self, now_ns: int) -> bool:
+    def has_ended(self, now_ns: int) -> bool:
         """Return whether no burst is on or begins at `now_ns` or later."""
         ...
 
@@ -130,7 +130,7 @@ class Interference:
     def drop_ended(self, now_ns: int) -> None:
         """Remove the sources without bursts from `now_ns` on."""
         for source, interferer in enumerate(self._interferers):
-            if interferer is not None and interferer.over(now_ns) and source not in self._ends:
+            if interferer is not None and interferer.has_ended(now_ns) and source not in self._ends:
                 self._interferers[source] = None
 
     def until(
@@ -213,8 +213,8 @@ class Medium:
         self.sent_outcomes: list[tuple[NDArray[np.uint8], NDArray[np.float64]]] = []
         """`frame_outcomes` of each frame sent, in the order of the events; the caller clears the list."""
         none = np.zeros((0, len(transceivers)))
-        self._outside = ExternalInputs(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
-        self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
+        self._inputs = ExternalInputs(np.zeros(0, REQUEST), _NO_SWITCHES, none, none)
+        self._trajectory: Trajectory = lambda _: np.zeros((len(transceivers), 2))
         self._interference = Interference()
         for interferer in interferers:
             self.add(interferer)
@@ -230,7 +230,7 @@ class Medium:
     @property
     def wake_ns(self) -> int | None:
         """Next instant at which a transceiver has something scheduled; None without any."""
-        medium, requests = self._state.medium, self._outside.requests
+        medium, requests = self._state.medium, self._inputs.requests
         due = [int(self._state.agenda["instant_ns"][0])] if medium["due"] else []
         due += requests["instant_ns"][medium["next_request"] :][:1].tolist()
         return min(due, default=None)
@@ -238,13 +238,13 @@ class Medium:
     def place(self, positions: NDArray[np.float64]) -> None:
         """Place the transceivers at fixed positions from now on: (n, 2), m."""
         positions = np.array(positions, dtype=np.float64)
-        self._where = lambda _: positions
+        self._trajectory = lambda _: positions
         self._state.medium["moving"] = False
         self._state.transceivers["row"] = 0
 
     def follow(self, trajectory: Trajectory) -> None:
         """Move the transceivers from now on; `trajectory` is called for instants within `run`."""
-        self._where = trajectory
+        self._trajectory = trajectory
         self._state.medium["moving"] = True
         self._state.transceivers["row"] = 0
 
@@ -252,10 +252,10 @@ class Medium:
         """Add a source of interference from now on; earlier bursts do not count."""
         self._interference.drop_ended(self.now_ns)
         self._interference.add(interferer)
-        now_mw = self._outside.now_mw
+        now_mw = self._inputs.now_mw
         if len(self._interference) > len(now_mw):
             silent = np.zeros((1, now_mw.shape[1]))
-            self._outside = self._outside._replace(now_mw=np.concatenate([now_mw, silent]))
+            self._inputs = self._inputs._replace(now_mw=np.concatenate([now_mw, silent]))
 
     def set_power(self, transceiver: int, tx_power_dbm: float) -> None:
         """Set the transmit power of the transceiver's following frames."""
@@ -279,11 +279,11 @@ class Medium:
         rows = [tuple(request) for request in requests]
         if not rows:
             return
-        new = np.array(rows, REQUEST)
+        added = np.array(rows, REQUEST)
         done = int(self._state.medium["next_request"])
-        both = np.concatenate([self._outside.requests[done:], new])
-        order = np.lexsort((both["transceiver"], both["instant_ns"]))
-        self._outside = self._outside._replace(requests=both[order])
+        merged = np.concatenate([self._inputs.requests[done:], added])
+        order = np.lexsort((merged["transceiver"], merged["instant_ns"]))
+        self._inputs = self._inputs._replace(requests=merged[order])
         self._state.medium["next_request"] = 0
 
     def switch(self, transceiver: int, powered: bool) -> None:
@@ -306,8 +306,8 @@ class Medium:
     def run(self, until_ns: int) -> NDArray[np.void]:
         """Run everything before `until_ns`; return the events, (events,) of EVENT, in order of time."""
         if self._interference:
-            switches, rows = self._interference.until(self.now_ns, until_ns, self._where)
-            self._outside = self._outside._replace(switches=switches, rows_mw=rows)
+            switches, rows = self._interference.until(self.now_ns, until_ns, self._trajectory)
+            self._inputs = self._inputs._replace(switches=switches, rows_mw=rows)
             self._state.medium["next_switch"] = 0
         return self._advance(until_ns, False)
 
@@ -348,9 +348,9 @@ class Medium:
         parts: list[NDArray[np.void]] = []
         loss_db = _NO_LOSSES
         while True:
-            code = engine.run(state, self._outside, until_ns, include_ends, loss_db)
+            code = engine.run(state, self._inputs, until_ns, include_ends, loss_db)
             if code == engine.ROW:
-                sender, positions = medium["sender"], self._where(int(medium["now_ns"]))
+                sender, positions = medium["sender"], self._trajectory(int(medium["now_ns"]))
                 loss_db = self._propagation.loss_db(
                     positions[sender : sender + 1], positions, float(medium["most_db"])
                 )[0]
@@ -372,14 +372,14 @@ class _LinearPropagation:
     def loss_db(
         self, senders: NDArray[np.float64], receivers: NDArray[np.float64], most_db: float = math.inf
     ) -> NDArray[np.float64]:
-        apart: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
-        return apart
+        loss: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
+        return loss
 
     def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
         begins = np.arange(-(-since_ns // 50_000_000), -(-until_ns // 50_000_000)) * 50_000_000
         return np.stack([begins, begins + 9_000_000], axis=1)
 
-    def over(self, now_ns: int) -> bool:
+    def has_ended(self, now_ns: int) -> bool:
         return False
 
     def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
