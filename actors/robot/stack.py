@@ -29,7 +29,7 @@ from actors.settings import ParameterError, decode
 DEFAULT_PRESET: Final = "robust"
 """Default preset of localisation and navigation: the best one."""
 ODOMETRY: Final = "odometry"
-"""The preset of [localisation] that uses odometry alone."""
+"""dead reckoning from odometry."""
 IMPROVED_REMOVED: Final = (
     '"improved", which was removed; use "robust", or, for the same driving, "chapter" with '
     'navigation.reset_distance = 3.0, planner.method = "grid", planner.factor = 3.0, '

@@ -122,7 +122,7 @@ _ROBUST: Final = AmclParameters(
 PRESETS: Final[Mapping[str, AmclParameters]] = MappingProxyType(
     {"chapter": AmclParameters(), "robust": _ROBUST}
 )
-"""`chapter`: as the chapter's robots. `robust`: most reliable tracking among other robots."""
+"""`chapter`: the original's parameters. `robust`: most reliable tracking among other robots."""
 
 
 class Estimate(msgspec.Struct, frozen=True, gc=False):

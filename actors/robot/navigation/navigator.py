@@ -186,8 +186,8 @@ NAVIGATION_PRESETS: Final = {
     "chapter": NavigationParameters(),
     "robust": msgspec.structs.replace(_PATIENT, recoveries=2, mark_robots=True, back_off=True),
 }
-"""`chapter`: the original's values. `robust`: the default; a recovery clears distant marks; plans lead around
-other robots; the robot waits for them and backs off."""
+"""`chapter`: reproduces the original, whose robots may get stuck. `robust`: our own rules, the default; a
+recovery clears distant marks; plans lead around other robots; the robot waits for them and backs off."""
 
 
 class _RobotState(msgspec.Struct, frozen=True, gc=False):
