@@ -384,7 +384,7 @@ def test_watching_continues_without_one_of_the_robots_and_reconnects(robots: lis
 def test_listeners_pass_on_messages_of_further_topics(
     robots: list[Robot], keys: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(operator_station, "_RETRY_S", 3600.0)  # its thread never exits
+    monkeypatch.setattr(operator_station, "_RETRY_DELAY_S", 3600.0)  # its thread never exits
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     taken: list[tuple[str, str, Message]] = []
     drive = Drive(7, 0.1, 0.0, 0.0, 0, pose=(1.0, 2.0, 0.5))
