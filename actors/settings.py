@@ -176,13 +176,13 @@ def _check_keys(text: str) -> None:
 
 def _values(content: object) -> Iterator[object]:
     """Yield every value, at any depth."""
-    todo = [content]
-    while todo:
-        value = todo.pop()
+    pending = [content]
+    while pending:
+        value = pending.pop()
         if isinstance(value, dict):
-            todo.extend(value.values())
+            pending.extend(value.values())
         elif isinstance(value, list):
-            todo.extend(value)
+            pending.extend(value)
         else:
             yield value
 
@@ -219,23 +219,23 @@ def decode(
     fields, values = fields_of(table), dict[str, Any]()
     for name, value in content.items():
         if name in fields:
-            values[name] = _field(fields[name].hint, value, _joined(key, name))
+            values[name] = _field(fields[name].hint, value, _joined_key(key, name))
         elif name not in others:
             known = (*fields, *others)
-            raise ParameterError(_joined(key, name), value, "", wording.unknown_key(key, name, known))
+            raise ParameterError(_joined_key(key, name), value, "", wording.unknown_key(key, name, known))
     for name, field in fields.items():
         if base is None and field.required and name not in values:
-            expected = words(field.hint, _joined(key, name))
-            sentence = f"{_joined(key, name)} is missing, but must be {expected}"
-            raise ParameterError(_joined(key, name), None, expected, sentence)
+            expected = words(field.hint, _joined_key(key, name))
+            sentence = f"{_joined_key(key, name)} is missing, but must be {expected}"
+            raise ParameterError(_joined_key(key, name), None, expected, sentence)
     try:
-        made: T = table(**values) if base is None else msgspec.structs.replace(start, **values)
+        result: T = table(**values) if base is None else msgspec.structs.replace(start, **values)
     except RuleError as error:
         raise AcrcError(f"{key or 'the file'} must {error}") from None
     except ParameterError as error:
         name = error.key.rpartition(".")[2]
-        raise ParameterError(_joined(key, name), content.get(name, error.value), error.expected) from None
-    return made
+        raise ParameterError(_joined_key(key, name), content.get(name, error.value), error.expected) from None
+    return result
 
 
 def plain(value: Any) -> Any:
@@ -243,7 +243,7 @@ def plain(value: Any) -> Any:
     if not isinstance(value, msgspec.Struct):
         return tuple(map(plain, value)) if isinstance(value, tuple) else value
     return {
-        name: in_seconds(one) if _unannotated(field.hint)[0] is Duration else plain(one)
+        name: in_seconds(one) if _split_annotation(field.hint)[0] is Duration else plain(one)
         for name, field in fields_of(type(value)).items()
         if (one := getattr(value, name)) is not None
     }
@@ -278,22 +278,24 @@ def _bounds(kind: Any) -> list[tuple[str, Sequence[Meta], Sequence[Any]]]:
     found = list[tuple[str, Sequence[Meta], Sequence[Any]]]()
     for name, field in fields_of(kind).items():
         is_union = get_origin(field.hint) in {Union, UnionType}
-        arms = [one for one in get_args(field.hint) if one is not NoneType] if is_union else [field.hint]
-        plain_kind, metas = _unannotated(arms[0])
+        alternatives = (
+            [one for one in get_args(field.hint) if one is not NoneType] if is_union else [field.hint]
+        )
+        plain_kind, metas = _split_annotation(alternatives[0])
         choices = get_args(plain_kind) if get_origin(plain_kind) is Literal else ()
-        if len(arms) == 1 and (choices or (metas and plain_kind in {int, float, Duration})):
+        if len(alternatives) == 1 and (choices or (metas and plain_kind in {int, float, Duration})):
             found.append((name, metas, choices))
     return found
 
 
-def _unannotated(hint: Any) -> tuple[Any, Sequence[Meta]]:
+def _split_annotation(hint: Any) -> tuple[Any, Sequence[Meta]]:
     """Return a type without Annotated, and its bounds."""
     if get_origin(hint) is not Annotated:
         return hint, ()
     return hint.__origin__, [one for one in hint.__metadata__ if isinstance(one, Meta)]
 
 
-def _joined(key: str, name: str) -> str:
+def _joined_key(key: str, name: str) -> str:
     return f"{key}.{name}" if key else name
 
 
@@ -305,9 +307,9 @@ def _field(hint: Any, value: object, key: str) -> Any:
 
 
 def _value(hint: Any, value: Any, key: str) -> Any:
-    kind, metas = _unannotated(hint)
+    kind, metas = _split_annotation(hint)
     try:
-        found = _converted(kind, value, key)
+        found = _convert(kind, value, key)
         if not _is_within(found, metas):
             raise _WrongError
     except _WrongError:
@@ -317,20 +319,20 @@ def _value(hint: Any, value: Any, key: str) -> Any:
     return found
 
 
-def _converted(kind: Any, value: Any, key: str) -> Any:
+def _convert(kind: Any, value: Any, key: str) -> Any:
     origin, args = get_origin(kind), get_args(kind)
     if origin in {Union, UnionType}:
-        return _converted_union(args, value, key)
+        return _convert_union(args, value, key)
     if origin is tuple:
-        return _items(args, value, key)
+        return _convert_items(args, value, key)
     if origin in {dict, Mapping} and isinstance(value, Mapping):
-        return {name: _field(args[1], one, _joined(key, str(name))) for name, one in value.items()}
+        return {name: _field(args[1], one, _joined_key(key, str(name))) for name, one in value.items()}
     if _is_table(kind):
         return decode(kind, value, key)
-    return _scalar(kind, args if origin is Literal else (), value)
+    return _convert_scalar(kind, args if origin is Literal else (), value)
 
 
-def _converted_union(kinds: Sequence[Any], value: Any, key: str) -> Any:
+def _convert_union(kinds: Sequence[Any], value: Any, key: str) -> Any:
     wrong: Exception = _WrongError()
     for kind in kinds:
         if kind is not NoneType:
@@ -343,7 +345,7 @@ def _converted_union(kinds: Sequence[Any], value: Any, key: str) -> Any:
     raise wrong
 
 
-def _items(kinds: Sequence[Any], value: Any, key: str) -> tuple[Any, ...]:
+def _convert_items(kinds: Sequence[Any], value: Any, key: str) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple):
         raise _WrongError
     if kinds[-1] is ...:
@@ -353,7 +355,7 @@ def _items(kinds: Sequence[Any], value: Any, key: str) -> tuple[Any, ...]:
     return tuple(_value(kind, one, key) for kind, one in zip(kinds, value, strict=True))
 
 
-def _scalar(kind: Any, choices: Sequence[Any], value: Any) -> Any:
+def _convert_scalar(kind: Any, choices: Sequence[Any], value: Any) -> Any:
     if kind is Any:
         return tuple(value) if isinstance(value, list) else value
     if isinstance(kind, type) and issubclass(kind, Enum):
@@ -405,7 +407,7 @@ def _description(metas: Sequence[Meta]) -> str:
 
 def words(hint: Any, key: str) -> str:
     """Describe a type's valid values, to follow "must be"; empty if no file can set it."""
-    kind, metas = _unannotated(hint)
+    kind, metas = _split_annotation(hint)
     return _description(metas) or _table_words(kind, key) or _number_words(kind, metas)
 
 

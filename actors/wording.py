@@ -6,16 +6,16 @@ from collections.abc import Collection
 from itertools import islice
 from typing import Final
 
-_LONGEST: Final = 60
+_MAX_LENGTH: Final = 60
 """Most characters of a value in a message."""
 _DEPTH: Final = 3
-_BRIEF: Final = 100
+_MAX_REPR: Final = 100
 
 
 def short_repr(value: object) -> str:
     """Return the `repr` of a value, truncated."""
     text = repr(value)
-    return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
+    return text if len(text) <= _MAX_REPR else f"{text[:_MAX_REPR]}…"
 
 
 def toml_text(value: object) -> str:
@@ -26,7 +26,7 @@ def toml_text(value: object) -> str:
         text = str(value)
     except ValueError:
         text = "a number with too many digits to show"
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return text if len(text) <= _MAX_LENGTH else f"{text[:_MAX_LENGTH]}…"
 
 
 def one_of(known: Collection[object]) -> str:
@@ -66,18 +66,21 @@ def number_text(value: float) -> str:
 def _short(value: object, depth: int = 0) -> object:
     """Return a value truncated for display; it may contain itself, or one part a million times."""
     if isinstance(value, str):
-        return value[: _LONGEST + 1]
+        return value[: _MAX_LENGTH + 1]
     if isinstance(value, dict) and depth < _DEPTH:
-        return {str(key)[:_LONGEST]: _short(part, depth + 1) for key, part in islice(value.items(), _LONGEST)}
+        return {
+            str(key)[:_MAX_LENGTH]: _short(part, depth + 1)
+            for key, part in islice(value.items(), _MAX_LENGTH)
+        }
     if isinstance(value, list | tuple) and depth < _DEPTH:
-        return [_short(part, depth + 1) for part in value[:_LONGEST]]
+        return [_short(part, depth + 1) for part in value[:_MAX_LENGTH]]
     return "…" if isinstance(value, dict | list | tuple) else value
 
 
 def unknown_key(table: str, name: str, known: Collection[str]) -> str:
     """Return the error, without a full stop, that `table` has no key `name`; "" is the whole file."""
     prefix = f"{table}." if table else ""
-    name = name if len(name) <= _LONGEST else f"{name[:_LONGEST]}…"
+    name = name if len(name) <= _MAX_LENGTH else f"{name[:_MAX_LENGTH]}…"
     near = difflib.get_close_matches(name, known, n=1)
     if near:
         return f"unknown key {prefix}{name}; did you mean {prefix}{near[0]}?"

@@ -86,52 +86,52 @@ class LossyRecorder(Recorder):
         """Number of records lost."""
         self._unflushed = 0
         """Records since the last flush, not yet sealed."""
-        self._full: UnwritableError | None = None
+        self._disk_error: UnwritableError | None = None
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._attempt(partial(super().__exit__, kind, error, trace), 0)
-        if self._full is not None:
-            write_stderr(f"{self._full}; {self.lost} records lost\n")
+        if self._disk_error is not None:
+            write_stderr(f"{self._disk_error}; {self.lost} records lost\n")
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """As in Recorder."""
-        self._do(partial(super().note, name, content), 1)
+        self._execute(partial(super().note, name, content), 1)
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """As in Recorder."""
-        self._do(partial(super().received, key, step, sequence, payload), 1)
+        self._execute(partial(super().received, key, step, sequence, payload), 1)
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes | None = None) -> None:
         """As in Recorder."""
-        self._do(partial(super().sent, key, step, sequence, payload, sha256), 1)
+        self._execute(partial(super().sent, key, step, sequence, payload, sha256), 1)
 
     def computed(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """As in Recorder."""
-        self._do(partial(super().computed, key, step, sequence, payload), 1)
+        self._execute(partial(super().computed, key, step, sequence, payload), 1)
 
     def flush(self) -> None:
         """As in Recorder; reserves log space for the report of a full disk."""
-        self._do(self._flush, 0)
+        self._execute(self._flush, 0)
 
     def _flush(self) -> None:
         reserve_log_space(_LOG)
         super().flush()
         self._unflushed = 0
 
-    def _do(self, task: Callable[[], object], records: int) -> None:
+    def _execute(self, task: Callable[[], object], records: int) -> None:
         self._attempt(task, records)
 
     def _attempt(self, task: Callable[[], object], records: int) -> None:
-        if self._full is not None:
+        if self._disk_error is not None:
             self.lost += records
             return
         self._unflushed += records
         try:
             task()
         except UnwritableError as error:
-            self._full, self.lost = error, self._unflushed
+            self._disk_error, self.lost = error, self._unflushed
             write_stderr(f"{error}; all further records are lost\n")
 
 
@@ -158,7 +158,7 @@ class BackgroundRecorder(LossyRecorder):
         else:
             write_stderr(f"{self.path}: disk too slow; {self.dropped} records lost\n")
 
-    def _do(self, task: Callable[[], object], records: int) -> None:
+    def _execute(self, task: Callable[[], object], records: int) -> None:
         self._background.submit(partial(self._attempt, task, records))
 
 

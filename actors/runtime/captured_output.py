@@ -33,7 +33,7 @@ class CapturedOutput:
         self._step = 0
         self._column = 0
         """Characters in the current line; 0: at the start of a line."""
-        self._kept = self._lost = self._lost_lines = 0
+        self._written = self._discarded = self._discarded_lines = 0
         self._dirty = False
 
     def during(self, step: int) -> AbstractContextManager[None]:
@@ -41,19 +41,19 @@ class CapturedOutput:
         self._step = step
         return captured_by(self)
 
-    def call(self, step: int, work: Callable[[T], R], given: T) -> R:
-        """Return `work(given)`, capturing its output as output of this step.
+    def call(self, step: int, function: Callable[[T], R], argument: T) -> R:
+        """Return `function(argument)`, capturing its output as output of this step.
 
         Equivalent to `during`, with fewer calls if `captured_by` has replaced the streams already.
         """
         if sys.stdout is not _OUT or sys.stderr is not _ERR:
             with self.during(step):
-                return work(given)
-        before, self._step, _turn.prints = _turn.prints, step, self
+                return function(argument)
+        before, self._step, _current.prints = _current.prints, step, self
         try:
-            return work(given)
+            return function(argument)
         finally:
-            sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, before
+            sys.stdout, sys.stderr, _current.prints = _OUT, _ERR, before
             if self._dirty:
                 self.flush()
 
@@ -62,7 +62,7 @@ class CapturedOutput:
         *lines, rest = text.split("\n")
         for piece in [*(f"{line}\n" for line in lines), rest]:
             for start in range(0, len(piece), MAX_LINE):
-                self._take(piece[start : start + MAX_LINE])
+                self._write_piece(piece[start : start + MAX_LINE])
 
     def flush(self) -> None:
         """Flush output since the last flush, if there was any."""
@@ -72,28 +72,30 @@ class CapturedOutput:
 
     def close(self) -> None:
         """Report discarded output, if there was any; the last call."""
-        if self._lost:
-            self._write(f"{self._lost_lines} more lines with {self._lost} characters were discarded\n")
+        if self._discarded:
+            self._write(
+                f"{self._discarded_lines} more lines with {self._discarded} characters were discarded\n"
+            )
             self._flush()
 
-    def _stamp(self) -> str:
+    def _prefix(self) -> str:
         return f"{self._step * self._step_us / 1e6:10.3f} s  step {self._step}  "
 
-    def _take(self, piece: str) -> None:
-        if self._kept >= MAX_CHARACTERS:
-            self._lost += len(piece)
-            self._lost_lines += piece.endswith("\n")
+    def _write_piece(self, piece: str) -> None:
+        if self._written >= MAX_CHARACTERS:
+            self._discarded += len(piece)
+            self._discarded_lines += piece.endswith("\n")
             return
         self._dirty = True
         if self._column + len(piece) > MAX_LINE:
             self._write("\n")
             self._column = 0
-        self._write(piece if self._column else self._stamp() + piece)
+        self._write(piece if self._column else self._prefix() + piece)
         self._column = 0 if piece.endswith("\n") else self._column + len(piece)
-        self._kept += len(piece)
-        if self._kept >= MAX_CHARACTERS:
+        self._written += len(piece)
+        if self._written >= MAX_CHARACTERS:
             end = "\n" if self._column else ""
-            self._write(f"{end}{self._stamp()}output limit reached; further output is discarded\n")
+            self._write(f"{end}{self._prefix()}output limit reached; further output is discarded\n")
             self._column = 0
 
 
@@ -130,31 +132,31 @@ def discarded_output() -> CapturedOutput:
 class _Replacement(io.TextIOBase):
     """Replacement of standard output or error, shared by all actors: logging keeps a reference to it."""
 
-    behind: Any = None
+    replaced: Any = None
     """The replaced stream; receives bytes directly."""
 
     @property
     def buffer(self) -> Any:
-        return self.behind.buffer
+        return self.replaced.buffer
 
     def fileno(self) -> int:
-        number: int = self.behind.fileno()
+        number: int = self.replaced.fileno()
         return number
 
     def writable(self) -> bool:
         return True
 
     def write(self, text: str) -> int:
-        if _turn.prints is None:
-            self.behind.write(text)
+        if _current.prints is None:
+            self.replaced.write(text)
         else:
-            _turn.prints.take(text)
+            _current.prints.take(text)
         return len(text)
 
     def flush(self) -> None:
         """Flush the replaced stream, unless an actor prints; at interpreter exit, both may be gone."""
-        if _turn and _turn.prints is None and self.behind is not None and not self.behind.closed:
-            self.behind.flush()
+        if _current and _current.prints is None and self.replaced is not None and not self.replaced.closed:
+            self.replaced.flush()
 
 
 class _CurrentActor:
@@ -162,21 +164,21 @@ class _CurrentActor:
     """Output of the current actor; None: no actor, text goes to the replaced streams."""
 
 
-_turn: Final = _CurrentActor()
+_current: Final = _CurrentActor()
 _OUT, _ERR = _Replacement(), _Replacement()
 
 
 @contextmanager
 def captured_by(prints: CapturedOutput | None) -> Iterator[None]:
     """Capture output within the context in `prints`; None: pass it to the replaced streams."""
-    before = sys.stdout, sys.stderr, _turn.prints
-    for stands, replacement in ((sys.stdout, _OUT), (sys.stderr, _ERR)):
-        if stands is not replacement:
-            replacement.behind = stands
-    sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, prints
+    before = sys.stdout, sys.stderr, _current.prints
+    for stream, replacement in ((sys.stdout, _OUT), (sys.stderr, _ERR)):
+        if stream is not replacement:
+            replacement.replaced = stream
+    sys.stdout, sys.stderr, _current.prints = _OUT, _ERR, prints
     try:
         yield
     finally:
-        sys.stdout, sys.stderr, _turn.prints = before
+        sys.stdout, sys.stderr, _current.prints = before
         if prints is not None:
             prints.flush()

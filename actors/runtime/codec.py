@@ -38,15 +38,15 @@ def encode(message: Message, key: str = "", limit: int = MESSAGE_LIMIT) -> bytes
     the message's fields.
     """
     try:
-        payload = _PREFIX + _encoded(_travelling(message) if message.omissible else message)
+        payload = _PREFIX + _encoded(_encoded_fields(message) if message.omissible else message)
     except (TypeError, ValueError, OverflowError) as error:
-        raise AcrcError(f"{_title(message, key)} {_unfit(message) or error}") from None
+        raise AcrcError(f"{_title(message, key)} {_unencodable_value(message) or error}") from None
     if payload[limit:]:  # saves a call of len() per message
         raise AcrcError(f"{_title(message, key)} has {len(payload)} bytes; the limit is {limit}")
     return payload
 
 
-def _travelling(message: Message) -> object:
+def _encoded_fields(message: Message) -> object:
     """Return the message, or its fields without omissible trailing defaults."""
     fields, last = msgspec.structs.astuple(message), -message.omissible
     return fields[:last] if fields[last:] == message.__struct_defaults__[last:] else message
@@ -56,7 +56,7 @@ def _title(message: Message, key: str) -> str:
     return f"step {message.step!r}: {type(message).__name__}{f' on {key}' if key else ''}"
 
 
-def _unfit(value: object, name: str = "") -> str:
+def _unencodable_value(value: object, name: str = "") -> str:
     """Describe the first value in a message, or a part of it, that cannot be encoded; "" if there is none."""
     inner: Iterable[tuple[str, object]] = ()
     if isinstance(value, msgspec.Struct):
@@ -68,10 +68,10 @@ def _unfit(value: object, name: str = "") -> str:
             _ENCODER.encode(value)
         except (TypeError, ValueError, OverflowError) as error:
             kind = f"{type(value).__module__}.{type(value).__qualname__}"
-            shown = ascii(value)
-            shown = f"{shown[:60]}…" if len(shown) > 60 else shown
-            return f"has {shown} of type {kind} in {name.lstrip('.')}; it must be a plain value ({error})"
-    return next(filter(None, (_unfit(item, place) for place, item in inner)), "")
+            text = ascii(value)
+            text = f"{text[:60]}…" if len(text) > 60 else text
+            return f"has {text} of type {kind} in {name.lstrip('.')}; it must be a plain value ({error})"
+    return next(filter(None, (_unencodable_value(item, path) for path, item in inner)), "")
 
 
 def decode(topic: Topic[Message], key: str, payload: bytes) -> Message:
@@ -113,7 +113,7 @@ def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
             break
         part, kind = _element(kind, number)
         name, value = name + part, value[number]
-    right = must_be(reason)
-    if not right:
+    expected = must_be(reason)
+    if not expected:
         return f"{key}: {name} = {_BRIEF.repr(value)}: {reason[:1].lower()}{reason[1:]}"
-    return f"{key}: {name} is {_BRIEF.repr(value)}, but must be {right}"
+    return f"{key}: {name} is {_BRIEF.repr(value)}, but must be {expected}"

@@ -80,9 +80,9 @@ _LIBRARIES: Final = tuple(
 _FRAMEWORK: Final = tuple(
     f"{Path(__file__).resolve().parents[3] / name}/" for name in ("acrc_testbed", "actors", "deeco", "deploy")
 )
-_MOST_SHOWN: Final = 20
+_MAX_FRAMES: Final = 20
 """Most frames shown below a failure."""
-_LONGEST_TRACE: Final = 1200
+_MAX_TRACE: Final = 1200
 """Most frames of a traceback; Python's recursion limit is 1000."""
 
 
@@ -110,8 +110,8 @@ def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
     if isinstance(error, AcrcError | StepTimeout):
         return FailureNote(actor, step, printable(str(error)), expected=True)
     # handlers of a MemoryError may run out of memory, too: the first error is the cause
-    alike = [error, *takewhile(lambda one: isinstance(one, MemoryError), _error_chain(error))]
-    place = next(filter(None, map(_raised_at, reversed(alike))), "")  # "" without memory
+    memory_errors = [error, *takewhile(lambda one: isinstance(one, MemoryError), _error_chain(error))]
+    place = next(filter(None, map(_raising_line, reversed(memory_errors))), "")  # "" without memory
     return FailureNote(actor, step, printable(f"{_error_text(error)}{place}"), expected=False)
 
 
@@ -130,7 +130,7 @@ def own_frames(error: BaseException) -> str:
         for frame in traceback.extract_tb(error.__traceback__)
         if _is_own((frame.filename, 0)) and not frame.filename.startswith(_FRAMEWORK)
     ]
-    return printable("".join(traceback.format_list(frames[-_MOST_SHOWN:])))
+    return printable("".join(traceback.format_list(frames[-_MAX_FRAMES:])))
 
 
 def failure_sentence(note: FailureNote) -> str:
@@ -156,7 +156,7 @@ def _is_own(frame: tuple[str, int]) -> bool:
     return not frame[0].startswith((*_LIBRARIES, "<"))
 
 
-def _raised_at(error: BaseException) -> str:
+def _raising_line(error: BaseException) -> str:
     """Return the innermost line outside libraries, such as ` (mine.py:12)`; "" if unknown."""
     frames: Iterable[tuple[str, int]] = (
         (frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)
@@ -173,18 +173,18 @@ def _raised_at(error: BaseException) -> str:
 def _error_chain(error: BaseException) -> Iterator[BaseException]:
     """Yield the error, its cause or context, and so on."""
     seen: set[int] = set()
-    now: BaseException | None = error
-    while now is not None and id(now) not in seen:
-        seen.add(id(now))
-        yield now
-        now = now.__cause__ or now.__context__
+    current: BaseException | None = error
+    while current is not None and id(current) not in seen:
+        seen.add(id(current))
+        yield current
+        current = current.__cause__ or current.__context__
 
 
 def _last_frames(trace: TracebackType | None) -> TracebackType | None:
     length, at = 0, trace
     while at is not None:
         length, at = length + 1, at.tb_next
-    for _ in range(length - _LONGEST_TRACE):
+    for _ in range(length - _MAX_TRACE):
         trace = trace and trace.tb_next
     return trace
 

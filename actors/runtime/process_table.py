@@ -15,7 +15,7 @@ _PROC: Final = Path("/proc")
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 _USAGE: Final = re.compile(rb"^(RssAnon|RssShmem|VmPTE|VmSwap|HugetlbPages|Threads):\s+(\d+)", re.MULTILINE)
 """Lines of /proc/PID/status; sizes in KiB."""
-_LONGEST_SWEEP_S: Final = 5.0
+_MAX_SWEEP_S: Final = 5.0
 """Timeout against a program that starts processes as fast as they are killed."""
 
 
@@ -93,50 +93,52 @@ def queued_s(pid: int) -> float | None:
         return None
 
 
-def children(of: int, among: Mapping[int, ProcessState]) -> set[int]:
+def children(parent: int, table: Mapping[int, ProcessState]) -> set[int]:
     """Return the children of a process."""
-    return {pid for pid, one in among.items() if one.parent == of}
+    return {pid for pid, one in table.items() if one.parent == parent}
 
 
-def descendants(of: Iterable[int], among: Mapping[int, ProcessState]) -> set[int]:
+def descendants(roots: Iterable[int], table: Mapping[int, ProcessState]) -> set[int]:
     """Return these processes and their descendants."""
-    below: dict[int, list[int]] = {}
-    for pid, one in among.items():
-        below.setdefault(one.parent, []).append(pid)
+    children_of: dict[int, list[int]] = {}
+    for pid, one in table.items():
+        children_of.setdefault(one.parent, []).append(pid)
     found: set[int] = set()
-    waiting = [pid for pid in of if pid in among]
+    waiting = [pid for pid in roots if pid in table]
     while waiting:
         pid = waiting.pop()
         if pid not in found:
             found.add(pid)
-            waiting += below.get(pid, [])
+            waiting += children_of.get(pid, [])
     return found
 
 
-def kill_orphans(heirs: Collection[int]) -> int:
+def kill_orphans(orphans: Collection[int]) -> int:
     """Kill these children of this process with their descendants; return how many were running.
 
     This process must inherit orphans (PR_SET_CHILD_SUBREAPER) to find those that arise meanwhile.
     """
     ended: set[int] = set()
-    wanted = set(heirs)
+    pids = set(orphans)
     sessions: set[int] = set()
-    deadline = time.monotonic() + _LONGEST_SWEEP_S
+    deadline = time.monotonic() + _MAX_SWEEP_S
     while time.monotonic() < deadline:
-        known = processes()
+        table = processes()
         # Only these families: unrelated orphans may arrive at the same moment.
-        own = {pid for pid in children(os.getpid(), known) if pid in wanted or known[pid].session in sessions}
-        if not own:
+        own_orphans = {
+            pid for pid in children(os.getpid(), table) if pid in pids or table[pid].session in sessions
+        }
+        if not own_orphans:
             break
-        family = descendants(own, known)
-        living = {pid for pid in family if known[pid].state != "Z"}
+        family = descendants(own_orphans, table)
+        running = {pid for pid in family if table[pid].state != "Z"}
         for number in (signal.SIGSTOP, signal.SIGKILL):  # a stopped process cannot start another
-            for pid in living:
+            for pid in running:
                 _signal(pid, number)
-        ended |= living
-        wanted |= family
-        sessions |= {known[pid].session for pid in family} - {os.getsid(0)}
-        for pid in own:
+        ended |= running
+        pids |= family
+        sessions |= {table[pid].session for pid in family} - {os.getsid(0)}
+        for pid in own_orphans:
             _wait(pid)
         time.sleep(0.002)
     return len(ended)
@@ -160,8 +162,8 @@ def has_descendants() -> bool:
         except ProcessLookupError:
             return False
         return True
-    known, me = processes(), os.getpid()
-    return any(known[pid].state != "Z" for pid in descendants((me,), known) - {me})
+    table, own_pid = processes(), os.getpid()
+    return any(table[pid].state != "Z" for pid in descendants((own_pid,), table) - {own_pid})
 
 
 def _signal(pid: int, number: signal.Signals) -> None:
@@ -174,13 +176,13 @@ def _wait(pid: int) -> None:
         os.waitpid(pid, os.WNOHANG)
 
 
-def leftover_fault(orphans: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
+def leftover_fault(orphans: bool, initial_threads: Collection[threading.Thread] | None = None) -> str | None:
     """Return the fault of an actor that leaves processes or new threads; None: no fault."""
     if orphans:
         return f"its child processes were still running at its end: {_RULE}"
-    if at_first is None:
+    if initial_threads is None:
         return None
-    names = sorted(thread.name for thread in threading.enumerate() if thread not in at_first)
+    names = sorted(thread.name for thread in threading.enumerate() if thread not in initial_threads)
     shown = ", ".join(names)
     return f"its threads were still running at its end ({shown}): {_RULE}" if names else None
 

@@ -183,9 +183,9 @@ class Shell:
             self._inbox[key] = deque()
         waiting = self._inbox[key]
         if self._waiting >= self.KEY_LIMIT and len(waiting) >= self.KEY_LIMIT:
-            who = sender(key) or "a client"
+            origin = sender(key) or "a client"
             raise AcrcError(
-                f"step {self._step}: {who} floods {key}: {self.actor} has {len(waiting)} unread messages "
+                f"step {self._step}: {origin} floods {key}: {self.actor} has {len(waiting)} unread messages "
                 f"from this key; at most {self.KEY_LIMIT} are allowed"
             )
         self._waiting += 1
@@ -342,10 +342,10 @@ def run_shells(shells: Sequence[Shell], before_pump: Callable[[Shell], None] = l
         if not open_shells:
             return
         if not advanced:
-            raise AcrcError(_stalled(shells))
+            raise AcrcError(_stall_sentence(shells))
 
 
-def _stalled(shells: Sequence[Shell]) -> str:
+def _stall_sentence(shells: Sequence[Shell]) -> str:
     waiting = deque(
         f"{shell.actor} (step {shell.core.step}) waits for {shell.awaited[0].key}"
         for shell in shells

@@ -86,7 +86,7 @@ def decode(
         found: T = form.decode(data, type=kind, dec_hook=hook)
         return found
     except msgspec.ValidationError as error:
-        raise ValueError(_sentence(str(error), data, form)) from None
+        raise ValueError(_rephrased(str(error), data, form)) from None
     except UnicodeDecodeError as error:
         raise ValueError(f"byte {error.start} is not UTF-8") from None
     except RecursionError:
@@ -108,9 +108,9 @@ def must_be(reason: str) -> str:
     ) + bound.removesuffix(".0")
 
 
-def _sentence(told: str, data: Any, form: Any) -> str:
+def _rephrased(message: str, data: Any, form: Any) -> str:
     """Rephrase an error of msgspec."""
-    reason, _, place = told.partition(" - at `")
+    reason, _, place = message.partition(" - at `")
     of_key = place.startswith("key` in `")
     path = place.removeprefix("key` in `").removeprefix("$").rstrip("`")
     key = path.lstrip(".").replace("[...]", "[…]")
@@ -118,18 +118,18 @@ def _sentence(told: str, data: Any, form: Any) -> str:
         name = f"{key}.{field['name']}" if key else field["name"]
         missing = field["how"].startswith("missing")
         return f"{name} is missing" if missing else f"unknown key {name}; remove it"
-    right = must_be(reason)
-    if not right and not reason.startswith("Invalid"):  # raised by a type of this project
+    valid = must_be(reason)
+    if not valid and not reason.startswith("Invalid"):  # raised by a type of this project
         return f"{key}: {reason}" if key else reason
     name = f"a key of {key}" if of_key else key or "it"
     try:
-        stands = "wrong" if of_key or "[...]" in path else toml_text(_value_at(data, path, form))
+        actual = "wrong" if of_key or "[...]" in path else toml_text(_value_at(data, path, form))
     except (ValueError, RecursionError):  # the data is invalid elsewhere, too
-        stands = "wrong"
+        actual = "wrong"
     return (
-        f"{name} is {stands}, but must be {right}"
-        if right
-        else f"{name} is {stands}, which is not valid here"
+        f"{name} is {actual}, but must be {valid}"
+        if valid
+        else f"{name} is {actual}, which is not valid here"
     )
 
 

@@ -25,7 +25,7 @@ _ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _SOCKET_PATH_LIMIT: Final = 107
 """Most bytes of a Unix socket's path on Linux: sun_path without the final zero (unix(7))."""
 _PASSWORD_BYTES: Final = 24
-_LARGEST: Final = 1000
+_MAX_BYTES: Final = 1000
 """Most bytes of a file with one name and one password."""
 
 
@@ -105,7 +105,7 @@ def read(file: Path) -> tuple[str, str]:
     """Return user and password from `file`. Raises AcrcError if it is unreadable or invalid."""
     try:
         with regular_file.open_regular(file) as secret:
-            user, _, password = secret.read(_LARGEST).decode("utf-8").strip().partition(":")
+            user, _, password = secret.read(_MAX_BYTES).decode("utf-8").strip().partition(":")
     except OSError as error:
         raise AcrcError(
             f"the credentials file {file} cannot be read: {error.strerror}; "

@@ -66,10 +66,12 @@ def file_view(
     installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
     folders = (*(Path(path).absolute() for path in sys.path if path), *code, _PROJECT)
     known = (*installed, *SYSTEM)
-    not_seen = (*hidden_paths(hidden), *SCRATCH, *map(Path, ("/proc", "/sys", "/dev")))
-    entries = (code_entries(folder, not_seen) for folder in folders if not _is_under(folder, known))
-    seen = (*installed, *readable, *(path for found in entries for path in found))
-    return FileView(own, _places(own), {place: path for path in seen for place in _places(path)})
+    excluded = (*hidden_paths(hidden), *SCRATCH, *map(Path, ("/proc", "/sys", "/dev")))
+    entries = (code_entries(folder, excluded) for folder in folders if not _is_under(folder, known))
+    shown_entries = (*installed, *readable, *(path for found in entries for path in found))
+    return FileView(
+        own, _path_variants(own), {place: path for path in shown_entries for place in _path_variants(path)}
+    )
 
 
 def hidden_paths(hidden: Collection[Path]) -> tuple[Path, ...]:
@@ -77,8 +79,8 @@ def hidden_paths(hidden: Collection[Path]) -> tuple[Path, ...]:
 
     With a scenario, its sibling files are hidden, too: a single missing file would reveal which one it is.
     """
-    beside = [other for path in hidden if path.is_file() for other in path.parent.glob("*.toml")]
-    paths = (*hidden, *beside, *_SWARM_FOLDERS)
+    siblings = [other for path in hidden if path.is_file() for other in path.parent.glob("*.toml")]
+    paths = (*hidden, *siblings, *_SWARM_FOLDERS)
     return tuple(dict.fromkeys((*paths, *(path.resolve() for path in paths))))
 
 
@@ -143,7 +145,7 @@ def _is_under(path: Path, folders: Iterable[Path]) -> bool:
     return any(path.is_relative_to(folder) for folder in folders)
 
 
-def _places(path: Path) -> tuple[Path, ...]:
+def _path_variants(path: Path) -> tuple[Path, ...]:
     """Return the absolute path, and the path with links resolved."""
     return tuple(dict.fromkeys((path.absolute(), Path(os.path.realpath(path)))))
 
@@ -156,18 +158,18 @@ def enter(view: FileView) -> None:
     machine = {path: path.read_text(errors="replace") for path in _STATIC if _exists(path)}
     linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={_SCRATCH_BYTES},mode=0755")
     for folder in SCRATCH:
-        _new(folder).mkdir(parents=True, exist_ok=True)
+        _staged(folder).mkdir(parents=True, exist_ok=True)
         options = f"size={_SCRATCH_BYTES},nr_inodes={_SCRATCH_FILES},mode=0755"
-        linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
+        linux.mount("tmpfs", _staged(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
     for place in sorted(handles, key=lambda path: len(path.parts)):
-        _bind(handles[place], _new(place))
+        _bind(handles[place], _staged(place))
         os.close(handles[place])
     for path, text in machine.items():
-        _new(path).parent.mkdir(parents=True, exist_ok=True)
-        _new(path).write_text(text)
+        _staged(path).parent.mkdir(parents=True, exist_ok=True)
+        _staged(path).write_text(text)
     for path, target in links.items():
-        _new(path).symlink_to(target)
-    _make_readonly({_new(folder) for folder in (*SCRATCH, *view.homes)})
+        _staged(path).symlink_to(target)
+    _make_readonly({_staged(folder) for folder in (*SCRATCH, *view.homes)})
     linux.pivot_root(_STAGE)
 
 
@@ -190,7 +192,7 @@ def _exists(path: Path) -> bool:
     return os.path.exists(path)  # noqa: PTH110 — Path.exists raises where access is denied
 
 
-def _new(path: Path) -> Path:
+def _staged(path: Path) -> Path:
     """Return the place of `path` while the tree is being built."""
     return _STAGE / path.relative_to("/")
 

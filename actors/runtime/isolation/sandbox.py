@@ -154,8 +154,8 @@ def _redirect_descriptors(kept: Collection[int]) -> None:
 
 
 def _reason(error: OSError) -> str:
-    said = f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
-    return f"robots cannot be isolated on this machine: {said}"
+    message = f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
+    return f"robots cannot be isolated on this machine: {message}"
 
 
 def _refuse(reason: str) -> NoReturn:
@@ -183,10 +183,10 @@ def isolation_fault() -> str | None:
             text=True,
             check=False,
         )
-    said = trial.stderr.strip()
+    message = trial.stderr.strip()
     if trial.returncode in (0, _REFUSED):
-        return said or None
-    return _sentence(f"robots cannot be isolated on this machine: the test failed with: {said[-300:]}")
+        return message or None
+    return _sentence(f"robots cannot be isolated on this machine: the test failed with: {message[-300:]}")
 
 
 class StrategyFolders(msgspec.Struct, frozen=True):
@@ -225,11 +225,12 @@ class SandboxPaths:
         """Return the robot's file tree."""
         (_, folder), *code = ((inside, Path(outside)) for inside, outside in self.places())
         hidden = (*map(Path, self.hidden), folder.parent)
-        plain, not_seen = mounts.file_view(own_folder(folder), hidden), mounts.hidden_paths(hidden)
+        plain, hidden_paths = mounts.file_view(own_folder(folder), hidden), mounts.hidden_paths(hidden)
         shown = {**plain.shown, FOLDER: folder}
         for inside, outside in code:
             shown |= {
-                inside / path.relative_to(outside): path for path in mounts.code_entries(outside, not_seen)
+                inside / path.relative_to(outside): path
+                for path in mounts.code_entries(outside, hidden_paths)
             }
         return mounts.FileView(plain.own, (own_folder(FOLDER),), shown)
 
@@ -273,8 +274,8 @@ def choose_isolation(
     if wanted:
         raise AcrcError(reason)
     cause = reason.removesuffix(f"; {advice()}")
-    helps = f"; {remedy()}" if container_kind() and cause != reason else ""
-    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {ISOLATION_RISKS}{helps}")
+    hint = f"; {remedy()}" if container_kind() and cause != reason else ""
+    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {ISOLATION_RISKS}{hint}")
 
 
 def print_warning(choice_warning: str) -> None:
@@ -319,8 +320,8 @@ def container_kind(environment: Mapping[str, str] = os.environ, root: Path = Pat
     for kind, variables, file, _ in _CONTAINERS:
         if any(map(environment.get, variables)) or (file and (root / file).exists()):
             return kind
-    named = environment.get(_KIND, "")
-    return next((one.kind for one in _CONTAINERS if one.kind.lower() == named), named)
+    declared = environment.get(_KIND, "")
+    return next((one.kind for one in _CONTAINERS if one.kind.lower() == declared), declared)
 
 
 def container_variables(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
@@ -371,19 +372,19 @@ class ProcessLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def enforce_limits(chosen: ProcessLimits, *, isolated: bool) -> None:
     """Apply the limits to this process and its future children."""
-    _lower(resource.RLIMIT_DATA, chosen.memory_mb * _MB)
-    _lower(resource.RLIMIT_NOFILE, chosen.open_files)
-    _lower(resource.RLIMIT_FSIZE, chosen.file_mb * _MB)
+    _lower_limit(resource.RLIMIT_DATA, chosen.memory_mb * _MB)
+    _lower_limit(resource.RLIMIT_NOFILE, chosen.open_files)
+    _lower_limit(resource.RLIMIT_FSIZE, chosen.file_mb * _MB)
     failure.reserve_file_size()
-    _lower(resource.RLIMIT_CORE, 0)
-    _lower(resource.RLIMIT_STACK, _STACK_BYTES)  # not included in RLIMIT_DATA
+    _lower_limit(resource.RLIMIT_CORE, 0)
+    _lower_limit(resource.RLIMIT_STACK, _STACK_BYTES)  # not included in RLIMIT_DATA
     if isolated and hasattr(resource, "RLIMIT_NPROC"):
-        _lower(resource.RLIMIT_NPROC, chosen.processes)
+        _lower_limit(resource.RLIMIT_NPROC, chosen.processes)
 
 
-def _lower(kind: int, most: int) -> None:
+def _lower_limit(kind: int, most: int) -> None:
     """Lower a limit; a smaller soft stack limit is kept, because it sets the size of new threads' stacks."""
     soft, hard = resource.getrlimit(kind)
     allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
-    keeps = kind == resource.RLIMIT_STACK and soft != resource.RLIM_INFINITY
-    resource.setrlimit(kind, (min(soft, allowed) if keeps else allowed, allowed))
+    keeps_soft = kind == resource.RLIMIT_STACK and soft != resource.RLIM_INFINITY
+    resource.setrlimit(kind, (min(soft, allowed) if keeps_soft else allowed, allowed))
