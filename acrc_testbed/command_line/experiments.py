@@ -275,7 +275,7 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         yield f"decisions not recorded by robots: {spent.decisions_left_out}"
     if spent.decisions:
         yield (
-            "outcome: what happened to the robot next; superseded: it was still blocked at its next decision; "
+            "outcome: what happened next; superseded: still blocked at the robot's next decision; "
             "moved after: time until it was no longer blocked"
         )
     if any(each[Cause.NO_PROGRESS.value] for each in spent.robots.values()):
