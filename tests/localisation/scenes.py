@@ -44,7 +44,7 @@ def room(walls: Sequence[tuple[float, float, float, float]] = (), size: float = 
 ROOM: Final = room(((2.0, 0.0, 2.3, 3.0), (5.0, 5.0, 8.0, 5.2), (4.0, 2.5, 4.5, 3.0)))
 """8 m by 8 m, with three walls that make all places distinguishable."""
 FIELD: Final = likelihood_field(ROOM, 2.0)
-NOBODY: Final = np.empty((0, 3))
+NO_OBSTACLES: Final = np.empty((0, 3))
 APART: Final = 6.0
 """Distance between the centres of the equal rooms, m."""
 
@@ -113,7 +113,7 @@ class Drive:
                     pose = pose.compose(Pose(ahead, 0.0, max(-STEP, min(STEP, turn))))
 
 
-def scan(plan: OccupancyGrid, pose: Pose, others: Floats = NOBODY) -> NDArray[np.uint16]:
+def scan(plan: OccupancyGrid, pose: Pose, others: Floats = NO_OBSTACLES) -> NDArray[np.uint16]:
     sensors = RangeSensors(plan, [TURTLEBOT], [np.random.default_rng(0)])
     return frozen(sensors.scan([0], np.array([pose]), others)[0])
 

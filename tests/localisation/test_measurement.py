@@ -10,7 +10,7 @@ from actors.geometry import Point, Pose
 from actors.robot.localisation import PRESETS, AmclParameters, likelihood_field
 from actors.robot.localisation.measurement import Measurement, ParticleSet, likelihoods
 from actors.runtime.errors import AcrcError
-from tests.localisation.scenes import FIELD, NOBODY, ROOM, TURTLEBOT, ends, scan
+from tests.localisation.scenes import FIELD, NO_OBSTACLES, ROOM, TURTLEBOT, ends, scan
 
 
 def _plan(seed: int = 0) -> OccupancyGrid:
@@ -76,7 +76,7 @@ RANGE = TURTLEBOT.sensor.range_max
 HERE = Pose(3.2, 4.0, 0.4)
 
 
-def scan_ends(others: Floats = NOBODY) -> Floats:
+def scan_ends(others: Floats = NO_OBSTACLES) -> Floats:
     return ends(scan(ROOM, HERE, others))
 
 

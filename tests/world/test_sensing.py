@@ -25,7 +25,7 @@ from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, Uncertainty, draw_floor, odometry_errors
 from tests.world.scenery import OMNIBOX, TURTLEBOT, clutter, with_sensor
 
-NOBODY = np.empty((0, 3))
+NO_OBSTACLES = np.empty((0, 3))
 MM = 0.001
 
 
@@ -36,13 +36,13 @@ def sensors(grid: OccupancyGrid, *models: RobotModel, seed: int = 0) -> RangeSen
 def test_dropout_affects_only_its_share_of_the_rays() -> None:
     grid, poses = hall(4.0), np.zeros((1, 3))
     model = TURTLEBOT
-    (whole,) = sensors(grid, model).scan([0], poses, NOBODY)
+    (whole,) = sensors(grid, model).scan([0], poses, NO_OBSTACLES)
     missing = RangeSensors(grid, [model], [np.random.default_rng([0, 0])], 0.3, [np.random.default_rng(1)])
-    (scan,) = missing.scan([0], poses, NOBODY)
+    (scan,) = missing.scan([0], poses, NO_OBSTACLES)
     lost = scan != whole
     assert (scan[lost] == NO_ECHO_MM).all()
     assert lost.mean() == pytest.approx(0.3, abs=0.1)
-    (again,) = missing.scan([0], poses, NOBODY)
+    (again,) = missing.scan([0], poses, NO_OBSTACLES)
     assert ((again == NO_ECHO_MM) != (scan == NO_ECHO_MM)).any()
 
 
@@ -161,10 +161,10 @@ def test_ranges_are_those_of_outlines_cut_with_rays(seed: int, view: float, seer
 
 
 def test_a_lone_robot_does_not_see_itself() -> None:
-    scan = sensors(hall(), TURTLEBOT).scan([0], np.zeros((1, 3)), NOBODY)[0]
+    scan = sensors(hall(), TURTLEBOT).scan([0], np.zeros((1, 3)), NO_OBSTACLES)[0]
     assert scan.dtype == np.uint16 and (scan == NO_ECHO_MM).all()
     poses = np.array([[0, 0, 0], [2.0, 0, 0]])
-    scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NOBODY)[0]
+    scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NO_OBSTACLES)[0]
     seen = np.flatnonzero(scan != NO_ECHO_MM)
     half = math.asin(0.177 / 2.1)  # the sensor sits 0.1 m behind the middle
     assert scan[319] == 2100 - 177 and scan_angles(TURTLEBOT.sensor)[319] == 0
@@ -174,7 +174,7 @@ def test_a_lone_robot_does_not_see_itself() -> None:
 @pytest.mark.parametrize("bearing", np.linspace(-math.pi, math.pi, 13).tolist())
 def test_a_robot_is_scanned_across_the_ends_of_a_scan(bearing: float) -> None:
     poses = np.array([[0.1, 0, 0], [1.5 * math.cos(bearing), 1.5 * math.sin(bearing), 0]])
-    scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NOBODY)[0]
+    scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NO_OBSTACLES)[0]
     expected = 2 * math.asin(0.177 / 1.5) / (math.tau / 640)
     assert abs((scan != NO_ECHO_MM).sum() - expected) <= 1 and scan.min() in (1323, 1324)
 
@@ -183,7 +183,7 @@ def test_near_obstacles_give_no_echo_but_occlude() -> None:
     kinect = with_sensor(TURTLEBOT, x=0.0, field_of_view_deg=10.0, rays=11, range_min=0.45)
     near, far = np.array([[0.4, 0, 0.1]]), np.array([[0.6, 0, 0.1]])
     grid = hall(4.0)
-    assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), NOBODY)[0][5] == 2000
+    assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), NO_OBSTACLES)[0][5] == 2000
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), near)[0][5] == NO_ECHO_MM
     assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), far)[0][5] == 500
 
@@ -192,17 +192,17 @@ def test_scans_of_different_sensors_in_one_call_are_those_of_single_calls() -> N
     grid = clutter(2)
     poses = np.array([free_pose(grid, np.random.default_rng(k)) for k in range(3)])
     models = (TURTLEBOT, OMNIBOX, with_sensor(TURTLEBOT, rays=50, range_max=1.0))
-    together = sensors(grid, *models).scan([2, 0, 1], poses, NOBODY)
+    together = sensors(grid, *models).scan([2, 0, 1], poses, NO_OBSTACLES)
     assert [len(scan) for scan in together] == [50, 640, 640]
     for index, scan in zip([2, 0, 1], together, strict=True):
-        assert np.array_equal(sensors(grid, *models).scan([index], poses, NOBODY)[0], scan)
-    assert sensors(grid, *models).scan([], poses, NOBODY) == []
+        assert np.array_equal(sensors(grid, *models).scan([index], poses, NO_OBSTACLES)[0], scan)
+    assert sensors(grid, *models).scan([], poses, NO_OBSTACLES) == []
 
 
 def test_noise_has_the_deviation_of_the_model_and_grows_with_the_range() -> None:
     noisy = with_sensor(TURTLEBOT, x=0.0, noise=0.01, noise_growth=0.002, range_max=5.0, rays=4)
     instrument = sensors(hall(8.0), noisy)  # 4 m ahead, behind and to the sides
-    scans = np.array([instrument.scan([0], np.zeros((1, 3)), NOBODY)[0] for _ in range(1500)]) * MM
+    scans = np.array([instrument.scan([0], np.zeros((1, 3)), NO_OBSTACLES)[0] for _ in range(1500)]) * MM
     assert scans.std() == pytest.approx(0.01 + 0.002 * 16, rel=0.03)
     assert scans.mean() == pytest.approx(4.0, abs=4 * 0.042 / math.sqrt(6000))
     assert np.abs(np.corrcoef(scans.T) - np.eye(4)).max() < 0.1
@@ -211,11 +211,11 @@ def test_noise_has_the_deviation_of_the_model_and_grows_with_the_range() -> None
 def test_the_noise_of_robots_is_independent() -> None:
     noisy = with_sensor(TURTLEBOT, noise=0.02, range_max=6.5)  # it sees all of the hall
     poses = np.array([[0.0, 0, 0], [1.0, 1, 1], [-3.0, 0, 0]])
-    few = sensors(hall(8.0), noisy, noisy).scan([0, 1], poses[:2], NOBODY)
-    one, other = sensors(hall(8.0), noisy, noisy, noisy).scan([1, 0], poses, NOBODY)
+    few = sensors(hall(8.0), noisy, noisy).scan([0, 1], poses[:2], NO_OBSTACLES)
+    one, other = sensors(hall(8.0), noisy, noisy, noisy).scan([1, 0], poses, NO_OBSTACLES)
     for a, b in ((few[0], other), (few[1], one)):
         assert 0 < (a != b).sum() < 20  # the rays that now meet the third robot
-    again = sensors(hall(8.0), noisy, noisy, seed=1).scan([0, 1], poses[:2], NOBODY)
+    again = sensors(hall(8.0), noisy, noisy, seed=1).scan([0, 1], poses[:2], NO_OBSTACLES)
     assert (few[0] != again[0]).mean() > 0.9
 
 

@@ -200,7 +200,8 @@ MEDIUM: Final = _dtype(
 """Common data: parameters of the PHY (up to `dead_octets`), maximum total power of omitted signals
 (`faintest_dbm`), and current state. `ended`: frames, without acknowledgements. For the next frame: `share` of
 the omission, see `reception.free_share`, `sender`, and `most_db`, the loss above which it is omitted.
-`pauses`: kernels return after each frame sent; `sent_by`: sender of the last one since the call, or NOBODY.
+`pauses`: kernels return after each frame sent; `sent_by`: sender of the last one since the call, or
+NO_TRANSCEIVER.
 """
 
 
