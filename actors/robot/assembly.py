@@ -56,6 +56,8 @@ class RobotSetup(RobotDescription, frozen=True, kw_only=True):
     step_us: Annotated[int, msgspec.Meta(ge=1)]
     address: Count
     """Address on the radio."""
+    members: tuple[tuple[str, Count], ...] = ()
+    """Id and radio address of every robot of the run, this one included; empty in earlier versions."""
     behaviour: str
     """Entry string `module:function`."""
     map: str = "map.yaml"
@@ -114,6 +116,7 @@ def start(setup: RobotSetup, model: RobotModel, floor: PlanningGrid) -> Start:
         settings=MappingProxyType(dict(adaptation.settings)),
         exchange=adaptation.exchange,
         floor=ReachableFloor(floor, model.footprint.circumradius, setup.pose.point, adaptation.areas, own),
+        members=MappingProxyType(dict(setup.members)),
     )
 
 

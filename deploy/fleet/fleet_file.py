@@ -150,7 +150,7 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
         raise OptionError(f'{self.path}: no robot "{name}" in the fleet; give one of {known}')
 
     def swarm(self, robot: FleetRobot) -> Swarm:
-        """Return a swarm of this robot alone."""
+        """Return a swarm whose world has this robot alone."""
         model, step_us = load_model(robot.model, robot.sensor), milliseconds(self.step_ms)
         body = BodySetup(
             robot.id, robot.model, model.default_sensor, robot.start, robot.places, odometry=model.odometry
@@ -158,7 +158,10 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
         return Swarm(
             world=WorldSetup(self.map, self.seed, step_us, UNLIMITED_US, (body,)),
             radio=RadioSetup(
-                "beeclick", seed=self.seed, step_us=step_us, robots=((robot.id, robot.address),)
+                "beeclick",
+                seed=self.seed,
+                step_us=step_us,
+                robots=tuple((one.id, one.address) for one in self.robots),
             ),
             behaviour=entry(self.run.strategy),
             adaptation=self.adaptation,

@@ -159,11 +159,7 @@ class _EmulatedDevices(Supervisor):
 
 def _onboard_robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> OnboardRobot:
     robot = plan.world.robots[index]
-    robot_plan = replace(
-        plan,
-        world=msgspec.structs.replace(plan.world, robots=(robot,)),
-        radio=msgspec.structs.replace(plan.radio, robots=((robot.id, plan.address(robot.id)),)),
-    )
+    robot_plan = replace(plan, world=msgspec.structs.replace(plan.world, robots=(robot,)))
     links = folder / "links" / robot.id
     settings = BoardSettings(plan.address(robot.id), radio_model(plan.radio).parameters.channel)
     base, radio, lidar = (str(links / device) for device in (BASE, RADIO, RANGE))

@@ -60,7 +60,7 @@ class Swarm:
     world: WorldSetup
     """Floor and bodies."""
     radio: RadioSetup
-    """Radio channel and transceivers."""
+    """Radio channel, and transceivers of all robots, of which `world` may have one only."""
     behaviour: str
     """Entry string `module:function` of the robots' behaviour."""
     adaptation: Adaptation
@@ -88,6 +88,7 @@ def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
         seed=swarm.world.robot_seed(robot.id),
         step_us=swarm.world.step_us,
         address=dict(swarm.radio.robots)[robot.id],
+        members=swarm.radio.robots,
         start=robot.start,
         places=tuple(Point(*place) for place in robot.places),
         behaviour=swarm.behaviour,

@@ -1,12 +1,12 @@
-"""Fake ports of a robot, and scripted swarms with delayed, repeated and lost messages."""
+"""Cleaning robots for tests, and scripted swarms with delayed, repeated and lost messages."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
-from actors.geometry import CERTAIN, Covariance, Point, Pose
+from acrc_testbed.testing import floor
+from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
-from actors.robot.behaviour import AbortReason, Door, Goal, GoalStatus, Plan
 from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Assignment
@@ -16,68 +16,7 @@ from deeco.knowledge import role_view
 
 Role = TypeVar("Role", bound=Knowledge)
 NOW = Instant(seconds(100))
-SOMEWHERE = Point(77.0, 7.0)
-"""The random place."""
-
-
-@dataclass
-class FakePositioning:
-    pose: Pose = field(default=Pose(0.0, 0.0, 0.0))
-    moving: bool = False
-    covariance: Covariance = CERTAIN
-    lost_probability: float = 0.0
-    peers: list[Point] | None = None
-
-    relocalised: int = 0
-
-    def disregard(self, peers: Sequence[Point]) -> None:
-        self.peers = list(peers)
-
-    def relocalise(self) -> None:
-        self.relocalised += 1
-
-
-@dataclass
-class FakeNavigation:
-    """Navigation that records its requests; None is a stop."""
-
-    goal: Goal | None = None
-    orders: list[Point | None] = field(default_factory=list)
-    plan: Plan | None = None
-    backing_out: bool = False
-    backed_out: list[float] = field(default_factory=list)
-
-    def back_out(self, distance: float) -> None:
-        self.backed_out.append(distance)
-        self.backing_out = True
-
-    def go_to(self, point: Point) -> None:
-        self.goal = Goal(point, GoalStatus.ACTIVE)
-        self.orders.append(point)
-
-    def stop(self) -> None:
-        self.goal = None
-        self.orders.append(None)
-
-    def pause(self) -> None:
-        self.orders.append(None)
-
-    def resume(self) -> None:
-        assert self.goal is not None
-        self.orders.append(self.goal.point)
-
-    def abort(self, reason: AbortReason = AbortReason.BLOCKED) -> None:
-        assert self.goal is not None
-        self.goal = Goal(self.goal.point, GoalStatus.ABORTED, reason)
-
-
-@dataclass
-class FakeTaskList:
-    """A task list to which tests add places."""
-
-    places: tuple[Point, ...] = ()
-    at_start: int = 0
-    epoch: int = 0
+HERE = Pose(0.0, 0.0, 0.0)
 
 
 @dataclass
@@ -99,41 +38,19 @@ class FakePlaceMonitor:
         self.left = tuple(route)
 
 
-class OpenFloor:
-    """A floor without walls, with doors on the x axis and one random place."""
-
-    def __init__(self, *doors: float) -> None:
-        """Create a floor with doors of 1 m, centred at each x."""
-        self.doors = tuple(
-            Door(index, Point(x, 0.0), (index + 1, index + 2)) for index, x in enumerate(sorted(doors))
-        )
-
-    def random_place(self) -> Point:
-        return SOMEWHERE
-
-    def is_free(self, point: Point) -> bool:
-        return True
-
-    def length(self, start: Point, goal: Point) -> float | None:
-        return start.distance_to(goal)
-
-    def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
-        steps = max(1, round(start.distance_to(goal) / 0.1))
-        dx, dy = (goal.x - start.x) / steps, (goal.y - start.y) / steps
-        return tuple(Point(start.x + n * dx, start.y + n * dy) for n in range(steps + 1))
-
-    def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
-        west, east = sorted((start.x, goal.x))
-        met = [door.index for door in self.doors if west < door.middle.x + 0.5 and door.middle.x - 0.5 < east]
-        return tuple(met if start.x <= goal.x else reversed(met))
-
-    def door(self, point: Point) -> int | None:
-        return next((door.index for door in self.doors if abs(point.x - door.middle.x) <= 0.5), None)
-
-    def region(self, point: Point) -> int | None:
-        if self.door(point) is not None:
-            return None
-        return 1 + sum(door.middle.x < point.x for door in self.doors)
+OPEN = floor("\n".join(["." * 24] * 11 + ["a" + "." * 23]), 2.0, origin=(-12.0, -12.0))
+"""A floor without walls."""
+DOORWAY = floor(
+    """
+    ...........#...........
+    ...........#...........
+    a......................
+    ...........#...........
+    ...........#...........
+    """,
+    origin=(-11.5, -2.5),
+)
+"""A door from x = -0.5 to 0.5 m, y = 0; region 1 is west and region 2 east of it."""
 
 
 def published(robot: CleaningRobot, role: type[Role]) -> Role:

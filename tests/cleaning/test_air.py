@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
+from acrc_testbed.testing import LoggedNavigation, ScriptedPositioning, VirtualNetwork
 from actors import robot as robots
 from actors.geometry import Point, Pose
 from actors.installation.repository import REPOSITORY
@@ -29,6 +30,7 @@ from actors.robot.behaviour import (
     TaskList,
     View,
 )
+from actors.robot.behaviour.node_host import RobotTaskList
 from actors.robot.behaviour.ports import AbortReason, GoalOrder, GoalPhase, GoalStatus
 from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
@@ -45,49 +47,45 @@ from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleRegistry
 from tests.cleaning.fakes import (
-    FakeNavigation,
+    OPEN,
     FakePlaceMonitor,
-    FakePositioning,
-    FakeTaskList,
-    OpenFloor,
     adaptive,
     assignment,
 )
-from tests.deeco.fake_link import FakeLink, everywhere
 from tests.recorded_runs import record
 
 ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
 
 
-def node(robot: CleaningRobot, navigation: FakeNavigation, number: int) -> Node:
+def node(robot: CleaningRobot, navigation: LoggedNavigation, number: int) -> Node:
     ports = {
-        Positioning: FakePositioning(Pose(*robot.position, 0.0)),
+        Positioning: ScriptedPositioning(Pose(*robot.position, 0.0)),
         Navigation: navigation,
-        TaskList: FakeTaskList(),
+        TaskList: RobotTaskList((), 0),
         PlaceMonitor: FakePlaceMonitor(),
-        FloorPlan: OpenFloor(),
+        FloorPlan: OPEN,
         Generator: generator(1, "behaviour", robot.id, 0),
     }
     ensembles = ENSEMBLES if isinstance(robot, AdaptiveCleaningRobot) else ()
     return Node([robot], ensembles, ports=ports, address=number)
 
 
-def route_of(air: FakeLink, robot: str) -> list[PlaceKey]:
-    knowledge: Knowledge = air.nodes[robot].knowledge(robot)
+def route_of(air: VirtualNetwork[Node], robot: str) -> list[PlaceKey]:
+    knowledge: Knowledge = air[robot].knowledge(robot)
     assert isinstance(knowledge, CleaningRobot)
     return [assignment.key for assignment in knowledge.route]
 
 
 def test_two_robots_head_on_turn_around_and_exchange_destinations() -> None:
     r1, r2 = adaptive("r1", 0.0, 5.0), adaptive("r2", 1.0, -5.0)
-    navigation = {"r1": FakeNavigation(), "r2": FakeNavigation()}
-    air = FakeLink(
+    navigation = {"r1": LoggedNavigation(), "r2": LoggedNavigation()}
+    air = VirtualNetwork(
         {one.id: node(one, navigation[one.id], number) for number, one in enumerate((r1, r2), start=1)}
     )
-    air.run(seconds(9.5))
+    air.advance(seconds(9.5))
     assert route_of(air, "r1") == [PlaceKey("r2", 0)] and route_of(air, "r2") == [PlaceKey("r1", 0)]
-    assert navigation["r1"].orders == [Point(5.0, 0.0), Point(-5.0, 0.0)]
-    assert navigation["r2"].orders == [Point(-5.0, 0.0), Point(5.0, 0.0)]
+    assert navigation["r1"].goals == [Point(5.0, 0.0), Point(-5.0, 0.0)]
+    assert navigation["r2"].goals == [Point(-5.0, 0.0), Point(5.0, 0.0)]
 
 
 def test_old_replicas_take_no_part_in_adoptions() -> None:
@@ -97,13 +95,13 @@ def test_old_replicas_take_no_part_in_adoptions() -> None:
             id="r2", position=Point(1.0, 0.0), state=State.BLOCKED, route=(assignment(9.0, owner="r2"),)
         )
         nodes = {
-            "r1": node(adaptive("r1", 0.0, 5.0), FakeNavigation(), 1),
-            "r2": node(ghost, FakeNavigation(), 2),
+            "r1": node(adaptive("r1", 0.0, 5.0), LoggedNavigation(), 1),
+            "r2": node(ghost, LoggedNavigation(), 2),
         }
-        air = FakeLink(nodes)
-        air.run(seconds(0.5))
-        air.reach = everywhere if audible else lambda sender, receiver: None
-        air.run(seconds(6))
+        air = VirtualNetwork(nodes)
+        air.advance(seconds(0.5))
+        air.medium.loss = 0.0 if audible else 1.0
+        air.advance(seconds(6))
         knowledge = nodes["r1"].knowledge("r1")
         assert isinstance(knowledge, Cleaner) and knowledge.destination is not None
         assert knowledge.destination.key == expected

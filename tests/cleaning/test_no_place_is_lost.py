@@ -9,6 +9,7 @@ from dataclasses import replace
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from acrc_testbed.testing import LoggedNavigation
 from actors.geometry import Point
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason
@@ -17,7 +18,7 @@ from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.place import Assignment
-from tests.cleaning.fakes import Action, FakeNavigation, OpenFloor, ScriptedSwarm, published
+from tests.cleaning.fakes import OPEN, Action, ScriptedSwarm, published
 
 POINTS = tuple(Point(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0))
 """Few points, so that places coincide and robots pass them."""
@@ -34,7 +35,7 @@ class Swarm(ScriptedSwarm[AdaptiveCleaningRobot]):
         routes = [[Assignment(name, n, POINTS[n % 4]) for n in range(places)] for name in names]
         robots_ = [replace(made, id=name, route=tuple(own)) for name, own in zip(names, routes, strict=True)]
         super().__init__(robots_)
-        self.navigation = {robot.id: FakeNavigation() for robot in self.robots}
+        self.navigation = {robot.id: LoggedNavigation() for robot in self.robots}
         self._adoption = DestinationAdoption(
             parameters.adoption_distance, parameters.adoption_checks, parameters.adoption_backoff
         )
@@ -86,7 +87,7 @@ class Swarm(ScriptedSwarm[AdaptiveCleaningRobot]):
         return robot.detect_blocked()
 
     def _auto_unblock(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
-        return robot.auto_unblock(OpenFloor(), self._generator, self.monitor, self.now)
+        return robot.auto_unblock(OPEN, self._generator, self.monitor, self.now)
 
     def _drive(self, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
         navigation = self.navigation[robot.id]

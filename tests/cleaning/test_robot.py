@@ -6,10 +6,12 @@ from functools import partial
 
 import pytest
 
+from acrc_testbed.testing import LoggedNavigation, ScriptedPositioning
 from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason
+from actors.robot.behaviour.node_host import RobotTaskList
 from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot, PeerPosition
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay, PeerMask
@@ -18,19 +20,18 @@ from cleaning.parameters import AdaptationParameters, CleaningParameters, Releas
 from cleaning.place import RESTART_TERM, Takeover
 from cleaning.robot import CleaningRobot
 from tests.cleaning.fakes import (
+    HERE,
     NOW,
-    SOMEWHERE,
-    FakeNavigation,
+    OPEN,
     FakePlaceMonitor,
-    FakePositioning,
-    FakeTaskList,
-    OpenFloor,
     adaptive,
     assignment,
     plain,
     published,
     route,
 )
+
+AWAY = Point(20.0, 7.0)
 
 
 def keys(*places: int) -> list[PlaceKey]:
@@ -64,7 +65,7 @@ def test_passed_places_are_visited_and_the_destination_stays() -> None:
 
 
 def test_added_places_are_appended_to_the_route_once() -> None:
-    tasks = FakeTaskList((Point(5.0, 0.0),), at_start=1)
+    tasks = RobotTaskList((Point(5.0, 0.0),), 0)
     robot = plain(5.0)
     assert robot.take_on(tasks) is robot
     tasks.places += (Point(8.0, 0.0), Point(9.0, 0.0))
@@ -73,47 +74,49 @@ def test_added_places_are_appended_to_the_route_once() -> None:
     assert robot.take_on(tasks) is robot
     tasks.places += (Point(3.0, 0.0),)
     assert robot.take_on(tasks).route[3:] == (assignment(3.0, 3),)
-    robot = plain().take_on(FakeTaskList((Point(8.0, 0.0),), at_start=0, epoch=2))
+    tasks = RobotTaskList((), 2)
+    tasks.places += (Point(8.0, 0.0),)
+    robot = plain().take_on(tasks)
     assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),), "restarted: with a higher term"
 
 
 @pytest.mark.parametrize(("retry", "orders"), [(True, 3), (False, 2)])
 def test_the_goal_is_sent_once_per_attempt_and_again_after_an_abort(retry: bool, orders: int) -> None:
-    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
     robot = replace(plain(5.0), parameters=CleaningParameters(retry=retry))
-    robot = robot.sense(FakePositioning(Pose(3.0, 4.0, 1.0))).set_destination(monitor, NOW)
+    robot = robot.sense(ScriptedPositioning(Pose(3.0, 4.0, 1.0))).set_destination(monitor, NOW)
     assert robot.position == Point(3.0, 4.0)
     robot = robot.drive(navigation, monitor, NOW).drive(navigation, monitor, NOW)
-    assert navigation.orders == [Point(5.0, 0.0)]
+    assert navigation.goals == [Point(5.0, 0.0)]
     robot = robot.heading_for(robot.route[0]).drive(navigation, monitor, NOW)
-    assert navigation.orders == [Point(5.0, 0.0)] * 2
+    assert navigation.goals == [Point(5.0, 0.0)] * 2
     navigation.abort()
     robot.drive(navigation, monitor, NOW)
-    assert navigation.orders == [Point(5.0, 0.0)] * orders
+    assert navigation.goals == [Point(5.0, 0.0)] * orders
 
 
 def test_after_the_last_visit_it_drives_on_to_the_place() -> None:
-    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
     robot = plain(5.0).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     robot = at(robot, 4.6).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
-    assert robot.target is None and navigation.orders == [Point(5.0, 0.0)]
+    assert robot.target is None and navigation.goals == [Point(5.0, 0.0)]
 
 
 def test_a_robot_without_target_stops_once() -> None:
-    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
     robot = plain(5.0).set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     robot = robot.heading_for(None).drive(navigation, monitor, NOW).drive(navigation, monitor, NOW)
-    assert navigation.orders == [Point(5.0, 0.0), None]
+    assert navigation.commands == [("go_to", Point(5.0, 0.0)), ("stop", None)]
     robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
-    assert navigation.orders == [Point(5.0, 0.0), None, Point(5.0, 0.0)]
+    assert navigation.goals == [Point(5.0, 0.0)] * 2 and len(navigation.commands) == 3
 
 
 def test_a_waypoint_comes_first_and_no_destination_is_published() -> None:
-    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
-    robot = plain(5.0).set_destination(monitor, NOW).sent_to(SOMEWHERE)
+    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
+    robot = plain(5.0).set_destination(monitor, NOW).sent_to(AWAY)
     robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
-    assert robot.destination is None and navigation.orders == [SOMEWHERE]
-    robot = replace(robot, position=SOMEWHERE).set_destination(monitor, NOW)
+    assert robot.destination is None and navigation.goals == [AWAY]
+    robot = replace(robot, position=AWAY).set_destination(monitor, NOW)
     assert robot.destination == assignment(5.0) and robot.waypoint is None
 
 
@@ -131,7 +134,7 @@ def test_a_place_given_up_leaves_the_route_and_is_never_a_destination_again() ->
 
 @pytest.mark.parametrize("attempts", [0, 1, 3])
 def test_an_unreachable_place_is_given_up_after_the_limit(attempts: int) -> None:
-    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
     robot = replace(plain(5.0), parameters=CleaningParameters(no_plan_attempts=attempts))
     robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     if attempts == 3:  # another reason resets the count
@@ -139,8 +142,7 @@ def test_an_unreachable_place_is_given_up_after_the_limit(attempts: int) -> None
             navigation.abort(reason)
             robot = robot.drive(navigation, monitor, NOW)
         assert robot.no_plans == 0
-        navigation.orders.clear()
-        navigation.orders.append(Point(5.0, 0.0))
+        del navigation.commands[1:]
     for _ in range(5):
         if navigation.goal is not None:
             navigation.abort(AbortReason.NO_PLAN)
@@ -148,7 +150,7 @@ def test_an_unreachable_place_is_given_up_after_the_limit(attempts: int) -> None
     tries = {0: "", 1: "1 times in a row", 3: "3 times in a row"}[attempts]
     expected = [(PlaceKey("r1", 0), f"navigation found no way to it, {tries}")] if attempts else []
     assert monitor.gone == expected
-    assert sum(order is not None for order in navigation.orders) == (attempts or 6)
+    assert len(navigation.goals) == (attempts or 6)
 
 
 NEAR, FAR = adaptive("r2", 3.0), adaptive("r3", 30.0)
@@ -170,13 +172,13 @@ def test_peers_within_the_distance_are_stored_with_their_newest_position() -> No
 
 
 def test_peers_reach_the_localiser_and_old_positions_are_dropped() -> None:
-    base = FakePositioning()
+    base = ScriptedPositioning(HERE)
     robot = PeerMask(6.5).at_member(NEAR, MASKING, NOW)
     robot = robot.disregard_peers(base, Instant(NOW + seconds(3)))
-    assert base.peers == [NEAR.position] and robot.peers
+    assert base.peers == (NEAR.position,) and robot.peers
     robot = robot.disregard_peers(base, Instant(NOW + seconds(3.5)))
-    assert base.peers == [] and robot.peers == ()
-    base = FakePositioning()
+    assert not base.peers and robot.peers == ()
+    base = ScriptedPositioning(HERE)
     adaptive("r1", 0.0).disregard_peers(base, NOW)
     assert base.peers is None, "without the mask"
 
@@ -189,7 +191,7 @@ def checked(
     robot: AdaptiveCleaningRobot, times: int, monitor: FakePlaceMonitor | None = None
 ) -> AdaptiveCleaningRobot:
     for _ in range(times):
-        robot = robot.detect_blocked().auto_unblock(OpenFloor(), RNG, monitor or FakePlaceMonitor(), NOW)
+        robot = robot.detect_blocked().auto_unblock(OPEN, RNG, monitor or FakePlaceMonitor(), NOW)
     return robot
 
 
@@ -203,7 +205,7 @@ def stuck(parameters: AdaptationParameters = WHOLE, *xs: float) -> AdaptiveClean
 def test_it_is_blocked_at_the_fourth_still_second() -> None:
     states = [checked(adaptive("r1", 0.0, 5.0), seconds).state for seconds in range(7)]
     assert states == [State.FREE] * 5 + [State.BLOCKED] * 2
-    assert checked(adaptive("r1", 0.0, 5.0).sent_to(SOMEWHERE), 5).is_blocked(), "on its way to any point"
+    assert checked(adaptive("r1", 0.0, 5.0).sent_to(AWAY), 5).is_blocked(), "on its way to any point"
 
 
 def test_a_centimetre_per_second_is_moving() -> None:
@@ -238,9 +240,8 @@ def test_all_places_of_the_route_are_equally_likely() -> None:
 def test_released_code_mostly_chooses_a_random_point_and_is_blocked_within_a_second() -> None:
     turned = checked(stuck(ReleasedParameters()), 1)
     assert (turned.state, checked(turned, 1).state) == (State.FREE, State.BLOCKED)
-    turns = Counter(checked(stuck(ReleasedParameters()), 1).waypoint for _ in range(300))
-    assert turns[SOMEWHERE] == pytest.approx(200, abs=30)  # 2 in 3, ± 8
-    assert set(turns) == {SOMEWHERE, None}
+    turns = Counter(checked(stuck(ReleasedParameters()), 1).waypoint is None for _ in range(300))
+    assert turns[False] == pytest.approx(200, abs=30)  # 2 in 3, ± 8
 
 
 @pytest.mark.parametrize("unblock", UnblockTarget)
@@ -249,8 +250,8 @@ def test_an_empty_route_does_not_crash(unblock: UnblockTarget) -> None:
         adaptive("r1", 0.0).sent_to(Point(5.0, 5.0)), parameters=AdaptationParameters(unblock=unblock)
     )
     turned = checked(checked(robot, 10), 1)
-    there = {UnblockTarget.FLOOR: SOMEWHERE, UnblockTarget.QUEUE: Point(5.0, 5.0)}[unblock]
-    assert (turned.waypoint, turned.attempt, turned.state) == (there, 2, State.FREE)
+    assert (turned.waypoint == Point(5.0, 5.0)) is (unblock is UnblockTarget.QUEUE)
+    assert turned.waypoint is not None and (turned.attempt, turned.state) == (2, State.FREE)
 
 
 def test_a_place_is_given_up_after_the_limit_of_attempts() -> None:
@@ -361,12 +362,12 @@ def test_a_former_destination_is_exchanged_only_with_its_holder() -> None:
 def test_a_finished_robot_makes_way_for_a_blocked_one() -> None:
     ensemble, idle = MakingWay(1.5), adaptive("r2", 1.0)
     assert ensemble.membership(seen(R1), idle)
-    assert ensemble.at_member(seen(R1), idle, OpenFloor()).waypoint == SOMEWHERE
+    assert ensemble.at_member(seen(R1), idle, OPEN).waypoint is not None
     for peer, member in (
         (replace(seen(R1), state=State.FREE), idle),
         (replace(seen(R1), position=Point(-0.6, 0.0)), idle),
         (seen(R1), R2),
-        (seen(R1), idle.sent_to(SOMEWHERE)),
+        (seen(R1), idle.sent_to(AWAY)),
     ):
         assert not ensemble.membership(peer, member)
 

@@ -5,11 +5,11 @@ from typing import Self
 
 import pytest
 
+from acrc_testbed.testing import VirtualNetwork
 from deeco import Contact, Instant, Knowledge, component, ensemble, milliseconds, periodic, role, seconds
 from deeco.link import Reception
 from deeco.network import NetworkParameters
 from deeco.node import Node
-from tests.deeco.fake_link import FakeLink
 
 
 @role
@@ -81,7 +81,7 @@ def test_only_the_local_side_changes_and_only_for_members() -> None:
     swarm = nodes(
         Tanker(id="a", position=9), Car(id="b", position=4), Car(id="c", position=-3), ensembles=(Convoy(),)
     )
-    FakeLink(swarm).run(seconds(1))
+    VirtualNetwork(swarm).advance(seconds(1))
     known = {name: node.knowledge(name) for name, node in swarm.items()}
     assert known == {
         "a": Tanker(id="a", position=9),
@@ -101,7 +101,7 @@ def test_components_of_one_node_are_paired_on_both_sides() -> None:
 
 def test_a_component_without_the_role_is_not_a_member() -> None:
     swarm = nodes(Car(id="a"), Truck(id="b"), ensembles=(Both(),))
-    FakeLink(swarm).run(seconds(1))
+    VirtualNetwork(swarm).advance(seconds(1))
     assert swarm["a"].outcome()["counters"]["memberships"] == 1, "as the member of b; a cannot coordinate"
     assert swarm["b"].knowledge("b") == Truck(id="b", led=("a",))
 
@@ -135,7 +135,7 @@ class Local:
 
 def test_membership_with_local_knowledge_is_evaluated_on_its_node() -> None:
     swarm = nodes(Truck(id="a"), Truck(id="b", led=("x",)), ensembles=(Local(),))
-    FakeLink(swarm).run(seconds(1))
+    VirtualNetwork(swarm).advance(seconds(1))
     assert swarm["a"].knowledge("a") == Truck(id="a", followed=("b",))
     assert swarm["b"].knowledge("b") == Truck(id="b", led=("x",))
     assert [node.outcome()["counters"]["memberships"] for node in swarm.values()] == [1, 1]
@@ -153,7 +153,7 @@ class Failing:
 def test_an_exception_in_membership_propagates() -> None:
     swarm = nodes(Car(id="a"), Car(id="b"), ensembles=(Failing(),))
     with pytest.raises(ZeroDivisionError) as caught:
-        FakeLink(swarm).run(seconds(2))
+        VirtualNetwork(swarm).advance(seconds(2))
     assert caught.value.__notes__ == ["in ensemble Failing of 'a' and 'b' at 1 s"]
 
 
@@ -170,14 +170,14 @@ def test_old_replicas_are_excluded_and_dropped() -> None:
     a = Node([Car(id="a")], parameters=parameters, address=1)
     b = Node([Car(id="b")], [Fresh()], parameters=parameters, address=2)
     (frame,) = a.advance(Instant(seconds(0.1)))
-    air = FakeLink({"b": b})
+    air = VirtualNetwork({"b": b})
     b.advance(Instant(seconds(0.1)))
     b.advance(Instant(seconds(0.2)), [Reception(Instant(150_000), 1, frame.data, -70.0)])
     air.now = Instant(seconds(0.2))
-    air.run(seconds(4.8))
+    air.advance(seconds(4.8))
     assert b.knowledge("b") == Car(id="b", followed=("a", "a")), "at 1 and 2 s, and no more"
     assert [replica.id for replica in b.replicas] == ["a"]
-    air.run(seconds(0.3))
+    air.advance(seconds(0.3))
     assert not b.replicas
     assert b.outcome()["counters"]["replicas_forgotten"] == 1
 
@@ -203,7 +203,7 @@ class Stopping(Vehicle):
 def test_an_ensemble_runs_when_a_fact_of_a_peer_changes() -> None:
     a = Node([Stopping(id="a", speed=1.0)], address=1, publish_phase=milliseconds(10))
     b = Node([Car(id="b", speed=1.0)], [Jam()], address=2)
-    FakeLink({"a": a, "b": b}).run(seconds(4))
+    VirtualNetwork({"a": a, "b": b}).advance(seconds(4))
     assert b.knowledge("b") == Car(id="b", speed=1.0, followed=("a at 2100 heard 2010 -60.0 0",))
     assert b.outcome()["counters"]["memberships"] == 2 * 2, "at the first news and at the change, both roles"
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from acrc_testbed.testing import LossyMedium, Reach, VirtualNetwork
 from deeco import (
     Contact,
     Duration,
@@ -25,7 +26,6 @@ from deeco.network import NetworkParameters, Relay, RelayParameters, Replica, Re
 from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.statistics import NodeCounters
-from tests.deeco.fake_link import FakeLink, Reach
 
 
 @role
@@ -196,7 +196,7 @@ LINE = (0.0, 10.0, 20.0, 30.0, 40.0)
 
 
 def run(positions: Sequence[float], nodes: dict[str, Node]) -> None:
-    FakeLink(nodes, within(10.0, positions)).run(seconds(4))
+    VirtualNetwork(nodes, LossyMedium(reach=within(10.0, positions))).advance(seconds(4))
 
 
 def total(nodes: dict[str, Node], counter: str) -> int:
@@ -214,9 +214,9 @@ def test_knowledge_travels_as_far_as_the_hop_limit() -> None:
 def test_the_farthest_receiver_relays_first_and_near_ones_cancel(below: float | None, cancelled: int) -> None:
     positions = (0.0, 1.0, 9.0, 17.0)  # c1 receives c0 with -45 dBm, c2 with -85 dBm
     nodes = cars(positions, RelayParameters(relay_below_dbm=below))
-    air = FakeLink(nodes, within(10.0, positions))
-    air.run(seconds(1.5))  # c0 has published at 10 ms, and c1 at 710 ms
-    relays = [(sender, frame.instant) for sender, frame in air.sent if b"c0" in frame.data][1:]
+    air = VirtualNetwork(nodes, LossyMedium(reach=within(10.0, positions)))
+    air.advance(seconds(1.5))  # c0 has published at 10 ms, and c1 at 710 ms
+    relays = [(sender, frame.instant) for sender, frame in air.medium.sent if b"c0" in frame.data][1:]
     assert [sender for sender, _ in relays] == ["c2", "c3"]
     assert relays[0][1] < seconds(0.4)
     assert "c0" in known(nodes["c1"]) and "c0" in known(nodes["c3"])
@@ -267,8 +267,8 @@ def test_newer_knowledge_replaces_a_waiting_packet() -> None:
     """c0 publishes every 0.2 s, with a signal so strong that relays are delayed by a second."""
     fast = Node([Car(id="c0")], parameters=NetworkParameters(publish_every=milliseconds(200)), address=0)
     slow = cars((0.0, 1.0), RelayParameters())["c1"]
-    air = FakeLink({"c0": fast, "c1": slow}, lambda sender, receiver: -30.0)
-    air.run(seconds(4))
+    air = VirtualNetwork({"c0": fast, "c1": slow}, LossyMedium(reach=lambda sender, receiver: -30.0))
+    air.advance(seconds(4))
     counters = slow.outcome()["counters"]
     assert counters["relayed"] == 0 and counters["relays_cancelled"] == 19, "of 20 heard, the last one waits"
 
@@ -299,8 +299,8 @@ def test_cancelled_packets_count_until_their_scheduled_time() -> None:
 def test_a_packet_is_relayed_at_most_once_by_each(hops: int, number: int) -> None:
     positions = [float(index) for index in range(number)]
     nodes = cars(positions, RelayParameters(hop_limit=hops))
-    air = FakeLink(nodes, within(100.0, positions))
-    air.run(seconds(3.9))  # one publication each, as the next is due at 4.01 s; 2 nodes still wait
+    air = VirtualNetwork(nodes, LossyMedium(reach=within(100.0, positions)))
+    air.advance(seconds(3.9))  # one publication each, as the next is due at 4.01 s; 2 nodes still wait
     assert total(nodes, "published") <= number
     assert total(nodes, "relayed") <= number * (number - 1)
-    assert len(air.sent) == total(nodes, "published") + total(nodes, "relayed")
+    assert len(air.medium.sent) == total(nodes, "published") + total(nodes, "relayed")

@@ -51,7 +51,7 @@ NOT_RUN: Final[Mapping[str, str]] = MappingProxyType({
     r"\S*acrc (cluster|.*tls://HOST)": "needs a cluster",
     r"\S*acrc fleet (onboard|units .* --robot r2$)": "needs a robot",
     r"\./acrc (view \S+$|.* (--view|--control|--screenshot|--pdb|--debug)\b)": "interactive",
-    r"\./acrc (check|test|verify)( tests/\S+| \w+ --full)?$": "runs the tests",
+    r"\./acrc (check|test|verify)( (tests|my_study)/\S+| \w+ --full)?$": "runs the tests",
     r"\./acrc (order|run .* --speed 1 )": "needs a second terminal",
     r"\./acrc campaign (--preset chapter --out|study\.toml|studies/)": "takes long",
     r"\./acrc (bundle|compare|report|study plan) .*campaigns/(all|drawn|headline|pilot|four)": "needs trials",
@@ -86,6 +86,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
 TESTED_ELSEWHERE: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
     ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
+    ("docs/authors.md", "python"): "tests/documentation/test_authors.py",
     ("docs/deeco.md", "python"): "tests/deeco/test_programs.py",
     ("docs/library.md", "python"): "tests/library/test_library.py",
     ("docs/tables.md", "python"): "tests/recordings/test_export.py",

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from acrc_testbed.testing import LoggedNavigation
 from actors.geometry import Point
 from actors.instant import START, Instant, seconds
 from actors.randomness import generator
@@ -18,10 +19,8 @@ from examples.convoy import drive
 from examples.courteous import CourteousRobot, OfferingCleaner, PlaceHandover, RandomYielding
 from tests.cleaning.fakes import (
     NOW,
-    SOMEWHERE,
-    FakeNavigation,
+    OPEN,
     FakePlaceMonitor,
-    OpenFloor,
     assignment,
     route,
 )
@@ -88,25 +87,29 @@ def test_it_reorders_the_queue() -> None:
 
 
 def test_it_pauses_and_resumes_the_robot() -> None:
-    navigation, monitor = FakeNavigation(), FakePlaceMonitor()
+    navigation, monitor = LoggedNavigation(), FakePlaceMonitor()
     r1 = robot("r1", 0.0, 5.0).drive(navigation, monitor, NOW)
     r1 = replace(r1, waits_until=Instant(NOW + seconds(2)))
     for later in (0, 1):
         r1 = r1.wait(navigation, Instant(NOW + seconds(later))).drive(navigation, monitor, NOW)
-    assert navigation.orders == [Point(5.0, 0.0), None, None] and navigation.goal is None
+    assert navigation.commands[1:] == [("stop", None), ("stop", None)] and navigation.goal is None
     r1.wait(navigation, Instant(NOW + seconds(2))).drive(navigation, monitor, NOW)
-    assert navigation.orders[-1] == Point(5.0, 0.0)
+    assert navigation.goals[-1] == Point(5.0, 0.0)
 
 
 def test_a_blocked_robot_waits_or_drives_to_a_random_place() -> None:
     r1, r2 = (replace(robot(name, 0.0, 5.0), state=State.BLOCKED) for name in ("r1", "r2"))
     ensemble, chance = RandomYielding(1.5), generator(1, "behaviour", "r1", 0)
     assert ensemble.membership(role_view(r2, Cleaner), r1)  # type: ignore[arg-type]  # it is a Cleaner
-    made = [ensemble.at_member(r2, r1, OpenFloor(), chance, NOW) for _ in range(20)]
-    assert {(one.waypoint, one.waits_until) for one in made} == {(SOMEWHERE, None), (None, NOW + seconds(3))}
-    navigation = FakeNavigation()
-    next(one for one in made if one.waypoint).drive(navigation, FakePlaceMonitor(), NOW)
-    assert navigation.orders == [SOMEWHERE]
+    made = [ensemble.at_member(r2, r1, OPEN, chance, NOW) for _ in range(20)]
+    assert {(one.waypoint is None, one.waits_until) for one in made} == {
+        (False, None),
+        (True, NOW + seconds(3)),
+    }
+    navigation = LoggedNavigation()
+    aside = next(one for one in made if one.waypoint)
+    aside.drive(navigation, FakePlaceMonitor(), NOW)
+    assert navigation.goals == [aside.waypoint]
 
 
 def test_it_hands_a_place_over_to_a_finished_robot() -> None:

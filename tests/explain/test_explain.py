@@ -16,7 +16,7 @@ from actors.robot.behaviour.node_host import ensembles_of, node_of
 from cleaning.strategies import STRATEGIES, entry
 from deeco.explain.command import main
 from deeco.explain.knowledge_use import ComponentPart, ensemble_part, processes
-from tests.cleaning.fakes import OpenFloor
+from tests.cleaning.fakes import OPEN
 from tests.documentation.markdown import MarkdownPage
 
 EXPLAINED = Path(__file__).parent / "explained"
@@ -124,7 +124,7 @@ UNKNOWN = {
 def parts(strategy: str) -> tuple[ComponentPart, ...]:
     """Return the processes of a strategy's component and the ensembles that it runs with."""
     generator = np.random.default_rng(1)
-    start = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 0.0),), generator, floor=OpenFloor())
+    start = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 0.0),), generator, floor=OPEN)
     behaviour = load_behaviour(entry(strategy), start)
     node = node_of(behaviour)
     assert node is not None

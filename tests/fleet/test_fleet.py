@@ -18,6 +18,7 @@ from actors.runtime.isolation.tls import Keys, load_keys
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.keys import FleetKeys, create_keys, parse_hosts, replace_keys
 from deploy.hosts import certificates
+from deploy.scenario.resolve import robot_setup
 from tests.cli.test_cli import acrc
 from tests.fleet.fleet_texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
 
@@ -36,6 +37,13 @@ def test_defaults_are_those_of_the_original_robots() -> None:
     (robot,) = one.robots
     assert (robot.model, robot.sensor, robot.range, robot.listen) == ("turtlebot2", None, None, None)
     assert robot.listen_host is None and not robot.listens_everywhere
+
+
+def test_every_robot_is_told_the_addresses_of_all_robots_of_the_fleet() -> None:
+    office = load_fleet(OFFICE)
+    swarm = office.swarm(office.robots[1])
+    setup = robot_setup(swarm, swarm.world.robots[0])
+    assert (setup.id, setup.address, setup.members) == ("r2", 2, (("r1", 1), ("r2", 2), ("r3", 3)))
 
 
 def test_paths_are_relative_to_the_file_not_to_the_working_directory(

@@ -41,6 +41,7 @@ ROBOT = RobotSetup(
     seed=7,
     step_us=50_000,
     address=3,
+    members=(("r1", 3), ("r2", 4)),
     start=(12.0, 5.0, 4.0),
     places=(Point(12.5, 6.0), Point(9.0, 12.25)),
     behaviour="tests.robot.rig:keeper",

@@ -25,7 +25,7 @@ from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.place import GOLDEN
 from deploy.scenario.events import place_areas
-from deploy.scenario.resolve import ResolvedScenario, resolve
+from deploy.scenario.resolve import ResolvedScenario, resolve, robot_setup
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import MAP, scenario
 
@@ -51,6 +51,13 @@ def test_the_seed_decides_places_and_drawn_starts_but_not_given_starts() -> None
     for mine, others in zip(one.world.robots, other.world.robots, strict=True):
         assert mine.places != others.places
         assert (mine.start == others.start) == (mine.id != "r10")
+
+
+def test_every_robot_is_told_the_addresses_of_all_robots() -> None:
+    swarm = shipped(robots=3)
+    setups = [robot_setup(swarm, robot) for robot in swarm.world.robots]
+    assert [setup.address for setup in setups] == [1, 2, 3]
+    assert {setup.members for setup in setups} == {(("r1", 1), ("r2", 2), ("r3", 3))}
 
 
 def test_drawn_starts_and_places_keep_their_distances() -> None:

@@ -123,12 +123,14 @@ def test_the_start_of_a_behaviour() -> None:
         seed=7,
         step_us=100_000,
         address=1,
+        members=(("r1", 1), ("r2", 2)),
         behaviour="x:y",
         adaptation=adapted(ADAPTATION),
     )
     start = assembly.start(robot, model, assembly.floor(floor_plan, model, robot.stack))
     assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}
     assert start.exchange.hop_limit == 15
+    assert dict(start.members) == {"r1": 1, "r2": 2}
     place = start.floor.random_place()
     assert 11.5 <= place.x <= 13.5 and 1.0 <= place.y <= 7.0
     twin = generator(7, "behaviour", "r1", 0)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from acrc_testbed.testing import TextFloor
 from actors.geometry import Point
 from actors.messages import FRAME_DATA_LIMIT
 from actors.task.task import PlaceKey
@@ -17,26 +18,27 @@ from deeco.fragments import Fragmenter
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleRegistry
 from tests.cleaning.fakes import (
+    DOORWAY,
     NOW,
+    OPEN,
     Action,
     FakePlaceMonitor,
-    OpenFloor,
     ScriptedSwarm,
     assignment,
     published,
 )
 
 seen = partial(published, role=Bidder)
-AUCTION, OUTBID, FLOOR = Auction(), HigherBid(), OpenFloor()
+AUCTION, OUTBID = Auction(), HigherBid()
 
 
 def bidder(robot: str, at: float, *xs: float) -> BiddingRobot:
     """Return a robot at x = `at`, m, with planned places at `xs`."""
     places = tuple(Assignment(robot, index, Point(x, 0.0)) for index, x in enumerate(xs))
-    return BiddingRobot(id=robot, position=Point(at, 0.0), route=places).plan(FLOOR)
+    return BiddingRobot(id=robot, position=Point(at, 0.0), route=places).plan(OPEN)
 
 
-def hears(member: BiddingRobot, peer: Bidder, floor: OpenFloor = FLOOR) -> BiddingRobot:
+def hears(member: BiddingRobot, peer: Bidder, floor: TextFloor = OPEN) -> BiddingRobot:
     if AUCTION.membership(peer, member):
         member = AUCTION.at_member(peer, member, floor, NOW)
     return OUTBID.at_member(peer, member, NOW) if OUTBID.membership(peer, member) else member
@@ -52,29 +54,28 @@ def test_a_place_goes_to_the_cheapest_robot_without_changing_destinations() -> N
     taken = hears(r2, seen(r1))
     assert keys(taken) == {PlaceKey("r2", 0), PlaceKey("r1", 1)} and taken.destination == r2.destination
     assert taken.adopted[-1].key == PlaceKey("r1", 1)
-    assert keys(hears(r1, seen(taken.plan(FLOOR)))) == {PlaceKey("r1", 0)}
+    assert keys(hears(r1, seen(taken.plan(OPEN)))) == {PlaceKey("r1", 0)}
     r1, r2 = bidder("r1", 0.0, 1.0, 2.0), bidder("r2", 21.0, 22.0)
     assert hears(r2, seen(r1)) == r2 and hears(r1, seen(r2)) == r1, "nothing is worth it"
 
 
 def test_a_door_raises_the_cost_of_a_place() -> None:
-    r1, r2 = bidder("r1", 10.0, 5.0), bidder("r2", 2.0)
+    r1, r2 = bidder("r1", 7.0, 2.0), bidder("r2", -1.0)
     assert keys(hears(r2, seen(r1))) == {PlaceKey("r1", 0)}
-    walled = OpenFloor(3.0)
-    assert not hears(r2, seen(r1), walled).route
+    assert not hears(r2, seen(r1), DOORWAY).route
 
 
 def test_places_of_a_blocked_robot_are_adopted() -> None:
     r1, r2 = bidder("r1", 0.0, 1.0), bidder("r2", 8.0)
     assert not hears(r2, seen(r1)).route
-    stuck = replace(r1, state=State.BLOCKED, stuck_for=20).plan(FLOOR)
+    stuck = replace(r1, state=State.BLOCKED, stuck_for=20).plan(OPEN)
     assert keys(hears(r2, seen(stuck))) == {PlaceKey("r1", 0)}
     assert not hears(replace(r2, state=State.BLOCKED), seen(stuck)).route, "a blocked robot adopts nothing"
 
 
 def test_of_two_robots_that_adopt_a_place_the_greater_id_keeps_it() -> None:
     r1 = bidder("r1", 0.0, 1.0, 20.0)
-    r2, r3 = (hears(bidder(name, 21.0), seen(r1)).plan(FLOOR) for name in ("r2", "r3"))
+    r2, r3 = (hears(bidder(name, 21.0), seen(r1)).plan(OPEN) for name in ("r2", "r3"))
     assert keys(r2) == keys(r3) == {PlaceKey("r1", 1)}
     assert not hears(r2, seen(r3)).route and keys(hears(r3, seen(r2))) == keys(r3)
 
@@ -83,7 +84,7 @@ def test_all_places_are_published_in_rotation() -> None:
     robot, told = bidder("r1", 0.0, *(float(x) for x in range(8))), set[PlaceKey]()
     for _ in range(3):
         told |= {bid.assignment.key for bid in robot.bids}
-        robot = robot.plan(FLOOR)
+        robot = robot.plan(OPEN)
     assert told == keys(robot)
 
 
@@ -95,7 +96,7 @@ def test_a_bid_is_one_frame() -> None:
     )
     for place in (Assignment("r7", 8, Point(3.0, 4.0), 8), Assignment("r6", 9, Point(3.0, 4.0), 8)):
         robot = robot.insert_place(place, 0)
-    robot = robot.plan(FLOOR)
+    robot = robot.plan(OPEN)
     assert len(robot.bids) == robots and len(robot.adopted) == 2
     data = pack(KnowledgePacket("r8", Version(1, 600), 3, RoleRegistry([Bidder]).pack(robot)))
     (frame,) = Fragmenter(1).frames([data])
@@ -116,7 +117,7 @@ class Swarm(ScriptedSwarm[BiddingRobot]):
         return robot if peer is None else hears(robot, peer)
 
     def _plan(self, robot: BiddingRobot, number: int) -> BiddingRobot:
-        return robot.plan(FLOOR)
+        return robot.plan(OPEN)
 
     def _move(self, robot: BiddingRobot, number: int) -> BiddingRobot:
         return replace(robot, position=Point(3.0 * number, 0.3)).set_destination(self.monitor, self.now)
@@ -154,7 +155,7 @@ def test_no_place_is_lost(robots: int, places: int, script: list[Action]) -> Non
 def test_finally_each_place_is_held_once(robots: int, places: int, script: list[Action]) -> None:
     swarm = Swarm(robots, places).play(script)
     for _ in range(12 * places):  # no further adoptions, and all messages arrive
-        swarm.robots = [robot.plan(FLOOR) for robot in swarm.robots]
+        swarm.robots = [robot.plan(OPEN) for robot in swarm.robots]
         told = [seen(robot) for robot in swarm.robots]
         for index in range(robots):
             for role in told:
@@ -166,9 +167,9 @@ def test_finally_each_place_is_held_once(robots: int, places: int, script: list[
 
 def test_a_lost_place_is_adopted_back_with_a_higher_term() -> None:
     r1, r2 = bidder("r1", 0.0, 1.0, 20.0), bidder("r2", 21.0)
-    r2 = hears(r2, seen(r1)).plan(FLOOR)
-    r1 = hears(r1, seen(r2)).plan(FLOOR)
-    r2 = replace(r2, state=State.BLOCKED, stuck_for=60).plan(FLOOR)
+    r2 = hears(r2, seen(r1)).plan(OPEN)
+    r1 = hears(r1, seen(r2)).plan(OPEN)
+    r2 = replace(r2, state=State.BLOCKED, stuck_for=60).plan(OPEN)
     r1 = hears(replace(r1, position=Point(19.0, 0.0)), seen(r2))
     assert assignment(20.0, 1, "r1", 2) in r1.route
-    assert not hears(r2, seen(r1.plan(FLOOR))).route
+    assert not hears(r2, seen(r1.plan(OPEN))).route

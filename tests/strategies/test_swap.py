@@ -8,7 +8,7 @@ from actors.instant import Instant, seconds
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import State
 from cleaning.strategies.swap import OfferAcceptance, OfferConclusion, Offers, Swapper, SwappingRobot
-from tests.cleaning.fakes import NOW, FakePlaceMonitor, OpenFloor, assignment, published, route
+from tests.cleaning.fakes import NOW, OPEN, FakePlaceMonitor, assignment, published, route
 
 seen = partial(published, role=Swapper)
 OFFERS, ACCEPTS, CONCLUDES, REMOVE = (
@@ -17,7 +17,6 @@ OFFERS, ACCEPTS, CONCLUDES, REMOVE = (
     OfferConclusion(),
     AdoptedDestinationRemove(False),
 )
-FLOOR = OpenFloor()
 
 
 def robot(name: str, at: float, *xs: float) -> SwappingRobot:
@@ -29,9 +28,9 @@ def robot(name: str, at: float, *xs: float) -> SwappingRobot:
 
 def hears(member: SwappingRobot, peer: Swapper, now: Instant = NOW) -> SwappingRobot:
     if OFFERS.membership(peer, member):
-        member = OFFERS.at_member(peer, member, FLOOR, now)
+        member = OFFERS.at_member(peer, member, OPEN, now)
     if ACCEPTS.membership(peer, member):
-        member = ACCEPTS.at_member(peer, member, FLOOR, now)
+        member = ACCEPTS.at_member(peer, member, OPEN, now)
     if CONCLUDES.membership(peer, member):
         member = CONCLUDES.at_member(peer, member, now)
     if REMOVE.membership(peer, member):
