@@ -28,6 +28,10 @@ NO_ECHO_MM: Final = 0xFFFF
 """Range, uint16 mm, of a ray without an echo within the sensor's range."""
 
 
+Charge = Annotated[float, msgspec.Meta(ge=0, le=1)]
+"""Share of a battery's capacity that is left."""
+
+
 class Ready(Message, frozen=True):
     """`actor` is ready for its first step: `step` is 0, or the step of a restart."""
 
@@ -59,7 +63,7 @@ class Scan(MessagePart, frozen=True):
 class SensorData(Message, frozen=True):
     """Sensor data of one robot's base at the start of the step."""
 
-    omissible: ClassVar[int] = 1
+    omissible: ClassVar[int] = 2
     instant: int
     events: int
     """Number of events in this step's RadioEvents for this robot; 0: no RadioEvents is sent."""
@@ -75,6 +79,8 @@ class SensorData(Message, frozen=True):
     places: tuple[tuple[Coordinate, Coordinate], ...] = ()
     """Places added to the robot by an event or an order, m, map frame. A restarted robot receives all places
     added since the start."""
+    battery: Charge | None = None
+    """Charge of the battery; None: not simulated, or not known."""
 
 
 class Drive(Message, frozen=True):
@@ -206,7 +212,7 @@ class Loss(MessagePart, frozen=True):
 class Truth(Message, frozen=True):
     """Ground truth at the start of the step, for the radio and observers."""
 
-    omissible: ClassVar[int] = 1
+    omissible: ClassVar[int] = 2
     instant: int
     robots: tuple[RobotTruth, ...]
     """In scenario order."""
@@ -216,6 +222,8 @@ class Truth(Message, frozen=True):
     """Last message to the radio; no answer is expected."""
     losses: tuple[Loss, ...] = ()
     """Losses ordered at the start of this step."""
+    charges: tuple[Charge | None, ...] = ()
+    """Charge of each robot's battery, None: not simulated; empty if no robot has one."""
 
 
 class EventCount(MessagePart, frozen=True):
@@ -228,8 +236,12 @@ class EventCount(MessagePart, frozen=True):
 class RadioAdvanced(Message, frozen=True):
     """The radio has simulated the medium up to the end of the step."""
 
+    omissible: ClassVar[int] = 1
     counts: tuple[EventCount, ...]
     """Only robots with at least one event."""
+    airtimes_ns: tuple[Annotated[int, msgspec.Meta(ge=0, le=10**9)], ...] = ()
+    """Airtime of each robot's frames that ended in the step, in the order of Truth; empty unless Truth has
+    charges."""
 
 
 class Control(Message, frozen=True):

@@ -2,6 +2,7 @@
 
 import math
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -37,6 +38,21 @@ _Offset = Annotated[float, Meta(ge=-5, le=5)]
 _Angle = Annotated[float, Meta(gt=0, le=180)]
 _Range = Annotated[float, Meta(ge=0, le=60)]
 _Noise = Annotated[float, Meta(ge=0, le=10)]
+_Power = Annotated[float, Meta(ge=0, le=10_000)]
+_Feedback = Annotated[
+    Duration,
+    Meta(
+        ge=10_000,
+        le=1_000_000,
+        multiple_of=10_000,
+        description="a multiple of the 0.01 s physics sub-step, from 0.01 to 1 s",
+    ),
+]
+_Error = Annotated[float, Meta(ge=0, le=1000)]
+_Curve = Annotated[
+    tuple[Annotated[tuple[float, float], Meta(description="a pair [x, y]")], ...],
+    Meta(min_length=2, max_length=32, description="2 to 32 pairs [x, y]"),
+]
 
 
 class Footprint(Settings, frozen=True):
@@ -132,6 +148,8 @@ class RangeSensor(Settings, frozen=True, kw_only=True):
     """Standard deviation of a range, m."""
     noise_growth: _Noise = 0.0
     """Growth of the standard deviation with the square of the range, 1/m."""
+    power: _Power = 0.0
+    """Power drawn from the battery, W."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -171,6 +189,106 @@ class RangeSensor(Settings, frozen=True, kw_only=True):
         return self.increment - half if self.full_circle else -half
 
 
+def interpolate(curve: _Curve | None, x: float) -> float:
+    """Return the value at x of points in ascending order; constant beyond them, 0 without points."""
+    if curve is None:
+        return 0.0
+    before = curve[0]
+    for after in curve:
+        if x < after[0]:
+            if after is before:
+                break
+            return before[1] + (after[1] - before[1]) * ((x - before[0]) / (after[0] - before[0]))
+        before = after
+    return before[1]
+
+
+class BatteryParameters(Settings, frozen=True, kw_only=True):
+    """Battery and consumers, at constant efficiency; the mounted sensor has its own power."""
+
+    capacity_wh: Annotated[float, Meta(gt=0, le=10_000)]
+    """Usable energy, Wh."""
+    electronics: _Power = 0.0
+    """Power of computer and base while the robot is switched on, W."""
+    driving: _Curve | None = None
+    """Power of the motors at a speed: points [m/s, W], linear in between; None: 0 W."""
+    turning: _Curve | None = None
+    """The same at a turn rate: points [rad/s, W]. The greater of both powers is drawn: the mean speed of two
+    wheels is that of the body or, turning faster, that of a wheel around it."""
+    transmitting: _Power = 0.0
+    """Power of the transceiver while it sends, W."""
+    receiving: _Power = 0.0
+    """Power of the transceiver otherwise, W; listening takes as much as receiving (MRF24J40, CC2420)."""
+    charging: _Power = 0.0
+    """Greatest power at which the battery can be charged, W."""
+    voltage: _Curve | None = None
+    """Voltage under load at a charge: points [share of the capacity, V], both ascending; used on hardware."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("driving", "turning", "voltage"):
+            points = getattr(self, name) or ()
+            if any(not (a[0] < b[0] and (a[1] < b[1] or name != "voltage")) for a, b in pairwise(points)):
+                raise RuleError(f"have ascending points in {name}")
+            if any(not (0 <= x <= 1000 and 0 <= y <= 10_000) for x, y in points):
+                raise RuleError(f"have points from [0, 0] to [1000, 10000] in {name}")
+        if self.voltage is not None and (self.voltage[0][0], self.voltage[-1][0]) != (0, 1):
+            raise RuleError("have a voltage from the charge 0 to 1")
+
+    @property
+    def capacity_uj(self) -> int:
+        """Capacity in whole microjoules."""
+        return round(self.capacity_wh * 3_600_000_000)
+
+    def motor_power(self, speed: float, turn_rate: float) -> float:
+        """Return the power of the motors, W, at a velocity, m/s and rad/s, not negative."""
+        return max(interpolate(self.driving, speed), interpolate(self.turning, turn_rate))
+
+    def charge_at(self, volts: float) -> float | None:
+        """Return the charge at a measured voltage, 0 to 1; None without a voltage curve."""
+        return None if self.voltage is None else interpolate(tuple((v, c) for c, v in self.voltage), volts)
+
+
+class StageErrors(Settings, frozen=True):
+    """Stage's position device with `localization "odom"`: a constant error factor per axis and run.
+
+    Each factor is 1 + e with e uniform in [−E/2, E/2] (rtv/Stage, libstage/model_position.cc).
+    """
+
+    forward: _Error = 0.03
+    """E of forward motion; d3scomp/ROSRemote, simulation/turtlebot.inc, odom_error."""
+    leftward: _Error = 0.03
+    """E of leftward motion; same file."""
+    turn: _Error = 0.02
+    """E of turning; same file."""
+
+
+class KobukiErrors(Settings, frozen=True):
+    """Error model of a Kobuki: position from wheel encoders, heading from a gyro (kobuki_node, odometry)."""
+
+    track: Annotated[float, Meta(gt=0, le=5)] = 0.230
+    """Distance between the wheels, m; kobuki_driver, "Kobuki Parameters"."""
+    tick_um: Annotated[float, Meta(gt=0, le=100_000)] = 85.292
+    """Travel per encoder tick, µm; kobuki_driver, "Kobuki Parameters"."""
+    feedback: _Feedback = Duration(20_000)
+    """Period of the base's feedback, a multiple of a physics sub-step; kobuki_driver, "Protocol
+    Specification": 50 Hz."""
+    gyro_resolution_deg: Annotated[float, Meta(gt=0, le=10)] = 0.01
+    """Resolution of the heading in the feedback, degrees; kobuki_driver, "Protocol Specification", inertial
+    data."""
+    gyro_noise_deg: _Error = 0.03
+    """White noise of the angular rate, °/s per √Hz, hence degrees per √s; ST L3G4200D data sheet."""
+    gyro_bias_deg: _Error = 0.01
+    """Standard deviation of the initial bias of the angular rate, °/s; own estimate: 0.33 K since calibration
+    at 0.03 °/s per K (same data sheet)."""
+    gyro_walk_deg: _Error = 0.0005
+    """Random walk of the bias, °/s per √s; own estimate: equals the initial bias after 7 minutes."""
+    wheel_scale: _Error = 0.002
+    """Relative standard deviation of a wheel's radius; own estimate: 0.07 mm of 35 mm."""
+    slip: _Error = 0.002
+    """Standard deviation of a wheel's travel, m per √m travelled; own estimate for a smooth floor."""
+
+
 class RobotModel(Settings, frozen=True, kw_only=True):
     """Body, drive and range sensors of a kind of robot, one sensor of which is mounted."""
 
@@ -186,6 +304,12 @@ class RobotModel(Settings, frozen=True, kw_only=True):
     footprint: Footprint
     drive: DriveParameters
     bumper: Bumper | None = None
+    battery: BatteryParameters | None = None
+    """None: it cannot be simulated."""
+    stage_errors: StageErrors = StageErrors()
+    """Errors of the odometry `stage`."""
+    kobuki_errors: KobukiErrors = KobukiErrors()
+    """Errors of the odometry `kobuki`."""
     sensors: Annotated[dict[str, RangeSensor], Meta(min_length=1)]
     """Available sensors, by name."""
 

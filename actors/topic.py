@@ -9,7 +9,7 @@ class Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
     """A message between actors; `step` is the step that it belongs to."""
 
     omissible: ClassVar[int] = 0
-    """Number of trailing fields that are not sent while all of them have their default value."""
+    """Number of trailing fields that are not sent while they and all later ones have their default value."""
     step: int
 
 

@@ -66,6 +66,7 @@ METRICS: Final = (
         False,
     ),
     Metric("driven", "metres driven by all robots", "m", lambda run: run.driven_m, False),
+    Metric("energy", "energy used by all robots", "J", lambda run: run.known_energy_j, False),
 )
 SETTLED: Final = TimeMetric("settled", "running time", "done or given up", lambda run: run.settled_s)
 TIMES: Final = (SETTLED, TimeMetric("completion", "time to complete", "done", lambda run: run.completion_s))

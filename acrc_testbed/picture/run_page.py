@@ -106,8 +106,10 @@ def draw(run: RunData) -> Figure:
     """Draw the page of a run."""
     doing = cause_intervals(run)
     tall = 0.24 * min(max(len(run.robots), 4), 50)
-    figure = style.new_figure(11.0, 7.0 + tall)
-    grid = figure.add_gridspec(3, 2, height_ratios=[5.0, tall + 0.5, 1.5], width_ratios=[3, 1])
+    below_radio = [1.2] * run.description.has_batteries
+    figure = style.new_figure(11.0, 7.0 + tall + sum(below_radio))
+    heights = [5.0, tall + 0.5, 1.5, *below_radio]
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights, width_ratios=[3, 1])
     floor = figure.add_subplot(grid[0, :])
     floor_picture.draw_floor(floor, run.grid)
     drawn = floor_picture.draw_run(floor, run, doing)
@@ -125,6 +127,8 @@ def draw(run: RunData) -> Figure:
     below.tick_params(labelbottom=False)
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
+    if below_radio:
+        _draw_charges(figure.add_subplot(grid[3, 0], sharex=below), run)
     draw_progress(figure.add_subplot(grid[1:, 1] if glyphs.is_small_swarm(run.robots) else grid[2, 1]), run)
     marks.settle(figure)
     marks.place(floor, drawn.labels, drawn.taken)
@@ -186,6 +190,15 @@ def _draw_radio(axes: Axes, run: RunData) -> None:
     axes.set_xlabel("simulated time, s")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=7, frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.96))
+
+
+def _draw_charges(axes: Axes, run: RunData) -> None:
+    """Draw the charge of each robot's battery."""
+    for index, robot in enumerate(run.robots):
+        axes.plot(run.seconds, run.charge[:, index], color=style.colour(index), lw=1.2, label=robot)
+    axes.set_ylim(0.0, 1.05)
+    axes.set_ylabel("battery charge")
+    axes.set_xlabel("simulated time, s")
 
 
 _MARGIN: Final = 1.5

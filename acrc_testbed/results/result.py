@@ -35,6 +35,7 @@ from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decode_note, read_notes
 from actors.runtime.shell import run_digest
 from actors.task.referee import PlaceOutcome
+from actors.world.battery import EnergyReport
 from actors.world.sensing import PoseError, WorldReport
 
 S = TypeVar("S", bound=msgspec.Struct)
@@ -201,6 +202,8 @@ class RobotResult(msgspec.Struct, frozen=True):
     """Error of its position estimates; not in field trials."""
     driven_m: float | None = None
     """True distance driven or pushed, m; not in field trials."""
+    energy: EnergyReport = _ABSENT
+    """Energy from its battery; only with simulated batteries."""
     reports: int = _ABSENT
     """From here on in field trials only. Places of any robot that it reported as visited."""
     gave_up: int = _ABSENT
@@ -296,6 +299,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Values returned by behaviours' `outcome()`, by name and robot; after a restart the last ones."""
     warnings: tuple[str, ...] = ()
     """Problems predicted before the run, a sentence each."""
+    energy_j: float = _ABSENT
+    """Energy used by all robots; only with simulated batteries."""
     held_up: dict[str, StepDelays] = {}
     """Delays of steps by actor, without those of the machine; do not influence the digest."""
     reference: str = _ABSENT
@@ -307,6 +312,11 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     def is_simulated(self) -> bool:
         """False for a field trial, also with emulated devices."""
         return self.reference is _ABSENT
+
+    @property
+    def known_energy_j(self) -> float | None:
+        """Energy used by all robots, J; None without simulated batteries."""
+        return None if self.energy_j is _ABSENT else self.energy_j
 
     @property
     def length_s(self) -> float:
@@ -360,6 +370,7 @@ def gather_result(
                 **robot_place_counts(places, robot),
                 pose_error=world_report.pose_errors[robot],
                 driven_m=world_report.driven[robot],
+                energy=world_report.energy.get(robot, _ABSENT),
             )
             for robot in robots
         },
@@ -378,10 +389,16 @@ def gather_result(
         refused_reports=reports.refused,
         processor=processor(),
         driven_m=round(sum(world_report.driven.values()), 3),
+        energy_j=_total_energy(world_report),
         outcome=reports.outcomes,
         **fields,
     )
     return result, places
+
+
+def _total_energy(report: WorldReport) -> Any:
+    """Return the energy used by all robots, J; `_ABSENT` without batteries."""
+    return round(sum(one.used_j for one in report.energy.values()), 3) if report.energy else _ABSENT
 
 
 class RobotReports(NamedTuple):

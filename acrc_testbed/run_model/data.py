@@ -58,6 +58,8 @@ STEP_COLUMNS: Final = (
     StepColumn("places_left", np.int64, "", "places that the robot still intends to visit"),
     StepColumn("frames_sent", np.int64, "", "frames that the robot handed to its transceiver in the step"),
     StepColumn("frames_heard", np.int64, "", "frames that the robot received in the step"),
+    StepColumn("charge", np.float64, "", "share of the battery's capacity left; NaN: not simulated",
+               1, np.nan),
 )  # fmt: skip
 """Columns of `RunData` per step and robot, each of shape (steps, robots) or (steps, robots, `width`)."""
 
@@ -142,6 +144,8 @@ class RunDescription:
     records_frames: bool = False
     """The radio recorded the outcomes of frames."""
     seed: int | None = None
+    has_batteries: bool = False
+    """Batteries are simulated."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -166,6 +170,7 @@ class RunData:
     places_left: NDArray[np.int64]
     frames_sent: NDArray[np.int64]
     frames_heard: NDArray[np.int64]
+    charge: Floats
     trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
     """By robot, in scenario order."""
     heard: Floats = field(default_factory=lambda: np.zeros((0, 4)))

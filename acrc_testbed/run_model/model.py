@@ -284,6 +284,8 @@ class RunModel:
             columns["true"][row] = [(one.x, one.y, one.heading) for one in truth.robots]
             columns["powered"][row] = [one.powered for one in truth.robots]
             columns["stepping"][row] = [one.stepping for one in truth.robots]
+            if truth.charges:
+                columns["charge"][row] = truth.charges
         columns["places_left"][:] = self._places_left
         for robot, drive in self._drives:
             if drive.step <= until:

@@ -65,6 +65,7 @@ def run_model(out: Path, setup: WorldSetup, radio: RadioSetup) -> RunModel:
         radius=largest_radius(setup),
         records_frames=radio.detail == "full",
         seed=setup.seed,
+        has_batteries=any(body.battery is not None for body in setup.robots),
     )
     return RunModel(description, [RecordedOrder(one.step(setup.step_us), one.order) for one in setup.events])
 

@@ -70,9 +70,9 @@ _SPREAD: Final = {"mean_per_robot": WHITE, "percentile_10": GREY, "percentile_90
 class Plots:
     """Plots of a run, drawn part by part."""
 
-    def __init__(self, canvas: Canvas, *, true: bool) -> None:
-        """Set up the lines; `true`: the run has ground truth."""
-        self._canvas, self._true = canvas, true
+    def __init__(self, canvas: Canvas, *, true: bool, batteries: bool = False) -> None:
+        """Set up the lines; `true`: the run has ground truth, `batteries`: it simulates batteries."""
+        self._canvas, self._true, self._batteries = canvas, true, batteries
         self._done = dict.fromkeys(canvas.robots, 0)
         self._known: set[PlaceKey] = set()
         self._last: dict[str, tuple[float, float, float]] = {}
@@ -87,7 +87,7 @@ class Plots:
         for name, colour in shown.items():
             panels.set_line_style(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
         for robot in canvas.robots:
-            for name in ("speed", "error") if true else ("speed",):
+            for name in ("speed", *["error"] * true, *["charge"] * batteries):
                 panels.set_line_style(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
 
     def extend(self, run: RunData) -> None:
@@ -104,6 +104,8 @@ class Plots:
             panels.draw_line(self._canvas, f"plots/places/{name}", ends, values)
         for robot, track in run.trajectories.items():
             self._draw_motion(robot, track)
+        if self._batteries:
+            self._draw_charges(run)
         self._draw_rssi(run.heard)
 
     def _draw_motion(self, robot: str, track: Trajectory) -> None:
@@ -127,6 +129,14 @@ class Plots:
         for name, values in lines.items():
             valid = np.isfinite(values)
             panels.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[valid], values[valid])
+
+    def _draw_charges(self, run: RunData) -> None:
+        """Draw the charge of each battery once a second."""
+        rows = run.seconds % 1.0 < run.duration(1) - 1e-6
+        for robot, charges in zip(run.robots, run.charge[rows].T, strict=True):
+            known = np.isfinite(charges)
+            path = f"plots/charge/{robot}"
+            panels.draw_line(self._canvas, path, run.seconds[rows][known], charges[known])
 
     def _draw_rssi(self, heard: Floats) -> None:
         """Draw the RSSI of each link in the sender's colour; with many robots one line per sender."""

@@ -191,7 +191,8 @@ class RunDrawing:
         """Robots whose introspection is recorded."""
         self._outside = {robot: ObservedActivity(robot) for robot in run.robots}
         self._places = PlaceTable()
-        self._plots = Plots(canvas, true=run.description.has_truth)
+        description = run.description
+        self._plots = Plots(canvas, true=description.has_truth, batteries=description.has_batteries)
         self._event_texts = RunEventTexts()
         self._heard: Floats = np.zeros((0, 4))
         """Recently received frames, as in `RunData.heard`."""
@@ -352,7 +353,10 @@ def detailed_robots(robots: Sequence[str], requested: Sequence[str]) -> list[str
 
 def arrangement(run: RunData, detailed: Sequence[str]) -> layout.ViewerContents:
     """Return the arrangement of the window for a run."""
-    return layout.ViewerContents(run.grid, run.robots, detailed, run.end, run.description.has_truth)
+    description = run.description
+    return layout.ViewerContents(
+        run.grid, run.robots, detailed, run.end, description.has_truth, description.has_batteries
+    )
 
 
 def _multiples(period: float, since: float, end: float) -> Floats:

@@ -155,7 +155,9 @@ def follow_run(out: Path, path: Path, robots: Sequence[str], opened: OpenViewer 
     while run_state(out) is RunState.RUNNING and not _has_begun(out):
         time.sleep(_POLL_S)
     with RunReader(out, internals=True) as reader:
-        what = ViewerContents(reader.description.grid, reader.robots, detailed_robots(reader.robots, robots))
+        grid, batteries = reader.description.grid, reader.description.has_batteries
+        detailed = detailed_robots(reader.robots, robots)
+        what = ViewerContents(grid, reader.robots, detailed, batteries=batteries)
         address = None if opened is None else opened.address
         with ViewFile(path, what, name="live run", send_to=address) as sheet:
             view = LiveView(reader, sheet, what.detailed_robots)

@@ -43,6 +43,8 @@ class ViewerContents:
     """End of the run, s; None: it is running, and the viewer follows it."""
     true: bool = True
     """False: poses are estimates, as there is no ground truth."""
+    batteries: bool = False
+    """Whether batteries are simulated."""
     root: str = ""
     """Root of all entity paths, such as "/1", for several runs side by side."""
     name: str = ""
@@ -183,6 +185,8 @@ def _plots(contents: ViewerContents) -> rrb.Tabs:
     tabs: list[Any] = [plot("speed", "Speed, m/s", plot_legend=hidden)]
     if contents.true:
         tabs.insert(0, plot("error", "Localisation error, m", plot_legend=hidden))
+    if contents.batteries:
+        tabs.append(plot("charge", "Charge of batteries", axis_y=rrb.ScalarAxis(range=(0.0, 1.0))))
     copies = plot("copies", "Copies of frames per second, by outcome", plot_legend=hidden)
     fates = rrb.Spatial2DView(
         origin=f"{contents.root}/legend/copies", name="Outcomes", background=_GROUND,

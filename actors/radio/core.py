@@ -89,6 +89,8 @@ class RadioCore:
         self._outcomes = FrameCounters(len(robots))
         addresses = [address for _, address in robots]
         self._medium = RobotMedium(addresses, model, seed, keeps_outcomes=records_outcomes)
+        self._airtimes: dict[str, int] = {}
+        """Airtime of each robot at the last `_take_airtimes`, ns."""
         self._reach = DirectReach(model.parameters, model.propagation)
         self._number = {robot: number for number, (robot, _) in enumerate(robots)}
         self._ids = [robot for robot, _ in robots]
@@ -134,9 +136,16 @@ class RadioCore:
         if self._records_outcomes and self._step * self._step_us % PERIOD < self._step_us:
             outputs.append(to(FRAME_OUTCOMES, FrameOutcomes(self._step, self._medium.take_outcomes())))
         counts = tuple([EventCount(robot, len(robot_events)) for robot, robot_events in delivered.items()])
-        outputs.append(to(AIRED, RadioAdvanced(self._step, counts)))
+        airtimes = self._take_airtimes(truth) if truth.charges else ()
+        outputs.append(to(AIRED, RadioAdvanced(self._step, counts, airtimes)))
         self._step += 1
         return outputs
+
+    def _take_airtimes(self, truth: Truth) -> tuple[int, ...]:
+        """Return the airtime since the last call, ns, of each robot of `truth`."""
+        before, now = self._airtimes, dict(zip(self._ids, self._medium.medium.airtimes_ns, strict=True))
+        self._airtimes = now
+        return tuple([now.get(robot.id, 0) - before.get(robot.id, 0) for robot in truth.robots])
 
     def _deliver_events(
         self, truth: Truth, events: Mapping[str, list[RadioEvent]]

@@ -170,6 +170,7 @@ class RobotCore:
             plan=navigation.plan,
             backing_out=navigation.backing_out,
             places=tuple(Point(*place) for place in senses.places) if senses.places else (),
+            battery=senses.battery,
         )
         decision = self._decide(view, Instant(instant + self._step_us))
         navigation.take(decision.goal, decision.paused, decision.back_out)

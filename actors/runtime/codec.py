@@ -37,19 +37,20 @@ def encode(message: Message, key: str = "", limit: int = MESSAGE_LIMIT) -> bytes
     AcrcError, with the `key`, for more than `limit` bytes or for values that do not have the plain types of
     the message's fields.
     """
+    sent: object = message
+    if message.omissible:  # not a function of its own, which would cost a call per message
+        fields, defaults = msgspec.structs.astuple(message), message.__struct_defaults__
+        for last in range(-message.omissible, 0):
+            if fields[last:] == defaults[last:]:
+                sent = fields[:last]
+                break
     try:
-        payload = _PREFIX + _encoded(_encoded_fields(message) if message.omissible else message)
+        payload = _PREFIX + _encoded(sent)
     except (TypeError, ValueError, OverflowError) as error:
         raise AcrcError(f"{_title(message, key)} {_unencodable_value(message) or error}") from None
     if payload[limit:]:  # saves a call of len() per message
         raise AcrcError(f"{_title(message, key)} has {len(payload)} bytes; the limit is {limit}")
     return payload
-
-
-def _encoded_fields(message: Message) -> object:
-    """Return the message, or its fields without omissible trailing defaults."""
-    fields, last = msgspec.structs.astuple(message), -message.omissible
-    return fields[:last] if fields[last:] == message.__struct_defaults__[last:] else message
 
 
 def _title(message: Message, key: str) -> str:

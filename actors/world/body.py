@@ -20,10 +20,11 @@ from actors.messages import Drive, FloorChanged, Scan, SensorData, UnmappedObsta
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
+from actors.world.battery import Batteries
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import RealFloor, draw_floor, odometry_errors
+from actors.world.uncertainty import RealFloor, draw_floor, with_drift
 from actors.world.world_setup import WorldSetup
 from deeco.knowledge import new_tuple
 
@@ -142,7 +143,6 @@ class Bodies:
         floor = real_floor(setup, self._models)
         self._grid = floor.solid
         self.floor_record = FloorRecord()
-        stage, kobuki = odometry_errors(setup.uncertainty)
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
         self._arena = Arena(outline(floor.solid), names, self._models, poses)
@@ -154,13 +154,12 @@ class Bodies:
         self._doors = Doors(floor, radius, self._arena, self._sensors, self.floor_record)
         self._odometers = Odometers(
             [robot.odometry for robot in setup.robots],
-            self._models,
+            [with_drift(model, setup.uncertainty) for model in self._models],
             self._arena.poses,
             [generator(setup.world_seed, "odometry", name) for name in names],
             SUBSTEP,
-            stage,
-            kobuki,
         )
+        self.batteries = Batteries(setup, self._models)
         self._periods = [model.sensor.period for model in self._models]
         self._different_periods = tuple(dict.fromkeys(self._periods))
         # A frozen robot reads no scans: the queue keeps the latest.
@@ -208,7 +207,16 @@ class Bodies:
         if scans:
             scans.clear()
         return SensorData(
-            step, instant, events, odometry, bumper, scan, halt=halt, earlier_scans=earlier, places=places
+            step,
+            instant,
+            events,
+            odometry,
+            bumper,
+            scan,
+            halt=halt,
+            earlier_scans=earlier,
+            places=places,
+            battery=self.batteries.charges[index],
         )
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:

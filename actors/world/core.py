@@ -117,12 +117,14 @@ class WorldCore:
     def report(self) -> WorldReport:
         """Return the ground truth so far."""
         members, driven = self._participants.members, self._bodies.driven
+        energies = {member.id: self._bodies.batteries.report(member.index) for member in members}
         return WorldReport(
             contacts=self._bodies.contacts,
             pose_errors={member.id: self._pose_errors[member.index].error() for member in members},
             driven={member.id: round(driven[member.index], 3) for member in members},
             steps=self._step,
             refused_orders=self._orders.refused,
+            energy={robot: energy for robot, energy in energies.items() if energy is not None},
         )
 
     def listens(self) -> Sequence[Address]:
@@ -197,9 +199,8 @@ class WorldCore:
     def _open(self, inputs: Inputs) -> Sequence[Output]:
         effects = self._orders.effects
         if self._phase is WorldPhase.OPEN:
-            if self._step:
-                self._add_event_counts(read(inputs, AIRED))
-            self._orders.begin(self.instant)
+            empty = self._end_step(read(inputs, AIRED)) if self._step else ()
+            self._orders.begin(self.instant, empty)
             effects = self._orders.effects
             if self._pause_at == self._step:
                 effects.paused, effects.steps = True, 0
@@ -210,6 +211,7 @@ class WorldCore:
             self._pause_at = self._step + effects.steps if effects.steps else None
         for start in effects.starts:
             self._task.restart(start.robot)
+            self._bodies.batteries.replace_empty(self._participants[start.robot].index)
         if effects.paused and not effects.stop:
             self._phase = WorldPhase.PAUSED
             return [*outputs, to(PROGRESS, self._progress())]
@@ -231,7 +233,8 @@ class WorldCore:
         refusals = self._orders.take(control.orders)
         return [to(ANSWERED, OrderOutcomes(self._step, control.ticket, refusals))] if control.ticket else []
 
-    def _add_event_counts(self, aired: RadioAdvanced) -> None:
+    def _end_step(self, aired: RadioAdvanced) -> Sequence[int]:
+        """Add event counts and airtimes of the last step; return the robots whose battery is now empty."""
         if aired.step != self._step - 1:
             raise AcrcError(
                 f"{self._time_text()}: the radio reports step {aired.step}; expected step {self._step - 1}"
@@ -243,6 +246,8 @@ class WorldCore:
                     f"{short_repr(count.id)}; expected at least 1, for a robot of this run"
                 )
             self._participants[count.id].events += count.events
+        batteries = self._bodies.batteries
+        return batteries.end(self.instant, self._bodies.truth, aired.airtimes_ns) if batteries.exist else ()
 
     def _is_over(self, effects: OrderEffects) -> bool:
         if effects.stop or self.instant >= self._setup.duration_us:
@@ -291,7 +296,12 @@ class WorldCore:
             self._pose_errors[robot].add(pose, truths[robot])
         self._phase = WorldPhase.MOVE
         jams, losses = self._orders.effects.jams, self._orders.effects.losses
-        return (to(TRUTH, Truth(self._step, begin, tuple(truths), tuple(jams), losses=tuple(losses))),)
+        charges: tuple[float | None, ...] = ()
+        if self._bodies.batteries.exist:
+            self._bodies.batteries.begin(truths)
+            charges = tuple(self._bodies.batteries.charges)
+        truth = Truth(self._step, begin, tuple(truths), tuple(jams), losses=tuple(losses), charges=charges)
+        return (to(TRUTH, truth),)
 
     def _time_text(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, get_args
 
 import numpy as np
@@ -16,7 +15,7 @@ from actors.messages import Odometry
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.portable.draws import normals, uniforms
-from actors.robot_model import OdometryKind, RobotModel
+from actors.robot_model import KobukiErrors, OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
 
 Floats = NDArray[np.float64]
@@ -172,48 +171,6 @@ def fingerprint() -> bytes:
     return estimates.tobytes() + velocities.tobytes() + bases.tobytes() + rows.tobytes()
 
 
-@dataclass(frozen=True)
-class StageErrors:
-    """Stage's position device with `localization "odom"`: a constant error factor per axis and run.
-
-    Each factor is 1 + e with e uniform in [−E/2, E/2] (rtv/Stage, libstage/model_position.cc).
-    """
-
-    forward: float = 0.03
-    """E of forward motion; d3scomp/ROSRemote, simulation/turtlebot.inc, odom_error."""
-    leftward: float = 0.03
-    """E of leftward motion; same file."""
-    turn: float = 0.02
-    """E of turning; same file."""
-
-
-@dataclass(frozen=True)
-class KobukiErrors:
-    """Error model of a Kobuki: position from wheel encoders, heading from a gyro (kobuki_node, odometry)."""
-
-    track: float = 0.230
-    """Distance between the wheels, m; kobuki_driver, "Kobuki Parameters"."""
-    tick_um: float = 85.292
-    """Travel per encoder tick, µm; kobuki_driver, "Kobuki Parameters"."""
-    feedback: Duration = Duration(20_000)  # noqa: RUF009 - a NewType creates no object
-    """Period of the base's feedback; kobuki_driver, "Protocol Specification": 50 Hz. A multiple of a
-    sub-step."""
-    gyro_resolution_deg: float = 0.01
-    """Resolution of the heading in the feedback, degrees; kobuki_driver, "Protocol Specification", inertial
-    data."""
-    gyro_noise_deg: float = 0.03
-    """White noise of the angular rate, °/s per √Hz, hence degrees per √s; ST L3G4200D data sheet."""
-    gyro_bias_deg: float = 0.01
-    """Standard deviation of the initial bias of the angular rate, °/s; own estimate: 0.33 K since calibration
-    at 0.03 °/s per K (same data sheet)."""
-    gyro_walk_deg: float = 0.0005
-    """Random walk of the bias, °/s per √s; own estimate: equals the initial bias after 7 minutes."""
-    wheel_scale: float = 0.002
-    """Relative standard deviation of a wheel's radius; own estimate: 0.07 mm of 35 mm."""
-    slip: float = 0.002
-    """Standard deviation of a wheel's travel, m per √m travelled; own estimate for a smooth floor."""
-
-
 class Odometers:
     """Odometry of all robots, by index; the errors of a robot depend on its own generator only.
 
@@ -227,27 +184,14 @@ class Odometers:
         poses: NDArray[np.float64],
         generators: Sequence[Generator],
         substep: Duration,
-        stage: StageErrors = StageErrors(),
-        kobuki: KobukiErrors = KobukiErrors(),
     ) -> None:
         """Create the odometries; `poses`: (n, 3), at power-on. Raises AcrcError."""
         n = len(kinds)
         assert n == len(models) == len(poses) == len(generators)
-        assert kobuki.feedback % substep == 0
         for model, kind in zip(models, kinds, strict=True):
             _check(model, kind)
         self._generators = tuple(generators)
         self._dt = in_seconds(substep)
-        self._kobuki = (
-            kobuki.track,
-            kobuki.tick_um * 1e-6,
-            kobuki.slip,
-            math.radians(kobuki.gyro_noise_deg),
-            math.radians(kobuki.gyro_walk_deg),
-            math.radians(kobuki.gyro_resolution_deg),
-            kobuki.feedback // substep,
-        )
-        """Parameter `model` of `add_measured`."""
         self._origin = np.array(poses, np.float64)
         self._last = np.array(poses, np.float64)
         self._true_velocities = np.zeros((n, 3))
@@ -259,15 +203,22 @@ class Odometers:
         self._is_exact = np.array([kind == "exact" for kind in kinds], np.bool_)
         self._is_measured = np.array([kind == "kobuki" for kind in kinds], np.bool_)
         self._scaled = np.flatnonzero(~(self._is_exact | self._is_measured))
-        self._measured = np.flatnonzero(self._is_measured)
+        measured = np.flatnonzero(self._is_measured).tolist()
+        errors = dict.fromkeys(models[i].kobuki_errors for i in measured)
+        self._measured = [
+            (np.array([i for i in measured if models[i].kobuki_errors == one]), _kernel_model(one, substep))
+            for one in errors
+        ]
+        """Robots with equal errors, and the parameter `model` of `add_measured`."""
         self._factors = np.ones((n, 3))
         for i in self._scaled:
+            stage = models[i].stage_errors
             spread = np.array([stage.forward, stage.leftward, stage.turn])
             self._factors[i] += uniforms(generators[i], -0.5, 0.5, 3) * spread
         self._bases = np.zeros(n, BASE)
-        for i in self._measured:
+        for i in measured:
             left, right, bias = normals(generators[i], 3).tolist()
-            base = self._bases[i]
+            base, kobuki = self._bases[i], models[i].kobuki_errors
             base["left_scale"] = 1 + left * kobuki.wheel_scale
             base["right_scale"] = 1 + right * kobuki.wheel_scale
             base["bias"] = bias * math.radians(kobuki.gyro_bias_deg)
@@ -279,10 +230,10 @@ class Odometers:
         """
         if self._scaled.size:
             add_scaled(track, self._scaled, self._last, self._factors, self._estimates)
-        if self._measured.size:
-            draws = np.stack([normals(self._generators[i], (len(track), 4)) for i in self._measured])
+        for robots, model in self._measured:
+            draws = np.stack([normals(self._generators[i], (len(track), 4)) for i in robots])
             written = self._bases, self._estimates, self._velocities
-            add_measured(track, self._measured, self._last, draws, self._dt, self._kobuki, *written)
+            add_measured(track, robots, self._last, draws, self._dt, model, *written)
         self._last[:] = track[-1]
         self._true_velocities[:] = velocities
         self._readings = None
@@ -302,6 +253,22 @@ class Odometers:
             rows = self._rows.tolist()
             self._readings = [(x, y, wrap(heading), vx, vy, omega) for x, y, heading, vx, vy, omega in rows]
         return Odometry(*self._readings[index])
+
+
+def _kernel_model(
+    errors: KobukiErrors, substep: Duration
+) -> tuple[float, float, float, float, float, float, int]:
+    """Return the parameter `model` of `add_measured`."""
+    assert errors.feedback % substep == 0
+    return (
+        errors.track,
+        errors.tick_um * 1e-6,
+        errors.slip,
+        math.radians(errors.gyro_noise_deg),
+        math.radians(errors.gyro_walk_deg),
+        math.radians(errors.gyro_resolution_deg),
+        errors.feedback // substep,
+    )
 
 
 def _check(model: RobotModel, kind: str) -> None:

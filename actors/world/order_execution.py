@@ -3,11 +3,12 @@
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Final
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
 from actors.message_limits import OrderLimits, order_fault
-from actors.messages import Jam, Loss, ProcessOrder
+from actors.messages import Drive, Jam, Loss, ProcessOrder
 from actors.orders import (
     AssignPlaces,
     CloseDoor,
@@ -32,6 +33,9 @@ from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies, wall_posts
 from actors.world.world_setup import BarrierState, Member, Participants, TimedOrder
+
+STOP: Final = Drive(0, 0.0, 0.0, 0.0, 0)
+"""Command of a base whose battery is empty: its geared wheels brake."""
 
 
 @dataclass
@@ -82,10 +86,13 @@ class Orders:
         further = (f"and {self._further_refusals} more",) if self._further_refusals else ()
         return (*self._refused, *further)
 
-    def begin(self, now: Instant) -> None:
-        """Begin a boundary: carry out all events of the scenario up to `now`."""
+    def begin(self, now: Instant, empty: Iterable[int] = ()) -> None:
+        """Begin a boundary: switch off robots with an empty battery, carry out all events up to `now`."""
         self._now = now
         self.effects = OrderEffects()
+        for index in empty:
+            self._bodies.command(index, STOP, now)
+            self._end_process(self._roster.members[index])
         while self._events and self._events[0].instant <= now:
             try:
                 self._execute(self._events.popleft().order)

@@ -53,8 +53,16 @@ def actor_process(
         run=run,
         optional_inputs=core.optional_inputs,
         drive=drive,
-        outcome=lambda: {**core.task_outcome, **msgspec.structs.asdict(core.report())},
+        outcome=lambda: outcome_of(core),
     )
+
+
+def outcome_of(core: WorldCore) -> dict[str, object]:
+    """Return the world's results by subject; `energy` only with batteries."""
+    report = msgspec.structs.asdict(core.report())
+    if not report["energy"]:
+        del report["energy"]
+    return {**core.task_outcome, **report}
 
 
 def world_note(setup: WorldSetup, commit: str) -> RunNote:

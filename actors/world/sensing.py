@@ -16,6 +16,7 @@ from actors.messages import NO_ECHO_MM, RobotTruth
 from actors.portable import arrays, hypot
 from actors.portable.draws import normals_of_each
 from actors.robot_model import RangeSensor, RobotModel, scan_angles
+from actors.world.battery import EnergyReport
 from actors.world.rays import BODY, SENSOR, report_ranges, sweep
 
 
@@ -151,6 +152,8 @@ class WorldReport(msgspec.Struct, frozen=True):
     steps: int
     refused_orders: tuple[str, ...]
     """Messages of refused orders from outside."""
+    energy: dict[str, EnergyReport] = {}
+    """Energy of each robot whose battery is simulated."""
 
 
 class PoseErrorSum:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Annotated, Final, NamedTuple, TypeVar
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -16,8 +16,8 @@ from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.floor.placement import PlacementError, draw_points
 from actors.geometry import Point
 from actors.portable.draws import normals
+from actors.robot_model import KobukiErrors, RobotModel, StageErrors
 from actors.settings import Settings, Share
-from actors.world.odometry import KobukiErrors, StageErrors
 
 T = TypeVar("T", StageErrors, KobukiErrors)
 _LATTICE: Final = 2.0
@@ -86,15 +86,16 @@ def draw_floor(
     return RealFloor(*(replace(plan, cells=np.where(occupied, OCCUPIED, part)) for part in (cells, visible)))
 
 
-def odometry_errors(dose: Uncertainty) -> tuple[StageErrors, KobukiErrors]:
-    """Return the errors of both kinds of odometry, scaled by `drift`."""
+def with_drift(model: RobotModel, dose: Uncertainty) -> RobotModel:
+    """Return the model with its odometry errors scaled by `drift`."""
 
     def scaled(errors: T, *names: str) -> T:
-        return replace(errors, **{name: dose.drift * getattr(errors, name) for name in names})
+        return structs.replace(errors, **{name: dose.drift * getattr(errors, name) for name in names})
 
     gyro = "gyro_noise_deg", "gyro_bias_deg", "gyro_walk_deg"
-    stage = scaled(StageErrors(), "forward", "leftward", "turn")
-    return stage, scaled(KobukiErrors(), *gyro, "wheel_scale", "slip")
+    stage = scaled(model.stage_errors, "forward", "leftward", "turn")
+    kobuki = scaled(model.kobuki_errors, *gyro, "wheel_scale", "slip")
+    return structs.replace(model, stage_errors=stage, kobuki_errors=kobuki)
 
 
 def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> NDArray[np.uint8]:

@@ -13,14 +13,17 @@ from actors.randomness import derived_seed, keyed_seed
 from actors.robot_model import OdometryKind, RobotDescription
 from actors.runtime.core import Address, at
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail, resolve_model
+from actors.settings import Share
 from actors.world.uncertainty import Uncertainty
 
 
-class BodySetup(RobotDescription, frozen=True, kw_only=True):
+class BodySetup(RobotDescription, frozen=True, kw_only=True, omit_defaults=True):
     """One robot's body and its start; places are used for measurements only."""
 
     odometry: OdometryKind
     """Kind of odometry errors."""
+    battery: Share | None = None
+    """Charge at the start; None: the battery is not simulated."""
 
 
 class TimedOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -6,6 +6,7 @@ from typing import Final
 
 from msgspec.structs import asdict, replace
 
+from actors import wording
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
@@ -176,7 +177,13 @@ def _robot_spec(robot: str, scenario: Scenario) -> RobotSpec:
     name = table.model or common.model
     model = load_model(name, table.sensor or (common.sensor if name == common.model else None))
     odometry = table.odometry or common.odometry or model.odometry
-    table = replace(table, model=name, sensor=model.default_sensor, odometry=odometry)
+    battery = common.battery if table.battery is None else table.battery
+    if battery is not None and model.battery is None:
+        raise AcrcError(
+            f"robot {robot}: battery is {battery:g}, but the model {wording.toml_text(name)} has no table"
+            " [battery]; add it, or remove the key"
+        )
+    table = replace(table, model=name, sensor=model.default_sensor, odometry=odometry, battery=battery)
     return RobotSpec(table, model.footprint.circumradius)
 
 

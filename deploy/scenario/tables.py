@@ -14,7 +14,7 @@ from actors.randomness import keyed_seed
 from actors.robot.behaviour.ports import ExchangeSettings, Scalar
 from actors.robot.stack import TABLES, Adaptation, Stack, presets, stack
 from actors.robot_model import MOST_PLACES, Model, OdometryKind, Places, SensorName
-from actors.settings import Place, Settings, Span, StartPose, Text, check_spans, plain
+from actors.settings import Place, Settings, Share, Span, StartPose, Text, check_spans, plain
 from actors.world.uncertainty import Uncertainty
 
 MOST_WIFI: Final = 20
@@ -98,6 +98,8 @@ class RobotsTable(Settings, frozen=True):
     """Mounted sensor of the model; absent: its default."""
     odometry: OdometryKind | None = None
     """Model of odometry errors; absent: that of the robot model."""
+    battery: Share | None = None
+    """Charge of the batteries at the start, 0 to 1; absent: batteries are not simulated."""
     start: Annotated[
         tuple[StartPose, ...],
         Meta(max_length=MOST_ROBOTS, description=f"a list of at most {MOST_ROBOTS} poses [x, y, heading]"),
@@ -128,6 +130,7 @@ class RobotTable(Settings, frozen=True):
     sensor: SensorName | None = None
     """Mounted sensor; absent: as in [robots] if the model is the same, else the model's default."""
     odometry: OdometryKind | None = None
+    battery: Share | None = None
     start: StartPose | None = None
     places: Places | None = None
     """The robot's places, in initial order."""

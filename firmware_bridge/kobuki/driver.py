@@ -108,6 +108,8 @@ class KobukiDriver:
         self._fields = dict.fromkeys(_FIELDS, 0)
         self.battery: BatteryLevel | None = None
         """Battery level; None before the first feedback."""
+        self.volts: float | None = None
+        """Battery voltage; None before the first feedback."""
         self.odometry = KobukiOdometry()
         self.found = False
         """True while feedback is received."""
@@ -212,7 +214,8 @@ class KobukiDriver:
             if before != (value := getattr(basic, name)):
                 self._changes.append(StateChange(now, name, before, value))
                 self._fields[name] = value
-        battery = battery_level(basic.battery_dv / 10, self.battery)
+        self.volts = basic.battery_dv / 10
+        battery = battery_level(self.volts, self.battery)
         if battery is not self.battery:
             self._changes.append(StateChange(now, "battery", self.battery, battery))
             self.battery = battery

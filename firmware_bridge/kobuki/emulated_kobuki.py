@@ -16,7 +16,7 @@ from actors.geometry import Pose
 from actors.instant import START, Instant, in_seconds
 from actors.portable import cos, sin
 from actors.portable.draws import normals
-from actors.world.odometry import KobukiErrors
+from actors.robot_model import KobukiErrors
 from firmware_bridge.kobuki import kobuki_motion
 from firmware_bridge.kobuki.kobuki_packets import (
     POWER_RAILS,

@@ -25,7 +25,7 @@ from actors.world.body import Bodies, real_floor
 from actors.world.order_execution import Orders
 from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import odometry_errors
+from actors.world.uncertainty import with_drift
 from actors.world.world_setup import Participants, WorldSetup
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
@@ -235,9 +235,9 @@ class Laboratory:
         """Create the hardware. Raises AcrcError for missing files and invalid positions."""
         world, seed = setup.world, setup.world.seed
         self._bodies = Bodies(world)
-        _, self._errors = odometry_errors(world.uncertainty)
         self._referee = Referee(world.robots, world.reach)
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
+        self._errors = [with_drift(model, world.uncertainty).kobuki_errors for model in models]
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._scanners = LaboratoryScanners(real_floor(world, models).visible, models, noise)
         self.air = create_medium(setup.radio)
@@ -339,7 +339,7 @@ class Laboratory:
     def _hardware(self, index: int, setup: LaboratorySetup) -> EmulatedHardware:
         robot, seed = setup.world.robots[index], setup.world.seed
         body = RobotBody(self._bodies, index)
-        errors = self._errors if robot.odometry == "kobuki" else NO_ERRORS
+        errors = self._errors[index] if robot.odometry == "kobuki" else NO_ERRORS
         radio = self._radio(robot.id, setup)
         self.air.add(radio)
         base = EmulatedKobuki(body, generator(seed, "laboratory base", robot.id), BaseParameters(errors))

@@ -48,8 +48,8 @@ def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
     """Create the vehicle on the ports of the set-up, which may be missing at first."""
     base = functools.partial(SerialPort, setup.base, KOBUKI)
     driver, ranger = KobukiDriver(clock.now()), _ranger(setup, clock, say)
-    mount = load_model(setup.model, setup.sensor).sensor.mount
-    return TurtleBot(base, driver, ranger, GuardianLink(setup.base), say, mount)
+    model = load_model(setup.model, setup.sensor)
+    return TurtleBot(base, driver, ranger, GuardianLink(setup.base), say, model.sensor.mount, model.battery)
 
 
 def _ranger(setup: BaseSetup, clock: Clock, say: Say) -> RangeDevice | None:

@@ -70,6 +70,9 @@ class Vehicle(Protocol):
     def scan(self) -> Scan | None:
         """Return the latest scan, once."""
 
+    def charge(self) -> float | None:
+        """Return the charge of the battery, 0 to 1; None: unknown."""
+
     def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
         """Command a velocity, m/s and rad/s, based on data sensed at `issued`; too old ones are ignored.
 
@@ -230,7 +233,8 @@ class BaseCore(TimedCore):
         scan = None if halt else vehicle.scan()
         instant = self._instant(step)
         self._odometry = vehicle.odometry()
-        return SensorData(step, instant, events, self._odometry, vehicle.bumper(), scan, halt)
+        bumper, charge = vehicle.bumper(), vehicle.charge()
+        return SensorData(step, instant, events, self._odometry, bumper, scan, halt, battery=charge)
 
     def _drive(self, drive: Drive) -> Sequence[Output]:
         if drive.step != self._sensed or not self._busy:

@@ -10,6 +10,7 @@ from typing import Final, Protocol
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, milliseconds, seconds
 from actors.messages import Odometry, Scan
+from actors.robot_model import BatteryParameters
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.kobuki.driver import BatteryLevel, KobukiDriver
@@ -220,8 +221,10 @@ class TurtleBot:
         guardian_link: GuardianLink,
         say: Say,
         mount: Pose = ORIGIN,
+        battery: BatteryParameters | None = None,
     ) -> None:
         """Create it; `mount`: pose of the range sensor on the body."""
+        self._battery = battery
         self._contradictions = ContradictionMonitor(None if ranger is None else mount)
         self._held: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
@@ -273,6 +276,11 @@ class TurtleBot:
     def scan(self) -> Scan | None:
         """Return the latest scan, once."""
         return None if self._ranger is None else self._ranger.reader.scan()
+
+    def charge(self) -> float | None:
+        """Return the battery's charge by its voltage, 0 to 1; None: unknown."""
+        volts = self._kobuki.volts
+        return None if volts is None or self._battery is None else self._battery.charge_at(volts)
 
     def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
         """Command a velocity, based on data sensed at `issued`; the safety stop may refuse it."""

@@ -16,6 +16,7 @@ from actors.instant import Instant
 from actors.messages import FRAME_DATA_LIMIT, FrameReceived, OutgoingFrame
 from actors.randomness import generator
 from actors.robot.behaviour import (
+    BatteryMeter,
     Behaviour,
     Decision,
     Door,
@@ -186,7 +187,7 @@ def said() -> set[str]:
     return {word for quoted in re.findall(r"`([^`]+)`", text) for word in re.findall(r"\w+", quoted)}
 
 
-@pytest.mark.parametrize("port", [Positioning, Navigation, PlaceMonitor, FloorPlan, Plan, Door])
+@pytest.mark.parametrize("port", [Positioning, Navigation, BatteryMeter, PlaceMonitor, FloorPlan, Plan, Door])
 def test_every_name_of_a_port_is_on_the_page(port: type) -> None:
     names = {
         name for name in (*vars(port), *getattr(port, "__annotations__", ())) if not name.startswith("_")

@@ -118,8 +118,9 @@ class ScriptedSwarm:
         kernels: Mapping[str, str] | None = None,
         places: tuple[tuple[float, float], ...] = ((15.0, 12.5),),
         task: Task | None = None,
+        charge: float | None = None,
     ) -> None:
-        setup = self.setup_of(robots, seconds, events, places)
+        setup = self.setup_of(robots, seconds, events, places, charge)
         self.bus = MemoryBus()
         self.floor = FloorRecorder()
         self.bodies = Bodies(setup)
@@ -147,9 +148,11 @@ class ScriptedSwarm:
         seconds: float = 1.0,
         events: Sequence[tuple[float, Order]] = (),
         places: tuple[tuple[float, float], ...] = (),
+        charge: float | None = None,
     ) -> WorldSetup:
         setups = tuple(
-            BodySetup(robot, "turtlebot2", None, STARTS[robot], places, odometry="exact") for robot in robots
+            BodySetup(robot, "turtlebot2", None, STARTS[robot], places, odometry="exact", battery=charge)
+            for robot in robots
         )
         timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
         return WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)

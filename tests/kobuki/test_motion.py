@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from actors.geometry import Pose, wrap
 from actors.instant import START, Instant
-from actors.world.odometry import KobukiErrors
+from actors.robot_model import KobukiErrors
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.emulated_kobuki import BaseParameters
 from firmware_bridge.kobuki.kobuki_motion import KobukiOdometry, base_control, velocity

@@ -31,7 +31,7 @@ from actors.robot.navigation.planning import GridPlanner, planning_grid
 from actors.robot_model import DriveParameters, RobotModel, load_model
 from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import Uncertainty, draw_floor, odometry_errors
+from actors.world.uncertainty import Uncertainty, draw_floor, with_drift
 
 ROBOT: Final = "robot"
 CORRIDOR, APARTMENT, MAZE = (
@@ -424,8 +424,8 @@ class _BaseOdometry:
     def __init__(self, setup: Setup, place: Site, start: Pose) -> None:
         draws = generator(setup.seed, "localisation/odometry", ROBOT)
         step = Duration(round(SUBSTEP * 1e6))
-        errors = odometry_errors(setup.dose)
-        self._odometers = Odometers([setup.base], [place.model], np.array([start]), [draws], step, *errors)
+        model = with_drift(place.model, setup.dose)
+        self._odometers = Odometers([setup.base], [model], np.array([start]), [draws], step)
 
     def follow(self, track: Floats, velocity: Floats) -> None:
         assert len(track) == CONTROLS

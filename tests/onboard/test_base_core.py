@@ -39,6 +39,7 @@ from actors.messages import (
     Truth,
 )
 from actors.orders import Order, Pause, Resume, Stop
+from actors.robot_model import load_model
 from actors.runtime.core import Address, Output, at
 from actors.runtime.errors import AcrcError
 from actors.topic import Message
@@ -63,6 +64,10 @@ class Vehicle:
         self.issued: list[int] = []
         self.sweep: Scan | None = None
         self.causes: tuple[str, ...] = ()
+        self.level: float | None = None
+
+    def charge(self) -> float | None:
+        return self.level
 
     def held(self) -> tuple[str, ...]:
         return self.causes
@@ -334,6 +339,28 @@ def test_stop_causes_are_reported(fault: str, value: float, told: tuple[str, ...
     rig.run(0.5, (0.1, 0.0))
     vehicle = TurtleBot(FakeCable().open, rig.driver, None, GuardianLink("base"), lambda line: None)
     assert vehicle.held() == told
+
+
+@pytest.mark.parametrize(
+    ("volts", "charge"), [(16.8, 1.0), (14.0, 0.26), (14.1, 0.325), (13.2, 0.05), (9.9, 0.0)]
+)
+def test_the_charge_follows_from_the_voltage_of_the_base(volts: float, charge: float) -> None:
+    rig = Rig()
+    battery = load_model("turtlebot2").battery
+    parts = FakeCable().open, rig.driver, None, GuardianLink("base"), lambda line: None
+    assert TurtleBot(*parts, battery=battery).charge() is None, "before the first feedback"
+    rig.base.faults.battery = volts
+    rig.run(0.5, (0.1, 0.0))
+    assert TurtleBot(*parts, battery=battery).charge() == pytest.approx(charge)
+    assert TurtleBot(*parts).charge() is None
+
+
+def test_the_robot_receives_the_charge_of_its_base() -> None:
+    stage = BaseHarness()
+    stage.ready()
+    stage.vehicle.level = 0.4
+    (senses,) = stage.at(STEP)
+    assert isinstance(senses, SensorData) and senses.battery == 0.4
 
 
 POLL = milliseconds(1)

@@ -11,7 +11,8 @@ from actors import robot_model
 from actors.floor.map_file import KEYS, MapLimits
 from actors.floor.offices import PARAMETERS, RESOLUTION
 from actors.installation.repository import REPOSITORY
-from actors.settings import fields_of
+from actors.instant import Duration, in_seconds
+from actors.settings import Settings, fields_of
 
 ROBOT = (REPOSITORY / "docs" / "own-robot.md").read_text()
 MAP = (REPOSITORY / "docs" / "own-map.md").read_text()
@@ -20,6 +21,9 @@ TABLES: dict[str, type] = {
     "`[footprint]`": robot_model.Footprint,
     "`[drive]`": robot_model.DriveParameters,
     "`[bumper]`": robot_model.Bumper,
+    "`[battery]`": robot_model.BatteryParameters,
+    "`[stage_errors]`": robot_model.StageErrors,
+    "`[kobuki_errors]`": robot_model.KobukiErrors,
     "`[sensors.NAME]`": robot_model.RangeSensor,
 }
 
@@ -30,9 +34,17 @@ def rows(text: str) -> dict[str, list[str]]:
     return {row[0].strip("`"): row[1:] for row in cells if re.fullmatch(r"`\w+`", row[0])}
 
 
+def is_duration(field: Any) -> bool:
+    return Duration in (field.hint, *get_args(field.hint)) or getattr(field.hint, "__origin__", 0) is Duration
+
+
 def default(field: Any) -> str:
     if field.default is NODEFAULT:
         return ""
+    if isinstance(field.default, Settings):
+        return "below"
+    if is_duration(field):
+        return str(in_seconds(field.default))
     return "none" if field.default is None else str(field.default)
 
 
@@ -48,6 +60,8 @@ def span(field: Any) -> str:
     }
     if not bounds:
         return ""
+    if is_duration(field):
+        bounds = {name: in_seconds(bound) for name, bound in bounds.items()}
     low = f"above {bounds['gt']}" if "gt" in bounds else str(bounds["ge"])
     return f"{low} to {bounds['le']}"
 

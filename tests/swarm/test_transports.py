@@ -55,6 +55,7 @@ duration = 8.0
 strategy = "chapter"
 [robots]
 count = 2
+battery = 0.001
 [[event]]
 at = 3.0
 kill = "r2"

@@ -92,7 +92,7 @@ def test_a_recording_cut_at_any_byte_opens(short_run: Path, cuts: dict[str, floa
         shutil.copytree(short_run, out, ignore=shutil.ignore_patterns("run.json", "seal.json"))
         for actor, share in cuts.items():
             path = out / actor / f"{actor}.mcap"
-            os.truncate(path, max(4096, round(share * path.stat().st_size)))
+            os.truncate(path, max(5000, round(share * path.stat().st_size)))
         try:
             run = recorded_run(out, internals=True)
         except RunDataError as error:

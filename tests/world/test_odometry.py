@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, Twist, wrap
 from actors.messages import Odometry
-from actors.robot_model import RobotModel
+from actors.robot_model import KobukiErrors, RobotModel
 from actors.world import drive, odometry
-from actors.world.odometry import KobukiErrors, Odometers, StageErrors
+from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from tests.refusals import refused
 from tests.world.scenery import OMNIBOX, TURTLEBOT, arena
@@ -26,7 +26,8 @@ NOT_NOISY = KobukiErrors(gyro_noise_deg=0, gyro_bias_deg=0, gyro_walk_deg=0, whe
 def odometers(world: Arena, kind: str, seed: int = 1, kobuki: KobukiErrors = NOT_NOISY) -> Odometers:
     n = len(world)
     generators = [np.random.default_rng([seed, k]) for k in range(n)]
-    return Odometers([kind] * n, [TURTLEBOT] * n, world.poses, generators, SUBSTEP, StageErrors(), kobuki)
+    model = msgspec.structs.replace(TURTLEBOT, kobuki_errors=kobuki)
+    return Odometers([kind] * n, [model] * n, world.poses, generators, SUBSTEP)
 
 
 def tour(world: Arena, odometry: Odometers, substeps: int = 10, moves: int = 12) -> list[Odometry]:
@@ -87,7 +88,8 @@ def after_straight(
     kind: str, seed: int, kobuki: KobukiErrors, length: float = 2.0, turn: float = 1.0
 ) -> Odometry:
     generators = [np.random.default_rng(seed)]
-    odometry = Odometers([kind], [TURTLEBOT], np.zeros((1, 3)), generators, SUBSTEP, StageErrors(), kobuki)
+    model = msgspec.structs.replace(TURTLEBOT, kobuki_errors=kobuki)
+    odometry = Odometers([kind], [model], np.zeros((1, 3)), generators, SUBSTEP)
     odometry.follow(straight(length, turn, 400), np.zeros((1, 3)))
     return odometry.read(0)
 
@@ -116,7 +118,7 @@ def test_the_errors_of_stage_are_constant_factors_spread_evenly() -> None:
 def test_each_error_of_a_kobuki_spreads_as_its_formula_says(
     only: dict[str, float], spread_x: float | None, spread_heading: float
 ) -> None:
-    said = [after_straight("kobuki", seed, replace(NOT_NOISY, **only)) for seed in range(400)]  # type: ignore[arg-type]
+    said = [after_straight("kobuki", seed, msgspec.structs.replace(NOT_NOISY, **only)) for seed in range(400)]
     if spread_x is not None:
         assert np.std([s.x for s in said]) == pytest.approx(spread_x, rel=0.12)
     assert np.std([s.heading for s in said]) == pytest.approx(spread_heading, rel=0.12, abs=1e-9)

@@ -200,7 +200,7 @@ def test_rays_point_within_the_circle_at_equal_angles(heading: float, view: floa
         ("mass = 22.0", "", f"mass is missing, {MASS}"),
         ("mass = 22.0", "mass = 22.0\ncolour = 'red'",
          "unknown key colour; known keys: name, mass, friction, odometry, default_sensor, "
-         "footprint, drive, bumper, sensors"),
+         "footprint, drive, bumper, battery, stage_errors, kobuki_errors, sensors"),
         ("watchdog", "watch_dog", "unknown key drive.watch_dog; did you mean drive.watchdog?"),
         ("range_max = 8.0", "range_max = 0.1",
          "sensors.lidar must have a range_max above range_min, not 0.1 m and 0.15 m"),

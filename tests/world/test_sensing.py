@@ -19,10 +19,9 @@ from actors.messages import NO_ECHO_MM
 from actors.randomness import generator
 from actors.robot_model import RobotModel, scan_angles
 from actors.world import rays
-from actors.world.odometry import KobukiErrors, StageErrors
 from actors.world.physics import Shape, disc, footprint_at
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import RealFloor, Uncertainty, draw_floor, odometry_errors
+from actors.world.uncertainty import RealFloor, Uncertainty, draw_floor, with_drift
 from tests.world.scenery import OMNIBOX, TURTLEBOT, clutter, with_sensor
 
 NO_OBSTACLES = np.empty((0, 3))
@@ -234,11 +233,13 @@ def walls(grid: OccupancyGrid) -> "np.typing.NDArray[np.bool_]":
 def test_a_floor_follows_from_dose_and_seed() -> None:
     solid, visible = made(Uncertainty())
     assert solid.cells.tobytes() == visible.cells.tobytes() == CORRIDOR.cells.tobytes()
-    assert odometry_errors(Uncertainty()) == (StageErrors(), KobukiErrors())
-    stage, kobuki = odometry_errors(Uncertainty(drift=3.0))
-    assert (stage.forward, stage.turn) == (3 * StageErrors().forward, 3 * StageErrors().turn)
-    assert kobuki.gyro_bias_deg == 3 * KobukiErrors().gyro_bias_deg and kobuki.slip == 3 * KobukiErrors().slip
-    assert (kobuki.track, kobuki.tick_um) == (KobukiErrors().track, KobukiErrors().tick_um)
+    assert with_drift(TURTLEBOT, Uncertainty()) == TURTLEBOT
+    drifting = with_drift(TURTLEBOT, Uncertainty(drift=3.0))
+    stage, kobuki = drifting.stage_errors, drifting.kobuki_errors
+    usual = TURTLEBOT.kobuki_errors
+    assert (stage.forward, stage.turn) == (3 * 0.03, 3 * 0.02)
+    assert kobuki.gyro_bias_deg == 3 * usual.gyro_bias_deg and kobuki.slip == 3 * usual.slip
+    assert (kobuki.track, kobuki.tick_um) == (usual.track, usual.tick_um)
     dose = Uncertainty(map_error=0.1, glass=0.3, furniture=5)
     first, again, other = made(dose), made(dose), made(dose, seed=2)
     assert [part.cells.tobytes() for part in first] == [part.cells.tobytes() for part in again]

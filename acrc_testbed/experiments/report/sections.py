@@ -296,6 +296,7 @@ COSTS: Final = (
     Cost("time from blocked to driving on, s", _mean_time_to_drive_on),
     Cost("CPU, ms per robot and simulated s", lambda run, _: cpu_ms(run)),
     Cost("metres driven by all robots", lambda run, _: run.driven_m),
+    Cost("energy used by all robots, J", lambda run, _: run.known_energy_j),
     Cost("contacts in a run", lambda run, _: run.contacts),
     Cost("age of replicas, s", lambda run, _: run.deeco.replica_age_mean_s),
 )

@@ -319,6 +319,12 @@ class Medium:
         outcomes[:, Outcome.BELOW_SENSITIVITY] = self._state.medium["ended"] - others
         return counters
 
+    @property
+    def airtimes_ns(self) -> list[int]:
+        """Airtime of each transceiver's ended frames."""
+        airtimes: list[int] = self._state.transceivers["counters"]["on_air_ns"].tolist()
+        return airtimes
+
     def outcomes(self) -> NDArray[np.int64]:
         """Return (n, outcomes): outcomes of others' frames at each transceiver; a copy."""
         return self.counters()["outcomes"]

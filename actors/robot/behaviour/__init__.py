@@ -8,6 +8,7 @@ from actors.robot.behaviour.node_host import host
 from actors.robot.behaviour.ports import (
     MAX_BACK_OUT,
     AbortReason,
+    BatteryMeter,
     Behaviour,
     Decision,
     ExchangeSettings,
@@ -29,6 +30,7 @@ from actors.robot.behaviour.ports import (
 __all__ = [
     "MAX_BACK_OUT",
     "AbortReason",
+    "BatteryMeter",
     "Behaviour",
     "Decision",
     "Door",

@@ -4,7 +4,8 @@
         return host(start, MyRobot(id=start.robot, ...), MyEnsemble(max_distance=1.5))
 
 The node communicates over the robot's radio. Its processes may use these ports, selected by type:
-Positioning, Navigation, TaskList, PlaceMonitor, FloorPlan, Instant and the robot's random Generator.
+Positioning, Navigation, BatteryMeter, TaskList, PlaceMonitor, FloorPlan, Instant and the robot's random
+Generator.
 """
 
 from collections import Counter, deque
@@ -28,6 +29,7 @@ from actors.messages import (
 from actors.robot.behaviour.decisions import DecisionLog, NodeReport, RobotLimits
 from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.ports import (
+    BatteryMeter,
     Behaviour,
     Decision,
     FloorPlan,
@@ -115,6 +117,12 @@ class RobotNavigation:
     def resume(self) -> None:
         """Continue to the goal."""
         self._fields["paused"] = False
+
+
+class RobotBatteryMeter:
+    """Implementation of BatteryMeter: value of the newest view."""
+
+    charge: float | None = None
 
 
 class RobotTaskList:
@@ -225,6 +233,7 @@ class _NodeBehaviour:
         self._fields = fields = DecisionFields()
         self._positioning = RobotPositioning(start.pose, fields)
         self._navigation = RobotNavigation(fields)
+        self._meter = RobotBatteryMeter()
         self._tasks = RobotTaskList(start.places, start.epoch)
         self._monitor = RobotPlaceMonitor(fields)
         self._log = DecisionLog(component)
@@ -254,6 +263,7 @@ class _NodeBehaviour:
             self._start_or_skip(view.instant)
         self._positioning.take(view)
         self._navigation.take(view)
+        self._meter.charge = view.battery
         if view.places:
             self._tasks.places += view.places
             self._monitor.reported = None  # the world counts new places as part of the route
@@ -284,6 +294,7 @@ class _NodeBehaviour:
                 ports={
                     Positioning: self._positioning,
                     Navigation: self._navigation,
+                    BatteryMeter: self._meter,
                     TaskList: self._tasks,
                     PlaceMonitor: self._monitor,
                     FloorPlan: start.floor,

@@ -178,6 +178,14 @@ class Navigation(Protocol):
         """Continue to the goal with all timeouts reset."""
 
 
+class BatteryMeter(Protocol):
+    """Charge of the robot's battery."""
+
+    @property
+    def charge(self) -> float | None:
+        """Share of the battery's capacity that is left, 0 to 1; None: unknown, or not simulated."""
+
+
 class TaskList(Protocol):
     """The places assigned to the robot; places may be added during a run."""
 
@@ -346,6 +354,8 @@ class View(NamedTuple):
     """True while the robot backs out because of a decision."""
     places: tuple[Point, ...] = ()
     """Places added in this step; they follow those of Start and of earlier views."""
+    battery: float | None = None
+    """Charge of the battery, 0 to 1; None: unknown."""
 
 
 @dataclass(frozen=True)
