@@ -4,17 +4,13 @@ import re
 from dataclasses import fields, replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.random import Generator
 
-from acrc_testbed.testing import LoggedNavigation, ScriptedPositioning, VirtualNetwork
+from acrc_testbed.testing import LossyMedium, VirtualSwarm
 from actors import robot as robots
-from actors.geometry import Point, Pose
+from actors.geometry import Point
 from actors.installation.repository import REPOSITORY
-from actors.instant import Instant
-from actors.messages import FRAME_DATA_LIMIT, FrameReceived, OutgoingFrame
-from actors.randomness import generator
+from actors.messages import FRAME_DATA_LIMIT, OutgoingFrame
 from actors.robot.behaviour import (
     BatteryMeter,
     Behaviour,
@@ -28,85 +24,59 @@ from actors.robot.behaviour import (
     Plan,
     Positioning,
     Start,
-    TaskList,
     View,
+    host,
 )
-from actors.robot.behaviour.node_host import RobotTaskList
+from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.ports import AbortReason, GoalOrder, GoalPhase, GoalStatus
 from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import RESTART_TERM, Assignment, Takeover
+from cleaning.place import RESTART_TERM, Assignment, Takeover, assignments
 from cleaning.robot import CleaningRobot
 from cleaning.strategies.chapter import behaviour
-from deeco import Knowledge, in_seconds, seconds
+from deeco import in_seconds, seconds
 from deeco.component import PeriodicTrigger, processes_of
 from deeco.fragments import CHECKSUM, HEADER, Fragmenter
-from deeco.node import Node
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleRegistry
 from tests.cleaning.fakes import (
     OPEN,
-    FakePlaceMonitor,
-    adaptive,
-    assignment,
 )
 from tests.recorded_runs import record
 
-ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
-
-
-def node(robot: CleaningRobot, navigation: LoggedNavigation, number: int) -> Node:
-    ports = {
-        Positioning: ScriptedPositioning(Pose(*robot.position, 0.0)),
-        Navigation: navigation,
-        TaskList: RobotTaskList((), 0),
-        PlaceMonitor: FakePlaceMonitor(),
-        FloorPlan: OPEN,
-        Generator: generator(1, "behaviour", robot.id, 0),
-    }
-    ensembles = ENSEMBLES if isinstance(robot, AdaptiveCleaningRobot) else ()
-    return Node([robot], ensembles, ports=ports, address=number)
-
-
-def route_of(air: VirtualNetwork[Node], robot: str) -> list[PlaceKey]:
-    knowledge: Knowledge = air[robot].knowledge(robot)
-    assert isinstance(knowledge, CleaningRobot)
-    return [assignment.key for assignment in knowledge.route]
-
 
 def test_two_robots_head_on_turn_around_and_exchange_destinations() -> None:
-    r1, r2 = adaptive("r1", 0.0, 5.0), adaptive("r2", 1.0, -5.0)
-    navigation = {"r1": LoggedNavigation(), "r2": LoggedNavigation()}
-    air = VirtualNetwork(
-        {one.id: node(one, navigation[one.id], number) for number, one in enumerate((r1, r2), start=1)}
-    )
-    air.advance(seconds(9.5))
-    assert route_of(air, "r1") == [PlaceKey("r2", 0)] and route_of(air, "r2") == [PlaceKey("r1", 0)]
-    assert navigation["r1"].goals == [Point(5.0, 0.0), Point(-5.0, 0.0)]
-    assert navigation["r2"].goals == [Point(-5.0, 0.0), Point(5.0, 0.0)]
+    west, east = Point(-5.0, 0.0), Point(5.0, 0.0)
+    swarm = VirtualSwarm(behaviour, OPEN, {"r1": [Point(0.0, 0.0), east], "r2": [Point(1.0, 0.0), west]})
+    exchanged = ((PlaceKey("r2", 0),), (PlaceKey("r1", 0),))
+    swarm.advance_until(lambda: (swarm["r1"].route, swarm["r2"].route) == exchanged, timeout=seconds(13))
+    assert swarm["r1"].navigation.goals == [east, west] and swarm["r2"].navigation.goals == [west, east]
 
 
-def test_old_replicas_take_no_part_in_adoptions() -> None:
+def chapter_beside_a_ghost(start: Start) -> Behaviour:
+    """Return strategy `chapter`; r2 is blocked from the start and does not adapt."""
+    if start.robot == "r1":
+        return behaviour(start)
+    ghost = CleaningRobot(id="r2", position=start.pose.point, state=State.BLOCKED, route=assignments(start))
+    return host(start, ghost)
+
+
+@pytest.mark.parametrize(("loss", "owner"), [(0.0, "r2"), (1.0, "r1")])
+def test_old_replicas_take_no_part_in_adoptions(loss: float, owner: str) -> None:
     """In the released code a robot that disappeared counts as blocked forever."""
-    for audible, expected in ((True, PlaceKey("r2", 0)), (False, PlaceKey("r1", 0))):
-        ghost = CleaningRobot(
-            id="r2", position=Point(1.0, 0.0), state=State.BLOCKED, route=(assignment(9.0, owner="r2"),)
-        )
-        nodes = {
-            "r1": node(adaptive("r1", 0.0, 5.0), LoggedNavigation(), 1),
-            "r2": node(ghost, LoggedNavigation(), 2),
-        }
-        air = VirtualNetwork(nodes)
-        air.advance(seconds(0.5))
-        air.medium.loss = 0.0 if audible else 1.0
-        air.advance(seconds(6))
-        knowledge = nodes["r1"].knowledge("r1")
-        assert isinstance(knowledge, Cleaner) and knowledge.destination is not None
-        assert knowledge.destination.key == expected
-        assert [one.id for one in nodes["r1"].replicas] == ["r2"], "the node still has its replica"
+    places = {"r1": [Point(0.0, 0.0), Point(5.0, 0.0)], "r2": [Point(1.0, 0.0), Point(9.0, 0.0)]}
+    swarm = VirtualSwarm(chapter_beside_a_ghost, OPEN, places)
+    node = node_of(swarm["r1"].behaviour)
+    assert node is not None
+    swarm.advance_until(lambda: len(node.replicas) == 1, timeout=seconds(1.5))
+    swarm.medium.loss = loss
+    swarm.advance(seconds(6))
+    knowledge = swarm["r1"].knowledge
+    assert isinstance(knowledge, Cleaner) and knowledge.destination is not None
+    assert knowledge.destination.key == PlaceKey(owner, 0)
+    assert [one.id for one in node.replicas] == ["r2"], "the node still has its replica"
 
 
 LONGEST = Assignment("r500", 999, Point(-123.456, 123.456), 2000)
@@ -154,27 +124,21 @@ def test_a_restarted_robot_does_not_reuse_packet_numbers() -> None:
 
 
 def _first_frame(epoch: int) -> OutgoingFrame:
-    start = Start("r1", 1, epoch, Pose(1.0, 2.0, 0.0), (LONGEST.point,), np.random.default_rng(1))
-    view = View(Instant(0), start.pose, False, None, ())
-    return behaviour(start).advance(view, Instant(2_000_000)).frames[0]
+    swarm = VirtualSwarm(behaviour, OPEN, {"r1": "a"}, epoch=epoch)
+    swarm.advance(seconds(2))
+    _, frame = swarm.medium.sent[0]
+    assert isinstance(frame, OutgoingFrame)
+    return frame
 
 
 @pytest.mark.parametrize(("rssi_dbm", "relays"), [(-79.0, 0), (-81.0, 1)])
 def test_relay_settings_of_the_scenario_reach_the_node(rssi_dbm: float, relays: int) -> None:
-    exchange = ExchangeSettings(relay=True, relay_below=-80.0)
-
-    def hosted(robot: str, address: int) -> Behaviour:
-        pose, places = Pose(1.0, 2.0, 0.0), (LONGEST.point,)
-        generator = np.random.default_rng(address)
-        return behaviour(Start(robot, address, 0, pose, places, generator, exchange=exchange))
-
-    still, second = Pose(1.0, 2.0, 0.0), Instant(1_000_000)
-    sent = hosted("r1", 1).advance(View(Instant(0), still, False, None, ()), second).frames
-    heard = tuple(FrameReceived(second, 1, rssi_dbm, 200, frame.data) for frame in sent)
-    listener = hosted("r2", 2)
-    listener.advance(View(Instant(0), still, False, None, ()), second)
-    listener.advance(View(second, still, False, None, heard), Instant(3_000_000))
-    counters = listener.outcome()["deeco"].counters  # type: ignore[attr-defined]
+    exchange, medium = ExchangeSettings(relay=True, relay_below=-80.0), LossyMedium(reach=lambda *_: rssi_dbm)
+    swarm = VirtualSwarm(behaviour, OPEN, {"r1": "a", "r2": "a"}, medium, exchange=exchange)
+    swarm.advance(seconds(1))
+    swarm["r1"].is_frozen = True
+    swarm.advance(seconds(2))
+    counters = swarm["r2"].behaviour.outcome()["deeco"].counters  # type: ignore[attr-defined]
     assert (counters["packets"], counters["relayed"]) == (1, relays)
 
 

@@ -4,17 +4,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
+from functools import partial
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from actors.geometry import Point, Pose
+from acrc_testbed.testing import VirtualSwarm
+from actors.geometry import Point
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import FrameReceived
-from actors.randomness import generator
-from actors.robot.behaviour import AbortReason, Goal, GoalStatus, Setting, Start, View, host
+from actors.robot.behaviour import Setting, host
 from actors.robot.behaviour.decisions import AdaptationDecision, DecisionLog
 from actors.robot.behaviour.loading import load_behaviour
 from actors.runtime.errors import AcrcError
@@ -27,10 +26,10 @@ from cleaning.strategies import STRATEGIES, StrategyError, entry
 from cleaning.strategy_settings import SettingsError, from_settings
 from deeco import component
 from deeco.local import Commit
+from tests.cleaning.fakes import OPEN
 
-START = Start(
-    "r1", 1, 0, Pose(1.0, 2.0, 0.0), (Point(5.0, 0.0), Point(9.0, 0.0)), generator(3, "behaviour", "r1", 0)
-)
+PLACES = [Point(1.0, 2.0), Point(5.0, 0.0), Point(9.0, 0.0)]
+START = VirtualSwarm(partial(load_behaviour, entry("none")), OPEN, {"r1": PLACES})["r1"].start
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
@@ -87,28 +86,25 @@ def test_a_restarted_robot_claims_its_places_with_a_higher_term() -> None:
 @pytest.mark.parametrize("name", ["none", "none-original", "none-giving-up", "random"])
 def test_baselines_differ_after_an_aborted_goal(name: str) -> None:
     """Navigation aborts each goal; strategies check every 2 s."""
-    hosted, start = load_behaviour(entry(name), START), Pose(1.0, 2.0, 0.0)
-    orders, given_up = 0, 0
-    goal: Goal | None = None
-    for step in range(500):
-        view = View(Instant(step * 100_000), start, False, goal, ())
-        decision = hosted.advance(view, Instant((step + 1) * 100_000))
-        if isinstance(decision.goal, Point):
-            orders += 1
-            goal = Goal(decision.goal, GoalStatus.ABORTED, AbortReason.BLOCKED)
-        given_up += len(decision.given_up)
+    swarm = VirtualSwarm(partial(load_behaviour, entry(name)), OPEN, {"r1": PLACES})
+    robot = swarm["r1"]
+    for _ in range(500):
+        if robot.navigation.goal is not None:
+            robot.navigation.abort()
+        swarm.advance(milliseconds(100))
     expected = {"none": (25, 0), "none-original": (1, 0), "none-giving-up": (20, 2), "random": (25, 0)}
-    assert (orders, given_up) == expected[name]
+    assert (len(robot.navigation.goals), len(robot.given_up)) == expected[name]
 
 
 def test_a_robot_without_radio_neither_sends_nor_receives() -> None:
-    loud, mute = (load_behaviour(entry(name), START) for name in ("chapter", "chapter-mute"))
-    view, until = View(Instant(0), Pose(1.0, 2.0, 0.0), False, None, ()), Instant(2_000_000)
-    frames = loud.advance(view, until).frames
-    assert frames and not mute.advance(view, until).frames
-    heard = tuple(FrameReceived(1_000_000, 7, -60.0, 200, frame.data) for frame in frames)
-    later = view._replace(instant=until, radio=heard)
-    assert mute.advance(later, Instant(3_000_000)).frames == ()
+    strategies = {"r1": "chapter", "r2": "chapter-mute"}
+    swarm = VirtualSwarm(
+        lambda start: load_behaviour(entry(strategies[start.robot]), start),
+        OPEN,
+        {"r1": PLACES, "r2": PLACES},
+    )
+    swarm.advance(seconds(3))
+    assert {sender for sender, _ in swarm.medium.sent} == {"r1"}
 
 
 def test_an_unknown_strategy_gives_one_sentence() -> None:
@@ -292,8 +288,7 @@ class RobotWithOutcome(CleaningRobot):
 
 
 def test_a_component_may_have_an_outcome() -> None:
-    start = Start("r1", 1, 0, Pose(1.0, 2.0, 0.0), (Point(3.0, 1.0),), np.random.default_rng(1))
-    made = host(start, RobotWithOutcome(id="r1", position=Point(1.0, 2.0), route=assignments(start)))
+    made = host(START, RobotWithOutcome(id="r1", position=START.pose.point, route=assignments(START)))
     told = made.outcome()  # type: ignore[attr-defined]
-    assert told["held"] == 1 and list(told) == ["held", "deeco", "adaptation"]
+    assert told["held"] == 2 and list(told) == ["held", "deeco", "adaptation"]
     assert told["deeco"].counters

@@ -3,14 +3,13 @@
 import re
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from actors.geometry import Point, Pose
+from acrc_testbed.testing import VirtualSwarm
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour import Start
 from actors.robot.behaviour.loading import load_behaviour
 from actors.robot.behaviour.node_host import ensembles_of, node_of
 from cleaning.strategies import STRATEGIES, entry
@@ -123,9 +122,7 @@ UNKNOWN = {
 
 def parts(strategy: str) -> tuple[ComponentPart, ...]:
     """Return the processes of a strategy's component and the ensembles that it runs with."""
-    generator = np.random.default_rng(1)
-    start = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 0.0),), generator, floor=OPEN)
-    behaviour = load_behaviour(entry(strategy), start)
+    behaviour = VirtualSwarm(partial(load_behaviour, entry(strategy)), OPEN, {"r1": "a"})["r1"].behaviour
     node = node_of(behaviour)
     assert node is not None
     kind = type(node.knowledge("r1"))

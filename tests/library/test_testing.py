@@ -1,16 +1,19 @@
 """Parts for tests of strategies: drawn floors, the lossy medium, and swarms in virtual time."""
 
+from typing import Any
+
 import pytest
 
 from acrc_testbed.testing import LossyMedium, VirtualSwarm, floor
 from actors.geometry import Point
-from actors.instant import Duration, Instant, milliseconds, seconds
+from actors.instant import START, Duration, Instant, milliseconds, seconds
 from actors.messages import FrameReceived, FrameSent, OutgoingFrame
-from actors.robot.behaviour import Behaviour, Decision, GoalOrder, GoalPhase, GoalStatus, Start, View
+from actors.robot.behaviour import Decision, Goal, GoalOrder, GoalPhase, GoalStatus, View
 from actors.robot.behaviour.loading import BehaviourError
 from actors.runtime.errors import AcrcError
 from deeco.link import Transmission
 from tests.cleaning.fakes import DOORWAY
+from tests.robot.rig import ACTIVE, ScriptedBehaviour
 
 
 def test_a_drawn_floor_is_in_metres_with_its_south_west_corner_at_the_origin() -> None:
@@ -78,41 +81,24 @@ def test_frames_are_lost_and_delayed_by_seeded_draws() -> None:
     assert received(LossyMedium(reach=lambda sender, receiver: -60.0 if receiver == "far" else None)) == []
 
 
-class ScriptedBehaviour:
-    """Behaviour that returns the test's decisions and stores its views."""
+class ScriptedSwarm:
+    """Two robots whose behaviours return the test's decisions."""
 
-    def __init__(self, start: Start) -> None:
-        self.start = start
-        self.decision = Decision()
-        self.views: list[View] = []
+    def __init__(self) -> None:
+        self.behaviours = {"r1": ScriptedBehaviour(), "r2": ScriptedBehaviour()}
+        robots = {"r1": [DOORWAY["a"], Point(3.0, 0.0)], "r2": [Point(2.0, 0.0)]}
+        self.swarm = VirtualSwarm(lambda start: self.behaviours[start.robot], DOORWAY, robots)
 
-    def advance(self, view: View, until: Instant) -> Decision:
-        self.views.append(view)
-        decision, self.decision = self.decision, Decision()
-        return decision
-
-
-def scripted(behaviour: Behaviour) -> ScriptedBehaviour:
-    assert isinstance(behaviour, ScriptedBehaviour)
-    return behaviour
-
-
-def decide(swarm: VirtualSwarm, decision: Decision) -> View:
-    """Return the view after a decision of r1."""
-    one = scripted(swarm["r1"].behaviour)
-    one.decision = decision
-    swarm.advance(milliseconds(200))
-    return one.views[-1]
-
-
-def swarm_of(medium: LossyMedium | None = None) -> VirtualSwarm:
-    return VirtualSwarm(
-        ScriptedBehaviour, DOORWAY, {"r1": ["a", Point(3.0, 0.0)], "r2": [Point(2.0, 0.0)]}, medium
-    )
+    def decide(self, **requests: Any) -> View:
+        """Return r1's view after a decision of r1 with these fields."""
+        for decision in (Decision(**requests), None):
+            self.behaviours["r1"].decision = decision
+            self.swarm.advance(milliseconds(100))
+        return self.behaviours["r1"].views[-1][0]
 
 
 def test_starts_name_all_members_and_equal_seeds_draw_equal_numbers() -> None:
-    swarm, again = swarm_of(), swarm_of()
+    swarm, again = ScriptedSwarm().swarm, ScriptedSwarm().swarm
     r1, r2 = (swarm[name].start for name in ("r1", "r2"))
     assert (r1.address, r2.address, r1.members) == (1, 2, {"r1": 1, "r2": 2})
     assert (r1.pose.point, r1.places, r2.places) == (DOORWAY["a"], (Point(3.0, 0.0),), ())
@@ -120,42 +106,37 @@ def test_starts_name_all_members_and_equal_seeds_draw_equal_numbers() -> None:
 
 
 def test_decisions_become_commands_and_the_test_ends_goals() -> None:
-    swarm, goal = swarm_of(), Point(3.0, 0.0)
-    robot = swarm["r1"]
-    view = decide(swarm, Decision(goal))
-    assert view.goal is not None and (view.goal.point, view.goal.phase) == (goal, GoalPhase.CONTROLLING)
+    scripted, goal = ScriptedSwarm(), Point(3.0, 0.0)
+    robot = scripted.swarm["r1"]
+    assert scripted.decide(goal=goal).goal == Goal(goal, ACTIVE, None, GoalPhase.CONTROLLING, START)
     robot.navigation.obstruct()
-    view = decide(swarm, Decision(paused=True, back_out=1.0, peers=(goal,), relocalise=True))
-    assert view.goal is not None and view.goal.phase is GoalPhase.PAUSED and view.backing_out
+    view = scripted.decide(peers=(goal,), relocalise=True, back_out=1.0)
+    assert view.goal is not None and view.goal.phase is GoalPhase.OBSTRUCTED and view.backing_out
     assert (robot.positioning.peers, robot.positioning.relocalised) == ((goal,), 1)
+    assert scripted.decide(paused=True).goal == Goal(goal, ACTIVE, None, GoalPhase.PAUSED, Instant(400_000))
     robot.reach_goal()
-    view = decide(swarm, Decision(paused=False))
-    assert view.goal is not None and view.goal.status is GoalStatus.SUCCEEDED and view.pose.point == goal
-    assert decide(swarm, Decision(GoalOrder.CANCEL)).goal is None
-    assert robot.navigation.commands == [
-        ("go_to", goal), ("pause", None), ("back_out", 1.0), ("resume", None), ("stop", None)
-    ]  # fmt: skip
+    view = scripted.decide(paused=False)
+    assert (view.goal, view.pose.point) == (Goal(goal, GoalStatus.SUCCEEDED), goal)
+    assert scripted.decide(goal=GoalOrder.CANCEL).goal is None
+    names = ["go_to", "back_out", "pause", "resume", "stop"]
+    assert robot.navigation.commands == list(zip(names, [goal, 1.0, None, None, None], strict=True))
 
 
 def test_a_frame_arrives_a_step_later_and_a_frozen_robot_receives_it_afterwards() -> None:
-    swarm = swarm_of()
-    r2 = swarm["r2"]
-    r2.is_frozen = True
-    view = decide(swarm, Decision(frames=(OutgoingFrame(7, 50_000, b"hello"),)))
-    assert view.radio == (FrameSent(50_000, 7),)
-    assert scripted(r2.behaviour).views == []
-    r2.is_frozen = False
-    swarm.advance(milliseconds(100))
-    (view,) = scripted(r2.behaviour).views
+    scripted = ScriptedSwarm()
+    scripted.swarm["r2"].is_frozen = True
+    assert scripted.decide(frames=(OutgoingFrame(7, 50_000, b"hello"),)).radio == (FrameSent(50_000, 7),)
+    assert scripted.behaviours["r2"].views == []
+    scripted.swarm["r2"].is_frozen = False
+    scripted.swarm.advance(milliseconds(100))
+    ((view, _),) = scripted.behaviours["r2"].views
     assert (view.instant, view.radio) == (200_000, (FrameReceived(50_000, 1, -60.0, 255, b"hello"),))
 
 
 def test_a_wrong_decision_and_a_condition_that_never_holds() -> None:
-    with pytest.raises(
-        BehaviourError, match=r"^0 s: the behaviour of r1 returned back_out=9\.0; it should be"
-    ):
-        decide(swarm_of(), Decision(back_out=9.0))
-    swarm = swarm_of()
+    with pytest.raises(BehaviourError, match=r"^0 s: the behaviour of r1 returned back_out=9\.0; it should"):
+        ScriptedSwarm().decide(back_out=9.0)
+    swarm = ScriptedSwarm().swarm
     with pytest.raises(AssertionError, match=r"the condition does not hold within 0\.5 s"):
         swarm.advance_until(lambda: False, timeout=seconds(0.5))
     assert swarm.now == 500_000
