@@ -538,6 +538,13 @@ def _model_sentences(model: RobotModel) -> Iterator[str]:
         f"sensor {model.default_sensor}: {sensor.rays} rays over {sensor.field_of_view_deg:g}°, "
         f"{sensor.range_min:g} to {sensor.range_max:g} m, {sensor.rate:g} Hz, {noise}"
     )
+    if model.battery is not None:
+        battery, cruise = model.battery, model.battery.motor_power(drive.speed, 0.0)
+        idle = battery.electronics + sensor.power + battery.receiving
+        yield (
+            f"battery of {battery.capacity_wh:g} Wh: {idle:.1f} W standing, {idle + cruise:.1f} W at "
+            f"{drive.speed:g} m/s"
+        )
     if model.bumper is None:
         yield "no bumper: contacts are not detected"
     else:

@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import START, Duration, Instant, in_seconds
-from actors.messages import NO_ECHO_MM, Drive
+from actors.messages import NO_ECHO_MM, Drive, RobotTruth
 from actors.portable import arrays, cos, sin
 from actors.radio.radio_model import RadioSetup, radio_model
 from actors.randomness import generator
-from actors.robot_model import RobotModel, load_model
+from actors.robot_model import RobotModel, interpolate, load_model
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome, Referee
+from actors.world.battery import Batteries
 from actors.world.body import Bodies, real_floor
 from actors.world.order_execution import Orders
 from actors.world.physics import SUBSTEP
@@ -238,6 +239,8 @@ class Laboratory:
         self._referee = Referee(world.robots, world.reach)
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         self._errors = [with_drift(model, world.uncertainty).kobuki_errors for model in models]
+        self._parameters = [model.battery for model in models]
+        self._batteries = Batteries(msgspec.structs.replace(world, step_us=SUBSTEP), models)
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._scanners = LaboratoryScanners(real_floor(world, models).visible, models, noise)
         self.air = create_medium(setup.radio)
@@ -335,6 +338,23 @@ class Laboratory:
         self.air.place(self._now, states)
         self._scanners.look([state[:3] for state in states], self._bodies.obstacles)
         self._referee.watch(self._now, self._scanners.poses[:, :2])
+        if self._batteries.exist:
+            self._discharge(states)
+
+    def _discharge(self, states: Sequence[tuple[float, float, float, float, float, float]]) -> None:
+        """Discharge the batteries by the last sub-step, without airtimes, and set the bases' voltages."""
+        if self._now:
+            self._batteries.end(self._now, self._bodies.truth, (0,) * len(states))
+        truths = [
+            RobotTruth(name, *state, stepping=True, powered=True, transmits=0)
+            for name, state in zip(self.robots, states, strict=True)
+        ]
+        self._batteries.begin(truths)
+        for hardware, battery, charge in zip(
+            self.robots.values(), self._parameters, self._batteries.charges, strict=True
+        ):
+            if charge is not None and battery is not None and battery.voltage is not None:
+                hardware.base.faults.battery = interpolate(battery.voltage, charge)
 
     def _hardware(self, index: int, setup: LaboratorySetup) -> EmulatedHardware:
         robot, seed = setup.world.robots[index], setup.world.seed

@@ -69,6 +69,20 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     return laboratory, wire
 
 
+def test_the_voltage_of_a_base_follows_the_charge_of_its_battery() -> None:
+    room = setup(2)
+    first, second = room.world.robots
+    charged = msgspec.structs.replace(first, battery=0.26)
+    world = msgspec.structs.replace(room.world, robots=(charged, second))
+    laboratory = Laboratory(msgspec.structs.replace(room, world=world))
+    assert [one.base.faults.battery for one in laboratory.robots.values()] == [14.0, 16.0]
+    laboratory.advance(Instant(60_000_000), Wire())
+    slope = (14.0 - 13.7) / (0.26 - 0.16)  # V per charge, of the model's curve
+    used = (9.2 + 5.1 + 0.063) * 60.0 / (32.56 * 3600)
+    voltages = [one.base.faults.battery for one in laboratory.robots.values()]
+    assert voltages == pytest.approx([14.0 - slope * used, 16.0], abs=1e-6)
+
+
 def test_results_do_not_depend_on_the_interval_of_calls() -> None:
     alone = Laboratory(setup(1))
     alone.advance(Instant(SUBSTEP + 3000), Wire())
