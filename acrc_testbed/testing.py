@@ -8,7 +8,7 @@ map frame, angles in rad, instants and durations in µs.
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
@@ -42,7 +42,6 @@ from deeco.link import Reception, Transmission
 from deeco.node import Node
 
 _SIGNS: Final = {".": FREE, "#": OCCUPIED, "?": UNKNOWN, " ": UNKNOWN}
-_RSSI_DBM: Final = -60.0
 _STEP: Final = milliseconds(100)
 
 
@@ -63,7 +62,7 @@ class TextFloor(ReachableFloor):
 def floor(
     text: str, metres: float = 1.0, *, origin: tuple[float, float] = (0.0, 0.0), radius: float = 0.177
 ) -> TextFloor:
-    """Return a floor plan from lines of characters, north first, each `metres` wide and high.
+    """Return a floor plan from lines of characters, north first, each `metres` ≥ 0.05 wide and high.
 
     `.` is free floor, `#` a wall, `?` and space are unknown and closed to robots. Any other character is free
     floor and names a point; random places are reachable from the first of them, in the south-west. `origin`:
@@ -84,7 +83,7 @@ def floor(
                 points[sign] = Point(west + (column + 0.5) * metres, south + (row + 0.5) * metres)
     if not points:
         raise AcrcError("the floor has no named point; draw a letter where a robot starts")
-    count = round(metres / 0.05) or 1  # cells of the shipped maps are 0.05 m wide
+    count = round(metres / 0.05)  # cells of the shipped maps are 0.05 m wide
     plan = OccupancyGrid(cells.repeat(count, 0).repeat(count, 1), metres / count, Point(west, south))
     grid = planning_grid(plan, radius)
     for sign, point in points.items():
@@ -202,8 +201,8 @@ class LossyMedium:
     """Probability that a participant within reach does not receive a frame."""
     delay: tuple[Duration, Duration] = (Duration(0), Duration(0))
     """Least and greatest time from transmission to reception, µs."""
-    reach: Reach = lambda sender, receiver: _RSSI_DBM
-    """Default: everybody is within reach. A test may replace it at any time."""
+    reach: Reach = lambda sender, receiver: -60.0
+    """Default: -60 dBm everywhere. A test may replace it at any time."""
     seed: int = 1
     sent: list[tuple[str, Transmission | OutgoingFrame]] = field(default_factory=list)
     """Sender and frame of all transmissions, by step and participant."""
@@ -237,6 +236,8 @@ class VirtualRobot:
         self.start, self.behaviour, self.now = start, behaviour, START
         self.positioning = ScriptedPositioning(start.pose)
         self.navigation = LoggedNavigation()
+        self.battery: float | None = None
+        """Charge, 0 to 1; None: unknown."""
         self.is_frozen = False
         """True: the behaviour is not advanced; frames wait."""
         self.reports: list[PlaceReport] = []
@@ -257,11 +258,10 @@ class VirtualRobot:
         self.navigation.succeed()
         self.positioning.pose = Pose(*self.navigation.goals[-1], 0.0)
 
-    def advance(self, until: Instant, received: Sequence[Reception] = ()) -> tuple[OutgoingFrame, ...]:
+    def advance(self, until: Instant, received: Sequence[Reception]) -> tuple[OutgoingFrame, ...]:
         """Advance the behaviour by a step and apply its decision. Raises BehaviourError for a wrong one."""
         self._events += (
-            FrameReceived(one.instant, one.sender, one.rssi_dbm or _RSSI_DBM, 255, one.data)
-            for one in received
+            FrameReceived(one.instant, one.sender, one.rssi_dbm or 0.0, 255, one.data) for one in received
         )
         now, self.now = self.now, until
         if self.is_frozen:
@@ -278,6 +278,7 @@ class VirtualRobot:
             lost=base.lost_probability,
             plan=navigation.plan,
             backing_out=navigation.backing_out,
+            battery=self.battery,
         )
         decision = self.behaviour.advance(view, until)
         if wrong := fault(decision, now, until, RobotLimits()):
@@ -365,8 +366,11 @@ class VirtualSwarm(VirtualNetwork[VirtualRobot]):
         swarm = dict[str, VirtualRobot]()
         for name, points in robots.items():
             here, *places = (floor[one] if isinstance(one, str) else one for one in points)
-            rng, pose = generator(seed, "behaviour", name), Pose(*here, 0.0)
-            given = {"epoch": 0, "floor": floor.plan_of(here, rng), "members": members, **fields}
-            start = Start(name, members[name], pose=pose, places=tuple(places), generator=rng, **given)
+            rng = generator(seed, "behaviour", name)
+            plan = floor.plan_of(here, rng)
+            start = Start(
+                name, members[name], 0, Pose(*here, 0.0), tuple(places), rng, floor=plan, members=members
+            )
+            start = replace(start, **fields)
             swarm[name] = VirtualRobot(start, strategy(start))
         super().__init__(swarm, medium)

@@ -115,8 +115,9 @@ def test_decisions_become_commands_and_the_test_ends_goals() -> None:
     assert (robot.positioning.peers, robot.positioning.relocalised) == ((goal,), 1)
     assert scripted.decide(paused=True).goal == Goal(goal, ACTIVE, None, GoalPhase.PAUSED, Instant(400_000))
     robot.reach_goal()
+    robot.battery = 0.25
     view = scripted.decide(paused=False)
-    assert (view.goal, view.pose.point) == (Goal(goal, GoalStatus.SUCCEEDED), goal)
+    assert (view.goal, view.pose.point, view.battery) == (Goal(goal, GoalStatus.SUCCEEDED), goal, 0.25)
     assert scripted.decide(goal=GoalOrder.CANCEL).goal is None
     names = ["go_to", "back_out", "pause", "resume", "stop"]
     assert robot.navigation.commands == list(zip(names, [goal, 1.0, None, None, None], strict=True))
