@@ -1,8 +1,8 @@
 """Host side of the link to a board: synchronisation, set-up, and the outcome of every packet.
 
 Without I/O, clock and threads: `take` accepts bytes read (or none), `due` returns bytes to write, and `wake`
-returns the time of the next call. One exchange synchronises a board from any state: filler that completes any unfinished
-command, SYNC, and after its answer address, channel and power, each confirmed by an echo.
+returns the time of the next call. One exchange synchronises a board from any state: filler that completes any
+unfinished command, SYNC, and after its answer address, channel and power, each confirmed by an echo.
 
 The board answers strictly in order. Hence each answer settles all earlier requests: those without an answer
 will never get one. The answer to a SYNC settles all packets in flight, as their confirmations precede it. A

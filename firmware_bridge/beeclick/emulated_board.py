@@ -69,7 +69,7 @@ DEFAULTS: Final = BoardParameters()
 
 
 class EmulatedBoard:
-    """One board. `take`, `run`: serial line; `finish_frame`, `receive_frame`: medium; others: user actions."""
+    """Board. `take`, `run`: serial line; `finish_frame`, `receive_frame`: medium; others: user actions."""
 
     def __init__(self, radio: DeviceMedium, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
