@@ -59,13 +59,13 @@ _LARGE_STEP: Final = 100
 """Tenths of a dB (DS39776C, register RFCON3)."""
 
 
-def actual_power(requested: int) -> int:
-    """Return the transmit power that the firmware sets if `requested`, in tenths of a dBm, 0 to -363.
+def actual_power(tenths: int) -> int:
+    """Return the transmit power that the firmware sets for a request, in tenths of a dBm, 0 to -363.
 
     Whole tens of dB are exact. A unit error leaves two of the small steps: a remainder of -0.5 or -0.6 dB
     gives -0.5, all below give -6.3 (MRF24J40.cpp, setTxPower).
     """
-    large, rest = divmod(-requested, _LARGE_STEP)
+    large, rest = divmod(-tenths, _LARGE_STEP)
     small = 0 if rest < 5 else 5 if rest < 7 else 63
     return -(large * _LARGE_STEP + small)
 
@@ -75,13 +75,9 @@ def power_setting(power_dbm: float) -> int:
 
     Raises ParameterError for a power that the firmware would change.
     """
-    requested = round(power_dbm * 10)
-    if (
-        abs(requested - power_dbm * 10) < 1e-6
-        and -363 <= requested <= 0
-        and actual_power(requested) == requested
-    ):
-        return requested
+    tenths = round(power_dbm * 10)
+    if abs(tenths - power_dbm * 10) < 1e-6 and -363 <= tenths <= 0 and actual_power(tenths) == tenths:
+        return tenths
     raise ParameterError("board.power_dbm", power_dbm, POWERS)
 
 
