@@ -226,7 +226,7 @@ class EmulatedBoard:
 
     def _info_text(self) -> bytes:
         return (
-            f"txCount: {self.counters['transmitted']}\nrxCount: {self.counters['receive_frame']}\n"
+            f"txCount: {self.counters['transmitted']}\nrxCount: {self.counters['heard']}\n"
             f"panId: {self.pan:04x}\nsAddr: {self.address:04x}\nchannelNo: {self.channel}\nmainCycles: 0\n"
             f"temperature: {self._p.temperature}\nhumidity: {self._p.humidity}\n"
         ).encode()

@@ -128,7 +128,7 @@ _MAX_FEEDBACK_AGE: Final[Duration] = milliseconds(60)
 """Maximum age of the last feedback at the end of a sweep; later motion is unknown."""
 _MIN_POINTS: Final = 24
 """Minimum number of points for a decision."""
-_OUTSIDE: Final = 2.0
+_AWAY: Final = 2.0
 """Misfit of a point outside of the room, in units of the tolerance."""
 _SHARE: Final = 0.08
 """Share of points outside of the room from which hypotheses are tested."""
@@ -164,10 +164,10 @@ def explained_points(cause: HoldCause, measured: NDArray[np.float64], assumed: N
 
     `measured`, `assumed`: (n,) misfits as measured, and under the hypothesis.
     """
-    improved = (measured > _OUTSIDE) & (assumed <= 1.0)
-    worsened = (measured <= 1.0) & (assumed > _OUTSIDE)
+    improved = (measured > _AWAY) & (assumed <= 1.0)
+    worsened = (measured <= 1.0) & (assumed > _AWAY)
     better, worse, outside = (
-        int(np.count_nonzero(chosen)) for chosen in (improved, worsened, measured > _OUTSIDE)
+        int(np.count_nonzero(chosen)) for chosen in (improved, worsened, measured > _AWAY)
     )
     share = _MIN_GAIN_STILL if cause is HoldCause.SCAN_STILL else _MIN_GAIN
     if better < max(share * measured.size, _MIN_EXPLAINED * outside) or worse > _MAX_WORSE_SHARE * better:
@@ -219,10 +219,7 @@ class ScanChecks:
             if earlier is None:
                 return None
             measured = self._misfit(earlier, tracks[SuspectSensor.NONE], Hypothesis())
-            if (
-                measured.size >= _MIN_POINTS
-                and np.count_nonzero(measured > _OUTSIDE) >= _SHARE * measured.size
-            ):
+            if measured.size >= _MIN_POINTS and np.count_nonzero(measured > _AWAY) >= _SHARE * measured.size:
                 cause = self._best_hypothesis(earlier, tracks, measured)
                 if cause is not None:
                     return cause

@@ -125,7 +125,7 @@ class RangeReader(ABC):
 
 _BEAMS: Final = 360
 """Number of compared directions."""
-_FROZEN_TURNS: Final = 4
+_TURNS: Final = 4
 """Consecutive repetitions after which a beam counts as frozen; own choice: if a coarse sensor repeats one
 value in three, one beam in eighty by chance."""
 _FROZEN: Final = 0.3
@@ -185,6 +185,4 @@ class FrozenBeamDetector:
         self._same = np.where(echo & (now == self._last), self._same + 1, 0)
         self._last = now
         echoes = int(np.count_nonzero(echo))
-        self.found = (
-            echoes >= _MIN_ECHOES and np.count_nonzero(self._same >= _FROZEN_TURNS) >= _FROZEN * echoes
-        )
+        self.found = echoes >= _MIN_ECHOES and np.count_nonzero(self._same >= _TURNS) >= _FROZEN * echoes
