@@ -297,7 +297,7 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         delay = "" if score.delay_s is None else f" after {score.delay_s:.1f} s (median)"
         yield (
             f"Blockage detection by the robots: precision {precision}, recall {recall} of the time; "
-            f"{score.noticed} of {score.spells} blockages detected{delay}; {score.false_alarms} false alarms"
+            f"{score.noticed} of {score.spells} blockages detected{delay}; false alarms: {score.false_alarms}"
         )
     for finding in spent.findings:
         yield f"{finding.name}: {finding.says}"

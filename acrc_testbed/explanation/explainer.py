@@ -2,12 +2,13 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.explanation.causal_trace import TraceError
+from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError
 from acrc_testbed.explanation.chain import (
     CauseLink,
     ChainBuilder,
@@ -17,6 +18,7 @@ from acrc_testbed.explanation.chain import (
     decisions,
 )
 from acrc_testbed.explanation.trace_replay import BOUNDS, trace
+from acrc_testbed.recordings.record_replay import ReplayReport
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.recordings.sandboxed_replay import ProgramLimits
 from actors.instant import in_seconds
@@ -62,6 +64,24 @@ class Explanation(msgspec.Struct, frozen=True):
     """The decision first; causes follow, one level deeper than their effects."""
 
 
+def compare_decisions(actor: str, recorded: CausalTrace, replayed: CausalTrace) -> ReplayReport:
+    """Compare decisions up to the end of `replayed`. Raises TraceError if it failed before a difference."""
+    lists = [
+        [
+            f"{one.words} at {in_seconds(one.instant):g} s"
+            for one in decisions(each)
+            if one.instant <= replayed.end
+        ]
+        for each in (recorded, replayed)
+    ]
+    for old, new in zip_longest(*lists, fillvalue="none"):
+        if old != new:
+            return ReplayReport(actor, 0, decisions=f"first different decision: {new}; recorded: {old}")
+    if replayed.fault:
+        raise TraceError(replayed.fault)
+    return ReplayReport(actor, 0, decisions=f"no different decision up to {in_seconds(replayed.end):g} s")
+
+
 def parse_request(text: str) -> ExplainRequest:
     """Parse `r2@157`, the decision of r2 at 157 s, or `r2`, all of its decisions. Raises ExplanationError."""
     robot, at, instant = text.partition("@")
@@ -98,8 +118,11 @@ class Explainer:
     def explain(self, at_s: float) -> tuple[Explanation, ...]:
         """Return the decisions at an instant, or the last ones before it.
 
-        Raises ExplanationError if there is none.
+        Raises ExplanationError if there is none, or if the recording ends before.
         """
+        end_s = in_seconds(self._traces[-1][1].end)
+        if at_s > end_s + _SAME_S:
+            raise ExplanationError(f"{self._robot}@{at_s:g}: the robot's recording ends at {end_s:g} s")
         earliest: float | None = None
         for actor, found_trace in reversed(self._traces):
             made = decisions(found_trace)

@@ -106,7 +106,7 @@ def test_blocked_positions_last_as_long_as_the_union_of_their_intervals(evidence
 
 
 def test_errors_for_invalid_runs(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"not a run's folder: it contains no \*/\*\.mcap"):
+    with pytest.raises(RecordingError, match=r"not a run folder: it contains no \*/\*\.mcap"):
         read_run(tmp_path)
     part = tmp_path / "part"
     shutil.copytree(folder / "r1", part / "r1")
