@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from acrc_testbed.explanation.time_accounting import CauseInterval, cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
@@ -51,8 +52,8 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, lege
     axes.set_xlim(0.0, run.end)
     if legend:
         axes.legend(
-            handles=lane_legend([run], doing), ncols=5, fontsize=7, frameon=False, handlelength=1.6,
-            columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
+            handles=lane_legend([run], doing), ncols=4, fontsize=7, frameon=False, handlelength=1.8,
+            handleheight=1.1, columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
         )  # fmt: skip
 
 
@@ -115,7 +116,7 @@ def draw(run: RunData) -> Figure:
     floor.legend(
         handles=floor_picture.legend(drawn.kinds),
         loc="upper left",
-        bbox_to_anchor=(0.0, -0.09),
+        bbox_to_anchor=(0.0, -0.1),
         ncols=3,
         fontsize=7,
         frameon=False,
@@ -144,11 +145,10 @@ def draw_progress(axes: Axes, run: RunData) -> None:
         robot: sorted(event.second for event in first.values() if event.robot == robot)
         for robot in run.robots
     }
-    if glyphs.is_small_swarm(run.robots):
-        for index, (robot, done) in enumerate(by_robot.items()):
-            ends = [*range(len(done) + 1), len(done)]
-            look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2, "label": robot}
-            axes.step([0.0, *done, run.end], ends, **look)
+    if glyphs.is_small_swarm(run.robots):  # colours as in the lanes
+        for index, done in enumerate(by_robot.values()):
+            look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2}
+            axes.step([0.0, *done, run.end], [*range(len(done) + 1), len(done)], **look)
     else:
         at = np.linspace(0.0, run.end, 201)
         counts = np.array([np.searchsorted(done, at, side="right") for done in by_robot.values()])
@@ -157,11 +157,13 @@ def draw_progress(axes: Axes, run: RunData) -> None:
             at, low, high, step="post", color=style.INK, alpha=0.2, lw=0, label="10 to 90 % of robots"
         )
         axes.step(at, counts.mean(axis=0), where="post", color=style.INK, lw=1.4, label="mean per robot")
-    axes.legend(fontsize=7, frameon=False, loc="upper left")
+        axes.legend(fontsize=7, frameon=False, loc="upper left")
     axes.set_xlim(0.0, run.end)
     axes.set_ylim(0, max(3.0, axes.get_ylim()[1]))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_title(f"places cleaned: {len(first)} of {len(run.outcomes)}", loc="left", fontsize=8.5)
+    axes.set_title(
+        f"places cleaned by each robot: {len(first)} of {len(run.outcomes)}", loc="left", fontsize=8.5
+    )
     axes.set_xlabel("simulated time, s")
     axes.grid(alpha=0.25, lw=0.5)
 
@@ -189,19 +191,25 @@ def _draw_radio(axes: Axes, run: RunData) -> None:
 
 
 _MARGIN: Final = 1.5
-"""Margin around trails and places, m."""
+"""Margin around trails and places, and the widest strip of floor that is not cut off beyond it, m."""
+_COLUMN: Final = 4.0
+"""Width of a floor, inches."""
 
 
 def draw_several(runs: Sequence[RunData]) -> Figure:
     """Draw runs side by side, one column each with floor and lanes."""
-    figure = style.new_figure(4.6 * len(runs), 6.6)
-    grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
+    views = [_view(run) for run in runs]
+    tall = _COLUMN * min(1.0, max((high[1] - low[1]) / (high[0] - low[0]) for low, high in views))
+    figure = style.new_figure((_COLUMN + 0.6) * len(runs), tall + 3.1)
+    grid = figure.add_gridspec(2, len(runs), height_ratios=[tall, 1.0])
     end = max(run.end for run in runs)
     done = [cause_intervals(run) for run in runs]
     floors: list[tuple[Axes, DrawnRun]] = []
-    for column, (run, doing) in enumerate(zip(runs, done, strict=True)):
+    for column, (run, doing, (low, high)) in enumerate(zip(runs, done, views, strict=True)):
         axes = figure.add_subplot(grid[0, column])
-        floors.append((axes, _draw_part(axes, run, doing)))
+        floor_picture.draw_floor(axes, run.grid)
+        floors.append((axes, floor_picture.draw_run(axes, run, doing)))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set_title(style.short_title(run), loc="left", fontweight="bold", fontsize=10)
         below = figure.add_subplot(grid[1, column])
         draw_lanes(below, run, doing, legend=False)
@@ -227,14 +235,11 @@ def write_several(runs: Sequence[RunData], path: Path) -> None:
         style.save(draw_several(runs), path)
 
 
-def _draw_part(axes: Axes, run: RunData, doing: Sequence[CauseInterval]) -> DrawnRun:
-    """Draw the part of the floor with trails and places."""
-    floor_picture.draw_floor(axes, run.grid)
-    drawn = floor_picture.draw_run(axes, run, doing)
+def _view(run: RunData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the south-west and north-east corners of the part of the floor to show, m, each (2,)."""
     points = np.concatenate(
         [run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.outcomes]]
     )
-    (west, south), (east, north) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
-    axes.set_xlim(max(west, run.grid.origin.x), min(east, run.grid.corner.x))
-    axes.set_ylim(max(south, run.grid.origin.y), min(north, run.grid.corner.y))
-    return drawn
+    grid, low, high = run.grid, points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    first, last = (np.array([corner.x, corner.y]) for corner in (grid.origin, grid.corner))
+    return np.where(low - first < _MARGIN, first, low), np.where(last - high < _MARGIN, last, high)

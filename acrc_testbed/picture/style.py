@@ -97,7 +97,8 @@ def short_title(run: RunData) -> str:
         return recorded_span(run.out, run.end)
     strategy = run.result.origin.strategy or "a strategy"
     done = f"{run.result.places_done} of {run.result.places_total} places"
-    return f"{strategy}: {done} in {run.result.simulated_s:g} s"
+    lasted = run.result.completion_s or run.result.simulated_s
+    return f"{strategy}: {done} in {lasted:g} s"
 
 
 Axes = axes.Axes
