@@ -198,6 +198,11 @@ def test_before_the_first_decision_its_instant_is_named(planted: Path) -> None:
     assert str(caught.value) == "r2 made no decision before 1 s; its first decision is at 3.5 s"
 
 
+def test_after_the_end_nothing_is_explained(doorway: Path) -> None:
+    with pytest.raises(ExplanationError, match=r"^r2@5000: the robot's recording ends at \d+(\.\d)? s$"):
+        explainer(doorway, "r2").explain(5000.0)
+
+
 @pytest.mark.parametrize("text", ["r2@", "@3", "r2@soon", "r2@-1"])
 def test_invalid_requests(text: str) -> None:
     with pytest.raises(ExplanationError) as caught:

@@ -139,3 +139,12 @@ def test_a_growing_recording_is_followed_to_its_end(tmp_path: Path) -> None:
         assert [one.sequence for one in followed] == [1]
     assert has_ended(tmp_path)
     assert [one.key for one in messages(tmp_path, "*")] == 2 * [CONTROL.pattern]
+
+
+def test_radio_events_are_found_at_their_own_time(complete_run: Path) -> None:
+    words = ("record", "echo", complete_run, "r2/received")
+    found = acrc(*words, "--from", 14.70, "--to", 14.705)
+    assert '"instant": 147022' in found.stdout and "    14.800 s" in found.stdout
+    empty = acrc(*words, "--from", 5000)
+    assert (empty.returncode, empty.stdout) == (0, "")
+    assert empty.stderr == f"{complete_run}: nothing on r2/received in this interval\n"

@@ -93,6 +93,18 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     assert re.search(r"r2: matches the recording: \d+ outputs so far\n$", capsys.readouterr().out)
 
 
+def test_breakpoints_take_the_names_that_explain_prints(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = "b cleaning.robot.CleaningRobot.drive\nb no.such\nc\nq\n"
+    monkeypatch.setattr(sys, "stdin", io.StringIO(commands))
+    replay_commands.replay(recorded, "r2", begin=0.5, pdb=True)
+    printed = capsys.readouterr().out
+    assert re.search(r"Breakpoint 1 at .*/cleaning/robot\.py:\d+", printed)
+    assert "'no.such' is not a function" in printed
+    assert re.search(r"> .*/cleaning/robot\.py\(\d+\)drive\(\)", printed)
+
+
 def test_another_strategy_decides_as_recorded_until_it_does_not(recorded: Path) -> None:
     same = acrc("replay", recorded, "--robot", "r1", "--strategy", "chapter", "--to", 2)
     assert same.stdout == "r1: no different decision up to 2 s\n", "the scenario sets none of its numbers"
