@@ -172,18 +172,25 @@ def bundle(
 
 def plan(
     a12: Annotated[
-        float, option("A", "Detect this effect size (Vargha and Delaney's A12).", min=0.0, max=1.0)
-    ] = 0.71,
+        float | None,
+        option("A", "Detect this effect size (Vargha and Delaney's A12).  [default: 0.71]", min=0.0, max=1.0),
+    ] = None,
     power: Annotated[float, option("P", "Detect it with this probability.", min=0.5, max=0.999)] = 0.9,
     correlation: Annotated[
-        float, option("R", "Assume this correlation of runs with the same seed.", min=-0.99, max=0.99)
-    ] = 0.0,
+        float | None,
+        option("R", "Assume this correlation of runs with the same seed.  [default: 0]", min=-0.99, max=0.99),
+    ] = None,
     comparisons: Annotated[
-        int, option("N", "Share the 5 % among this many declared comparisons.", min=1, max=1000)
-    ] = 1,
+        int | None,
+        option("N", "Share the 5 % among this many declared comparisons.  [default: 1]", min=1, max=1000),
+    ] = None,
     pilot: Annotated[Path | None, option("DIR", "Estimate power by resampling this pilot campaign.")] = None,
     metric: Annotated[
         str | None, option("NAME", "Use this metric of the pilot, as for compare.  [default: the study's]")
+    ] = None,
+    difference: Annotated[
+        str | None,
+        option("PERCENT", "With --pilot: detect a difference of this part of the second strategy's mean."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -191,9 +198,15 @@ def plan(
     from acrc_testbed.command_line import campaign_commands
 
     if pilot is not None:
-        campaign_commands.plan_from_pilot(pilot, metric, power, comparisons, json=json)
+        campaign_commands.check_absent(
+            "cannot be combined with --pilot",
+            {"--a12": a12, "--correlation": correlation, "--comparisons": comparisons},
+        )
+        campaign_commands.plan_from_pilot(pilot, metric, power, difference, json=json)
     else:
-        campaign_commands.plan(a12, power, correlation, comparisons, json=json)
+        campaign_commands.check_absent("needs --pilot", {"--metric": metric, "--difference": difference})
+        effect = 0.71 if a12 is None else a12
+        campaign_commands.plan(effect, power, correlation or 0.0, comparisons or 1, json=json)
 
 
 def freeze(

@@ -15,7 +15,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.evaluation import evaluate
-from acrc_testbed.experiments.report import report_page
+from acrc_testbed.experiments.report import charts, report_page
 from acrc_testbed.experiments.report.report_view import REAL, read_sources
 from acrc_testbed.experiments.study import Factor, Study, Trial
 from acrc_testbed.experiments.trial_record import TrialRecord
@@ -81,6 +81,15 @@ def test_boxes_are_those_of_the_runs(written: Path, records: dict[str, list[Tria
         assert float(row["1st quartile"]) == pytest.approx(np.quantile(places, 0.25))
         assert float(row["3rd quartile"]) == pytest.approx(np.quantile(places, 0.75))
         assert float(row["mean"]) == pytest.approx(sum(places) / len(places))
+
+
+def test_whiskers_end_outside_the_box() -> None:
+    """The lower quartile, 25.25, lies between an outlier and the least value within 1.5 box lengths."""
+    values = (11.0, 11.0, 30.0, 30.0, 31.0, 32.0, 32.0, 33.0)
+    box = charts.Box("none", charts.series_style(0), values)
+    (panel,) = charts.draw_boxes({"": [box]}, "places").axes
+    lines = [np.unique(np.asarray(line.get_xdata(), float)).tolist() for line in panel.lines]
+    assert [25.25] in lines and [25.25, 30.0] not in lines
 
 
 def test_completion_counts_every_run(written: Path, records: dict[str, list[TrialRecord]]) -> None:
@@ -224,7 +233,7 @@ def test_caveats_are_on_the_page(written: Path) -> None:
         "oracle uses information that robots do not have; it is an upper bound",
         "of the runs completed all places: ",
         "Mean number of deadlocked pairs per run: none ",
-        "No run was complete: none. The restricted mean",
+        "Without a complete run: none. Their restricted mean",
     ):
         assert told in page
 
