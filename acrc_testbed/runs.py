@@ -101,7 +101,7 @@ def run(
     overrides = Overrides(
         robots=robots, seed=seed, duration=duration, strategy=strategy, navigation=navigation, settings=own
     )
-    place = Path(out) if out is not None else Path("runs", run_folder_name(file))
+    place = Path(out) if out is not None else Path("runs", run_folder_name(file, strategy))
     options = RunOptions(
         place, bus=bus, record=record, scenario=file.name, hidden=(file.absolute(),), json=True
     )

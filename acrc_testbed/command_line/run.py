@@ -171,7 +171,7 @@ def run(
     )
     file = scenario or DEFAULT_SCENARIO
     options = RunOptions(
-        out or Path("runs", run_folder_name(file)),
+        out or Path("runs", run_folder_name(file, strategy)),
         record=cast(Literal["lean", "full"], record),  # checked with the other options
         speed=speed or ("1" if control else "max"),
         bus=bus,

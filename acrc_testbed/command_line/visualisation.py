@@ -150,7 +150,9 @@ def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Pat
         output_file(f"--{suffix[1:]}", file, suffix)
     if folders[1:]:
         right = command_line("view", folders[0], "--html", "page.html")
-        raise OptionError(f"view: unexpected argument {folders[1]}; example: {right}, or --beside DIR")
+        raise OptionError(
+            f"view: unexpected argument {folders[1]}; a picture is a .png, .svg or .html file: {right}"
+        )
     return next(iter(folders), None), files
 
 

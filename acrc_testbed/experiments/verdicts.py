@@ -150,8 +150,8 @@ def power_warnings(study: Study, least: int = MIN_PAIRS) -> list[str]:
         return []
     if not study.primary_pairs:
         return [
-            "The study declares no comparison, so acrc compare will only estimate and not test; "
-            "to test, declare primary = [[ONE, OTHER]]"
+            "No comparison is declared, so acrc compare will only estimate and not test; "
+            "to test, declare primary = [[ONE, OTHER]] in a study"
         ]
     pairs = planned_pairs(study)
     return (

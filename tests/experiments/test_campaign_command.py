@@ -50,7 +50,7 @@ def test_a_complete_campaign_prints_its_results(plain: RunResult, tmp_path: Path
     assert lines[2].startswith("none: all places done in 0 of 10 runs, 255 of ")
     assert lines[3].startswith("chapter: all places done in 10 of 10 runs, 400 of ")
     assert lines[-1].startswith("20 of 20 runs done, 0 failed")
-    assert "golden places: r2 ends 0.25 m from place 1 of r3" in err
+    assert "places of preset golden: r2 ends 0.25 m from place 1 of r3" in err
     assert (tmp_path / "out" / "results.parquet").stat().st_size > 1000
     with (tmp_path / "out" / "results.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 20

@@ -137,7 +137,7 @@ def test_impossible_verdicts_are_reported_before_the_first_run() -> None:
     assert power_warnings(study(seeds=3), stopping_rules(study(seeds=3)).least)[0].startswith(said.format(3))
     undeclared = Study(name="s", scenario="/s.toml", strategies=("a", "b", "c"), seeds=40)
     assert power_warnings(undeclared)[0].startswith(
-        "The study declares no comparison, so acrc compare will only estimate"
+        "No comparison is declared, so acrc compare will only estimate"
     )
     with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, contacts"):
         verdicts([sample([run(1)], [run(1)])], study(primary_metric="speed"))

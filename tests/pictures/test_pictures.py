@@ -129,7 +129,7 @@ def test_pages_go_to_files_that_are_named(words: str, folder: str | None, files:
     found = visualisation._folder_and_files([Path(word) for word in words.split()])
     assert found == (folder and Path(folder), {suffix: Path(file) for suffix, file in files.items()})
     for wrong, sentence in (
-        ("page.jpg", "view: unexpected argument page.jpg; example: .* view runs/a --html page.html"),
+        ("page.jpg", "view: unexpected argument page.jpg; a picture is a .* view runs/a --html page.html"),
         ("nowhere/a.png", "--png: nowhere/a.png; must be a file in an existing folder"),
     ):
         with pytest.raises(OptionError, match=sentence):
