@@ -356,7 +356,8 @@ def plan(a12: float, power: float, correlation: float, comparisons: int, *, json
     answer(
         [
             f"{pairs} pairs of runs detect an effect of A12 = {a12:g} with probability {power:g} at 5 % "
-            f"shared by {tests} tests (places and time of each comparison), if runs with the same seed have correlation {correlation:g}."
+            f"shared by {tests} tests (places and time of each comparison), if runs with the same seed have "
+            f"correlation {correlation:g}."
         ],
         {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests},
         json=json,
