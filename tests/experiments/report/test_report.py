@@ -15,12 +15,13 @@ from statsmodels.stats.proportion import proportion_confint
 
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.evaluation import evaluate
-from acrc_testbed.experiments.report import charts, report_page
+from acrc_testbed.experiments.report import charts, findings, report_page
 from acrc_testbed.experiments.report.report_view import REAL, read_sources
 from acrc_testbed.experiments.study import Factor, Study, Trial
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RobotResult, RunResult, field_trial_struct
 from actors.runtime.errors import AcrcError
+from tests.experiments import made_runs
 from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"
@@ -339,3 +340,11 @@ def test_a_folder_that_holds_nothing_is_named(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"digest": 3}')
     with pytest.raises(AcrcError, match=r"run\.json: invalid result of a run: digest is 3, but must be"):
         read_sources([tmp_path])
+
+
+def test_an_event_in_no_run_has_no_p_value() -> None:
+    """All runs are censored, so the times of both strategies are equal but unknown."""
+    level = [made_runs.run(20) for _ in range(8)]
+    places, time = map(findings._test_cells, made_runs.verdict_of(level, level).steps)
+    assert places["p (equivalence)"] == 2.0**-8
+    assert time["margin"] == 10.0 and time["p"] is None and time["p (equivalence)"] is None
