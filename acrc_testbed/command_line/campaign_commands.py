@@ -418,7 +418,7 @@ _MAX_DEVIATIONS: Final = 5.0
 def _difference_sentence(step: Comparison, percent: str, power: float, tests: int) -> str:
     """Return how many pairs detect a difference of a percentage of the second strategy's mean."""
     deviation = float(np.std(step.scores.gains, ddof=1))
-    if not deviation > 0.0:
+    if deviation == 0.0:
         raise AcrcError(f"{step.sample.name}: pairs of the pilot do not vary in {step.says}")
     try:
         difference = (step.others or 0.0) * float(percent.rstrip("%")) / 100.0
