@@ -46,7 +46,7 @@ class Run:
         """Return the tables of `acrc export` by name; see docs/tables.md."""
         from acrc_testbed.export import parquet_files, table_rows
 
-        return parquet_files.arrow(table_rows.tables(self.folder))
+        return parquet_files.arrow_tables(table_rows.tables(self.folder))
 
     @arguments_named()
     def picture(self, file: str | PathLike[str] | None = None) -> "Figure":

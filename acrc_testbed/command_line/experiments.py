@@ -118,8 +118,12 @@ def causes(
     from acrc_testbed.explanation.time_accounting import account_time
 
     spent = account_time(folder)
-    tables = (table for table in (_times(spent), _blockages(spent), _decisions(spent)) if table.row_count)
-    answer((*tables, *_sentences(spent)), spent, json=json)
+    tables = (
+        table
+        for table in (_time_table(spent), _blockage_table(spent), _decision_table(spent))
+        if table.row_count
+    )
+    answer((*tables, *_finding_sentences(spent)), spent, json=json)
 
 
 def compare(
@@ -239,25 +243,25 @@ for _command in (plan, freeze):
     study.command()(_command)
 
 
-_MOST: Final = 20
+_MAX_ROWS: Final = 20
 """Maximum number of blockages and decisions shown; --json has all."""
 
 
-def _times(spent: TimeSpent) -> Table:
+def _time_table(spent: TimeSpent) -> Table:
     """Return a table with a row per cause that occurred, s."""
     table = Table("time, s", *spent.robots, "all", title="Time by cause")
     for cause in Cause:
-        lasted = [each[cause.value] for each in spent.robots.values()]
-        if any(lasted):
-            table.add_row(cause.value, *(f"{s:.1f}" for s in (*lasted, sum(lasted))))
-    whole = [sum(each.values()) for each in spent.robots.values()]
-    table.add_row("total", *(f"{s:.1f}" for s in (*whole, sum(whole))))
+        durations = [each[cause.value] for each in spent.robots.values()]
+        if any(durations):
+            table.add_row(cause.value, *(f"{s:.1f}" for s in (*durations, sum(durations))))
+    totals = [sum(each.values()) for each in spent.robots.values()]
+    table.add_row("total", *(f"{s:.1f}" for s in (*totals, sum(totals))))
     return table
 
 
-def _blockages(spent: TimeSpent) -> Table:
+def _blockage_table(spent: TimeSpent) -> Table:
     table = Table("from, s", "to, s", "robots", "x, y, m", "location", "cause", title="Longest blockages")
-    longest = sorted(spent.blockings, key=lambda one: one.begin_s - one.end_s)[:_MOST]
+    longest = sorted(spent.blockings, key=lambda one: one.begin_s - one.end_s)[:_MAX_ROWS]
     for one in sorted(longest, key=lambda one: one.begin_s):
         end = f"{one.end_s:.1f}" + (" (end of run)" if one.at_end else "")
         where = f"{one.x:.1f}, {one.y:.1f}"
@@ -265,11 +269,11 @@ def _blockages(spent: TimeSpent) -> Table:
     return table
 
 
-def _decisions(spent: TimeSpent) -> Table:
+def _decision_table(spent: TimeSpent) -> Table:
     table = Table(
         "time, s", "robot", "decision", "made by", "data from", "outcome", "moved after", title="Decisions"
     )
-    for one in spent.decisions[:_MOST]:
+    for one in spent.decisions[:_MAX_ROWS]:
         known = ", ".join(
             f"{each.source}, {each.age_s:.1f} s old" if each.source != one.robot else "itself"
             for each in one.knowledge
@@ -280,8 +284,8 @@ def _decisions(spent: TimeSpent) -> Table:
     return table
 
 
-def _sentences(spent: TimeSpent) -> Iterator[str]:
-    hidden = [max(len(each) - _MOST, 0) for each in (spent.blockings, spent.decisions)]
+def _finding_sentences(spent: TimeSpent) -> Iterator[str]:
+    hidden = [max(len(each) - _MAX_ROWS, 0) for each in (spent.blockings, spent.decisions)]
     if any(hidden):
         yield f"not shown: {hidden[0]} blockages, {hidden[1]} decisions; --json has them"
     if spent.decisions_left_out:

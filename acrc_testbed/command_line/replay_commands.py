@@ -243,7 +243,7 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
         [{"file": path, "rows": count} for path, count in written.items()],
         json=json,
     )
-    if missing := parquet_files.lacking(explanations):
+    if missing := parquet_files.missing_tables(explanations):
         raise AcrcError(f"{out}: recorded lean, so {', '.join(missing)} are missing; run with --record full")
 
 

@@ -24,20 +24,20 @@ from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, PUT, WHITE, StateGlyph, 
 
 _HALF: Final = 0.38
 """Half the height of a lane; lanes are one unit apart."""
-_WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE})
+_PRODUCTIVE: Final = frozenset({Cause.DRIVING, Cause.IDLE})
 _ORDERED: Final = "event or order"
 
 
-def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, legend: bool) -> None:
+def draw_lanes(axes: Axes, run: RunData, intervals: Sequence[CauseInterval], *, legend: bool) -> None:
     """Draw one lane per robot.
 
     Ticks: cleaned places, in the owner's colour; triangles: adoptions; dashed lines: orders.
     """
     few = glyphs.is_small_swarm(run.robots)
-    rows = {robot: row for row, robot in enumerate(lane_order(run, doing))}
-    for one in doing:
+    rows = {robot: row for row, robot in enumerate(lane_order(run, intervals))}
+    for one in intervals:
         extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
-        axes.broken_barh(*extent, **look_of(CAUSE_GLYPHS[one.cause.value]))
+        axes.broken_barh(*extent, **state_style(CAUSE_GLYPHS[one.cause.value]))
     for event in run.reported:
         _mark(axes, run, event, rows, "cleaned", 0.0, 9.0 if few else 3.0)
     for event in run.taken_over:
@@ -52,26 +52,26 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, lege
     axes.set_xlim(0.0, run.end)
     if legend:
         axes.legend(
-            handles=lane_legend([run], doing), ncols=4, fontsize=7, frameon=False, handlelength=1.8,
+            handles=lane_legend([run], intervals), ncols=4, fontsize=7, frameon=False, handlelength=1.8,
             handleheight=1.1, columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
         )  # fmt: skip
 
 
-def lane_order(run: RunData, doing: Sequence[CauseInterval]) -> list[str]:
+def lane_order(run: RunData, intervals: Sequence[CauseInterval]) -> list[str]:
     """Return the robots from top to bottom: few in scenario order, many by lost time, longest first."""
     if glyphs.is_small_swarm(run.robots):
         return list(run.robots)
-    kept: defaultdict[str, float] = defaultdict(float)
-    for one in doing:
-        kept[one.robot] += 0.0 if one.cause in _WELL else one.end - one.begin
-    return sorted(run.robots, key=lambda robot: -kept[robot])
+    lost_time: defaultdict[str, float] = defaultdict(float)
+    for one in intervals:
+        lost_time[one.robot] += 0.0 if one.cause in _PRODUCTIVE else one.end - one.begin
+    return sorted(run.robots, key=lambda robot: -lost_time[robot])
 
 
-def lane_legend(runs: Sequence[RunData], doing: Sequence[CauseInterval]) -> list[Artist]:
+def lane_legend(runs: Sequence[RunData], intervals: Sequence[CauseInterval]) -> list[Artist]:
     """Return legend entries for the colours and marks used."""
-    seen = {one.cause.value for one in doing}
+    seen = {one.cause.value for one in intervals}
     states = [(word, glyph) for word, glyph in CAUSE_GLYPHS.items() if word in seen]
-    kinds: list[Artist] = [Patch(label=word, **look_of(glyph)) for word, glyph in states]
+    kinds: list[Artist] = [Patch(label=word, **state_style(glyph)) for word, glyph in states]
     used = [
         name
         for name, events in (
@@ -79,17 +79,17 @@ def lane_legend(runs: Sequence[RunData], doing: Sequence[CauseInterval]) -> list
         )
         if any(events)
     ]  # fmt: skip
-    kinds += [marks.sample(name) for name in used]
+    kinds += [marks.legend_entry(name) for name in used]
     if any(ordered_changes(run) for run in runs):
         kinds.append(Line2D([], [], color=hexadecimal(PUT), ls="--", lw=0.8, label=_ORDERED))
     return kinds
 
 
-def look_of(glyph: StateGlyph) -> dict[str, Any]:
+def state_style(glyph: StateGlyph) -> dict[str, Any]:
     """Return the colour, and a hatch with enough contrast to it."""
-    ink = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
+    hatch_colour = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
     colour = hexadecimal(glyph.colour)
-    edge = ink if glyph.hatch else colour
+    edge = hatch_colour if glyph.hatch else colour
     return {"facecolor": colour, "edgecolor": edge, "hatch": glyph.hatch, "lw": 0}
 
 
@@ -105,13 +105,13 @@ def _mark(
 
 def draw(run: RunData) -> Figure:
     """Draw the page of a run."""
-    doing = cause_intervals(run)
-    tall = 0.24 * min(max(len(run.robots), 4), 50)
-    figure = style.new_figure(11.0, 7.0 + tall)
-    grid = figure.add_gridspec(3, 2, height_ratios=[5.0, tall + 0.5, 1.5], width_ratios=[3, 1])
+    intervals = cause_intervals(run)
+    lanes_height = 0.24 * min(max(len(run.robots), 4), 50)
+    figure = style.new_figure(11.0, 7.0 + lanes_height)
+    grid = figure.add_gridspec(3, 2, height_ratios=[5.0, lanes_height + 0.5, 1.5], width_ratios=[3, 1])
     floor = figure.add_subplot(grid[0, :])
     floor_picture.draw_floor(floor, run.grid)
-    drawn = floor_picture.draw_run(floor, run, doing)
+    drawn = floor_picture.draw_run(floor, run, intervals)
     floor.set_title(style.title(run), loc="left", fontweight="bold", fontsize=10)
     floor.legend(
         handles=floor_picture.legend(drawn.kinds),
@@ -122,13 +122,13 @@ def draw(run: RunData) -> Figure:
         frameon=False,
     )
     below = figure.add_subplot(grid[1, 0])
-    draw_lanes(below, run, doing, legend=True)
+    draw_lanes(below, run, intervals, legend=True)
     below.tick_params(labelbottom=False)
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
     draw_progress(figure.add_subplot(grid[1:, 1] if glyphs.is_small_swarm(run.robots) else grid[2, 1]), run)
-    marks.settle(figure)
-    marks.place(floor, drawn.labels, drawn.taken)
+    marks.fix_layout(figure)
+    marks.place_labels(floor, drawn.labels, drawn.taken)
     return figure
 
 
@@ -203,29 +203,29 @@ def draw_several(runs: Sequence[RunData]) -> Figure:
     figure = style.new_figure((_COLUMN + 0.6) * len(runs), tall + 3.1)
     grid = figure.add_gridspec(2, len(runs), height_ratios=[tall, 1.0])
     end = max(run.end for run in runs)
-    done = [cause_intervals(run) for run in runs]
+    intervals_by_run = [cause_intervals(run) for run in runs]
     floors: list[tuple[Axes, DrawnRun]] = []
-    for column, (run, doing, (low, high)) in enumerate(zip(runs, done, views, strict=True)):
+    for column, (run, intervals, (low, high)) in enumerate(zip(runs, intervals_by_run, views, strict=True)):
         axes = figure.add_subplot(grid[0, column])
         floor_picture.draw_floor(axes, run.grid)
-        floors.append((axes, floor_picture.draw_run(axes, run, doing)))
+        floors.append((axes, floor_picture.draw_run(axes, run, intervals)))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set_title(style.short_title(run), loc="left", fontweight="bold", fontsize=10)
         below = figure.add_subplot(grid[1, column])
-        draw_lanes(below, run, doing, legend=False)
+        draw_lanes(below, run, intervals, legend=False)
         below.set_xlim(0.0, end)
         below.tick_params(labelbottom=True)
         below.set_xlabel("simulated time, s")
     figure.legend(
         handles=[
-            *lane_legend(runs, [one for doing in done for one in doing]),
+            *lane_legend(runs, [one for intervals in intervals_by_run for one in intervals]),
             *floor_picture.legend({kind for _, drawn in floors for kind in drawn.kinds}),
         ],
         loc="outside lower center", ncols=3, fontsize=7, frameon=False,
     )  # fmt: skip
-    marks.settle(figure)
+    marks.fix_layout(figure)
     for axes, drawn in floors:
-        marks.place(axes, drawn.labels, drawn.taken)
+        marks.place_labels(axes, drawn.labels, drawn.taken)
     return figure
 
 

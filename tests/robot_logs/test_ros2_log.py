@@ -364,7 +364,7 @@ def entries(monkeypatch: pytest.MonkeyPatch, *told: SensorData) -> tuple[list[Lo
     source = RecordedProcess("r1", "r1", lambda instants: instants / 1e6)
     none = np.zeros((0, 3))
     track = Trajectory(np.zeros(0), none, none, none, ())
-    found = robot_entries.sensed_entries(Path("r1.mcap"), source, track, MODEL, left_out)
+    found = robot_entries.sensor_entries(Path("r1.mcap"), source, track, MODEL, left_out)
     return list(found), +left_out
 
 

@@ -98,7 +98,7 @@ def test_an_incomplete_view_is_reported_and_fails(
     path = tmp_path / "run.rrd"
     for folders in ([lean], [lean, lean]):
         with pytest.raises(AcrcError, match="the view is incomplete, see above"):
-            visualisation._show(folders, (), save=path, screenshot=None, at=None)
+            visualisation._show_runs(folders, (), save=path, screenshot=None, at=None)
         told = capsys.readouterr().err
         assert "r1: introspection was not recorded; record the run with --record full" in told
         assert told.splitlines()[-1].startswith("view without the data listed above after ")
