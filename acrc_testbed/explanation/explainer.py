@@ -112,8 +112,8 @@ class Explainer:
 
     def listed(self) -> tuple[DecisionRow, ...]:
         """Return all decisions, by process and time."""
-        made = (one for _, found in self._traces for one in decisions(found))
-        return tuple(DecisionRow(in_seconds(one.instant), one.words, one.by) for one in made)
+        known = (one for _, found in self._traces for one in decisions(found))
+        return tuple(DecisionRow(in_seconds(one.instant), one.words, one.by) for one in known)
 
     def explain(self, at_s: float) -> tuple[Explanation, ...]:
         """Return the decisions at an instant, or the last ones before it.
@@ -125,22 +125,22 @@ class Explainer:
             raise ExplanationError(f"{self._robot}@{at_s:g}: the robot's recording ends at {end_s:g} s")
         earliest: float | None = None
         for actor, found_trace in reversed(self._traces):
-            made = decisions(found_trace)
-            if found := _decisions_at(made, at_s):
+            known = decisions(found_trace)
+            if found := _decisions_at(known, at_s):
                 chain = ChainBuilder(found_trace, RadioTraffic(self._out, actor))
                 return tuple(_explanation(self._robot, at_s, one, chain) for one in found)
-            earliest = in_seconds(made[0].instant) if made else earliest
+            earliest = in_seconds(known[0].instant) if known else earliest
         then = "it makes none" if earliest is None else f"its first decision is at {earliest:g} s"
         raise ExplanationError(f"{self._robot} made no decision before {at_s:g} s; {then}")
 
 
-def _decisions_at(made: Sequence[TracedDecision], at_s: float) -> list[TracedDecision]:
+def _decisions_at(known: Sequence[TracedDecision], at_s: float) -> list[TracedDecision]:
     """Return the decisions at the instant, or those of the last instant before it."""
-    earlier = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
+    earlier = [one for one in known if in_seconds(one.instant) <= at_s + _SAME_S]
     if not earlier:
         return []
-    near = [one for one in earlier if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
-    return near or [one for one in earlier if one.instant == earlier[-1].instant]
+    simultaneous = [one for one in earlier if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
+    return simultaneous or [one for one in earlier if one.instant == earlier[-1].instant]
 
 
 def _explanation(robot: str, asked_s: float, decision: TracedDecision, chain: ChainBuilder) -> Explanation:
@@ -174,8 +174,8 @@ def processes(out: Path, robot: str) -> list[str]:
 
 def sentences(explanation: Explanation) -> Iterator[str]:
     """Yield one line per link."""
-    robot, asked, at_s = explanation.robot, explanation.asked_s, explanation.at_s
+    robot, asked_s, at_s = explanation.robot, explanation.asked_s, explanation.at_s
     if not explanation.exact:
-        yield f"{robot} made no decision at {asked:g} s; its last one before that, at {at_s:g} s:"
+        yield f"{robot} made no decision at {asked_s:g} s; its last one before that, at {at_s:g} s:"
     for link in explanation.chain:
         yield f"{link.at_s:9.3f} s  {'   ' * link.depth}{link.says}"

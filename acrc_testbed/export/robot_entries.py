@@ -236,13 +236,13 @@ def place_entries(run: RunData) -> Iterator[LogEntry]:
     A place that was added during the run is included from the first report about it.
     """
     states: dict[PlaceKey, PlaceStatus] = {}
-    shown: dict[PlaceKey, tuple[bool, bool]] | None = None
+    previous: dict[PlaceKey, tuple[bool, bool]] | None = None
     for second, changes in groupby(PlaceTable().extend(run), key=lambda one: one.second):
         for change in changes:
             states |= change.states
-        now = {key: (one.done, one.given_up) for key, one in states.items()}
-        if now != shown:
-            shown = now
+        current = {key: (one.done, one.given_up) for key, one in states.items()}
+        if current != previous:
+            previous = current
             yield _marker_entry(second, "/places", _place_markers(run, states))
 
 
