@@ -105,7 +105,7 @@ def instants(run: RunData, speed: float) -> Iterator[int]:
 
 
 @dataclass(frozen=True)
-class _RobotArtists:
+class _DrawnRobot:
     """Moving artists of one robot."""
 
     disc: Circle
@@ -143,7 +143,7 @@ class _Scene:
         self._objects = [
             (one, marks.draw_object(axes, one.object)) for one in floor_intervals(run.floor, run.end)
         ]
-        self._robots = [_robot_artists(axes, index, few=few) for index, _ in enumerate(run.robots)]
+        self._robots = [_draw_robot(axes, index, few=few) for index, _ in enumerate(run.robots)]
         kinds = {"open", "done", *(one.object.kind for one, _ in self._objects)}
         optional = (("door", doors), ("given", bool(self._added_at)), ("given up", bool(run.given_up)))
         kinds |= {kind for kind, present in optional if present}
@@ -223,7 +223,7 @@ def _draw_place(axes: Axes, run: RunData, place: PlaceOutcome, *, few: bool, giv
     return axes.lines[-1]
 
 
-def _robot_artists(axes: Axes, index: int, *, few: bool) -> _RobotArtists:
+def _draw_robot(axes: Axes, index: int, *, few: bool) -> _DrawnRobot:
     colour = style.colour(index)
     disc = Circle((0.0, 0.0), glyphs.RADIUS, color=colour, zorder=6)
     axes.add_patch(disc)
@@ -231,10 +231,10 @@ def _robot_artists(axes: Axes, index: int, *, few: bool) -> _RobotArtists:
     trail = LineCollection([], colors=[colour], linewidths=1.2, zorder=4)
     axes.add_collection(trail)
     label = axes.text(0.0, 0.0, "", color=colour, fontweight="bold", fontsize=8.5 if few else 6.0, zorder=9)
-    return _RobotArtists(disc, nose, trail, label)
+    return _DrawnRobot(disc, nose, trail, label)
 
 
-def _move(body: _RobotArtists, path: Floats, *, alive: bool) -> None:
+def _move(body: _DrawnRobot, path: Floats, *, alive: bool) -> None:
     """Move a robot along its poses `path`, (steps, 3), newest last."""
     x, y, heading = path[-1].tolist()
     reach = glyphs.RADIUS
