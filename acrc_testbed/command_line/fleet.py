@@ -320,15 +320,10 @@ def doctor(
 
 
 def _print_keys(
-    fleet: "Fleet", keys: "FleetKeys", revoked: list[str], old_keys: Path | None, *, json: bool
+    fleet: "Fleet", keys: "FleetKeys", revoked: list[str], old: Path | None, *, json: bool
 ) -> None:
-    """Print the folders of the keys and the sentences `revoked`; `old_keys`: folder of the old keys."""
-    data = {
-        "home": keys.home,
-        "valid_until": keys.valid_until,
-        "machines": keys.machines,
-        "old_keys": old_keys,
-    }
+    """Print the folders of the keys and the sentences `revoked`; `old`: folder of the old keys."""
+    data = {"home": keys.home, "valid_until": keys.valid_until, "machines": keys.machines, "old_keys": old}
     answer([*_key_sentences(fleet, keys), *revoked], data, json=json)
     for machine in keys.machines:
         if machine.listens_unnamed:

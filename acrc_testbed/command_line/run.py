@@ -208,9 +208,9 @@ def run(
     summary.print_result(result, json=json)
     if hardware:
         return
-    options = prepared.options
+    checked, options = prepared
     if not json:
-        adapted = prepared.scenario.run.strategy not in _BASELINES
+        adapted = checked.run.strategy not in _BASELINES
         baseline = [*_baseline_arguments(sys.argv[1:], out)] if adapted else ()
         summary.print_next_commands(options.out, baseline, options.modules)
     if view:

@@ -289,8 +289,7 @@ def _body_markers(run: RunData, models: Mapping[str, RobotModel], states: Mappin
 def obstacle_entries(run: RunData) -> Iterator[LogEntry]:
     """Yield obstacles, walls, jammers and closed doors at each change."""
     for second, objects in run.floor:
-        markers = [_obstacle_marker(number, one) for number, one in enumerate(objects)]
-        yield _marker_entry(second, "/things", markers)
+        yield _marker_entry(second, "/things", [_obstacle_marker(*one) for one in enumerate(objects)])
 
 
 def _obstacle_marker(number: int, floor_object: FloorObject) -> Marker:

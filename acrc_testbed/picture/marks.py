@@ -75,19 +75,14 @@ def _place_label(
     figure = axes.get_figure()
     assert figure is not None
     text_box = text.get_window_extent(cast(Any, figure.canvas).get_renderer())
-    pixels, axes_box = figure.dpi / 72.0, axes.get_window_extent()
+    pixels, area = figure.dpi / 72.0, axes.get_window_extent()
     best_place: tuple[float, float, float, float] | None = None
     for (right, up), extra in product(_DIRECTIONS, _EXTRA_DISTANCES):
         away = label.gap + extra
         dx = right * (away + text_box.width / 2 / pixels) * (0.8 if up else 1.0)
         dy = up * (away * 0.6 + text_box.height / 2 / pixels)
         box = text_box.translated(dx * pixels, dy * pixels)
-        inside = (
-            axes_box.x0 <= box.x0
-            and box.x1 <= axes_box.x1
-            and axes_box.y0 <= box.y0
-            and box.y1 <= axes_box.y1
-        )
+        inside = area.x0 <= box.x0 and box.x1 <= area.x1 and area.y0 <= box.y0 and box.y1 <= area.y1
         if not inside or any(box.overlaps(other) for other in boxes):
             continue
         cost = extra / 6.0 + _COVER_COST * _count_inside(box, covered)
@@ -182,26 +177,22 @@ def draw_objects(axes: Axes, intervals: Sequence[FloorInterval]) -> list[PointLa
     return [_label(one) for one in intervals]
 
 
-def draw_object(axes: Axes, floor_object: FloorObject) -> Line2D | Patch:
+def draw_object(axes: Axes, item: FloorObject) -> Line2D | Patch:
     """Draw one floor object."""
-    colour = colour_of(MARKS[floor_object.kind])
-    if floor_object.is_round:
-        dashed = MARKS[floor_object.kind].shape == "dashed ring"
+    colour = colour_of(MARKS[item.kind])
+    if item.is_round:
+        dashed = MARKS[item.kind].shape == "dashed ring"
         line_style = {"fill": False, "ls": "--", "lw": 1.2} if dashed else {"alpha": 0.85}
-        circle = Circle(
-            floor_object.points[0], floor_object.radius, color=colour, zorder=_ZORDER, **line_style
-        )
+        circle = Circle(item.points[0], item.radius, color=colour, zorder=_ZORDER, **line_style)
         axes.add_patch(circle)
         return circle
-    (line,) = axes.plot(*zip(*floor_object.points, strict=True), color=colour, lw=3.0, zorder=_ZORDER)
+    (line,) = axes.plot(*zip(*item.points, strict=True), color=colour, lw=3.0, zorder=_ZORDER)
     return line
 
 
 def _label(one: FloorInterval) -> PointLabel:
-    floor_object = one.object
-    x, y = (math.fsum(axis) / len(floor_object.points) for axis in zip(*floor_object.points, strict=True))
+    item = one.object
+    x, y = (math.fsum(axis) / len(item.points) for axis in zip(*item.points, strict=True))
     interval = f"{one.begin:.0f} to {one.end:.0f} s"
-    colour = colour_of(MARKS[floor_object.kind])
-    return PointLabel(
-        f"{_SHORT_NAMES.get(floor_object.kind, floor_object.kind)} {interval}", x, y, colour, 5.0, 7.0
-    )
+    colour = colour_of(MARKS[item.kind])
+    return PointLabel(f"{_SHORT_NAMES.get(item.kind, item.kind)} {interval}", x, y, colour, 5.0, 7.0)
