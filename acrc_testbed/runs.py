@@ -46,7 +46,7 @@ class Run:
         """Return the tables of `acrc export` by name; see docs/tables.md."""
         from acrc_testbed.export import parquet_files, table_rows
 
-        return parquet_files.arrow(table_rows.tables(self.folder))
+        return parquet_files.arrow_tables(table_rows.tables(self.folder))
 
     @arguments_named()
     def picture(self, file: str | PathLike[str] | None = None) -> "Figure":
@@ -101,7 +101,7 @@ def run(
     overrides = Overrides(
         robots=robots, seed=seed, duration=duration, strategy=strategy, navigation=navigation, settings=own
     )
-    place = Path(out) if out is not None else Path("runs", run_folder_name(file))
+    place = Path(out) if out is not None else Path("runs", run_folder_name(file, strategy))
     options = RunOptions(
         place, bus=bus, record=record, scenario=file.name, hidden=(file.absolute(),), json=True
     )

@@ -49,7 +49,7 @@ class PseudoTerminal:
             tty.setraw(self._driver, termios.TCSANOW)
             os.set_blocking(self._device, False)
             self.port = os.ttyname(self._driver)
-            _place(link, self.port)
+            _create_link(link, self.port)
         except BaseException:
             os.close(self._device)
             os.close(self._driver)
@@ -59,9 +59,9 @@ class PseudoTerminal:
         """Return the device end's descriptor, readable after the driver has written."""
         return self._device
 
-    def read(self, patience: float) -> bytes:
-        """Return bytes written by the driver; waits up to `patience` s."""
-        if not select.select([self._device], [], [], patience)[0]:
+    def read(self, timeout_s: float) -> bytes:
+        """Return bytes written by the driver; waits up to `timeout_s` s."""
+        if not select.select([self._device], [], [], timeout_s)[0]:
             return b""
         try:
             return os.read(self._device, 4096)
@@ -94,7 +94,7 @@ class PseudoTerminal:
         self.close()
 
 
-def _place(link: Path, port: str) -> None:
+def _create_link(link: Path, port: str) -> None:
     if link.exists() and not link.is_symlink():
         raise AcrcError(f"{link}: exists and is not a symbolic link; choose another path")
     try:
@@ -165,17 +165,17 @@ class EmulatedLines:
         self.ports = tuple(ports)
         self._folder = folder
         self._generator = generator
-        self._disturbance = dict.fromkeys(self.ports, NO_NOISE)
+        self._noise = dict.fromkeys(self.ports, NO_NOISE)
         self._plugged: dict[DevicePort, PseudoTerminal] = {}
-        self._made: list[Path] = []
+        self._created_folders: list[Path] = []
         self._unread: Counter[DevicePort] = Counter()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.callback(self.close)
-            self._make(self._folder)
+            self._create_folder(self._folder)
             for port in self.ports:
-                self._make(self.path(port).parent)
+                self._create_folder(self.path(port).parent)
                 self.plug(port)
             stack.pop_all()
         return self
@@ -197,13 +197,13 @@ class EmulatedLines:
         line = self._plugged.get(port)
         if line is None:
             return b""
-        return self._disturbance[port].apply(line.read(0.0), self._generator)
+        return self._noise[port].apply(line.read(0.0), self._generator)
 
     def send(self, port: DevicePort, data: bytes) -> None:
         """Send to the host; does not block."""
         line = self._plugged.get(port)
         if data and line is not None:
-            line.write(self._disturbance[port].apply(data, self._generator))
+            line.write(self._noise[port].apply(data, self._generator))
 
     def unread(self, port: DevicePort) -> int:
         """Return the number of bytes lost because the host did not read them."""
@@ -226,17 +226,17 @@ class EmulatedLines:
 
     def corrupt(self, port: DevicePort, share: float) -> None:
         """Replace, drop or insert a `share` of the bytes from now on, in both directions."""
-        self._disturbance[port] = LineNoise(share / 3, share / 3, share / 3)
+        self._noise[port] = LineNoise(share / 3, share / 3, share / 3)
 
     def close(self) -> None:
         """Close all lines; remove their links and the folders created for them."""
         for port in list(self._plugged):
             self.unplug(port)
-        while self._made:
+        while self._created_folders:
             with suppress(OSError):  # not empty
-                self._made.pop().rmdir()
+                self._created_folders.pop().rmdir()
 
-    def _make(self, folder: Path) -> None:
+    def _create_folder(self, folder: Path) -> None:
         if folder.is_dir():
             return
         try:
@@ -245,19 +245,19 @@ class EmulatedLines:
             raise AcrcError(
                 f"{folder}: the folder cannot be created ({error.strerror}); choose a writable directory"
             ) from None
-        self._made.append(folder)
+        self._created_folders.append(folder)
 
 
-_LONGEST: Final = 1 << 16
+_MAX_LINE_BYTES: Final = 1 << 16
 """Maximum length of a line, bytes; far above 32 frames."""
 M = TypeVar("M", Transmit, RadioEvents)
 
 
-class _Messages(Generic[M]):
+class _MessageParser(Generic[M]):
     """Incremental parser of JSON messages, one per line."""
 
     def __init__(self, kind: type[M]) -> None:
-        self.bad = 0
+        self.invalid_lines = 0
         """Number of invalid lines."""
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(kind)
         self._pending = b""
@@ -265,14 +265,14 @@ class _Messages(Generic[M]):
     def take(self, data: bytes) -> list[M]:
         """Append bytes and return the completed messages."""
         *lines, self._pending = (self._pending + data).split(b"\n")
-        if len(self._pending) > _LONGEST:
+        if len(self._pending) > _MAX_LINE_BYTES:
             lines, self._pending = [*lines, self._pending], b""
         found = []
         for line in lines:
             try:
                 found.append(self._decoder.decode(line))
             except (ValueError, RecursionError):
-                self.bad += 1
+                self.invalid_lines += 1
         return found
 
 
@@ -283,29 +283,29 @@ class SimulatedTransceiver:
         self.pan, self.address = settings.pan, settings.address
         self.channel, self.power_dbm = settings.channel - FIRST_CHANNEL, settings.power_dbm
         self._radio = radio
-        self._messages = _Messages(Transmit)
+        self._messages = _MessageParser(Transmit)
         self._session: int | None = None
-        self._said: list[RadioEvent] = []
+        self._events: list[RadioEvent] = []
 
     def take(self, now: Instant, data: bytes) -> None:
         """Accept bytes from the host."""
         for message in self._messages.take(data):
             if message.step != self._session:
                 self._session = message.step
-                self._said.clear()
-                self._radio.silence(self)
+                self._events.clear()
+                self._radio.drop_frames(self)
             for frame in message.frames:
-                if wrong := size_fault(len(frame.data)):
-                    self._said.append(FrameRefused(now, frame.tag, wrong))
+                if fault := size_fault(len(frame.data)):
+                    self._events.append(FrameRefused(now, frame.tag, fault))
                 else:
                     self._radio.transmit(self, now, frame.tag, frame.data)
 
     def run(self, now: Instant) -> bytes:
         """Return the bytes for the host."""
-        if self._session is None or not self._said:
+        if self._session is None or not self._events:
             return b""
-        said, self._said = tuple(self._said), []
-        return msgspec.json.encode(RadioEvents(self._session, said)) + b"\n"
+        events, self._events = tuple(self._events), []
+        return msgspec.json.encode(RadioEvents(self._session, events)) + b"\n"
 
     def settle(self, now: Instant) -> None:
         """Do nothing: it has no timed actions."""
@@ -313,14 +313,14 @@ class SimulatedTransceiver:
     def wake(self) -> None:
         """Return None: it has no timed actions."""
 
-    def finished(self, now: Instant, end: RadioEvent) -> None:
+    def finish_frame(self, now: Instant, end: RadioEvent) -> None:
         """Queue the outcome of a frame for the host."""
-        self._said.append(end)
+        self._events.append(end)
 
-    def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
+    def receive_frame(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
         """Queue a received frame for the host, if one is connected."""
         if self._session is not None:
-            self._said.append(FrameReceived(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
+            self._events.append(FrameReceived(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
 
 
 class TransceiverLink:
@@ -329,28 +329,28 @@ class TransceiverLink:
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
         """Number of events by type, and of invalid lines."""
-        self._messages = _Messages(RadioEvents)
+        self._messages = _MessageParser(RadioEvents)
         self._session: int | None = None
-        self._greeted = False
+        self._is_announced = False
         self._waiting: list[OutgoingFrame] = []
-        self._flying: list[int] = []
+        self._in_flight: list[int] = []
 
     def connect(self, now: Instant) -> None:
         """Start a session on a newly opened port."""
-        self._session, self._greeted = now, False
+        self._session, self._is_announced = now, False
 
     def lost(self, now: Instant) -> Sequence[BoardEvent]:
         """Handle the loss of the port: all frames are unconfirmed."""
         self._session = None
-        tags = [*self._flying, *(frame.tag for frame in self._waiting)]
+        tags = [*self._in_flight, *(frame.tag for frame in self._waiting)]
         self.forget()
-        self._flying.clear()
+        self._in_flight.clear()
         return [FrameUnconfirmed(now, tag) for tag in tags]
 
     def send(self, now: Instant, tag: int, data: bytes) -> Sequence[BoardEvent]:
         """Queue a frame for `due`."""
-        if wrong := size_fault(len(data)):
-            return [FrameRefused(now, tag, wrong)]
+        if fault := size_fault(len(data)):
+            return [FrameRefused(now, tag, fault)]
         if self._session is None:
             return [FrameOverflow(now, tag)]
         self._waiting.append(OutgoingFrame(tag, now, data))
@@ -358,21 +358,21 @@ class TransceiverLink:
 
     def due(self, now: Instant) -> bytes:
         """Return the bytes to write now."""
-        if self._session is None or (self._greeted and not self._waiting):
+        if self._session is None or (self._is_announced and not self._waiting):
             return b""
-        frames, self._waiting, self._greeted = tuple(self._waiting), [], True
-        self._flying += [frame.tag for frame in frames]
+        frames, self._waiting, self._is_announced = tuple(self._waiting), [], True
+        self._in_flight += [frame.tag for frame in frames]
         return msgspec.json.encode(Transmit(self._session, frames)) + b"\n"
 
     def take(self, now: Instant, data: bytes) -> Sequence[BoardEvent]:
         """Process bytes read and return the events, stamped with `now`."""
-        told = [one for one in self._messages.take(data) if one.step == self._session]
-        self.counters["bad_lines"] = self._messages.bad
+        messages = [one for one in self._messages.take(data) if one.step == self._session]
+        self.counters["bad_lines"] = self._messages.invalid_lines
         return [
             msgspec.structs.replace(event, instant=now)
-            for message in told
+            for message in messages
             for event in message.events
-            if not isinstance(event, FrameUnconfirmed) and self._is_news(event)
+            if not isinstance(event, FrameUnconfirmed) and self._count_event(event)
         ]
 
     def wake(self) -> None:
@@ -384,12 +384,12 @@ class TransceiverLink:
         self._waiting.clear()
         return forgotten
 
-    def _is_news(self, event: RadioEvent) -> bool:
+    def _count_event(self, event: RadioEvent) -> bool:
         """Count an event; return False for the outcome of a frame not in flight."""
         self.counters[type(event).__name__.lower()] += 1
         if isinstance(event, FrameReceived):
             return True
-        if event.tag not in self._flying:
+        if event.tag not in self._in_flight:
             return False
-        self._flying.remove(event.tag)
+        self._in_flight.remove(event.tag)
         return True

@@ -128,8 +128,10 @@ def check(folder: Path) -> BenchmarkResult:
 
 def _by_category(cycles: Sequence[CycleComparison]) -> dict[str, CycleFigures]:
     """Return the figures of all cycles and of each category."""
-    named = {name: [one for one in cycles if one.category == index] for index, name in enumerate(CATEGORIES)}
-    return {name: _cycle_figures(cycles) for name, cycles in {"all": cycles, **named}.items()}
+    by_category = {
+        name: [one for one in cycles if one.category == index] for index, name in enumerate(CATEGORIES)
+    }
+    return {name: _cycle_figures(cycles) for name, cycles in {"all": cycles, **by_category}.items()}
 
 
 def _compare_files(folder: Path, pattern: str, compare: Callable[[Rows], _T]) -> Iterator[tuple[str, _T]]:
@@ -178,7 +180,9 @@ def _compare_choice(rows: Rows, index: int, category: int, choice: tuple[float, 
     samples = [values[~np.isnan(values)] for values in (rows["vx"][index], rows["omega"][index])]
     spacing = [np.ptp(values) / (count - 1) for values, count in zip(samples, (15, 20), strict=True)]
     nearest = tuple(int(np.abs(values - one).argmin()) for values, one in zip(samples, choice, strict=True))
-    apart = [abs(float(one) - other) for one, other in zip(rows["indigo_choice"][index], choice, strict=True)]
+    distances = [
+        abs(float(one) - other) for one, other in zip(rows["indigo_choice"][index], choice, strict=True)
+    ]
     refused = bool(rows["indigo_refused"][index][nearest] != 0)
     regret = math.nan
     if not refused:
@@ -188,8 +192,8 @@ def _compare_choice(rows: Rows, index: int, category: int, choice: tuple[float, 
         category,
         here=True,
         there=True,
-        same=max(apart) < _SAME,
-        within_one=all(gap <= 1.01 * step + _SAME for gap, step in zip(apart, spacing, strict=True)),
+        same=max(distances) < _SAME,
+        within_one=all(gap <= 1.01 * step + _SAME for gap, step in zip(distances, spacing, strict=True)),
         refused=refused,
         regret=regret,
     )
@@ -218,17 +222,19 @@ def _compare_plans(rows: Rows) -> tuple[str, PlanFigures]:
     grid = OccupancyGrid(cells.astype(np.uint8), about["resolution"], Point(*about["origin"]))
     parameters = PLANNER_PRESETS[PRESET]
     planner = NavfnPlanner(global_costs(grid, _robot_model().footprint.circumradius, parameters), parameters)
-    ratios, apart = [], []
+    ratios, distances = [], []
     theirs = np.split(rows["plan_points"], rows["plan_start"][1:-1])
     for start, goal, path in zip(rows["starts"], rows["goals"], theirs, strict=True):
         ours = planner.path(Point(*map(float, start)), Point(*map(float, goal)))
         if ours is not None:
             ratios.append(_length(ours) / _length(path))
-            apart.append(max(map(min, np.hypot(*(ours[:, None] - path[None]).T))))
+            distances.append(max(map(min, np.hypot(*(ours[:, None] - path[None]).T))))
     if not ratios:
         raise ValueError("no pair of points has a plan")
     middle, most = float(np.median(ratios)), max(ratios)
-    return about["map"], PlanFigures(len(theirs), len(theirs) - len(ratios), middle, most, float(max(apart)))
+    return about["map"], PlanFigures(
+        len(theirs), len(theirs) - len(ratios), middle, most, float(max(distances))
+    )
 
 
 def _length(path: NDArray[np.float64]) -> float:

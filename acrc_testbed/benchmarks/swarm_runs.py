@@ -60,14 +60,14 @@ def entries(
 
     `pstats` keeps only the last function of a label, such as `__new__` of named tuples.
     """
-    whole: Counter[Function] = Counter()
+    totals: Counter[Function] = Counter()
     callers: defaultdict[Function, Counter[Function]] = defaultdict(Counter)
     for entry in profile.getstats():
         caller = _function_of(entry.code)
-        whole[caller] += getattr(entry, weight)
+        totals[caller] += getattr(entry, weight)
         for callee in entry.calls or ():
             callers[_function_of(callee.code)][caller] += getattr(callee, weight)
-    return {function: (value, callers[function]) for function, value in whole.items()}
+    return {function: (value, callers[function]) for function, value in totals.items()}
 
 
 def _function_of(code: CodeType | str) -> Function:
@@ -85,12 +85,12 @@ def sum_by_package(called: Mapping[Function, Entry]) -> dict[str, float]:
         foreign: defaultdict[Function, float] = defaultdict(float)
         for function, calls in waiting.items():
             callers = called[function][1]
-            whole = sum(callers.values())
-            if (package := package_of(function)) is not None or not whole:
+            total = sum(callers.values())
+            if (package := package_of(function)) is not None or not total:
                 packages[package or NO_PACKAGE] += calls
             else:
                 for caller, times in callers.items():
-                    foreign[caller] += calls * times / whole
+                    foreign[caller] += calls * times / total
         waiting = foreign
     packages[NO_PACKAGE] += sum(waiting.values())
     return packages

@@ -34,8 +34,8 @@ def protect_standard_streams() -> None:
             os.fstat(number)
         except OSError:  # closed: otherwise the next opened file would get this number, and the output
             os.open(os.devnull, os.O_RDWR)
-    sys.stdout = _stream(1, sys.stdout)
-    sys.stderr = _stream(2, sys.stderr)
+    sys.stdout = _protected_stream(1, sys.stdout)
+    sys.stderr = _protected_stream(2, sys.stderr)
 
 
 class _Pipe(io.FileIO):
@@ -56,7 +56,7 @@ class _Pipe(io.FileIO):
         return len(memoryview(data).cast("B"))
 
 
-def _stream(number: int, present: Any) -> io.TextIOWrapper:
+def _protected_stream(number: int, present: Any) -> io.TextIOWrapper:
     """Return a stream like `present` over a `_Pipe`."""
     if present is not None:
         present.flush()
@@ -129,15 +129,15 @@ def usage_error(error: typer.TyperException) -> str:
     command = context.command_path if context else "acrc"
     match error:
         case faults.NoSuchOption():
-            near = error.possibilities or []
-            right = f"did you mean {near[0]}?" if near else f"see {command} --help"
-            sentence = f"{error.option_name}: unknown option of {command}; {right}"
+            matches = error.possibilities or []
+            hint = f"did you mean {matches[0]}?" if matches else f"see {command} --help"
+            sentence = f"{error.option_name}: unknown option of {command}; {hint}"
         case faults.BadOptionUsage() if error.message.endswith("does not take a value."):
             sentence = f"{error.option_name}: takes no value"
         case faults.BadOptionUsage():
             sentence = f"{error.option_name}: requires a value"
         case faults.MissingParameter():
-            sentence = f"{_name(error.param)}: missing; see {command} --help"
+            sentence = f"{_parameter_name(error.param)}: missing; see {command} --help"
         case faults.BadParameter():
             sentence = _value_error(error)
         case _:
@@ -148,9 +148,9 @@ def usage_error(error: typer.TyperException) -> str:
 def _command_error(error: typer.TyperException, command: str, context: Any) -> str:
     if named := re.match(r"No such command '(.*?)'\.", error.message):
         known = context.command.list_commands(context)
-        near = difflib.get_close_matches(named[1], known, n=1)
-        right = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
-        return f"{named[1]}: unknown command of {command}; {right}"
+        matches = difflib.get_close_matches(named[1], known, n=1)
+        hint = f"did you mean {matches[0]}?" if matches else f"choose from {', '.join(known)}"
+        return f"{named[1]}: unknown command of {command}; {hint}"
     if named := re.match(r"Got unexpected extra argument\(s\) \((.*)\)", error.message, re.DOTALL):
         usage = " ".join(context.get_usage().removeprefix("Usage: ").split())
         return f"{command.removeprefix('acrc ')}: unexpected argument {named[1]}; usage: {usage}"
@@ -163,16 +163,16 @@ def _value_error(error: faults.BadParameter) -> str:
     if error.param is None or value is None:
         return f"{error.param_hint or 'acrc'}: {error.message}"
     kind: Any = error.param.type
-    right = _NUMBERS.get(kind.name.removesuffix(" range"))
-    if right is None:
-        right = error.message
+    expected = _NUMBERS.get(kind.name.removesuffix(" range"))
+    if expected is None:
+        expected = error.message
     else:
         for word, bound in (("from", getattr(kind, "min", None)), ("to", getattr(kind, "max", None))):
-            right += "" if bound is None else f" {word} {bound:g}"
-    return f"{_name(error.param)}: {value[1]}; must be {right}"
+            expected += "" if bound is None else f" {word} {bound:g}"
+    return f"{_parameter_name(error.param)}: {value[1]}; must be {expected}"
 
 
-def _name(parameter: Any) -> str:
+def _parameter_name(parameter: Any) -> str:
     """Return the long form of an option, or the metavar of an argument."""
     if parameter.param_type_name == "argument":
         return str(parameter.metavar).removesuffix("…")

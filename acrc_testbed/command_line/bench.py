@@ -119,15 +119,15 @@ def bench(
         "map_file": map_file, "bus": bus, "pairs": pairs, "write": write, "navigation": navigation,
         "record": record,
     }  # fmt: skip
-    given = {key: value for key, value in options.items() if value is not None}
+    options_set = {key: value for key, value in options.items() if value is not None}
     _check_accepted(
-        given,
+        options_set,
         {known: one.options for known, one in BENCHMARKS.items()},
         name,
         f"not an option of {name}, but of",
     )
     measure = import_module(f"acrc_testbed.benchmarks.{BENCHMARKS[name].module}").measure
-    raise typer.Exit(measure(**given).report(json_output=json))
+    raise typer.Exit(measure(**options_set).report(json_output=json))
 
 
 _SPELLINGS: Final = {"map_file": "--map", "commit": "COMMIT"}
@@ -135,14 +135,14 @@ _SPELLINGS: Final = {"map_file": "--map", "commit": "COMMIT"}
 
 
 def _check_accepted(
-    given: Iterable[str], accepted: Mapping[str, Sequence[str]], name: str, problem: str
+    options_set: Iterable[str], accepted: Mapping[str, Sequence[str]], name: str, problem: str
 ) -> None:
     """Raise OptionError for an option that `accepted` lists for other names than `name`."""
     from actors.installation.usage import OptionError
 
-    for key in given:
+    for key in options_set:
         if key not in accepted.get(name, ()):
-            others = ", ".join(other for other, its in accepted.items() if key in its)
+            others = ", ".join(other for other, options in accepted.items() if key in options)
             raise OptionError(f"{_SPELLINGS.get(key, f'--{key}')}: {problem} {others}")
 
 
@@ -233,19 +233,19 @@ def verify(
     data instead. The exit code is 1 if a claim does not hold.
     """
     options = {"data": data, "from": source, "runs": runs, "against": against}
-    given = {name: value for name, value in options.items() if value is not None}
-    if given:
-        raise typer.Exit(_compare(claim or [], given, json_output=json))
+    options_set = {name: value for name, value in options.items() if value is not None}
+    if options_set:
+        raise typer.Exit(_compare_data(claim or [], options_set, json_output=json))
     from actors.installation.repository import clone
 
     root = clone("verify")
     files = _claim_files(root)
-    chosen = _chosen(claim or [], files)
+    chosen = _chosen_claims(claim or [], files)
     if listed:
-        _show_list(root, {name: files[name] for name in chosen}, json_output=json)
+        _print_claims(root, {name: files[name] for name in chosen}, json_output=json)
         return
-    results = _run(root, {name: files[name] for name in chosen}, named=bool(claim), full=full)
-    _show(results, json_output=json)
+    results = _run_claims(root, {name: files[name] for name in chosen}, named=bool(claim), full=full)
+    _print_results(results, json_output=json)
     raise typer.Exit(1 if any(result.holds is False for result in results) else 0)
 
 
@@ -257,27 +257,27 @@ _COMPARISON_OPTIONS: Final = {
 """Options of each comparison; the first one is required."""
 
 
-def _compare(names: Sequence[str], given: dict[str, Any], *, json_output: bool) -> int:
+def _compare_data(names: Sequence[str], options_set: dict[str, Any], *, json_output: bool) -> int:
     """Compare with the user's data and return the exit code. Raises OptionError, AcrcError."""
     from actors.installation.usage import OptionError
 
     name = names[0] if len(names) == 1 else ""
     problem = f"not an option of {', '.join(names)}, but of" if names else "requires a claim:"
-    _check_accepted(given, _COMPARISON_OPTIONS, name, problem)
-    if (required := _COMPARISON_OPTIONS[name][0]) not in given:
-        raise OptionError(f"--{next(iter(given))}: requires --{required}, the data to compare with")
+    _check_accepted(options_set, _COMPARISON_OPTIONS, name, problem)
+    if (required := _COMPARISON_OPTIONS[name][0]) not in options_set:
+        raise OptionError(f"--{next(iter(options_set))}: requires --{required}, the data to compare with")
     if name == "radio":
         from acrc_testbed.benchmarks.radio_comparison import check as radio
 
-        found = radio(given["data"], given.get("runs", 10))
+        found = radio(options_set["data"], options_set.get("runs", 10))
     elif name == "localisation":
         from acrc_testbed.benchmarks.localisation_comparison import check as localisation
 
-        found = localisation(given["from"], given.get("runs", 20), given.get("against"))
+        found = localisation(options_set["from"], options_set.get("runs", 20), options_set.get("against"))
     else:
         from acrc_testbed.benchmarks.navigation import check as navigation
 
-        found = navigation(given["from"])
+        found = navigation(options_set["from"])
     if not json_output and found.holds is not None:
         found = found.with_line(f"{name}: {'holds' if found.holds else 'DOES NOT HOLD'}")
     return found.report(json_output=json_output)
@@ -292,15 +292,15 @@ def _claim_files(root: Path) -> dict[str, list[str]]:
     return dict(sorted(found.items()))
 
 
-def _chosen(names: Sequence[str], known: Mapping[str, object]) -> list[str]:
+def _chosen_claims(names: Sequence[str], known: Mapping[str, object]) -> list[str]:
     """Return the claims of these names; all without names. Raises OptionError for an unknown one."""
     from actors.installation.usage import OptionError
 
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            right = f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
-            raise OptionError(f"CLAIM: unknown claim {name}; {right}")
+            matches = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {matches[0]}?" if matches else f"choose from {', '.join(known)}"
+            raise OptionError(f"CLAIM: unknown claim {name}; {hint}")
     return list(dict.fromkeys(names or known))
 
 
@@ -314,16 +314,18 @@ def statements(root: Path) -> dict[str, str]:
     }
 
 
-def _show_list(root: Path, files: Mapping[str, Sequence[str]], *, json_output: bool) -> None:
+def _print_claims(root: Path, files: Mapping[str, Sequence[str]], *, json_output: bool) -> None:
     known = statements(root)
     rows = [{"name": name, "says": known.get(name, ""), "files": list(its)} for name, its in files.items()]
     table = Table("claim", "statement", "tests", title="acrc verify CLAIM …")
     for row in rows:
         table.add_row(str(row["name"]), str(row["says"]).replace("`", ""), "\n".join(row["files"]))
-    _print(rows, table, json_output=json_output)
+    _print_table(rows, table, json_output=json_output)
 
 
-def _run(root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: bool) -> list[ClaimResult]:
+def _run_claims(
+    root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: bool
+) -> list[ClaimResult]:
     """Run the tests of these claims, with progress on standard error.
 
     Nightly tests run only if the claims are `named` or in `full` size. Raises AcrcError if pytest aborts.
@@ -347,7 +349,7 @@ def _run(root: Path, files: Mapping[str, Sequence[str]], *, named: bool, full: b
     return [ClaimResult(name, [row for row in rows if row["claim"] == name]) for name in files]
 
 
-def _show(results: Sequence[ClaimResult], *, json_output: bool) -> None:
+def _print_results(results: Sequence[ClaimResult], *, json_output: bool) -> None:
     figures = {
         result.claim: {"holds": result.holds, "s": result.seconds, "tests": result.tests}
         for result in results
@@ -355,10 +357,10 @@ def _show(results: Sequence[ClaimResult], *, json_output: bool) -> None:
     table = Table("claim", "result", "s", "figures")
     for result in results:
         table.add_row(result.claim, result.verdict, f"{result.seconds:.0f}", result.figures)
-    _print(figures, table, json_output=json_output)
+    _print_table(figures, table, json_output=json_output)
 
 
-def _print(figures: Any, table: Table, *, json_output: bool) -> None:
+def _print_table(figures: Any, table: Table, *, json_output: bool) -> None:
     from acrc_testbed.benchmarks.benchmark_result import BenchmarkResult
 
     BenchmarkResult(figures, (table,)).report(json_output=json_output)

@@ -1,12 +1,15 @@
 """Implementation of the commands campaign, compare, report, bundle, study plan and study freeze."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
+from statistics import NormalDist
+from typing import Final
 
 import msgspec
+import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
@@ -29,7 +32,7 @@ from acrc_testbed.experiments.evaluation import (
     summary_sentences,
     verdict_sentence,
 )
-from acrc_testbed.experiments.paired_tests import MIN_PAIRS, AssumedEffect, Interval, pairs_needed
+from acrc_testbed.experiments.paired_tests import ALPHA, MIN_PAIRS, AssumedEffect, Interval, pairs_needed
 from acrc_testbed.experiments.store import (
     Store,
     create_store,
@@ -197,7 +200,8 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
         raise AcrcError(f"{target}: already exists; a frozen plan is not replaced: choose another file")
     study = load_study(study_file)
     step_metrics(study)
-    looks = verdicts.stopping_rules(study).differ.looks if until_decided else ()
+    rules = verdicts.stopping_rules(study) if until_decided else None
+    looks = () if rules is None else rules.differ.looks
     content = frozen_plan.freeze(study, software_version(), looks)
     with out_folder.convert_write_errors(target):
         regular_file.write_atomically(target, content)
@@ -206,6 +210,7 @@ def freeze(study_file: Path, out: Path | None, *, until_decided: bool, json: boo
         [
             f"Frozen {plan_text(plan)}",
             f"written to {target}; publish the hash before the first run, since it does not prove a date",
+            *power_warnings(study, MIN_PAIRS if rules is None else rules.least),
         ],
         {"file": target, "commit": plan.commit, "sha256": plan.sha256},
         json=json,
@@ -334,27 +339,38 @@ def _interval_text(interval: Interval, form: str) -> str:
     return f"{interval.value:{form}} [{interval.low:{form}}, {interval.high:{form}}]"
 
 
+def check_absent(reason: str, options: Mapping[str, object]) -> None:
+    """Raise OptionError if one of the options, by name, was given."""
+    for name, value in options.items():
+        if value is not None:
+            raise OptionError(f"{name}: {reason}")
+
+
 def plan(a12: float, power: float, correlation: float, comparisons: int, *, json: bool) -> None:
     """Print the number of pairs that an effect requires; a comparison has two tests (places, times)."""
     tests = 2 * comparisons
     try:
         pairs = pairs_needed(AssumedEffect(a12, correlation, power, tests))
     except ValueError as error:
-        raise OptionError(f"--a12: {error}") from None
+        raise OptionError(f"--a12: {a12:g}: {error}") from None
     answer(
         [
             f"{pairs} pairs of runs detect an effect of A12 = {a12:g} with probability {power:g} at 5 % "
-            f"shared by {tests} tests, if runs with the same seed have correlation {correlation:g}."
+            f"shared by {tests} tests (places and time of each comparison), if runs with the same seed have "
+            f"correlation {correlation:g}."
         ],
         {"pairs": pairs, "a12": a12, "power": power, "correlation": correlation, "tests": tests},
         json=json,
     )
 
 
-def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons: int, *, json: bool) -> None:
-    """Print the power of the declared comparisons by campaign size, and ceiling effects."""
-    if comparisons > 1:
-        raise OptionError("--comparisons: cannot be combined with --pilot; the study declares them")
+def plan_from_pilot(
+    folder: Path, metric: str | None, power: float, difference: str | None, *, json: bool
+) -> None:
+    """Print the power of the declared comparisons by campaign size, and ceiling effects.
+
+    `difference`: percentage of the second strategy's mean; instead print the pairs that it requires.
+    """
     store = load_store(folder)
     if metric is not None and not comparison.is_metric(metric):
         raise wrong_value("--metric", metric, comparison.CHOICE)
@@ -363,13 +379,27 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
     paired = primary_samples(samples(records, study), study)
     if not paired or not all(sample.pairs for sample in paired):
         raise AcrcError(f"{folder}: a declared comparison has no pair of runs; run at least one of each")
-    estimates = list(power_estimates(paired, study, power))
-    names = [sample.name for sample in paired]
-    data = {"comparisons": names, "tests": family_size(study), "power": power, "promises": estimates}
-    seeds = min(len(sample.pairs) for sample in paired)
+    steps = [comparison.comparison_of(sample, step_metrics(study)[0]) for sample in paired]
+    names, tests = [sample.name for sample in paired], family_size(study)
+    planned: list[str | Table]
+    data: dict[str, object] = {"comparisons": names, "tests": tests, "power": power}
+    if difference is None:
+        estimates = list(power_estimates(paired, study, power))
+        data["promises"] = estimates
+        seeds = min(len(sample.pairs) for sample in paired)
+        planned = list(_power_table(names, estimates, tests, power, seeds))
+    else:
+        planned = [_difference_sentence(step, difference, power, tests) for step in steps]
+        data["says"] = planned
     output = [
         *failure_sentences(records, study),
-        *_power_table(names, estimates, family_size(study), power, seeds),
+        *planned,
+        *(
+            f"{one.sample.name}: only {differing} of {one.pairs} pairs of the pilot differ in {one.says}, so "
+            f"these numbers are uncertain; {_SMALL_PILOT} pairs or more should differ."
+            for one in steps
+            if (differing := one.better + one.worse) < _SMALL_PILOT
+        ),
         *ceiling_sentences(records),
     ]
     if not store.study.tuning:
@@ -377,6 +407,32 @@ def plan_from_pilot(folder: Path, metric: str | None, power: float, comparisons:
             "This pilot uses the seeds of tests, which are no longer unseen; run pilots with --tuning."
         )
     answer(output, data, json=json)
+
+
+_SMALL_PILOT: Final = 10
+"""Pairs that differ below which a pilot is reported as small."""
+_MAX_DEVIATIONS: Final = 5.0
+"""Larger differences need no fewer pairs."""
+
+
+def _difference_sentence(step: Comparison, percent: str, power: float, tests: int) -> str:
+    """Return how many pairs detect a difference of a percentage of the second strategy's mean."""
+    deviation = float(np.std(step.scores.gains, ddof=1))
+    if deviation == 0.0:
+        raise AcrcError(f"{step.sample.name}: pairs of the pilot do not vary in {step.says}")
+    try:
+        difference = (step.others or 0.0) * float(percent.rstrip("%")) / 100.0
+        a12 = NormalDist().cdf(min(difference / deviation, _MAX_DEVIATIONS))
+        pairs = pairs_needed(AssumedEffect(a12, power=power, tests=tests))
+    except ValueError:
+        right = "a percentage, such as 10%, that needs at most 1000 pairs"
+        raise wrong_value("--difference", percent, right) from None
+    return (
+        f"{pairs} pairs detect a difference of {difference:.3g} {step.unit} in {step.says}{step.sample.where}"
+        f" ({percent.rstrip('%')} % of the mean of {step.other}) with probability {power:g} at"
+        f" p ≤ {ALPHA / tests:.2g}, if differences are normal with the pilot's standard deviation of"
+        f" {deviation:.3g} {step.unit}."
+    )
 
 
 def _power_table(
@@ -388,10 +444,15 @@ def _power_table(
         shares = zip(one.shares, one.cautious, strict=True)
         table.add_row(str(one.pairs), *(f"{share:.2f} ({cautious:.2f})" for share, cautious in shares))
     yield table
-    yield f"In brackets: with the {seeds} seeds of the pilot resampled, too."
-    last = estimates[-1]
-    if min(last.shares) >= power:
-        yield f"{last.pairs} pairs detect each difference with probability {power:g}."
-    else:
-        undetected = [name for name, share in zip(names, last.shares, strict=True) if share < power]
-        yield f"{last.pairs} pairs do not reach probability {power:g} for {', '.join(undetected)}."
+    as_in_pilot = _pairs_text([(one.pairs, *one.shares) for one in estimates], power)
+    cautious = _pairs_text([(one.pairs, *one.cautious) for one in estimates], power)
+    yield f"If differences are as large as in the pilot, {as_in_pilot}."
+    yield f"With the uncertainty of its {seeds} seeds (in brackets; plan with these numbers), {cautious}."
+
+
+def _pairs_text(estimates: Sequence[tuple[float, ...]], power: float) -> str:
+    """Return the least number of pairs with this power; `estimates`: pairs and power of each comparison."""
+    for pairs, *shares in estimates:
+        if min(shares) >= power:
+            return f"{pairs} pairs detect each with probability {power:g}"
+    return f"{estimates[-1][0]} pairs do not detect each with probability {power:g}"

@@ -69,14 +69,14 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
     `words` go to pytest unchanged, in one process. Without words the suite runs in several workers and its
     processes are counted; the only word `--nightly` runs all tests in several workers.
     """
-    whole = list(words) == [f"--{NIGHTLY}"]
-    if words and not whole:
+    nightly = list(words) == [f"--{NIGHTLY}"]
+    if words and not nightly:
         return run_pytest(root, words)
-    selected = () if whole else ("-m", f"not {NIGHTLY}")
+    selected = () if nightly else ("-m", f"not {NIGHTLY}")
     workers = str((os.cpu_count() or 1) + 1)  # one more: some tests wait most of the time
     with ProcessCounter() as started:
         code = run_pytest(root, (*selected, "-n", workers, *BY_FILE))
-    exceeded = not whole and _is_over_budget(root, started.count)
+    exceeded = not nightly and _is_over_budget(root, started.count)
     return code or int(exceeded)
 
 
@@ -128,21 +128,21 @@ def _is_over_budget(root: Path, started: int) -> bool:
 
 def run_pytest(root: Path, words: Sequence[str], stdout: TextIO | None = None) -> int:
     """Run pytest with byte code caching, since tests start many interpreters; return the exit code."""
-    kept = {
+    environment = {
         name: value
         for name, value in os.environ.items()
         if name != "PYTHONDONTWRITEBYTECODE" and not name.startswith("PYTEST_")
     }
-    kept["PYTHONPATH"] = str(root)  # nothing else: a sourced ROS adds pytest plugins
+    environment["PYTHONPATH"] = str(root)  # nothing else: a sourced ROS adds pytest plugins
     return subprocess.run(
-        [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, stdout=stdout, check=False
+        [sys.executable, "-m", "pytest", *words], cwd=root, env=environment, stdout=stdout, check=False
     ).returncode
 
 
 def test(context: typer.Context) -> None:
     """Run the tests; arguments go to pytest (-h: its help)."""
     root = clone("test")
-    words = [_absolute(word) for word in context.args]
+    words = [_absolute_argument(word) for word in context.args]
     from actors.processes.kernel_compilation import compile_kernels
 
     compile_kernels()  # first: its messages would appear in the output that tests read
@@ -155,7 +155,7 @@ def check() -> None:
         raise typer.Exit(1)
 
 
-def _absolute(word: str) -> str:
+def _absolute_argument(word: str) -> str:
     """Make an argument that names a file, or a test in one, absolute."""
     path, colons, name = word.partition("::")
     return f"{Path(path).absolute()}{colons}{name}" if Path(path).exists() else word

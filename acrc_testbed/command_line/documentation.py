@@ -9,7 +9,7 @@ import typer
 
 from acrc_testbed.command_line.shared_options import flag, option
 
-_HEAD: Final = "# Commands\n\n`acrc docs` generates this page from the output of `acrc COMMAND --help`."
+_HEADING: Final = "# Commands\n\n`acrc docs` generates this page from the output of `acrc COMMAND --help`."
 
 
 def docs(
@@ -41,7 +41,7 @@ def build(pages: Path, out: Path) -> Path:
     from actors.runtime.errors import AcrcError
 
     reference = pages / "reference" / "commands.md"
-    if reference.read_text() != (page := as_markdown()):
+    if reference.read_text() != (page := commands_page()):
         reference.write_text(page)
     with scratch_folder() as trees:
         options = ("--fail-on-warning", "--keep-going", "--quiet", "--fresh-env", "-d", str(trees))
@@ -55,15 +55,15 @@ def command_tree() -> dict[str, Any]:
     from acrc_testbed.command_line.app import app
 
     found: dict[str, Any] = {}
-    todo: list[tuple[str, Any]] = [("acrc", typer.main.get_command(app))]
-    while todo:
-        words, command = todo.pop(0)
+    pending: list[tuple[str, Any]] = [("acrc", typer.main.get_command(app))]
+    while pending:
+        words, command = pending.pop(0)
         found[words] = command
-        todo[:0] = [(f"{words} {name}", one) for name, one in _below(command)]
+        pending[:0] = [(f"{words} {name}", one) for name, one in _subcommands(command)]
     return found
 
 
-def _below(command: Any) -> list[tuple[str, Any]]:
+def _subcommands(command: Any) -> list[tuple[str, Any]]:
     """Return the visible commands of a group, in order."""
     if not hasattr(command, "list_commands"):
         return []
@@ -71,10 +71,10 @@ def _below(command: Any) -> list[tuple[str, Any]]:
     return [(name, one) for name, one in named if not one.hidden]
 
 
-def as_markdown() -> str:
+def commands_page() -> str:
     """Return the page: a section per command with usage, help and a table of parameters."""
     sections = [_section(words, command) for words, command in command_tree().items()]
-    return "\n\n".join([_HEAD, *sections]) + "\n"
+    return "\n\n".join([_HEADING, *sections]) + "\n"
 
 
 def _section(words: str, command: Any) -> str:
@@ -96,7 +96,7 @@ def _rows(command: Any, context: Any) -> Iterator[str]:
         record = parameter.get_help_record(context)
         if record is not None and "--help" not in parameter.opts:
             yield f"| `{record[0].replace('|', chr(92) + '|')}` | {_escaped(record[1])} |"
-    for name, one in _below(command):
+    for name, one in _subcommands(command):
         anchor = f"{context.info_name} {name}".replace(" ", "-")
         yield f"| [`{name}`](#{anchor}) | {_escaped(one.get_short_help_str(200))} |"
 

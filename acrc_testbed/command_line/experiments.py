@@ -118,8 +118,12 @@ def causes(
     from acrc_testbed.explanation.time_accounting import account_time
 
     spent = account_time(folder)
-    tables = (table for table in (_times(spent), _blockages(spent), _decisions(spent)) if table.row_count)
-    answer((*tables, *_sentences(spent)), spent, json=json)
+    tables = (
+        table
+        for table in (_time_table(spent), _blockage_table(spent), _decision_table(spent))
+        if table.row_count
+    )
+    answer((*tables, *_finding_sentences(spent)), spent, json=json)
 
 
 def compare(
@@ -172,18 +176,25 @@ def bundle(
 
 def plan(
     a12: Annotated[
-        float, option("A", "Detect this effect size (Vargha and Delaney's A12).", min=0.0, max=1.0)
-    ] = 0.71,
+        float | None,
+        option("A", "Detect this effect size (Vargha and Delaney's A12).  [default: 0.71]", min=0.0, max=1.0),
+    ] = None,
     power: Annotated[float, option("P", "Detect it with this probability.", min=0.5, max=0.999)] = 0.9,
     correlation: Annotated[
-        float, option("R", "Assume this correlation of runs with the same seed.", min=-0.99, max=0.99)
-    ] = 0.0,
+        float | None,
+        option("R", "Assume this correlation of runs with the same seed.  [default: 0]", min=-0.99, max=0.99),
+    ] = None,
     comparisons: Annotated[
-        int, option("N", "Share the 5 % among this many declared comparisons.", min=1, max=1000)
-    ] = 1,
+        int | None,
+        option("N", "Share the 5 % among this many declared comparisons.  [default: 1]", min=1, max=1000),
+    ] = None,
     pilot: Annotated[Path | None, option("DIR", "Estimate power by resampling this pilot campaign.")] = None,
     metric: Annotated[
         str | None, option("NAME", "Use this metric of the pilot, as for compare.  [default: the study's]")
+    ] = None,
+    difference: Annotated[
+        str | None,
+        option("PERCENT", "With --pilot: detect a difference of this part of the second strategy's mean."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -191,9 +202,15 @@ def plan(
     from acrc_testbed.command_line import campaign_commands
 
     if pilot is not None:
-        campaign_commands.plan_from_pilot(pilot, metric, power, comparisons, json=json)
+        campaign_commands.check_absent(
+            "cannot be combined with --pilot",
+            {"--a12": a12, "--correlation": correlation, "--comparisons": comparisons},
+        )
+        campaign_commands.plan_from_pilot(pilot, metric, power, difference, json=json)
     else:
-        campaign_commands.plan(a12, power, correlation, comparisons, json=json)
+        campaign_commands.check_absent("needs --pilot", {"--metric": metric, "--difference": difference})
+        effect = 0.71 if a12 is None else a12
+        campaign_commands.plan(effect, power, correlation or 0.0, comparisons or 1, json=json)
 
 
 def freeze(
@@ -226,25 +243,25 @@ for _command in (plan, freeze):
     study.command()(_command)
 
 
-_MOST: Final = 20
+_MAX_ROWS: Final = 20
 """Maximum number of blockages and decisions shown; --json has all."""
 
 
-def _times(spent: TimeSpent) -> Table:
+def _time_table(spent: TimeSpent) -> Table:
     """Return a table with a row per cause that occurred, s."""
     table = Table("time, s", *spent.robots, "all", title="Time by cause")
     for cause in Cause:
-        lasted = [each[cause.value] for each in spent.robots.values()]
-        if any(lasted):
-            table.add_row(cause.value, *(f"{s:.1f}" for s in (*lasted, sum(lasted))))
-    whole = [sum(each.values()) for each in spent.robots.values()]
-    table.add_row("total", *(f"{s:.1f}" for s in (*whole, sum(whole))))
+        durations = [each[cause.value] for each in spent.robots.values()]
+        if any(durations):
+            table.add_row(cause.value, *(f"{s:.1f}" for s in (*durations, sum(durations))))
+    totals = [sum(each.values()) for each in spent.robots.values()]
+    table.add_row("total", *(f"{s:.1f}" for s in (*totals, sum(totals))))
     return table
 
 
-def _blockages(spent: TimeSpent) -> Table:
+def _blockage_table(spent: TimeSpent) -> Table:
     table = Table("from, s", "to, s", "robots", "x, y, m", "location", "cause", title="Longest blockages")
-    longest = sorted(spent.blockings, key=lambda one: one.begin_s - one.end_s)[:_MOST]
+    longest = sorted(spent.blockings, key=lambda one: one.begin_s - one.end_s)[:_MAX_ROWS]
     for one in sorted(longest, key=lambda one: one.begin_s):
         end = f"{one.end_s:.1f}" + (" (end of run)" if one.at_end else "")
         where = f"{one.x:.1f}, {one.y:.1f}"
@@ -252,11 +269,11 @@ def _blockages(spent: TimeSpent) -> Table:
     return table
 
 
-def _decisions(spent: TimeSpent) -> Table:
+def _decision_table(spent: TimeSpent) -> Table:
     table = Table(
         "time, s", "robot", "decision", "made by", "data from", "outcome", "moved after", title="Decisions"
     )
-    for one in spent.decisions[:_MOST]:
+    for one in spent.decisions[:_MAX_ROWS]:
         known = ", ".join(
             f"{each.source}, {each.age_s:.1f} s old" if each.source != one.robot else "itself"
             for each in one.knowledge
@@ -267,8 +284,8 @@ def _decisions(spent: TimeSpent) -> Table:
     return table
 
 
-def _sentences(spent: TimeSpent) -> Iterator[str]:
-    hidden = [max(len(each) - _MOST, 0) for each in (spent.blockings, spent.decisions)]
+def _finding_sentences(spent: TimeSpent) -> Iterator[str]:
+    hidden = [max(len(each) - _MAX_ROWS, 0) for each in (spent.blockings, spent.decisions)]
     if any(hidden):
         yield f"not shown: {hidden[0]} blockages, {hidden[1]} decisions; --json has them"
     if spent.decisions_left_out:
@@ -297,7 +314,7 @@ def _sentences(spent: TimeSpent) -> Iterator[str]:
         delay = "" if score.delay_s is None else f" after {score.delay_s:.1f} s (median)"
         yield (
             f"Blockage detection by the robots: precision {precision}, recall {recall} of the time; "
-            f"{score.noticed} of {score.spells} blockages detected{delay}; {score.false_alarms} false alarms"
+            f"{score.noticed} of {score.spells} blockages detected{delay}; false alarms: {score.false_alarms}"
         )
     for finding in spent.findings:
         yield f"{finding.name}: {finding.says}"

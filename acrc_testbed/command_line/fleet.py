@@ -67,11 +67,11 @@ def watch(
         if view is None:
             operator_station.watch(endpoints, keys)
         else:
-            _show(endpoints, keys, view)
+            _show_robots(endpoints, keys, view)
     _exit_now(130)
 
 
-def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
+def _show_robots(endpoints: list[str], keys: Path, fleet: Path) -> None:
     """Show robots in the viewer."""
     from deploy.fleet import fleet_view
     from deploy.fleet.fleet_file import load_fleet
@@ -186,7 +186,7 @@ def bundle(
     from deploy.fleet.fleet_file import load_fleet
 
     root = clone("fleet bundle")
-    made = robot_bundle.write_bundle(
+    archive = robot_bundle.write_bundle(
         root,
         load_fleet(fleet),
         robot,
@@ -196,16 +196,17 @@ def bundle(
         out=out or Path(f"acrc-{robot}.tar"),
     )
     text = (
-        f"{made.file}: {made.bytes / 1e6:.1f} MB, {made.files} files, for {machine} with Python {python}\n"
-        f"SHA-256 {made.sha256}\n\n"
+        f"{archive.file}: {archive.bytes / 1e6:.1f} MB, {archive.files} files, "
+        f"for {machine} with Python {python}\n"
+        f"SHA-256 {archive.sha256}\n\n"
         "Copy it to the robot's computer, then run in /srv there:\n\n"
-        f"  tar -xf {made.file.name}\n"
-        f"  acrc-{robot}/acrc fleet units acrc-{robot}/{made.fleet} --robot {robot}"
-        + (f" --modules acrc-{robot}/modules" if made.own_code else "")
+        f"  tar -xf {archive.file.name}\n"
+        f"  acrc-{robot}/acrc fleet units acrc-{robot}/{archive.fleet} --robot {robot}"
+        + (f" --modules acrc-{robot}/modules" if archive.own_code else "")
     )
-    answer([text], made._asdict(), json=json)
-    if made.lacks:
-        sys.stderr.write(f"acrc: the bundle lacks packages of requirements.txt: {made.lacks}\n")
+    answer([text], archive._asdict(), json=json)
+    if archive.lacks:
+        sys.stderr.write(f"acrc: the bundle lacks packages of requirements.txt: {archive.lacks}\n")
 
 
 def units(
@@ -231,17 +232,17 @@ def units(
 
     root = clone("fleet units")
     loaded = load_fleet(fleet)
-    chosen = loaded.robot_named(robot)
-    written = unit_files.write_units(
+    identity = loaded.robot_named(robot)
+    files = unit_files.write_units(
         loaded,
-        chosen,
+        identity,
         out,
         program=root / "acrc",
         user=user or unit_files.default_user(root),
         plugged=usb_ports(),
         modules=permit_of(modules).modules,
     )
-    service, rules = written.service_file, written.rules_file
+    service, rules = files.service_file, files.rules_file
     answer(
         [
             f"{service}\n{rules}\n\n"
@@ -256,7 +257,7 @@ def units(
         {"service": service, "rules": rules},
         json=json,
     )
-    for sentence in written.unassigned:
+    for sentence in files.unassigned:
         sys.stderr.write(f"acrc: {sentence}\n")
 
 
@@ -288,16 +289,16 @@ def keys(
     hosts = fleet_keys.parse_hosts(host or [], loaded)
     folder, now = (out or Path(loaded.keys)).absolute(), datetime.now(UTC)
     if not revoke:
-        made = fleet_keys.create_keys(loaded, folder, hosts, now=now, days=days)
-        _answer_keys(loaded, made, [], None, json=json)
+        created = fleet_keys.create_keys(loaded, folder, hosts, now=now, days=days)
+        _print_keys(loaded, created, [], None, json=json)
         return
-    made, aside = fleet_keys.replace_keys(loaded, folder, revoke, hosts, now=now, days=days)
+    created, old_keys = fleet_keys.replace_keys(loaded, folder, revoke, hosts, now=now, days=days)
     revoked = [
         f"Machines with their new folders reject the old keys of {', '.join(revoke)}: copy all folders, "
         "the operator's first, and restart the robots.",
-        f"The old keys are in {aside}; delete them after that.",
+        f"The old keys are in {old_keys}; delete them after that.",
     ]
-    _answer_keys(loaded, made, revoked, aside, json=json)
+    _print_keys(loaded, created, revoked, old_keys, json=json)
 
 
 def doctor(
@@ -318,13 +319,13 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _answer_keys(
-    fleet: "Fleet", made: "FleetKeys", revoked: list[str], aside: Path | None, *, json: bool
+def _print_keys(
+    fleet: "Fleet", keys: "FleetKeys", revoked: list[str], old: Path | None, *, json: bool
 ) -> None:
-    """Print the folders of the keys and the sentences `revoked`; `aside`: folder of the old keys."""
-    data = {"home": made.home, "valid_until": made.valid_until, "machines": made.machines, "old_keys": aside}
-    answer([*_key_sentences(fleet, made), *revoked], data, json=json)
-    for machine in made.machines:
+    """Print the folders of the keys and the sentences `revoked`; `old`: folder of the old keys."""
+    data = {"home": keys.home, "valid_until": keys.valid_until, "machines": keys.machines, "old_keys": old}
+    answer([*_key_sentences(fleet, keys), *revoked], data, json=json)
+    for machine in keys.machines:
         if machine.listens_unnamed:
             sys.stderr.write(
                 f"acrc: {machine.machine} listens at all its addresses, but its certificate is valid for "
@@ -332,17 +333,17 @@ def _answer_keys(
             )
 
 
-def _key_sentences(fleet: "Fleet", made: "FleetKeys") -> Iterator[str]:
+def _key_sentences(fleet: "Fleet", keys: "FleetKeys") -> Iterator[str]:
     yield (
-        f"{made.home}\n  keep it private and off the robots: its unencrypted key can sign keys of this fleet"
+        f"{keys.home}\n  keep it private and off the robots: its unencrypted key can sign keys of this fleet"
     )
-    for machine in made.machines:
+    for machine in keys.machines:
         if machine.hosts:
             target = f"{machine.machine}:{fleet.key_folder(machine.machine)}"
             yield f"{machine.folder}\n  copy to {target}; valid for {', '.join(machine.hosts)}"
         else:
             yield f"{machine.folder}\n  copy to the operator's laptop"
-    yield f"All are valid until {made.valid_until:%Y-%m-%d}."
+    yield f"All are valid until {keys.valid_until:%Y-%m-%d}."
 
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)

@@ -30,13 +30,13 @@ def strategies(json: Json = False) -> None:
     from cleaning.strategies import strategies as known
 
     with contextlib.redirect_stdout(sys.stderr):  # imported modules may print
-        rows = [_strategy(one) for one in known()]
+        rows = [_strategy_row(one) for one in known()]
     columns = {
         "name": [row["name"] for row in rows],
         "from": [row["source"] for row in rows],
         "summary and entry": [f"{row['error'] or row['summary']}\n{row['entry']}" for row in rows],
     }
-    _print(rows, columns, json=json)
+    _print_rows(rows, columns, json=json)
 
 
 @app.command()
@@ -47,30 +47,30 @@ def presets(json: Json = False) -> None:
     summary = dict_constant(actors / "robot" / "stack.py", "ODOMETRY")[1].removesuffix(".")
     odometry = {"table": "localisation", "name": "odometry", "summary": summary}
     rows = [
-        *_presets("radio", actors / "radio" / "radio_model.py", "PRESETS"),
-        *_presets("localisation", actors / "robot" / "localisation" / "parameters.py", "PRESETS"),
+        *_preset_rows("radio", actors / "radio" / "radio_model.py", "PRESETS"),
+        *_preset_rows("localisation", actors / "robot" / "localisation" / "parameters.py", "PRESETS"),
         odometry,
-        *_presets("navigation", actors / "robot" / "navigation" / "navigator.py", "NAVIGATION_PRESETS"),
+        *_preset_rows("navigation", actors / "robot" / "navigation" / "navigator.py", "NAVIGATION_PRESETS"),
     ]
     columns = {
         "table": [f"[{row['table']}]" for row in rows],
         "preset": [row["name"] for row in rows],
         "summary": [row["summary"] for row in rows],
     }
-    _print(rows, columns, json=json)
+    _print_rows(rows, columns, json=json)
 
 
 @app.command()
 def models(json: Json = False) -> None:
     """List shipped robot models and their range sensors."""
-    rows = [_model(path) for path in sorted((REPOSITORY / "actors" / "models").glob("*.toml"))]
+    rows = [_model_row(path) for path in sorted((REPOSITORY / "actors" / "models").glob("*.toml"))]
     columns = {
         "model": [row["name"] for row in rows],
         "drive": [row["drive"] for row in rows],
-        "sensors": ["\n".join(map(_sensor_words, row["sensors"])) for row in rows],
+        "sensors": ["\n".join(map(_sensor_text, row["sensors"])) for row in rows],
         "summary": [row["summary"] for row in rows],
     }
-    _print(rows, columns, json=json)
+    _print_rows(rows, columns, json=json)
 
 
 @app.command()
@@ -81,23 +81,23 @@ def scenarios(json: Json = False) -> None:
         for path in sorted((SHIPPED / "scenarios").glob("*.toml"))
     ]
     columns = {"scenario": [row["path"] for row in rows], "summary": [row["summary"] for row in rows]}
-    _print(rows, columns, json=json)
+    _print_rows(rows, columns, json=json)
 
 
 @app.command()
 def maps(json: Json = False) -> None:
     """List shipped floor plans and their sizes."""
-    rows = [_map(path) for path in sorted((SHIPPED / "maps").glob("*.yaml"))]
+    rows = [_map_row(path) for path in sorted((SHIPPED / "maps").glob("*.yaml"))]
     columns = {
         "map": [row["path"] for row in rows],
         "west to east": [f"{row['width']:.2f} m" for row in rows],
         "south to north": [f"{row['depth']:.2f} m" for row in rows],
         "cell": [f"{row['resolution']:g} m" for row in rows],
     }
-    _print(rows, columns, json=json)
+    _print_rows(rows, columns, json=json)
 
 
-def _print(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: bool) -> None:
+def _print_rows(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: bool) -> None:
     """Print all rows as JSON, or a table of `columns` (cells by title)."""
     from rich.table import Table
 
@@ -107,7 +107,7 @@ def _print(rows: Sequence[Row], columns: Mapping[str, Sequence[str]], *, json: b
     answer([table], rows, json=json)
 
 
-def _strategy(strategy: Any) -> Row:
+def _strategy_row(strategy: Any) -> Row:
     """Return the row of a strategy, with an `error` if it cannot be imported."""
     from actors.robot.behaviour.loading import entry_function
     from actors.runtime.errors import AcrcError
@@ -123,12 +123,12 @@ def _strategy(strategy: Any) -> Row:
     return {**names, "summary": summary, "error": strategy.fault or error}
 
 
-def _presets(table: str, source: Path, name: str) -> list[Row]:
+def _preset_rows(table: str, source: Path, name: str) -> list[Row]:
     names, doc = dict_constant(source, name)
     return [{"table": table, "name": one, "summary": preset_summary(one, doc)} for one in names]
 
 
-def _model(path: Path) -> Row:
+def _model_row(path: Path) -> Row:
     text = path.read_text("utf-8")
     file: dict[str, Any] = tomllib.loads(text)
     keys = ("field_of_view_deg", "rays", "range_max", "rate")
@@ -140,13 +140,13 @@ def _model(path: Path) -> Row:
     return {"name": path.stem, "drive": file["drive"]["kind"], "sensors": sensors, "summary": summary}
 
 
-def _sensor_words(sensor: Row) -> str:
+def _sensor_text(sensor: Row) -> str:
     rays = f"{sensor['rays']} rays over {sensor['field_of_view_deg']:g}°"
     default = " (default)" if sensor["default"] else ""
     return f"{sensor['name']}{default}: {rays}, to {sensor['range_max']:g} m, {sensor['rate']:g} Hz"
 
 
-def _map(path: Path) -> Row:
+def _map_row(path: Path) -> Row:
     from actors.floor.map_file import load_map
 
     grid = load_map(path)

@@ -15,9 +15,9 @@ PACKAGES: Final = ("actors", "cleaning", "deeco", "firmware_bridge")
 """Packages with cores."""
 EXEMPT: Final = ("actors/observer", "actors/runtime", "deeco/explain")
 """Code in these packages that is not part of a core."""
-_SUMS: Final = {"sum", "mean", "std", "var", "prod", "dot", "trace", "reduce", "reduceat"}
-_UNSTABLE: Final = {"argsort", "argpartition"}
-_DRAWS: Final = re.compile(
+_SUM_METHODS: Final = {"sum", "mean", "std", "var", "prod", "dot", "trace", "reduce", "reduceat"}
+_UNSTABLE_SORTS: Final = {"argsort", "argpartition"}
+_DRAW_METHODS: Final = re.compile(
     "standard_(normal|exponential|gamma|t|cauchy)|(log|multivariate_)?normal|exponential|gamma|beta|power|f|"
     "(noncentral_)?chisquare|laplace|logistic|gumbel|pareto|weibull|rayleigh|vonmises|wald|triangular|uniform|"
     "poisson|(negative_)?binomial|multinomial|dirichlet|(hyper)?geometric|logseries|zipf"
@@ -44,11 +44,11 @@ def findings(root: Path = REPOSITORY) -> list[PortabilityFinding]:
         for path in sorted((root / package).rglob("*.py")):
             name = path.relative_to(root).as_posix()
             if not name.startswith(EXEMPT):
-                found += in_source(path.read_text(encoding="utf-8"), name)
+                found += findings_in(path.read_text(encoding="utf-8"), name)
     return found
 
 
-def in_source(source: str, path: str) -> list[PortabilityFinding]:
+def findings_in(source: str, path: str) -> list[PortabilityFinding]:
     """Return the findings in one file."""
     tree = ast.parse(source, path)
     modules = {
@@ -89,14 +89,16 @@ def _problem(node: ast.Call | ast.BinOp | ast.AugAssign, modules: set[str]) -> s
 
 def _method_problem(called: ast.Attribute, options: dict[str | None, str], modules: set[str]) -> str:
     name = called.attr
-    if name in _UNSTABLE and options.get("kind") not in {"'stable'", '"stable"'}:
+    if name in _UNSTABLE_SORTS and options.get("kind") not in {"'stable'", '"stable"'}:
         return f'{name} orders equal elements by processor; pass kind="stable"'
     if isinstance(called.value, ast.Constant) or ast.unparse(called.value).split(".")[0] in modules:
         return ""
-    if name in _SUMS and not options.get("dtype", "").endswith(".int64"):
+    if name in _SUM_METHODS and not options.get("dtype", "").endswith(".int64"):
         return f".{name}() {_ORDER}, or dtype=np.int64 for integers"
     return (
-        f".{name}() draws through the C library; use actors.portable.draws" if _DRAWS.fullmatch(name) else ""
+        f".{name}() draws through the C library; use actors.portable.draws"
+        if _DRAW_METHODS.fullmatch(name)
+        else ""
     )
 
 
@@ -111,11 +113,13 @@ def _builtin_problem(node: ast.Call, name: str) -> str:
 def _operator_problem(operator: ast.operator, left: ast.expr, right: ast.expr) -> str:
     if isinstance(operator, ast.MatMult):
         return f"@ {_ORDER}"
-    exact = ast.unparse(left).startswith("Fraction(") or (_is_whole(left) and _is_whole(right))
+    exact = ast.unparse(left).startswith("Fraction(") or (
+        _is_integer_literal(left) and _is_integer_literal(right)
+    )
     return f"** {_POWER}" if isinstance(operator, ast.Pow) and not exact else ""
 
 
-def _is_whole(node: ast.expr) -> bool:
+def _is_integer_literal(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and type(node.value) is int
 
 
@@ -123,7 +127,7 @@ def _is_integer(node: ast.expr) -> bool:
     """Return whether a term is an integer by syntax: a comparison, len(…), int(…) or a literal."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id in {"len", "int", "bool", "isinstance"}
-    return isinstance(node, ast.Compare) or _is_whole(node)
+    return isinstance(node, ast.Compare) or _is_integer_literal(node)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Commands `acrc record`: summarise, print, plot and check recordings."""
 
 import json as json_
+import sys
 import time
 from collections.abc import Iterator
 from itertools import chain
@@ -73,8 +74,12 @@ def echo(
         texts = message_formats.format_logs(logged, form, named=len(keys) > 1 or "*" in keys[0])
     else:
         texts = message_formats.format_messages(_messages(out, keys, begin, end, follow), form)
+    is_empty = True
     for text in texts:
         print(text, flush=follow)
+        is_empty = False
+    if is_empty:
+        print(f"{out}: nothing on {', '.join(keys)} in this interval", file=sys.stderr)
 
 
 @app.command()

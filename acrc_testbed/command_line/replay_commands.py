@@ -47,7 +47,7 @@ def replay(
         str | None,
         option(
             "NAME",
-            "Replay with another strategy and print where its decisions differ.",
+            "Replay with another strategy and print its first different decision.",
             autocompletion=shared_options.strategies,
         ),
     ] = None,
@@ -92,7 +92,8 @@ def replay(
 
         report = sandboxed_replay.replay(out, robot, permit=permit, isolate=isolate)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
-    answer([f"{report.actor}: matches the recording: {report.outputs} outputs{until}"], report, json=json)
+    outputs = f"matches the recording: {report.outputs} outputs{until}"
+    answer([f"{report.actor}: {report.decisions or outputs}"], report, json=json)
 
 
 def _replay_all(out: Path, permit: "Permit", *, json: bool) -> None:
@@ -119,6 +120,8 @@ def _replay_here(
     prints: TextIO,
 ) -> "ReplayReport":
     """Replay one actor in this process: up to `end`, with another strategy, or in a debugger."""
+    from acrc_testbed.explanation.explainer import compare_decisions, processes
+    from acrc_testbed.explanation.trace_replay import trace, trace_here
     from acrc_testbed.recordings import record_replay
     from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
     from acrc_testbed.recordings.sandboxed_replay import check_trust
@@ -126,35 +129,34 @@ def _replay_here(
     from actors.robot.behaviour.loading import set_folders
     from actors.runtime.captured_output import output_to_stream
     from actors.runtime.errors import AcrcError
+    from actors.runtime.isolation.sandbox import choose_isolation
     from cleaning.strategies import entry
-    from deploy.run import swarm_replay
 
-    if strategy is None:
+    pdb, port = debugger
+    if strategy or pdb or port:
+        processes(out, robot)  # world and radio have no strategy
+    behaviour = strategy and entry(strategy)
+    if behaviour is None:
         folders = check_trust(out, robot, permit) or ()
     else:
-        folders = permitted_folders(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
+        folders = permitted_folders(out, behaviour, (), replace(permit, typed=behaviour))
     set_folders(folders, any_content=permit.trust)
-    pdb, port = debugger
-    stop = None if port is None else record_replay.debugpy_breakpoint(port)
+    stops = [] if port is None else [record_replay.debugpy_breakpoint(port)]
     if pdb:
-        stop = record_replay.pdb_breakpoint(own=bool(folders))
-    window, reached = record_replay.TimeWindow(begin, end), list[bool]()
-
-    def stop_and_note() -> None:
-        assert stop is not None
-        reached.append(True)
-        stop()
-
-    stop_call = None if stop is None else stop_and_note
-    capture = None if stop is not None else partial(output_to_stream, prints)  # a debugger prints itself
+        stops = [record_replay.pdb_breakpoint(own=bool(folders))]
+    shown = None if stops else partial(output_to_stream, prints)  # a debugger prints itself
     replay_options = ReplayOptions(
-        lambda core, step_us: record_replay.limit_replay(core, step_us, window, stop_call), prints=capture
+        partial(record_replay.limit_replay, begin_s=begin, end_s=end, stops=stops), behaviour, shown
     )
-    if strategy is None:
+    if behaviour is None:
         report = replay_actor(out, robot, replay_options)
     else:
-        report = swarm_replay.replay_with_behaviour(out, robot, entry(strategy), replay_options)
-    if stop_call is not None and not reached:
+        report = compare_decisions(
+            robot,
+            trace(out, robot, permit=permit, isolate=choose_isolation(None).isolate),
+            trace_here(out, robot, replay_options),
+        )
+    if stops:
         raise AcrcError(f"--from: {begin:g} is after the end of {robot}'s recording")
     return report
 
@@ -241,7 +243,7 @@ def _export_tables(out: Path, folder: Path | None, *, json: bool) -> None:
         [{"file": path, "rows": count} for path, count in written.items()],
         json=json,
     )
-    if missing := parquet_files.lacking(explanations):
+    if missing := parquet_files.missing_tables(explanations):
         raise AcrcError(f"{out}: recorded lean, so {', '.join(missing)} are missing; run with --record full")
 
 

@@ -171,7 +171,7 @@ def run(
     )
     file = scenario or DEFAULT_SCENARIO
     options = RunOptions(
-        out or Path("runs", run_folder_name(file)),
+        out or Path("runs", run_folder_name(file, strategy)),
         record=cast(Literal["lean", "full"], record),  # checked with the other options
         speed=speed or ("1" if control else "max"),
         bus=bus,
@@ -194,23 +194,23 @@ def run(
         followed=tuple(robot or ()),
     )
     prepared = prepare_run(file, overrides, options, permit, limit or ())
-    by = None
+    runner = None
     if hardware:
         from deploy.fleet import hardware_in_the_loop
 
-        by = hardware_in_the_loop.run
+        runner = hardware_in_the_loop.run
     if out is None:
         prepared = with_claimed_folder(prepared)
-    result = start_run(prepared, quiet=json, by=by)
+    result = start_run(prepared, quiet=json, by=runner)
     from acrc_testbed.results import summary
     from acrc_testbed.results.result import require_delivery
 
     summary.print_result(result, json=json)
     if hardware:
         return
-    chosen, options = prepared
+    checked, options = prepared
     if not json:
-        adapted = chosen.run.strategy not in _BASELINES
+        adapted = checked.run.strategy not in _BASELINES
         baseline = [*_baseline_arguments(sys.argv[1:], out)] if adapted else ()
         summary.print_next_commands(options.out, baseline, options.modules)
     if view:
@@ -222,9 +222,9 @@ def run(
 
 def _baseline_arguments(arguments: Iterable[str], out: Path | None) -> Iterator[str]:
     """Yield the arguments of the same run without adaptation, in `out`-none if `out` was given."""
-    rest = iter(arguments)
-    for word in rest:
-        group = (word, next(rest)) if word in {"--set", "--strategy", "--out"} else (word,)
+    remaining = iter(arguments)
+    for word in remaining:
+        group = (word, next(remaining)) if word in {"--set", "--strategy", "--out"} else (word,)
         if not re.match(r"--(strategy|out|set[ =]strategy\.)", " ".join(group)):
             yield from group
     yield from ("--strategy", "none")

@@ -99,7 +99,7 @@ Setting = Annotated[
 ]
 
 
-def _plain(value: Any) -> Any:
+def _encodable(value: Any) -> Any:
     """Return the number in a numpy scalar; other values as text."""
     return value.item() if hasattr(value, "item") else str(value)
 
@@ -109,7 +109,7 @@ def answer(shown: "Iterable[str | Table]", data: object, *, json: bool) -> None:
     if json:
         import msgspec
 
-        sys.stdout.write(msgspec.json.encode(data, enc_hook=_plain).decode() + "\n")
+        sys.stdout.write(msgspec.json.encode(data, enc_hook=_encodable).decode() + "\n")
         return
     from actors.console import print_parts
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from deploy.scenario.survey import MapSurvey
 
 _PAGES: Final = (".png", ".svg", ".html")
-_JUDGED_S: Final = 5.0
+_MIN_STATISTICS_S: Final = 5.0
 """Simulated duration from which a run has meaningful statistics, s."""
 
 
@@ -59,8 +59,8 @@ def demo(
     with out_folder.convert_write_errors(options.out):
         for picture in pictures:
             run_page.write_several(runs, picture)
-    said = start.demonstration_lines(results, len(runs[-1].taken_over), pictures)
-    answer(said, {"out": options.out, "pictures": pictures, "results": results}, json=json)
+    sentences = start.demonstration_lines(results, len(runs[-1].taken_over), pictures)
+    answer(sentences, {"out": options.out, "pictures": pictures, "results": results}, json=json)
     if not json and sys.stdout.isatty() and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         typer.launch(str(pictures[0]))
 
@@ -118,7 +118,7 @@ def view(
     trails, places, meetings, radio and progress.
     """
     folder, files = _folder_and_files(paths or ())
-    out = folder or _newest()
+    out = folder or _newest_run()
     name = "beside" if beside else "run"
     for requested, suffix in ((png, ".png"), (svg, ".svg"), (html, ".html")):
         if requested:
@@ -127,19 +127,19 @@ def view(
         raise OptionError("--beside: cannot be combined with --html or --movie")
     pages = list(files.values())
     if beside and pages:
-        _answer_drawn(out, _draw_side_by_side((out, *beside), pages), json=json)
+        _print_files(out, _draw_side_by_side((out, *beside), pages), json=json)
         return
     if pages or movie or (json and save is None and screenshot is None):
         drawn = _draw_page(out, pages, movie, speed) if pages or movie else []
-        _answer_drawn(out, drawn, json=json)
+        _print_files(out, drawn, json=json)
         return
     if save is not None:
         output_file("--save", save, ".rrd")
     if screenshot is not None:
         output_file("--screenshot", screenshot, ".png")
-    _show((out, *(beside or ())), robot or (), save=save, screenshot=screenshot, at=at)
+    _show_runs((out, *(beside or ())), robot or (), save=save, screenshot=screenshot, at=at)
     if json:
-        _answer_drawn(out, [file for file in (save, screenshot) if file is not None], json=True)
+        _print_files(out, [file for file in (save, screenshot) if file is not None], json=True)
 
 
 def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Path]]:
@@ -149,12 +149,14 @@ def _folder_and_files(paths: Sequence[Path]) -> tuple[Path | None, dict[str, Pat
     for suffix, file in files.items():
         output_file(f"--{suffix[1:]}", file, suffix)
     if folders[1:]:
-        right = command_line("view", folders[0], "--html", "page.html")
-        raise OptionError(f"view: unexpected argument {folders[1]}; example: {right}, or --beside DIR")
+        example = command_line("view", folders[0], "--html", "page.html")
+        raise OptionError(
+            f"view: unexpected argument {folders[1]}; a picture is a .png, .svg or .html file: {example}"
+        )
     return next(iter(folders), None), files
 
 
-def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
+def _print_files(out: Path, files: Sequence[Path], *, json: bool) -> None:
     """Print the written files; with `json` also the state of the run."""
     from acrc_testbed.recordings.topics import run_state
 
@@ -162,7 +164,7 @@ def _answer_drawn(out: Path, files: Sequence[Path], *, json: bool) -> None:
     answer(map(str, files), data, json=json)
 
 
-def _newest() -> Path:
+def _newest_run() -> Path:
     """Return the newest run and print its name. Raises OptionError if there is none."""
     from deploy.run import out_folder
 
@@ -173,7 +175,7 @@ def _newest() -> Path:
     return found
 
 
-def _show(
+def _show_runs(
     folders: Sequence[Path],
     robots: Sequence[str],
     *,
@@ -216,11 +218,11 @@ def _warn_if_incomplete(out: Path, run: "RunData") -> None:
     """Warn if a run is too short for statistics, or some of its recordings are elsewhere."""
     from acrc_testbed.results.seal import fetch_sentence, remote_recordings
 
-    if left := remote_recordings(out):
-        sys.stderr.write(f"acrc: {fetch_sentence(out, left)}; until then only the ground truth is drawn\n")
-    if run.end < _JUDGED_S:
-        short = f"the run lasts {run.end:g} s; statistics require at least {_JUDGED_S:g} s"
-        sys.stderr.write(f"acrc: {out}: {short}\n")
+    if remote := remote_recordings(out):
+        sys.stderr.write(f"acrc: {fetch_sentence(out, remote)}; until then only the ground truth is drawn\n")
+    if run.end < _MIN_STATISTICS_S:
+        sentence = f"the run lasts {run.end:g} s; statistics require at least {_MIN_STATISTICS_S:g} s"
+        sys.stderr.write(f"acrc: {out}: {sentence}\n")
 
 
 def _draw_page(out: Path, pages: Sequence[Path], movie: Path | None, speed: float) -> Sequence[Path]:
@@ -279,17 +281,17 @@ def scenario(
     if (is_map := file.suffix.lower() in {".yaml", ".yml"} or offices.is_name(file)) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: not a scenario; cannot be combined with --robots, --seed and --set")
-        _answer_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
+        _print_survey(survey.survey_map(file) if is_map else load_model(str(file)), png, json=json)
         return
     permit = permit_of(modules, trust=trust)
     overrides = Overrides(robots, seed, settings=parse_settings(setting or ()))
-    settled = resolve(load_scenario(file, overrides))
-    _answer_survey(survey.survey(settled), png, json=json)
-    folders = permitted_folders(file, settled.behaviour, module_folders(settled.scenario), permit)
-    preflight_in_process(settled, folders)
+    resolved = resolve(load_scenario(file, overrides))
+    _print_survey(survey.survey(resolved), png, json=json)
+    folders = permitted_folders(file, resolved.behaviour, module_folders(resolved.scenario), permit)
+    preflight_in_process(resolved, folders)
 
 
-def _answer_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: bool) -> None:
+def _print_survey(found: "MapSurvey | RobotModel", png: Path | None, *, json: bool) -> None:
     """Print the summary of a file and, with `png`, draw it."""
     from deploy.run import out_folder
     from deploy.scenario import survey

@@ -447,29 +447,32 @@ def identical_start_sentences(starts: Sequence[IdenticalStart]) -> list[str]:
 def _variant_sentences(start: IdenticalStart) -> Iterator[str]:
     where = "".join(f", {key} = {value}" for key, value in start.variant)
     yield (
-        f"{start.one} and {start.other}{where}: {start.sharing} of {len(start.seconds)} pairs are identical "
-        f"for the first {start.half_s} s or longer ({_range_text(start.seconds)})"
+        f"{start.one} and {start.other}{where}: in {start.sharing} of {len(start.seconds)} pairs robots "
+        f"move identically for the first {start.half_s} s or longer ({_range_text(start.seconds)})"
     )
     if start.whole:
         seeds = ", ".join(map(str, start.whole[:10])) + (" …" if len(start.whole) > 10 else "")
-        yield f"    {len(start.whole)} are identical throughout and show no difference: seeds {seeds}"
+        yield f"    in {len(start.whole)} until the end (messages may differ): seeds {seeds}"
+        if 2 * len(start.whole) > len(start.seconds):
+            yield "    use longer runs (--duration) or more robots (--robots), so that more pairs differ"
 
 
 def _summary_sentences(starts: Sequence[IdenticalStart]) -> Iterator[str]:
     """Summarise all variants of two strategies."""
     seconds = [second for start in starts for second in start.seconds]
     name = f"{starts[0].one} and {starts[0].other}, in {len(starts)} variants"
-    yield f"{name}: identical start of {len(seconds)} pairs ({_range_text(seconds)})"
+    yield f"{name}: {len(seconds)} pairs in which robots move identically at first ({_range_text(seconds)})"
     whole = [start for start in starts if start.whole]
     if whole:
         most = max(whole, key=lambda start: len(start.whole))
         where = ", ".join(f"{key} = {value}" for key, value in most.variant)
         count = sum(len(start.whole) for start in whole)
         yield (
-            f"    {count} are identical throughout and show no difference, in {len(whole)} variants;"
+            f"    {count} of them until the end (messages may differ), in {len(whole)} variants;"
             f" most ({len(most.whole)}) with {where}"
         )
 
 
 def _range_text(seconds: Sequence[int]) -> str:
-    return f"minimum {min(seconds)} s, median {median(seconds):g} s, maximum {max(seconds)} s"
+    """Return the spread of the identical times over pairs."""
+    return f"shortest {min(seconds)} s, median {median(seconds):g} s, longest {max(seconds)} s"

@@ -47,8 +47,8 @@ class OverallEstimate(NamedTuple):
     @property
     def sign_changes(self) -> list[str]:
         """Maps without which the difference changes its sign or vanishes; empty if it is 0."""
-        whole = 0.0 if self.fitted is None else self.fitted.mean.value
-        return [name for name, difference in self.without.items() if whole and difference * whole <= 0]
+        overall = 0.0 if self.fitted is None else self.fitted.mean.value
+        return [name for name, difference in self.without.items() if overall and difference * overall <= 0]
 
     def builtins(self) -> dict[str, object]:
         """Return a dictionary for JSON, with sentences."""

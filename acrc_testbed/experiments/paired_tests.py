@@ -211,6 +211,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 _DRAWS: Final = 4000
 _MAX_PAIRS: Final = 1000
+_MAX_EXACT: Final = 100
 
 
 @dataclass(frozen=True)
@@ -235,15 +236,15 @@ class AssumedEffect:
 def pairs_needed(effect: AssumedEffect, seed: int = 1, max_pairs: int = _MAX_PAIRS) -> int:
     """Return the least number of pairs at which the signed-rank test has the power, by simulation.
 
-    Raises ValueError for an invalid effect, or one that needs more than about `share_upper_bound` pairs.
+    Raises ValueError for an invalid effect, or one that needs more than `max_pairs`.
     """
     if not 0.0 < effect.a12 < 1.0 or effect.a12 == 0.5 or not -1.0 < effect.correlation < 1.0:
-        raise ValueError(f"{effect}: a12 must be between 0 and 1 and not 0.5, correlation between -1 and 1")
+        raise ValueError("a12 must be between 0 and 1 and not 0.5, correlation between -1 and 1")
     low, high = 4, 8
     while power(effect, high, seed) < effect.power:
-        low, high = high, 2 * high
-        if high > max_pairs:
-            raise ValueError(f"{effect}: needs more than {max_pairs} pairs")
+        if high == max_pairs:
+            raise ValueError(f"so small an effect needs more than {max_pairs} pairs of runs")
+        low, high = high, min(2 * high, max_pairs)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if power(effect, middle, seed) >= effect.power else (middle, high)
@@ -260,7 +261,12 @@ def power(effect: AssumedEffect, pairs: int, seed: int = 1) -> float:
 
 
 def _critical(pairs: int, alpha: float) -> float:
-    """Return the least signed rank sum, without ties, whose two-sided p-value is at most alpha."""
+    """Return the least signed rank sum, without ties, whose two-sided p-value is at most alpha.
+
+    Above 100 pairs by the normal approximation; the exact distribution takes seconds there.
+    """
+    if pairs > _MAX_EXACT:
+        return float(norm.isf(alpha / 2)) * math.sqrt(pairs * (pairs + 1) * (2 * pairs + 1) / 6)
     ranks = np.arange(1, pairs + 1)
     total = int(ranks.sum())
     low, high = 0, total // 2 + 1  # statistic = total - 2 * integer

@@ -188,7 +188,8 @@ def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
     Royston and Parmar, "Restricted mean survival time: an alternative to the hazard ratio for the design and
     analysis of randomized trials with a time-to-event outcome", BMC Medical Research Methodology 13, 2013.
     The interval is Student's, of the jackknife's pseudo-values (Andersen, Hansen and Klein, "Regression
-    analysis of restricted mean survival time based on pseudo-observations", Lifetime Data Analysis 10, 2004).
+    analysis of restricted mean survival time based on pseudo-observations", Lifetime Data Analysis 10, 2004),
+    limited to the possible values, from 0 to the horizon.
     """
     at, done = np.array([run.at for run in runs]), np.array([run.done for run in runs])
     value = _area(at, done, horizon)
@@ -197,7 +198,8 @@ def restricted_mean(runs: Sequence[Completion], horizon: float) -> Interval:
         return mean_interval([value])
     others = [_area(np.delete(at, place), np.delete(done, place), horizon) for place in range(count)]
     found = mean_interval(count * value - (count - 1) * np.array(others))
-    return Interval(value, value - found.value + found.low, value - found.value + found.high)
+    half = found.high - found.value
+    return Interval(value, max(value - half, 0.0), min(value + half, horizon))
 
 
 def _area(at: Floats, done: NDArray[np.bool_], horizon: float) -> float:

@@ -177,10 +177,11 @@ def create_store(folder: Path, study: Study) -> Store:
             raise AcrcError(
                 f"{folder}: the campaign has {before.seeds} seeds; {study.seeds} must not be fewer"
             )
-        if others := differences(before, study).keys() - {"seeds"}:
+        if changed := {name: both for name, both in differences(before, study).items() if name != "seeds"}:
+            name, (there, here) = min(changed.items())
             raise AcrcError(
-                f"{folder}: contains the campaign of another study ({min(others)} differs); "
-                "choose a new folder"
+                f"{folder.resolve()}: contains the campaign of another study, in which {name} is {there} and "
+                f"not {here}; choose a new folder"
             )
         commit = store.commit
         if commit != info.commit:
@@ -224,10 +225,10 @@ def load_store(folder: Path) -> Store:
 
 
 IN_MEMORY: Final = (
-    "Runs share one process with their strategies, which can access world, referee and result; use this only "
-    "for strategies that you trust. `acrc campaign --isolate` runs every robot in an isolated process."
+    "Strategies shared a process with the simulation and could have changed its result; run strategies that "
+    "you do not trust with `acrc campaign --isolate`."
 )
-ISOLATED: Final = "Every run used isolated processes: no strategy had access to world, referee or result."
+ISOLATED: Final = "Every robot ran in a sandbox: no strategy had access to world, referee or result."
 _MAX_DIFFERENCES: Final = 3
 
 
@@ -268,7 +269,7 @@ def _repetition_sentences(store: Store, results: Sequence[RunResult]) -> Iterato
     over = f", as processes {median(speeds):.3g} x" if speeds else ""
     same = sum(check.agrees for check in checks)
     yield (
-        f"{len(checks)} of {len(results)} runs were repeated as processes ({isolated} isolated): "
+        f"{len(checks)} of {len(results)} runs were repeated as processes ({isolated} with sandboxes): "
         f"{same} with the same result; speed in memory {speed} (median){over}."
     )
 

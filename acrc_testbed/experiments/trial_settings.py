@@ -81,7 +81,7 @@ def common_conditions(scenario: Scenario) -> str | None:
     ]
     return (
         f"For every seed, {', '.join((f'{subject} at the same positions', *more))}, as fixed in the scenario"
-        '; use a study with conditions = "drawn" to draw them'
+        '; to draw them for each seed, write a study with conditions = "drawn" (docs/experiments.md)'
     )
 
 
@@ -279,8 +279,8 @@ def blocked_places(scenario: Scenario) -> Iterator[str]:
                 apart = points[-1].distance_to(place)
                 if apart < _CLEARANCE:
                     yield (
-                        f"golden places: r{robot + 1} ends {apart:.2f} m from place {number} of r{other + 1}"
-                        " and may block it"
+                        f"places of preset golden: r{robot + 1} ends {apart:.2f} m from place {number} "
+                        f"of r{other + 1} and may block it"
                     )
 
 

@@ -150,8 +150,8 @@ def power_warnings(study: Study, least: int = MIN_PAIRS) -> list[str]:
         return []
     if not study.primary_pairs:
         return [
-            "The study declares no comparison, so acrc compare will only estimate and not test; "
-            "to test, declare primary = [[ONE, OTHER]]"
+            "No comparison is declared, so acrc compare will only estimate and not test; "
+            "to test, declare primary = [[ONE, OTHER]] in a study"
         ]
     pairs = planned_pairs(study)
     return (
@@ -335,7 +335,7 @@ class PowerEstimate:
 
 
 def power_estimates(found: Sequence[PairedSample], study: Study, power: float) -> Iterator[PowerEstimate]:
-    """Yield estimates for increasing sizes, until each declared comparison has the power or at 200 pairs.
+    """Yield estimates for increasing sizes, until the cautious power of each comparison suffices, or at 200.
 
     Bootstraps the pilot's seeds, each with all its runs, and tests as `acrc compare`. Deterministic. The
     pilot must have a pair of each comparison.
@@ -348,7 +348,7 @@ def power_estimates(found: Sequence[PairedSample], study: Study, power: float) -
             simulated_power(declared, study, pairs, np.random.default_rng(1), cautious=True),
         )
         yield estimate
-        if min(estimate.shares) >= power:
+        if min(*estimate.shares, *estimate.cautious) >= power:
             return
 
 

@@ -93,6 +93,8 @@ class KnowledgeChange(msgspec.Struct, frozen=True):
     read: ReplicaRead | None
     """The replica used; None for a process, and for a peer on the same node."""
     decision: DecisionRecord | None = None
+    function: str = ""
+    """Full name of the function, such as `cleaning.robot.CleaningRobot.drive`; empty if unknown."""
 
 
 class ReplicaReception(msgspec.Struct, frozen=True):
@@ -127,6 +129,8 @@ class CausalTrace(msgspec.Struct, frozen=True):
     orders: tuple[BehaviourOrder, ...]
     has_nodes: bool
     """False: the behaviour does not use the component model, or has started no node."""
+    end: Moment = Instant(0)
+    """Last replayed step."""
     fault: str | None = None
     """Why the trace is incomplete; None: it is complete."""
 

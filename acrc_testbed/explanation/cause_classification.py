@@ -54,13 +54,13 @@ def roots(before: NDArray[np.int32], at_door: NDArray[np.bool_]) -> Roots:
 
 def with_waiting_robots(marked: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Return the marked robots and all robots that wait for them, (steps, robots)."""
-    whole = marked.copy()
+    reached = marked.copy()
     while True:
-        rows, robots = np.nonzero(~whole & (before != NO_ROBOT))
-        joins = whole[rows, before[rows, robots]]
+        rows, robots = np.nonzero(~reached & (before != NO_ROBOT))
+        joins = reached[rows, before[rows, robots]]
         if not joins.any():
-            return whole
-        whole[rows[joins], robots[joins]] = True
+            return reached
+        reached[rows[joins], robots[joins]] = True
 
 
 def _ring_members(rootless: NDArray[np.bool_], before: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -166,9 +166,9 @@ def _leads_through_closed_door(
     here = states.run.true[rows, robot, :2]
     for number in np.unique(states.stage[rows]).tolist():
         stage, same = states.stages[number], states.stage[rows] == number
-        squares, which = np.unique(stage.opened.squares(here), axis=0, return_inverse=True)
+        squares, groups = np.unique(stage.opened.squares(here), axis=0, return_inverse=True)
         for square in range(len(squares)):
-            inside = same & (which.reshape(-1) == square)
+            inside = same & (groups.reshape(-1) == square)
             if inside.any():
                 x, y = here[inside.argmax()].tolist()
                 path = stage.opened.path((x, y), goal, p.view_distance)
@@ -303,12 +303,12 @@ def _pairs(classified: CauseTable, where: NDArray[np.bool_]) -> dict[tuple[int, 
 
 def _close_gaps(mask: NDArray[np.bool_], max_gap: int) -> NDArray[np.bool_]:
     """Return the mask with gaps of at most `max_gap` samples closed."""
-    whole = mask.copy()
+    closed = mask.copy()
     intervals = true_intervals(mask)
     for one, after in pairwise(intervals):
         if after.begin - one.end <= max_gap:
-            whole[one.end : after.begin] = True
-    return whole
+            closed[one.end : after.begin] = True
+    return closed
 
 
 def _blocking_event(

@@ -26,7 +26,7 @@ from actors.introspection import GoalState
 from actors.messages import RECEIVED, FrameReceived
 from actors.radio.frame import airtime_us
 from actors.radio.radio_model import RadioSetup
-from actors.robot.behaviour.ports import GoalStatus
+from actors.robot.behaviour.ports import GoalPhase, GoalStatus
 from deeco.fragments import HEADER
 
 _FRAGMENT_TIMEOUT_US: Final = 2_000_000
@@ -337,7 +337,8 @@ class ChainBuilder:
         values = {field: (one.before, one.after) for field, one in change.fields.items()}
         text = ", ".join(f"{_field_text(one)} {_change_text(*pair)}" for one, pair in values.items())
         what = f"{self._traffic.robot_here} {words}" if words else text
-        by = f"exchange {change.by} with {change.peer}" if change.peer else f"process {change.by}"
+        by = change.function or change.by
+        by = f"exchange {by} with {change.peer}" if change.peer else f"process {by}"
         about = {
             "by": change.by, "adaptation": change.adaptation, "peer": change.peer,
             "changed": {one: list(pair) for one, pair in values.items()},
@@ -463,7 +464,7 @@ def _goal_text(goal: GoalState) -> str:
         return f"navigation had aborted the goal {at}: {goal.reason}"
     if goal.status == GoalStatus.SUCCEEDED.value:
         return f"navigation had reached the goal {at}"
-    phase = "" if goal.phase is None else f", {goal.phase}"
+    phase = "" if goal.phase in (None, GoalPhase.CONTROLLING.value) else f", {goal.phase}"
     return f"navigation was driving to {at}{phase}"
 
 

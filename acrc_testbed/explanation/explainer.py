@@ -2,12 +2,13 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
 
-from acrc_testbed.explanation.causal_trace import TraceError
+from acrc_testbed.explanation.causal_trace import CausalTrace, TraceError
 from acrc_testbed.explanation.chain import (
     CauseLink,
     ChainBuilder,
@@ -17,6 +18,7 @@ from acrc_testbed.explanation.chain import (
     decisions,
 )
 from acrc_testbed.explanation.trace_replay import BOUNDS, trace
+from acrc_testbed.recordings.record_replay import ReplayReport
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.recordings.sandboxed_replay import ProgramLimits
 from actors.instant import in_seconds
@@ -62,6 +64,24 @@ class Explanation(msgspec.Struct, frozen=True):
     """The decision first; causes follow, one level deeper than their effects."""
 
 
+def compare_decisions(actor: str, recorded: CausalTrace, replayed: CausalTrace) -> ReplayReport:
+    """Compare decisions up to the end of `replayed`. Raises TraceError if it failed before a difference."""
+    lists = [
+        [
+            f"{one.words} at {in_seconds(one.instant):g} s"
+            for one in decisions(each)
+            if one.instant <= replayed.end
+        ]
+        for each in (recorded, replayed)
+    ]
+    for old, new in zip_longest(*lists, fillvalue="none"):
+        if old != new:
+            return ReplayReport(actor, 0, decisions=f"first different decision: {new}; recorded: {old}")
+    if replayed.fault:
+        raise TraceError(replayed.fault)
+    return ReplayReport(actor, 0, decisions=f"no different decision up to {in_seconds(replayed.end):g} s")
+
+
 def parse_request(text: str) -> ExplainRequest:
     """Parse `r2@157`, the decision of r2 at 157 s, or `r2`, all of its decisions. Raises ExplanationError."""
     robot, at, instant = text.partition("@")
@@ -92,32 +112,35 @@ class Explainer:
 
     def listed(self) -> tuple[DecisionRow, ...]:
         """Return all decisions, by process and time."""
-        made = (one for _, found in self._traces for one in decisions(found))
-        return tuple(DecisionRow(in_seconds(one.instant), one.words, one.by) for one in made)
+        known = (one for _, found in self._traces for one in decisions(found))
+        return tuple(DecisionRow(in_seconds(one.instant), one.words, one.by) for one in known)
 
     def explain(self, at_s: float) -> tuple[Explanation, ...]:
         """Return the decisions at an instant, or the last ones before it.
 
-        Raises ExplanationError if there is none.
+        Raises ExplanationError if there is none, or if the recording ends before.
         """
+        end_s = in_seconds(self._traces[-1][1].end)
+        if at_s > end_s + _SAME_S:
+            raise ExplanationError(f"{self._robot}@{at_s:g}: the robot's recording ends at {end_s:g} s")
         earliest: float | None = None
         for actor, found_trace in reversed(self._traces):
-            made = decisions(found_trace)
-            if found := _decisions_at(made, at_s):
+            known = decisions(found_trace)
+            if found := _decisions_at(known, at_s):
                 chain = ChainBuilder(found_trace, RadioTraffic(self._out, actor))
                 return tuple(_explanation(self._robot, at_s, one, chain) for one in found)
-            earliest = in_seconds(made[0].instant) if made else earliest
+            earliest = in_seconds(known[0].instant) if known else earliest
         then = "it makes none" if earliest is None else f"its first decision is at {earliest:g} s"
         raise ExplanationError(f"{self._robot} made no decision before {at_s:g} s; {then}")
 
 
-def _decisions_at(made: Sequence[TracedDecision], at_s: float) -> list[TracedDecision]:
+def _decisions_at(known: Sequence[TracedDecision], at_s: float) -> list[TracedDecision]:
     """Return the decisions at the instant, or those of the last instant before it."""
-    earlier = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
+    earlier = [one for one in known if in_seconds(one.instant) <= at_s + _SAME_S]
     if not earlier:
         return []
-    near = [one for one in earlier if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
-    return near or [one for one in earlier if one.instant == earlier[-1].instant]
+    simultaneous = [one for one in earlier if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
+    return simultaneous or [one for one in earlier if one.instant == earlier[-1].instant]
 
 
 def _explanation(robot: str, asked_s: float, decision: TracedDecision, chain: ChainBuilder) -> Explanation:
@@ -151,8 +174,8 @@ def processes(out: Path, robot: str) -> list[str]:
 
 def sentences(explanation: Explanation) -> Iterator[str]:
     """Yield one line per link."""
-    robot, asked, at_s = explanation.robot, explanation.asked_s, explanation.at_s
+    robot, asked_s, at_s = explanation.robot, explanation.asked_s, explanation.at_s
     if not explanation.exact:
-        yield f"{robot} made no decision at {asked:g} s; its last one before that, at {at_s:g} s:"
+        yield f"{robot} made no decision at {asked_s:g} s; its last one before that, at {at_s:g} s:"
     for link in explanation.chain:
         yield f"{link.at_s:9.3f} s  {'   ' * link.depth}{link.says}"

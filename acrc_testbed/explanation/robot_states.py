@@ -98,10 +98,10 @@ class RobotStates:
         points: dict[tuple[tuple[float, float] | None, int], list[NDArray[np.int64]]] = {}
         rows = np.flatnonzero(where)
         pairs = np.column_stack([self.goal[rows, robot], self.stage[rows]])
-        kinds, which = np.unique(pairs, axis=0, return_inverse=True)
+        kinds, groups = np.unique(pairs, axis=0, return_inverse=True)
         for number, (goal, stage) in enumerate(kinds.tolist()):
             key = self.goal_of(robot, goal), stage
-            points.setdefault(key, []).append(rows[which.reshape(-1) == number])
+            points.setdefault(key, []).append(rows[groups.reshape(-1) == number])
         for (point, stage), parts in points.items():
             yield np.sort(np.concatenate(parts)), point, self.stages[stage]
 
@@ -206,10 +206,10 @@ def _lost(error: NDArray[np.float64], p: CauseCriteria) -> Flags:
 
 def _long_only(mask: Flags, least: int) -> Flags:
     """Return the mask reduced to intervals of at least `least` samples."""
-    whole = np.zeros_like(mask)
+    reduced = np.zeros_like(mask)
     for begin, end in true_intervals(mask, min(least, len(mask))):
-        whole[begin:end] = True
-    return whole
+        reduced[begin:end] = True
+    return reduced
 
 
 def _columns(parts: Iterable[Flags]) -> Flags:
@@ -229,9 +229,9 @@ def first_robots_ahead(states: RobotStates, stuck: Flags, passages: Passages, p:
     for robot in range(stuck.shape[1]):
         for rows, goal, stage in states.pursuits(robot, stuck[:, robot]):
             squares = stage.paths.squares(states.run.true[rows, robot, :2])
-            _, which = np.unique(squares, axis=0, return_inverse=True)
-            for number in range(int(which.max()) + 1):
-                same = rows[which.reshape(-1) == number]
+            _, groups = np.unique(squares, axis=0, return_inverse=True)
+            for number in range(int(groups.max()) + 1):
+                same = rows[groups.reshape(-1) == number]
                 path = _path_start(states, robot, int(same[0]), goal, stage, p.sensed)
                 found[same, robot] = _first_blocking(states, robot, same, path, passages, p)
     return found

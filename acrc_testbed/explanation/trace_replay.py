@@ -11,6 +11,7 @@ if __name__ == "__main__":  # not in an importing process
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, cast
 
@@ -53,26 +54,30 @@ def trace(
     return causal_trace
 
 
-def trace_here(out: Path, actor: str) -> CausalTrace:
-    """Return the trace of a recording up to its end or the first fault. The code runs in this process.
-
-    Raises AcrcError if there is nothing to replay.
-    """
+def trace_here(out: Path, actor: str, replay_options: ReplayOptions) -> CausalTrace:
+    """Return the trace of a recording up to its end or the first fault. The code runs in this process."""
     tracer, fault = Tracer(), None
 
     def attach(core: Core, step_us: int) -> None:
         tracer.prepare(core, step_us)
         tracer.orders.attach(cast(RobotCore, core))
+        if replay_options.prepare is not None:
+            replay_options.prepare(core, step_us)
 
     try:
         with observing_nodes(tracer):
-            replay_actor(out, actor, ReplayOptions(attach, prints=lambda step_us: discarded_output()))
+            replay_actor(out, actor, replace(replay_options, prepare=attach))
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy may diverge on another processor
         fault = sandboxed_replay.describe_failure(actor, error)
     return CausalTrace(
-        tuple(tracer.changes), tuple(tracer.news), tuple(tracer.orders.found), tracer.has_nodes, fault
+        tuple(tracer.changes),
+        tuple(tracer.news),
+        tuple(tracer.orders.found),
+        tracer.has_nodes,
+        tracer.end,
+        fault,
     )
 
 
@@ -85,7 +90,10 @@ def main(argv: Sequence[str]) -> int:
     options = parser.parse_args(argv)
     with sandboxed_replay.open_answer(options, options.file_mb) as answer:
         try:
-            sandboxed_replay.write_all(answer, msgspec.msgpack.encode(trace_here(options.out, options.actor)))
+            found = trace_here(
+                options.out, options.actor, ReplayOptions(prints=lambda step_us: discarded_output())
+            )
+            sandboxed_replay.write_all(answer, msgspec.msgpack.encode(found))
         except AcrcError as error:
             sys.stderr.write(f"{error}\n")
             return 2

@@ -162,6 +162,8 @@ class ReadFields(NamedTuple):
     """Fields of the component."""
     peer: tuple[str, ...]
     """Fields of the peer of an exchange."""
+    function: str = ""
+    """Full name of the function that reads them."""
 
 
 def read_fields(
@@ -174,7 +176,11 @@ def read_fields(
         if function is None:
             return ReadFields((), ())
         own = next(iter(inspect.signature(function).parameters))
-        return ReadFields(analyse_flow(function, {own: kind}).read(own), ())
+        return ReadFields(
+            analyse_flow(function, {own: kind}).read(own),
+            (),
+            f"{function.__module__}.{function.__qualname__}",
+        )
     for one in ensembles:
         described = ensemble_type(type(one))
         if described is not None and described.name == owner:
@@ -196,7 +202,8 @@ def _exchange_fields(ensemble: type, name: str, kind: type[Knowledge]) -> ReadFi
         other = next(side for side, _ in method.sides if side != local)
         own |= dict.fromkeys(found.read(local))
         peer |= dict.fromkeys(found.read(other))
-    return ReadFields(tuple(own), tuple(peer))
+    function = getattr(ensemble, name)
+    return ReadFields(tuple(own), tuple(peer), f"{function.__module__}.{function.__qualname__}")
 
 
 class Tracer:
@@ -207,6 +214,8 @@ class Tracer:
         """Changes so far."""
         self.news: list[ReplicaReception] = []
         self.has_nodes = False
+        self.end = Instant(0)
+        """Last step."""
         self.orders = OrderRecorder(points := KnownPoints())
         self._points = points
         self._number = 0
@@ -220,6 +229,7 @@ class Tracer:
 
         def recording_advance(inputs: Inputs) -> Any:
             self._record_inputs(core.step, inputs)
+            self.end = Instant(self._step * step_us)
             return advance(inputs)
 
         cast(Any, core).advance = recording_advance
@@ -253,6 +263,7 @@ class Tracer:
                 own=depends.own,
                 read=None if replica is None else self._replica_read(replica, commit.instant, depends.peer),
                 decision=decision(commit),
+                function=depends.function,
             )
         )
 

@@ -53,11 +53,11 @@ class FloorPaths:
         field = self._field(goal)
         if field is None:
             return np.full(len(points), np.inf)
-        squares, which = np.unique(self.squares(points), axis=0, return_inverse=True)
+        squares, groups = np.unique(self.squares(points), axis=0, return_inverse=True)
         begins = [self._start_cell(row, column) for row, column in squares.tolist()]
         costs = np.array([UNREACHABLE if one is None else field[one] for one in begins], np.int64)
         metres = np.where(costs == UNREACHABLE, np.inf, costs * (self._grid.resolution / _CELL_COST))
-        return metres[which.reshape(-1)]
+        return metres[groups.reshape(-1)]
 
     def path(self, point: tuple[float, float], goal: tuple[float, float], length: float) -> Points | None:
         """Return the first `length` m of the path, (n, 2), points about a cell apart; None without a path."""
@@ -70,13 +70,15 @@ class FloorPaths:
 
     def _straight(self, path: Points) -> Points:
         """Return the path without the bends of an 8-connected grid."""
-        parts, here = [path[:1]], 0
-        while here < len(path) - 1:
-            there = next(
-                k for k in range(len(path) - 1, here, -1) if k == here + 1 or self._is_clear(*path[[here, k]])
+        parts, start = [path[:1]], 0
+        while start < len(path) - 1:
+            end = next(
+                k
+                for k in range(len(path) - 1, start, -1)
+                if k == start + 1 or self._is_clear(*path[[start, k]])
             )
-            parts.append(np.linspace(path[here], path[there], there - here + 1)[1:])
-            here = there
+            parts.append(np.linspace(path[start], path[end], end - start + 1)[1:])
+            start = end
         return np.concatenate(parts)
 
     def _is_clear(self, one: Points, other: Points) -> bool:
@@ -137,9 +139,9 @@ class Passages:
         Points are rounded to the centres of squares of edge `within` / 2; results are cached.
         """
         side = within / 2
-        squares, which = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
-        judged = [self._is_passage_square(float(x), float(y), within) for x, y in (squares + 0.5) * side]
-        return np.array(judged, np.bool_)[which.reshape(-1)]
+        squares, groups = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
+        passages = [self._is_passage_square(float(x), float(y), within) for x, y in (squares + 0.5) * side]
+        return np.array(passages, np.bool_)[groups.reshape(-1)]
 
     def are_visible(self, one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return where no wall is between pairs of points, each (k, 2), m; (k,)."""

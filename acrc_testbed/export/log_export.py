@@ -10,14 +10,14 @@ from pathlib import Path
 from acrc_testbed.export.robot_entries import (
     body_entries,
     command_entries,
-    held_entries,
+    estimate_entries,
     internal_entries,
     link_entries,
     map_entry,
+    obstacle_entries,
     place_entries,
-    sensed_entries,
+    sensor_entries,
     static_frames,
-    thing_entries,
     true_entries,
 )
 from acrc_testbed.export.ros2_log import LogEntry, Spool, write
@@ -84,13 +84,13 @@ def _streams(
     yield iter((map_entry(run.grid), static_frames(models)))
     yield from (place_entries(run), body_entries(run, models))
     if run.floor:
-        yield thing_entries(run)
+        yield obstacle_entries(run)
     yield true_entries(run)
     for robot, track in run.trajectories.items():
-        yield held_entries(robot, track)
+        yield estimate_entries(robot, track)
     for actor, source in sources.items():
         track, model = run.trajectories[source.robot], models[source.robot]
-        yield sensed_entries(files[actor], source, track, model, left_out)
+        yield sensor_entries(files[actor], source, track, model, left_out)
     yield link_entries(run)
     yield spool.entries()
     for robot in dict.fromkeys(source.robot for source in sources.values()):

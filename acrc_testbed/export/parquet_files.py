@@ -174,7 +174,7 @@ TABLES: Final = (
 )  # fmt: skip
 
 
-def page() -> str:
+def schema_page() -> str:
     """Return the schemas as Markdown for the documentation."""
     parts = []
     for table in TABLES:
@@ -201,10 +201,10 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
     metadata `meaning`. Raises OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in lacking(rows):
+    for name in missing_tables(rows):
         (folder / f"{name}.parquet").unlink(missing_ok=True)
     written = []
-    for name, table in arrow(rows).items():
+    for name, table in arrow_tables(rows).items():
         path = folder / f"{name}.parquet"
         with regular_file.atomic_replacement(path) as part:
             parquet.write_table(table, part)
@@ -212,17 +212,17 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
     return written
 
 
-def lacking(rows: Tables) -> list[str]:
+def missing_tables(rows: Tables) -> list[str]:
     """Return the names of the missing tables, as for a lean recording."""
     return [table.name for table in TABLES if table.name not in rows]
 
 
-def arrow(rows: Tables) -> dict[str, pyarrow.Table]:
+def arrow_tables(rows: Tables) -> dict[str, pyarrow.Table]:
     """Return the tables in memory by name, with the meanings of columns as metadata."""
-    return {table.name: _columns(table, rows[table.name]) for table in TABLES if table.name in rows}
+    return {table.name: _arrow_table(table, rows[table.name]) for table in TABLES if table.name in rows}
 
 
-def _columns(table: ExportTable, rows: Sequence[Row]) -> Any:
+def _arrow_table(table: ExportTable, rows: Sequence[Row]) -> Any:
     fields = [
         pyarrow.field(one.name, _TYPES[one.kind], metadata={"meaning": one.meaning}) for one in table.columns
     ]

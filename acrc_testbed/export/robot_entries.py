@@ -53,19 +53,19 @@ def true_entries(run: RunData) -> Iterator[LogEntry]:
     tracks = list(run.trajectories.items())
     for step, second in enumerate(tracks[0][1].seconds.tolist()):
         poses = [(robot, Pose(*track.poses[step].tolist())) for robot, track in tracks]
-        yield _frames(second * 1e6, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
+        yield _frames_entry(second * 1e6, [Transform(MAP, f"{robot}/truth", pose) for robot, pose in poses])
         for robot, pose in poses:
-            yield _placed(second * 1e6, f"/{robot}/truth", pose)
+            yield _pose_entry(second * 1e6, f"/{robot}/truth", pose)
 
 
-def held_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
+def estimate_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
     """Yield the pose estimates that a robot reported."""
-    for second, held in zip(track.seconds.tolist(), track.estimated.tolist(), strict=True):
-        if held[0] == held[0]:
-            yield _placed(second * 1e6, f"/{robot}/pose", Pose(*held))
+    for second, estimate in zip(track.seconds.tolist(), track.estimated.tolist(), strict=True):
+        if estimate[0] == estimate[0]:
+            yield _pose_entry(second * 1e6, f"/{robot}/pose", Pose(*estimate))
 
 
-def sensed_entries(
+def sensor_entries(
     path: Path, source: RecordedProcess, track: Trajectory, model: RobotModel, left_out: Counter[str]
 ) -> Iterator[LogEntry]:
     """Yield odometry, scans and frames of a robot's process. Raises RecordingError and WireError.
@@ -79,12 +79,12 @@ def sensed_entries(
         if abs(senses.instant) > LATEST:
             left_out[f"/{robot}/odom"] += 1
             continue
-        told = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]
-        scans = [one for one in told if _is_of(one, model)]
-        left_out[f"/{robot}/scan"] += len(told) - len(scans)
+        received = [*senses.earlier_scans, *(() if senses.scan is None else (senses.scan,))]
+        scans = [one for one in received if _is_valid_scan(one, model)]
+        left_out[f"/{robot}/scan"] += len(received) - len(scans)
         instants = np.array([senses.instant, *(scan.stamp for scan in scans)], np.int64)
         second, *stamps = clock(instants).tolist()
-        yield from _moved(robot, senses, second, _held(track, second))
+        yield from _odometry_entries(robot, senses, second, _estimate_at(track, second))
         for scan, stamp in zip(scans, stamps, strict=True):
             if -_BEFORE_S < stamp < 0:
                 continue
@@ -100,23 +100,25 @@ def command_entries(robot: str, track: Trajectory) -> Iterator[LogEntry]:
             yield LogEntry(at, f"/{robot}/cmd_vel", ros2_log.twist(vx, vy, omega), at)
 
 
-def _is_of(scan: Scan, model: RobotModel) -> bool:
+def _is_valid_scan(scan: Scan, model: RobotModel) -> bool:
     """Return True if a scan has one range per ray of the sensor and a valid instant."""
     return len(scan.ranges_mm) == 2 * model.sensor.rays and abs(scan.stamp) <= LATEST
 
 
-def _moved(robot: str, senses: SensorData, second: float, held: Pose | None) -> Iterator[LogEntry]:
-    told = senses.odometry
-    odometry, odom, base = Pose(told.x, told.y, told.heading), f"{robot}/odom", f"{robot}/base_link"
+def _odometry_entries(
+    robot: str, senses: SensorData, second: float, estimate: Pose | None
+) -> Iterator[LogEntry]:
+    odom, base, sensed = f"{robot}/odom", f"{robot}/base_link", senses.odometry
+    odometry = Pose(sensed.x, sensed.y, sensed.heading)
     frames = [Transform(odom, base, odometry)]
-    if held is not None:
-        frames.insert(0, Transform(MAP, odom, held.frame(odometry)))
-    yield _frames(second * 1e6, frames)
-    at, velocity = round(second * 1e6), ros2_log.twist(told.vx, told.vy, told.omega)
+    if estimate is not None:
+        frames.insert(0, Transform(MAP, odom, estimate.frame(odometry)))
+    yield _frames_entry(second * 1e6, frames)
+    at, velocity = round(second * 1e6), ros2_log.twist(sensed.vx, sensed.vy, sensed.omega)
     yield LogEntry(at, f"/{robot}/odom", ros2_log.odometry(odom, base, odometry, velocity, at), at)
 
 
-def _held(track: Trajectory, second: float) -> Pose | None:
+def _estimate_at(track: Trajectory, second: float) -> Pose | None:
     """Return the pose estimate at an instant; None: not reported."""
     at = int(np.searchsorted(track.seconds, second - _NEAR_S))
     if at == len(track.seconds) or track.seconds[at] > second + _NEAR_S or np.isnan(track.estimated[at, 0]):
@@ -126,50 +128,56 @@ def _held(track: Trajectory, second: float) -> Pose | None:
 
 def _ranges(scan: Scan) -> NDArray[np.float32]:
     """Return the ranges, (rays,), m; inf: no echo (REP 117)."""
-    told = np.frombuffer(scan.ranges_mm, "<u2")
-    return np.where(told == NO_ECHO_MM, np.inf, told / 1000.0).astype(np.float32)
+    millimetres = np.frombuffer(scan.ranges_mm, "<u2")
+    return np.where(millimetres == NO_ECHO_MM, np.inf, millimetres / 1000.0).astype(np.float32)
 
 
 def internal_entries(robot: RobotInternals) -> Iterator[LogEntry]:
     """Yield a robot's introspection in order of time."""
-    return merge(_activities(robot), _clouds(robot), _costs(robot), _plans(robot), key=lambda one: one.logged)
+    return merge(
+        _activity_entries(robot),
+        _particle_entries(robot),
+        _cost_map_entries(robot),
+        _plan_entries(robot),
+        key=lambda one: one.logged,
+    )
 
 
-def _times(seconds: Sequence[float] | NDArray[np.float64]) -> list[int]:
+def _ascending_instants(seconds: Sequence[float] | NDArray[np.float64]) -> list[int]:
     """Return instants of the run in µs, in ascending order."""
     found: list[float] = (np.maximum.accumulate(np.asarray(seconds, np.float64)) * 1e6).tolist()
     return [round(one) for one in found]
 
 
-def _clouds(robot: RobotInternals) -> Iterator[LogEntry]:
+def _particle_entries(robot: RobotInternals) -> Iterator[LogEntry]:
     topic, particles = f"/{robot.process.robot}/particles", robot.particles
-    for time, points in zip(_times(particles.seconds), particles.sets(), strict=True):
+    for time, points in zip(_ascending_instants(particles.seconds), particles.sets(), strict=True):
         yield LogEntry(time, topic, ros2_log.point_cloud(points, time), time)
 
 
-def _plans(robot: RobotInternals) -> Iterator[LogEntry]:
+def _plan_entries(robot: RobotInternals) -> Iterator[LogEntry]:
     topic, plans = f"/{robot.process.robot}/plan", robot.plans
-    for time, points in zip(_times(plans.seconds), plans.sets(), strict=True):
+    for time, points in zip(_ascending_instants(plans.seconds), plans.sets(), strict=True):
         yield LogEntry(time, topic, ros2_log.path(points, time), time)
 
 
-def _costs(robot: RobotInternals) -> Iterator[LogEntry]:
+def _cost_map_entries(robot: RobotInternals) -> Iterator[LogEntry]:
     topic, windows = f"/{robot.process.robot}/local_costmap", robot.windows
-    times = _times(windows.seconds)
+    times = _ascending_instants(windows.seconds)
     for time, costs, corner in zip(times, windows.costs, windows.corners.tolist(), strict=True):
         grid = ros2_log.occupancy_grid(Pose(*corner), windows.cell, occupancy(costs), time)
         yield LogEntry(time, topic, grid, time)
 
 
-def _activities(robot: RobotInternals) -> Iterator[LogEntry]:
+def _activity_entries(robot: RobotInternals) -> Iterator[LogEntry]:
     """Yield the activities as log lines, and each new goal."""
     before, name = None, robot.process.robot
-    times = _times([one.second for one in robot.activities])
+    times = _ascending_instants([one.second for one in robot.activities])
     for time, one in zip(times, robot.activities, strict=True):
         where = f" to {one.destination}" if one.destination else ""
         yield LogEntry(time, "/rosout", ros2_log.log_line(name, one.activity + where, time), time)
         if one.point is not None and one.point != before:
-            yield _placed(time, f"/{name}/goal", Pose(*one.point, 0.0))
+            yield _pose_entry(time, f"/{name}/goal", Pose(*one.point, 0.0))
         before = one.point
 
 
@@ -194,12 +202,12 @@ def static_frames(models: Mapping[str, RobotModel]) -> LogEntry:
     return LogEntry(0, "/tf_static", ros2_log.transforms(frames, 0), 0)
 
 
-def _frames(microseconds: float, frames: list[Transform]) -> LogEntry:
+def _frames_entry(microseconds: float, frames: list[Transform]) -> LogEntry:
     at = round(microseconds)
     return LogEntry(at, "/tf", ros2_log.transforms(frames, at), at)
 
 
-def _placed(microseconds: float, topic: str, pose: Pose) -> LogEntry:
+def _pose_entry(microseconds: float, topic: str, pose: Pose) -> LogEntry:
     at = round(microseconds)
     return LogEntry(at, topic, ros2_log.placed_pose(MAP, pose, at), at)
 
@@ -228,17 +236,17 @@ def place_entries(run: RunData) -> Iterator[LogEntry]:
     A place that was added during the run is included from the first report about it.
     """
     states: dict[PlaceKey, PlaceStatus] = {}
-    shown: dict[PlaceKey, tuple[bool, bool]] | None = None
+    previous: dict[PlaceKey, tuple[bool, bool]] | None = None
     for second, changes in groupby(PlaceTable().extend(run), key=lambda one: one.second):
         for change in changes:
             states |= change.states
-        now = {key: (one.done, one.given_up) for key, one in states.items()}
-        if now != shown:
-            shown = now
-            yield _scene(second, "/places", _places(run, states))
+        current = {key: (one.done, one.given_up) for key, one in states.items()}
+        if current != previous:
+            previous = current
+            yield _marker_entry(second, "/places", _place_markers(run, states))
 
 
-def _places(run: RunData, states: Mapping[PlaceKey, PlaceStatus]) -> list[Marker]:
+def _place_markers(run: RunData, states: Mapping[PlaceKey, PlaceStatus]) -> list[Marker]:
     markers = []
     for key, state in states.items():
         is_lost = state.given_up and not state.done
@@ -250,48 +258,50 @@ def _places(run: RunData, states: Mapping[PlaceKey, PlaceStatus]) -> list[Marker
 
 def body_entries(run: RunData, models: Mapping[str, RobotModel]) -> Iterator[LogEntry]:
     """Yield the robots' discs at each change of state: faint while frozen, grey while off."""
-    acts: dict[str, str] = dict.fromkeys(models, "")
-    said = [
-        (second, robot, act)
+    states: dict[str, str] = dict.fromkeys(models, "")
+    changes = [
+        (second, robot, state)
         for robot, track in run.trajectories.items()
-        for second, act in track.states
-        if robot in acts
+        for second, state in track.states
+        if robot in states
     ]
-    yield _scene(0.0, "/robots", _bodies(run, models, acts))
-    for second, now in groupby(sorted(said), key=lambda one: one[0]):
-        before = dict(acts)
-        acts |= {robot: act for _, robot, act in now}
-        if acts != before:
-            yield _scene(second, "/robots", _bodies(run, models, acts))
+    yield _marker_entry(0.0, "/robots", _body_markers(run, models, states))
+    for second, now in groupby(sorted(changes), key=lambda one: one[0]):
+        before = dict(states)
+        states |= {robot: state for _, robot, state in now}
+        if states != before:
+            yield _marker_entry(second, "/robots", _body_markers(run, models, states))
 
 
-def _bodies(run: RunData, models: Mapping[str, RobotModel], acts: Mapping[str, str]) -> list[Marker]:
+def _body_markers(run: RunData, models: Mapping[str, RobotModel], states: Mapping[str, str]) -> list[Marker]:
     markers = []
     for number, robot in enumerate(run.robots):
         if robot in models:
             frame = f"{robot}/{'truth' if run.description.has_truth else 'base_link'}"
-            colour = glyphs.GREY if acts[robot] == "off" else glyphs.robot(number)
+            colour = glyphs.GREY if states[robot] == "off" else glyphs.robot(number)
             body = disc(robot, (0.0, 0.0), models[robot].footprint.circumradius, _HIGH, colour)
-            markers.append(body._replace(opacity=0.4 if acts[robot] else 0.9, frame=frame))
+            markers.append(body._replace(opacity=0.4 if states[robot] else 0.9, frame=frame))
             name = label(f"{robot}/name", robot, _LETTERS, glyphs.WHITE)
             markers.append(name._replace(frame=frame))
     return markers
 
 
-def thing_entries(run: RunData) -> Iterator[LogEntry]:
+def obstacle_entries(run: RunData) -> Iterator[LogEntry]:
     """Yield obstacles, walls, jammers and closed doors at each change."""
-    for second, things in run.floor:
-        yield _scene(second, "/things", [_thing(number, thing) for number, thing in enumerate(things)])
+    for second, objects in run.floor:
+        yield _marker_entry(second, "/things", [_obstacle_marker(*one) for one in enumerate(objects)])
 
 
-def _thing(number: int, thing: FloorObject) -> Marker:
-    mark = MARKS[thing.kind]
-    jams = mark.shape == "dashed ring"
-    name, colour = f"{thing.kind} {number}", mark.colour or glyphs.GREY
-    marker = lines(name, thing.points, 2 * thing.radius, colour)
-    if thing.is_round:
-        marker = disc(name, thing.points[0], thing.radius, _FLAT if jams else _HIGH, colour)
-    return marker._replace(opacity=0.3 if jams else 1.0)
+def _obstacle_marker(number: int, floor_object: FloorObject) -> Marker:
+    mark = MARKS[floor_object.kind]
+    is_jammer = mark.shape == "dashed ring"
+    name, colour = f"{floor_object.kind} {number}", mark.colour or glyphs.GREY
+    marker = lines(name, floor_object.points, 2 * floor_object.radius, colour)
+    if floor_object.is_round:
+        marker = disc(
+            name, floor_object.points[0], floor_object.radius, _FLAT if is_jammer else _HIGH, colour
+        )
+    return marker._replace(opacity=0.3 if is_jammer else 1.0)
 
 
 def link_entries(run: RunData) -> Iterator[LogEntry]:
@@ -303,13 +313,13 @@ def link_entries(run: RunData) -> Iterator[LogEntry]:
         pairs = np.unique(np.sort(run.heard[first:last, 1:3].astype(np.int64), axis=1), axis=0)
         points: list[tuple[float, float]] = []
         for one, other in pairs.tolist():
-            ends = [_where(tracks[index], second) for index in (one, other)]
+            ends = [_last_position(tracks[index], second) for index in (one, other)]
             points += [end for end in ends if end is not None] if None not in ends else []
         links = [lines("links", tuple(points), _LINK, glyphs.LINK)] if points else []
-        yield _scene(second, "/links", links)
+        yield _marker_entry(second, "/links", links)
 
 
-def _where(track: Trajectory, second: float) -> tuple[float, float] | None:
+def _last_position(track: Trajectory, second: float) -> tuple[float, float] | None:
     """Return the last position of a robot until then, m; None: unknown."""
     at = int(np.searchsorted(track.seconds, second, side="right")) - 1
     if at < 0 or np.isnan(track.poses[at, 0]):
@@ -318,6 +328,6 @@ def _where(track: Trajectory, second: float) -> tuple[float, float] | None:
     return x, y
 
 
-def _scene(second: float, topic: str, markers: list[Marker]) -> LogEntry:
+def _marker_entry(second: float, topic: str, markers: list[Marker]) -> LogEntry:
     instant = round(second * 1e6)
     return LogEntry(instant, topic, marker_array(markers, instant), instant)

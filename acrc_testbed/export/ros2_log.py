@@ -49,7 +49,7 @@ TYPES: Final = {
 """Message type of each topic, by the last part of its name."""
 LATCHED: Final = frozenset({"tf_static", "map", "places", "robots", "things"})
 """Topics with durability transient local."""
-_FOR_EVER: Final = "{sec: 9223372036, nsec: 854775807}"
+_INFINITE: Final = "{sec: 9223372036, nsec: 854775807}"
 _QOS: Final = (
     "- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n  deadline: {ever}\n"
     "  lifespan: {ever}\n  liveliness: 1\n  liveliness_lease_duration: {ever}\n"
@@ -68,7 +68,7 @@ _CHUNK: Final = 4 << 20
 _STORE: Final = get_typestore(Stores.ROS2_HUMBLE)
 _CLASSES: Final[dict[str, Any]] = dict(_STORE.types)
 
-_Spot = tuple[float, float, float]
+_Vector = tuple[float, float, float]
 
 
 class LogEntry(NamedTuple):
@@ -98,8 +98,8 @@ class Marker(NamedTuple):
     name: str
     """Unique within its topic; the part before the first `/` is its namespace."""
     kind: int
-    position: _Spot
-    scale: _Spot
+    position: _Vector
+    scale: _Vector
     colour: Colour
     opacity: float = 1.0
     frame: str = MAP
@@ -278,7 +278,7 @@ def _channel(writer: Writer, topic: str, schemas: dict[str, int]) -> int:
     depth, durability = _DEPTH, _VOLATILE
     if topic.rpartition("/")[2] in LATCHED:
         depth, durability = 1, _TRANSIENT_LOCAL
-    qos = _QOS.format(depth=depth, durability=durability, ever=_FOR_EVER)
+    qos = _QOS.format(depth=depth, durability=durability, ever=_INFINITE)
     return int(writer.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": qos}))
 
 

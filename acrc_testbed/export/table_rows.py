@@ -50,7 +50,7 @@ def _robot_rows(run: RunData, one: RobotInternals) -> Tables:
     }
 
 
-def _begun(run: RunData, step: int) -> Row:
+def _step_cells(run: RunData, step: int) -> Row:
     """Return the first cells of a row at the start of a step."""
     return (step, step * run.step_us / 1e6)
 
@@ -63,12 +63,12 @@ def _estimates(run: RunData, robot: RobotInternals) -> Iterator[Row]:
             there = true[step, index].tolist()
             error = ((pose[0] - there[0]) ** 2 + (pose[1] - there[1]) ** 2) ** 0.5
         variances = (quality.covariance[number] for number in (0, 4, 8))
-        yield (*_begun(run, step), *pose, quality.located, *variances, quality.lost, error)
+        yield (*_step_cells(run, step), *pose, quality.located, *variances, quality.lost, error)
 
 
 def _goals(run: RunData, robot: RobotInternals) -> Iterator[Row]:
     for step, goal in robot.goals:
-        yield (*_begun(run, step), *(goal.point or (None, None)), goal.status, goal.reason, goal.phase)
+        yield (*_step_cells(run, step), *(goal.point or (None, None)), goal.status, goal.reason, goal.phase)
 
 
 def _knowledge(robot: RobotInternals) -> Iterator[Row]:
@@ -122,10 +122,10 @@ def _places(run: RunData) -> Iterator[Row]:
     for one in run.outcomes:
         yield (
             one.owner, one.place, one.x, one.y, one.given_at / 1e6, one.verdict.value if judged else None,
-            _second(one.reached_at), one.reached_by, _second(one.reported_at), one.reported_by,
-            _second(one.given_up_at), one.given_up_by, one.reason,
+            _seconds(one.reached_at), one.reached_by, _seconds(one.reported_at), one.reported_by,
+            _seconds(one.given_up_at), one.given_up_by, one.reason,
         )  # fmt: skip
 
 
-def _second(instant: int | None) -> float | None:
+def _seconds(instant: int | None) -> float | None:
     return None if instant is None else instant / 1e6

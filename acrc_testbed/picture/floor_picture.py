@@ -27,11 +27,11 @@ DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"
 JUMP: Final = 1.0
 """Distance in one step from which a robot counts as carried, m; no line is drawn."""
-_STOOD: Final = "#7a1116"
+_BLOCKED_COLOUR: Final = "#7a1116"
 _STOPPED: Final = (Cause.OFF, Cause.FROZEN)
 _SAME_POSITION: Final = 1.6
 """Blocked positions closer than this share one mark, m."""
-_MEETING_S: Final = 5.0
+_MIN_BLOCKED_S: Final = 5.0
 """Minimum total duration of a marked position, s."""
 
 
@@ -48,22 +48,22 @@ def draw_floor(axes: Axes, grid: OccupancyGrid) -> None:
     axes.set_ylabel("m")
 
 
-def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArray[np.bool_]) -> bool:
+def draw_regions(axes: Axes, grid: OccupancyGrid, regions: Regions, reachable: NDArray[np.bool_]) -> bool:
     """Draw doors and unreachable free floor; return True if there is unreachable floor."""
     tint = np.zeros((grid.rows, grid.columns, 4))
-    shut = (parts.labels > 0) & ~reached
-    for mask, colour in ((parts.labels > parts.count, DOOR), (shut, SHUT)):
+    unreachable = (regions.labels > 0) & ~reachable
+    for mask, colour in ((regions.labels > regions.count, DOOR), (unreachable, SHUT)):
         tint[mask] = (*to_rgb(colour), 1.0)
     extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
     axes.imshow(tint, extent=extent, origin="lower", interpolation="nearest", zorder=1)
-    return bool(shut.any())
+    return bool(unreachable.any())
 
 
 def draw_doors(axes: Axes, run: RunData) -> bool:
     """Draw the doors of the map; return True if it has any."""
-    parts = Doorways(run.grid, run.description.radius).regions
-    draw_regions(axes, run.grid, parts, np.ones_like(parts.labels, np.bool_))
-    return bool(parts.doors)
+    regions = Doorways(run.grid, run.description.radius).regions
+    draw_regions(axes, run.grid, regions, np.ones_like(regions.labels, np.bool_))
+    return bool(regions.doors)
 
 
 class DrawnRun(NamedTuple):
@@ -77,36 +77,36 @@ class DrawnRun(NamedTuple):
     """Points that labels should not cover, m."""
 
 
-def draw_run(axes: Axes, run: RunData, doing: Sequence[CauseInterval]) -> DrawnRun:
+def draw_run(axes: Axes, run: RunData, intervals: Sequence[CauseInterval]) -> DrawnRun:
     """Draw trails, final positions, places, obstacles and positions of blocked robots."""
     few = glyphs.is_small_swarm(run.robots)
-    put = floor_intervals(run.floor, run.end)
-    labels = [_name(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
+    objects = floor_intervals(run.floor, run.end)
+    labels = [_robot_label(run, index, robot, few=few) for index, robot in enumerate(run.robots)]
     kinds = {"start"} | ({"door"} if draw_doors(axes, run) else set())
     for index, _ in enumerate(run.robots):
-        kinds |= _trail(axes, run, index, few=few)
+        kinds |= _draw_trail(axes, run, index, few=few)
     for place in run.outcomes:
-        kinds.add(_place(axes, place, run, few=few))
-    labels += marks.draw(axes, put)
-    kinds |= {one.object.kind for one in put}
-    for interval in doing:
+        kinds.add(_draw_place(axes, place, run, few=few))
+    labels += marks.draw_objects(axes, objects)
+    kinds |= {one.object.kind for one in objects}
+    for interval in intervals:
         if interval.cause in _STOPPED:
             kinds.add(interval.cause.value)
-            _stopped(axes, interval, run)
-    stood = blocked_positions(doing)
-    labels += [_draw_blocked(axes, *one) for one in stood]
-    kinds |= {"stood"} if stood else set()
+            _draw_stopped(axes, interval, run)
+    blocked = blocked_positions(intervals)
+    labels += [_draw_blocked(axes, *one) for one in blocked]
+    kinds |= {"stood"} if blocked else set()
     ends = [(x, y) for x, y in run.true[-1, :, :2].tolist()]
-    taken = (*ends, *((x, y) for x, y, _ in stood), *((one.x, one.y) for one in run.outcomes))
+    taken = (*ends, *((x, y) for x, y, _ in blocked), *((one.x, one.y) for one in run.outcomes))
     return DrawnRun(frozenset(kinds), tuple(labels), taken)
 
 
 def legend(kinds: Collection[str]) -> list[Artist]:
     """Return legend entries for these marks."""
-    return [marks.sample(name) for name in MARKS if name in kinds]
+    return [marks.legend_entry(name) for name in MARKS if name in kinds]
 
 
-def _trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
+def _draw_trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
     """Draw a robot's trail with start and end; return {"carried"} if it was carried."""
     track, colour = run.true[:, index, :2].copy(), style.colour(index)
     start, end = track[0].copy(), track[-1].copy()
@@ -120,18 +120,18 @@ def _trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
     return {"carried"} if jumps.size else set()
 
 
-def _name(run: RunData, index: int, robot: str, *, few: bool) -> PointLabel:
+def _robot_label(run: RunData, index: int, robot: str, *, few: bool) -> PointLabel:
     x, y = run.true[-1, index, :2].tolist()
     return PointLabel(robot, x, y, style.colour(index), 5.0 if few else 2.5, 8.5 if few else 5.5, bold=True)
 
 
-def _stopped(axes: Axes, interval: CauseInterval, run: RunData) -> None:
+def _draw_stopped(axes: Axes, interval: CauseInterval, run: RunData) -> None:
     """Mark the position of a robot that was off or frozen."""
     colour = style.colour(run.robots.index(interval.robot))
     marks.plot(axes, interval.cause.value, interval.x, interval.y, colour, size=9.0, zorder=7)
 
 
-def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
+def _draw_place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
     """Draw a place, and return the name of its mark."""
     robots = run.robots
     owner = style.colour(robots.index(place.owner)) if place.owner in robots else style.INK
@@ -139,47 +139,49 @@ def _place(axes: Axes, place: PlaceOutcome, run: RunData, *, few: bool) -> str:
     if place.verdict in (PlaceVerdict.GIVEN_UP, PlaceVerdict.MISTAKEN):
         marks.plot(axes, "given up", place.x, place.y, owner, size=size + 1, zorder=5)
         return "given up"
-    by = place.reported_by
-    fill = "w" if by is None or by not in robots else style.colour(robots.index(by))
-    begun = len(run.description.own_places.get(place.owner, ()))
-    shape = "given" if place.place >= begun else "open"
+    reporter = place.reported_by
+    fill = "w" if reporter is None or reporter not in robots else style.colour(robots.index(reporter))
+    initial = len(run.description.own_places.get(place.owner, ()))
+    shape = "given" if place.place >= initial else "open"
     marks.plot(axes, shape, place.x, place.y, owner, size=size, fill=fill, zorder=5)
-    return shape if by is None or shape == "given" else "done"
+    return shape if reporter is None or shape == "given" else "done"
 
 
-def _draw_blocked(axes: Axes, x: float, y: float, lasted: float) -> PointLabel:
+def _draw_blocked(axes: Axes, x: float, y: float, duration: float) -> PointLabel:
     """Draw a disc where robots were blocked, larger for a longer time; return its label."""
-    size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
+    size = 9 + 0.6 * min(duration, 900.0) ** 0.5
     marks.plot(axes, "stood", x, y, "", size=size, zorder=7)
-    return PointLabel(f"{lasted:.0f} s", x, y, _STOOD, size / 2, 7.0)
+    return PointLabel(f"{duration:.0f} s", x, y, _BLOCKED_COLOUR, size / 2, 7.0)
 
 
-def blocked_positions(doing: Sequence[CauseInterval]) -> list[tuple[float, float, float]]:
+def blocked_positions(intervals: Sequence[CauseInterval]) -> list[tuple[float, float, float]]:
     """Return positions where robots blocked others, x, y, m, with total durations, s, without short ones."""
     clusters: list[list[CauseInterval]] = []
-    for one in sorted((one for one in doing if one.cause in BY_ROBOTS), key=lambda one: one.begin - one.end):
-        near = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _SAME_POSITION)
-        cluster = next(near, None)
+    for one in sorted(
+        (one for one in intervals if one.cause in BY_ROBOTS), key=lambda one: one.begin - one.end
+    ):
+        same_place = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _SAME_POSITION)
+        cluster = next(same_place, None)
         if cluster is None:
             clusters.append([one])
         else:
             cluster.append(one)
-    found = [(*_middle(cluster), _union(cluster)) for cluster in clusters]
-    return [(x, y, lasted) for x, y, lasted in found if lasted >= _MEETING_S]
+    found = [(*_mean_position(cluster), _total_duration(cluster)) for cluster in clusters]
+    return [(x, y, duration) for x, y, duration in found if duration >= _MIN_BLOCKED_S]
 
 
-def _middle(cluster: Sequence[CauseInterval]) -> tuple[float, float]:
+def _mean_position(cluster: Sequence[CauseInterval]) -> tuple[float, float]:
     """Return the mean position, weighted by duration."""
-    lasted = [one.end - one.begin for one in cluster]
-    x = sum(one.x * weight for one, weight in zip(cluster, lasted, strict=True))
-    y = sum(one.y * weight for one, weight in zip(cluster, lasted, strict=True))
-    return x / sum(lasted), y / sum(lasted)
+    durations = [one.end - one.begin for one in cluster]
+    x = sum(one.x * weight for one, weight in zip(cluster, durations, strict=True))
+    y = sum(one.y * weight for one, weight in zip(cluster, durations, strict=True))
+    return x / sum(durations), y / sum(durations)
 
 
-def _union(cluster: Sequence[CauseInterval]) -> float:
+def _total_duration(cluster: Sequence[CauseInterval]) -> float:
     """Return the total duration of the union of intervals, s."""
-    lasted, until = 0.0, -math.inf
+    duration, until = 0.0, -math.inf
     for one in sorted(cluster, key=lambda one: one.begin):
-        lasted += max(0.0, one.end - max(one.begin, until))
+        duration += max(0.0, one.end - max(one.begin, until))
         until = max(until, one.end)
-    return lasted
+    return duration

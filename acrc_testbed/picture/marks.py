@@ -18,13 +18,13 @@ from acrc_testbed.picture import style
 from acrc_testbed.run_model.floor import FloorInterval, FloorObject
 from actors.observer.glyphs import MARKS, Mark, hexadecimal
 
-_AROUND: Final = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
+_DIRECTIONS: Final = ((1, 1), (-1, 1), (1, -1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
 """Directions of a label from its point: right above, left above, and so on."""
-_FARTHER: Final = (0.0, 6.0, 14.0, 24.0, 38.0)
+_EXTRA_DISTANCES: Final = (0.0, 6.0, 14.0, 24.0, 38.0)
 """Additional distances of a label, points, tried in order."""
-_LINE: Final = 10.0
+_MIN_LINE: Final = 10.0
 """Labels farther than this, points, are connected with their point by a line."""
-_COVERS: Final = 8.0
+_COVER_COST: Final = 8.0
 """Cost of covering another point; one more step of distance costs 1."""
 
 
@@ -42,64 +42,66 @@ class PointLabel(NamedTuple):
     bold: bool = False
 
 
-def settle(figure: Figure) -> None:
+def fix_layout(figure: Figure) -> None:
     """Fix the layout so that labels can be placed."""
     cast(Any, figure).draw_without_rendering()
     figure.set_layout_engine("none")
 
 
-def place(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple[float, float]] = ()) -> int:
+def place_labels(axes: Axes, labels: Sequence[PointLabel], taken: Iterable[tuple[float, float]] = ()) -> int:
     """Place labels in order without overlaps; return the number of labels without room.
 
-    `taken`: points, in the axes' units, that labels should not cover. Call `settle` first.
+    `taken`: points, in the axes' units, that labels should not cover. Call `fix_layout` first.
     """
     points = [(one.x, one.y) for one in labels]
     covered = axes.transData.transform(np.array([*points, *taken], np.float64).reshape(-1, 2))
     boxes: list[Bbox] = []
     for label in labels:
-        found = _room(axes, label, boxes, covered)
-        if found is not None:
-            boxes.append(found)
+        box = _place_label(axes, label, boxes, covered)
+        if box is not None:
+            boxes.append(box)
     return len(labels) - len(boxes)
 
 
-def _room(axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: NDArray[np.float64]) -> Bbox | None:
+def _place_label(
+    axes: Axes, label: PointLabel, boxes: Sequence[Bbox], covered: NDArray[np.float64]
+) -> Bbox | None:
     """Write a label and return its box, pixels; None if there is no room."""
-    said = axes.annotate(
+    text = axes.annotate(
         label.words, (label.x, label.y), xytext=(0, 0), textcoords="offset points", color=label.colour,
         fontsize=label.size, fontweight="bold" if label.bold else "normal", ha="center", va="center",
         zorder=9, path_effects=style.HALO, annotation_clip=False,
     )  # fmt: skip
     figure = axes.get_figure()
     assert figure is not None
-    own = said.get_window_extent(cast(Any, figure.canvas).get_renderer())
-    pixels, whole = figure.dpi / 72.0, axes.get_window_extent()
-    best: tuple[float, float, float, float] | None = None
-    for (right, up), more in product(_AROUND, _FARTHER):
-        away = label.gap + more
-        dx = right * (away + own.width / 2 / pixels) * (0.8 if up else 1.0)
-        dy = up * (away * 0.6 + own.height / 2 / pixels)
-        box = own.translated(dx * pixels, dy * pixels)
-        inside = whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 and box.y1 <= whole.y1
+    text_box = text.get_window_extent(cast(Any, figure.canvas).get_renderer())
+    pixels, area = figure.dpi / 72.0, axes.get_window_extent()
+    best_place: tuple[float, float, float, float] | None = None
+    for (right, up), extra in product(_DIRECTIONS, _EXTRA_DISTANCES):
+        away = label.gap + extra
+        dx = right * (away + text_box.width / 2 / pixels) * (0.8 if up else 1.0)
+        dy = up * (away * 0.6 + text_box.height / 2 / pixels)
+        box = text_box.translated(dx * pixels, dy * pixels)
+        inside = area.x0 <= box.x0 and box.x1 <= area.x1 and area.y0 <= box.y0 and box.y1 <= area.y1
         if not inside or any(box.overlaps(other) for other in boxes):
             continue
-        cost = more / 6.0 + _COVERS * _count(box, covered)
-        if best is None or cost < best[0]:
-            best = cost, dx, dy, more
-    if best is None:
-        said.remove()
+        cost = extra / 6.0 + _COVER_COST * _count_inside(box, covered)
+        if best_place is None or cost < best_place[0]:
+            best_place = cost, dx, dy, extra
+    if best_place is None:
+        text.remove()
         return None
-    _, dx, dy, more = best
-    said.set_position((dx, dy))
-    if more > _LINE:
+    _, dx, dy, extra = best_place
+    text.set_position((dx, dy))
+    if extra > _MIN_LINE:
         line = {"arrowstyle": "-", "color": label.colour, "lw": 0.6, "shrinkA": 1.0, "shrinkB": 1.0}
         axes.annotate(
             "", (label.x, label.y), xytext=(dx, dy), textcoords="offset points", arrowprops=line, zorder=8
         )
-    return own.translated(dx * pixels, dy * pixels)
+    return text_box.translated(dx * pixels, dy * pixels)
 
 
-def _count(box: Bbox, points: NDArray[np.float64]) -> int:
+def _count_inside(box: Bbox, points: NDArray[np.float64]) -> int:
     """Count the points in a box."""
     x, y = points.T
     return int(((box.x0 <= x) & (x <= box.x1) & (box.y0 <= y) & (y <= box.y1)).sum())
@@ -114,19 +116,27 @@ _SOFT: Final = "30"
 """Opacity of the middle of a soft ring, hexadecimal."""
 
 
-def colour_of(mark: Mark, own: str = style.INK) -> str:
-    """Return the mark's colour; `own` if it has the colour of a robot."""
-    return own if mark.colour is None else hexadecimal(mark.colour)
+def colour_of(mark: Mark, robot_colour: str = style.INK) -> str:
+    """Return the mark's colour; `robot_colour` if it has the colour of a robot."""
+    return robot_colour if mark.colour is None else hexadecimal(mark.colour)
 
 
 def plot(
-    axes: Axes, name: str, x: float, y: float, own: str, *, size: float, fill: str = "", zorder: float = 5.0
+    axes: Axes,
+    name: str,
+    x: float,
+    y: float,
+    robot_colour: str,
+    *,
+    size: float,
+    fill: str = "",
+    zorder: float = 5.0,
 ) -> None:
-    """Draw a mark at a point; `own`: the robot's colour; `fill`: overrides the fill of the shape."""
-    axes.plot(x, y, ls="", zorder=zorder, **_look(MARKS[name], own, size, fill))
+    """Draw a mark at a point; `robot_colour`: the robot's colour; `fill`: overrides the fill of the shape."""
+    axes.plot(x, y, ls="", zorder=zorder, **_line_style(MARKS[name], robot_colour, size, fill))
 
 
-def sample(name: str) -> Artist:
+def legend_entry(name: str) -> Artist:
     """Return the legend entry of a mark."""
     mark = MARKS[name]
     colour = colour_of(mark)
@@ -141,12 +151,12 @@ def sample(name: str) -> Artist:
             return Line2D([], [], color=colour, lw=1.2, ls=":", label=mark.meaning)
     size = {"soft ring": 11.0, "square": 4.0, "tick": 9.0, "heavy cross": 9.0, "snowflake": 9.0}
     fill = "#9a9fa8" if name == "done" else ""
-    look = _look(mark, style.INK, size.get(mark.shape, 6.0), fill)
-    return Line2D([], [], ls="", label=mark.meaning, **look)
+    line_style = _line_style(mark, style.INK, size.get(mark.shape, 6.0), fill)
+    return Line2D([], [], ls="", label=mark.meaning, **line_style)
 
 
-def _look(mark: Mark, own: str, size: float, fill: str) -> dict[str, Any]:
-    colour = colour_of(mark, own)
+def _line_style(mark: Mark, robot_colour: str, size: float, fill: str) -> dict[str, Any]:
+    colour = colour_of(mark, robot_colour)
     middle = fill or ("w" if mark.shape in _UNFILLED else colour)
     if mark.shape == "soft ring":
         middle = colour + _SOFT
@@ -156,33 +166,33 @@ def _look(mark: Mark, own: str, size: float, fill: str) -> dict[str, Any]:
 
 
 _ZORDER: Final = 3.5
-_WORDS: Final = {"closed door": "closed"}
+_SHORT_NAMES: Final = {"closed door": "closed"}
 """Shorter labels of kinds."""
 
 
-def draw(axes: Axes, put: Sequence[FloorInterval]) -> list[PointLabel]:
+def draw_objects(axes: Axes, intervals: Sequence[FloorInterval]) -> list[PointLabel]:
     """Draw floor objects; return their labels with kind and interval."""
-    for one in put:
-        artist(axes, one.object)
-    return [_label(one) for one in put]
+    for one in intervals:
+        draw_object(axes, one.object)
+    return [_label(one) for one in intervals]
 
 
-def artist(axes: Axes, thing: FloorObject) -> Line2D | Patch:
+def draw_object(axes: Axes, item: FloorObject) -> Line2D | Patch:
     """Draw one floor object."""
-    colour = colour_of(MARKS[thing.kind])
-    if thing.is_round:
-        dashed = MARKS[thing.kind].shape == "dashed ring"
-        look = {"fill": False, "ls": "--", "lw": 1.2} if dashed else {"alpha": 0.85}
-        circle = Circle(thing.points[0], thing.radius, color=colour, zorder=_ZORDER, **look)
+    colour = colour_of(MARKS[item.kind])
+    if item.is_round:
+        dashed = MARKS[item.kind].shape == "dashed ring"
+        line_style = {"fill": False, "ls": "--", "lw": 1.2} if dashed else {"alpha": 0.85}
+        circle = Circle(item.points[0], item.radius, color=colour, zorder=_ZORDER, **line_style)
         axes.add_patch(circle)
         return circle
-    (line,) = axes.plot(*zip(*thing.points, strict=True), color=colour, lw=3.0, zorder=_ZORDER)
+    (line,) = axes.plot(*zip(*item.points, strict=True), color=colour, lw=3.0, zorder=_ZORDER)
     return line
 
 
 def _label(one: FloorInterval) -> PointLabel:
-    thing = one.object
-    x, y = (math.fsum(axis) / len(thing.points) for axis in zip(*thing.points, strict=True))
-    lasted = f"{one.begin:.0f} to {one.end:.0f} s"
-    colour = colour_of(MARKS[thing.kind])
-    return PointLabel(f"{_WORDS.get(thing.kind, thing.kind)} {lasted}", x, y, colour, 5.0, 7.0)
+    item = one.object
+    x, y = (math.fsum(axis) / len(item.points) for axis in zip(*item.points, strict=True))
+    interval = f"{one.begin:.0f} to {one.end:.0f} s"
+    colour = colour_of(MARKS[item.kind])
+    return PointLabel(f"{_SHORT_NAMES.get(item.kind, item.kind)} {interval}", x, y, colour, 5.0, 7.0)

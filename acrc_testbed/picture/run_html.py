@@ -40,39 +40,39 @@ def html(run: RunData, drawn: bytes) -> str:
 
 def sections(run: RunData, drawn: bytes) -> list[PageSection]:
     """Return the sections about a run that have any content."""
-    doing = cause_intervals(run)
-    every = [
-        PageSection("Result", list(_words(run))),
+    intervals = cause_intervals(run)
+    candidates = [
+        PageSection("Result", list(_result_sentences(run))),
         PageSection("Overview", picture=PagePicture(drawn, _ALT, _CAPTION)),
-        PageSection("Time of each robot", tables=[_deeds(run, doing)]),
-        PageSection("Blocked robots", tables=[_meetings(doing)]),
-        PageSection("Events and orders", tables=[_put(run, doing)]),
-        PageSection("Decisions", tables=[_decided(run)]),
-        PageSection("Places", tables=[_places(run.outcomes)]),
-        PageSection("Radio", tables=[_radio(run)]),
-        PageSection("Reproduction", list(_origin(run))),
+        PageSection("Time of each robot", tables=[_time_table(run, intervals)]),
+        PageSection("Blocked robots", tables=[_blocked_table(intervals)]),
+        PageSection("Events and orders", tables=[_event_table(run, intervals)]),
+        PageSection("Decisions", tables=[_decision_table(run)]),
+        PageSection("Places", tables=[_place_table(run.outcomes)]),
+        PageSection("Radio", tables=[_radio_table(run)]),
+        PageSection("Reproduction", list(_reproduction_sentences(run))),
     ]
-    return [one for one in every if not one.is_empty]
+    return [one for one in candidates if not one.is_empty]
 
 
-def _words(run: RunData) -> Iterator[str]:
+def _result_sentences(run: RunData) -> Iterator[str]:
     if run.result is None:
-        how = "is still running" if is_running(run.out) else "was cut off"
-        yield f"The run {how}; this page shows its first {run.end:g} simulated s."
+        state = "is still running" if is_running(run.out) else "was cut off"
+        yield f"The run {state}; this page shows its first {run.end:g} simulated s."
     else:
         yield from summary.result_sentences(run.result)
 
 
-def _deeds(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:
+def _time_table(run: RunData, intervals: Sequence[CauseInterval]) -> PageTable:
     """Return seconds by cause, and numbers of places, per robot."""
-    lasted: defaultdict[tuple[str, Cause], float] = defaultdict(float)
-    for one in doing:
-        lasted[one.robot, one.cause] += one.end - one.begin
-    kinds = [kind for kind in Cause if any(lasted[robot, kind] for robot in run.robots)]
+    durations: defaultdict[tuple[str, Cause], float] = defaultdict(float)
+    for one in intervals:
+        durations[one.robot, one.cause] += one.end - one.begin
+    kinds = [kind for kind in Cause if any(durations[robot, kind] for robot in run.robots)]
     rows = [
         [
             robot,
-            *(f"{lasted[robot, kind]:.1f}" for kind in kinds),
+            *(f"{durations[robot, kind]:.1f}" for kind in kinds),
             *(
                 str(sum(event.robot == robot for event in events))
                 for events in (run.reported, run.taken_over, run.given_up)
@@ -84,37 +84,37 @@ def _deeds(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:
     return _table("Seconds by cause, and numbers of places, per robot.", columns, rows, 1)
 
 
-def _meetings(doing: Sequence[CauseInterval]) -> PageTable:
+def _blocked_table(intervals: Sequence[CauseInterval]) -> PageTable:
     rows = [
         [f"{x:.2f}", f"{y:.2f}", f"{lasted:.1f}"]
-        for x, y, lasted in sorted(floor_picture.blocked_positions(doing), key=lambda one: -one[2])
+        for x, y, lasted in sorted(floor_picture.blocked_positions(intervals), key=lambda one: -one[2])
     ]
     return _table("Positions where robots waited for others, with total duration.",
                   ["x, m", "y, m", "duration, s"], rows, 0)  # fmt: skip
 
 
-def _put(run: RunData, doing: Sequence[CauseInterval]) -> PageTable:
+def _event_table(run: RunData, intervals: Sequence[CauseInterval]) -> PageTable:
     """Return the orders, and the intervals of frozen and stopped robots."""
-    stopped = [one for one in doing if one.cause in (Cause.FROZEN, Cause.OFF)]
-    told = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
-    told += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
-    rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(told)]
+    stopped = [one for one in intervals if one.cause in (Cause.FROZEN, Cause.OFF)]
+    events = [(one.second, one.robot, one.words) for one in ordered_changes(run)]
+    events += [(one.begin, one.robot, f"is {one.cause.value} until {one.end:g} s") for one in stopped]
+    rows = [[f"{second:.1f}", robot, words] for second, robot, words in sorted(events)]
     return _table("Events and orders.", ["time, s", "robot", "event"], rows, -1, numbers=(0,))
 
 
-def _decided(run: RunData) -> PageTable:
+def _decision_table(run: RunData) -> PageTable:
     """Return the decisions in the robots' final records."""
-    made = [(one, robot) for robot, report in run.reports.items() for one in report.decisions]
+    decisions = [(one, robot) for robot, report in run.reports.items() for one in report.decisions]
     rows = [
         [f"{in_seconds(one.instant):.1f}", robot, one.words, one.by, one.source, f"{one.age / 1e6:.2f}"]
-        for one, robot in sorted(made, key=lambda pair: (pair[0].instant, pair[1]))
+        for one, robot in sorted(decisions, key=lambda pair: (pair[0].instant, pair[1]))
     ]
     columns = ["time, s", "robot", "decision", "by", "knowledge of", "age, s"]
     caption = "Decisions of the adaptation. For their causes, run `acrc explain OUT ROBOT@S`."
     return _table(caption, columns, rows, -1, numbers=(0, 5))
 
 
-def _places(places: Sequence[PlaceOutcome]) -> PageTable:
+def _place_table(places: Sequence[PlaceOutcome]) -> PageTable:
     def second(instant: int | None) -> str:
         return "" if instant is None else f"{instant / 1e6:.1f}"
 
@@ -129,13 +129,13 @@ def _places(places: Sequence[PlaceOutcome]) -> PageTable:
     return _table("All places.", columns, rows, -1, numbers=(1, 2, 5, 6))
 
 
-def _radio(run: RunData) -> PageTable:
+def _radio_table(run: RunData) -> PageTable:
     counts = {} if run.result is None else run.result.frames
     rows = [[name.replace("_", " "), str(count)] for name, count in counts.items() if count]
     return _table("Outcomes of frames, and of each frame at each other robot.", ["", "count"], rows, 1)
 
 
-def _origin(run: RunData) -> Iterator[str]:
+def _reproduction_sentences(run: RunData) -> Iterator[str]:
     result = run.result
     if result is None:
         return

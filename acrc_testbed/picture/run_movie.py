@@ -62,7 +62,7 @@ def write(run: RunData, path: Path, speed: float) -> None:
         pictures = (scene.picture(step) for step in instants(run, speed))
         with regular_file.atomic_replacement(path) as part:
             if path.suffix == _GIF:
-                _write_gif(pictures, part, scene.all_at_once())
+                _write_gif(pictures, part, scene.draw_all())
             else:
                 _write_mp4(pictures, part, path)
 
@@ -78,20 +78,22 @@ def _write_gif(pictures: Iterator[Pixels], path: Path, colours: Pixels) -> None:
 def _write_mp4(pictures: Iterator[Pixels], part: Path, path: Path) -> None:
     """Write an MP4 to `part`, later renamed to `path`. Raises MovieError with ffmpeg's output."""
     first = next(pictures)
-    high, wide = (side // 2 * 2 for side in first.shape[:2])  # the codec requires even sides
-    words = [
+    height, width = (side // 2 * 2 for side in first.shape[:2])  # the codec requires even sides
+    command = [
         *("ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"),
-        *("-s", f"{wide}x{high}", "-r", str(_FRAMES_PER_S), "-i", "-", "-pix_fmt", "yuv420p", str(part)),
+        *("-s", f"{width}x{height}", "-r", str(_FRAMES_PER_S), "-i", "-", "-pix_fmt", "yuv420p", str(part)),
     ]
-    with tempfile.TemporaryFile() as said:
-        with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=said) as ffmpeg:
+    with tempfile.TemporaryFile() as messages:
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=messages) as ffmpeg:
             assert ffmpeg.stdin is not None
             with contextlib.suppress(BrokenPipeError):
                 for one in itertools.chain([first], pictures):
-                    ffmpeg.stdin.write(np.ascontiguousarray(one[:high, :wide]).tobytes())
+                    ffmpeg.stdin.write(np.ascontiguousarray(one[:height, :width]).tobytes())
         if ffmpeg.returncode:
-            said.seek(0)
-            raise MovieError(f"--movie {path}: ffmpeg failed: {said.read().decode(errors='replace').strip()}")
+            messages.seek(0)
+            raise MovieError(
+                f"--movie {path}: ffmpeg failed: {messages.read().decode(errors='replace').strip()}"
+            )
 
 
 def instants(run: RunData, speed: float) -> Iterator[int]:
@@ -103,7 +105,7 @@ def instants(run: RunData, speed: float) -> Iterator[int]:
 
 
 @dataclass(frozen=True)
-class _Body:
+class _DrawnRobot:
     """Moving artists of one robot."""
 
     disc: Circle
@@ -128,21 +130,23 @@ class _Scene:
         floor_picture.draw_floor(axes, run.grid)
         doors = floor_picture.draw_doors(axes, run)
         self._few = few = glyphs.is_small_swarm(run.robots)
-        self._begins = {
+        self._added_at = {
             PlaceKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
         }
         """Times of places that were added during the run, s."""
         self._places = {
-            (key := PlaceKey(one.owner, one.place)): _place(
-                axes, run, one, few=few, given=key in self._begins
+            (key := PlaceKey(one.owner, one.place)): _draw_place(
+                axes, run, one, few=few, given=key in self._added_at
             )
             for one in run.outcomes
         }
-        self._put = [(one, marks.artist(axes, one.object)) for one in floor_intervals(run.floor, run.end)]
-        self._bodies = [_body(axes, index, few=few) for index, _ in enumerate(run.robots)]
-        kinds = {"open", "done", *(one.object.kind for one, _ in self._put)}
-        told = (("door", doors), ("given", bool(self._begins)), ("given up", bool(run.given_up)))
-        kinds |= {kind for kind, there in told if there}
+        self._objects = [
+            (one, marks.draw_object(axes, one.object)) for one in floor_intervals(run.floor, run.end)
+        ]
+        self._robots = [_draw_robot(axes, index, few=few) for index, _ in enumerate(run.robots)]
+        kinds = {"open", "done", *(one.object.kind for one, _ in self._objects)}
+        optional = (("door", doors), ("given", bool(self._added_at)), ("given up", bool(run.given_up)))
+        kinds |= {kind for kind, present in optional if present}
         self._figure.legend(
             handles=floor_picture.legend(kinds),
             loc="outside lower center",
@@ -152,10 +156,10 @@ class _Scene:
         )
         self._title = axes.set_title("0 s", loc="left", fontweight="bold", fontsize=10)
         self._done: set[PlaceKey] = set()
-        self._next = self._lost = 0
-        moving = [artist for body in self._bodies for artist in body.artists]
-        things = [artist for _, artist in self._put]
-        self._changing: list[Artist] = [*things, *self._places.values(), *moving, self._title]
+        self._next_report = self._next_given_up = 0
+        moving = [artist for robot in self._robots for artist in robot.artists]
+        objects = [artist for _, artist in self._objects]
+        self._changing: list[Artist] = [*objects, *self._places.values(), *moving, self._title]
         for artist in self._changing:
             artist.set_animated(True)
         self._canvas = cast(Any, self._figure.canvas)  # its methods have no types
@@ -166,15 +170,15 @@ class _Scene:
     def picture(self, step: int) -> Pixels:
         """Return the picture of a step; steps must not decrease."""
         self._show(step)
-        return self._drawn()
+        return self._rendered()
 
-    def all_at_once(self) -> Pixels:
+    def draw_all(self) -> Pixels:
         """Return a picture of all artists, for the palette."""
         for artist in self._changing:
             artist.set_visible(True)
-        return self._drawn()
+        return self._rendered()
 
-    def _drawn(self) -> Pixels:
+    def _rendered(self) -> Pixels:
         self._canvas.restore_region(self._floor)
         for artist in self._changing:
             self._axes.draw_artist(artist)
@@ -183,26 +187,26 @@ class _Scene:
     def _show(self, step: int) -> None:
         """Update the artists for a step; steps must not decrease."""
         run, now = self._run, float(self._run.seconds[step])
-        while self._next < len(run.reported) and run.reported[self._next].second <= now:
-            event = run.reported[self._next]
-            self._next += 1
+        while self._next_report < len(run.reported) and run.reported[self._next_report].second <= now:
+            event = run.reported[self._next_report]
+            self._next_report += 1
             self._done.add(event.place)
             if event.place in self._places and event.robot in run.robots:
                 self._places[event.place].set_markerfacecolor(style.colour(run.robots.index(event.robot)))
-        while self._lost < len(run.given_up) and run.given_up[self._lost].second <= now:
-            place = self._places.get(run.given_up[self._lost].place)
+        while self._next_given_up < len(run.given_up) and run.given_up[self._next_given_up].second <= now:
+            place = self._places.get(run.given_up[self._next_given_up].place)
             if place is not None:
                 place.set_marker("x")
-            self._lost += 1
+            self._next_given_up += 1
         for key, place in self._places.items():
-            place.set_visible(self._begins.get(key, 0.0) <= now)
-        for span, thing in self._put:
-            thing.set_visible(span.begin <= now < span.end)
+            place.set_visible(self._added_at.get(key, 0.0) <= now)
+        for interval, artist in self._objects:
+            artist.set_visible(interval.begin <= now < interval.end)
         first = int(np.searchsorted(run.seconds, now - _TRAIL_S))
-        for index, body in enumerate(self._bodies):
+        for index, robot in enumerate(self._robots):
             state = "off" if not run.powered[step, index] else "" if run.stepping[step, index] else "frozen"
-            body.name.set_text(f"{run.robots[index]} {state}" if state or self._few else "")
-            _move(body, run.true[first : step + 1, index], alive=not state)
+            robot.name.set_text(f"{run.robots[index]} {state}" if state or self._few else "")
+            _move(robot, run.true[first : step + 1, index], alive=not state)
         self._title.set_text(f"{now:.0f} s   {len(self._done)} of {len(run.outcomes)} places cleaned")
 
 
@@ -212,14 +216,14 @@ def _size(run: RunData) -> tuple[float, float]:
     return 10.0, min(max(10.0 * height / width + 1.4, 3.6), 10.6)
 
 
-def _place(axes: Axes, run: RunData, place: PlaceOutcome, *, few: bool, given: bool) -> Line2D:
+def _draw_place(axes: Axes, run: RunData, place: PlaceOutcome, *, few: bool, given: bool) -> Line2D:
     edge = style.colour(run.robots.index(place.owner)) if place.owner in run.robots else style.INK
     size = 4.6 if few else 2.6
     marks.plot(axes, "given" if given else "open", place.x, place.y, edge, size=size, zorder=3)
     return axes.lines[-1]
 
 
-def _body(axes: Axes, index: int, *, few: bool) -> _Body:
+def _draw_robot(axes: Axes, index: int, *, few: bool) -> _DrawnRobot:
     colour = style.colour(index)
     disc = Circle((0.0, 0.0), glyphs.RADIUS, color=colour, zorder=6)
     axes.add_patch(disc)
@@ -227,10 +231,10 @@ def _body(axes: Axes, index: int, *, few: bool) -> _Body:
     trail = LineCollection([], colors=[colour], linewidths=1.2, zorder=4)
     axes.add_collection(trail)
     label = axes.text(0.0, 0.0, "", color=colour, fontweight="bold", fontsize=8.5 if few else 6.0, zorder=9)
-    return _Body(disc, nose, trail, label)
+    return _DrawnRobot(disc, nose, trail, label)
 
 
-def _move(body: _Body, path: Floats, *, alive: bool) -> None:
+def _move(body: _DrawnRobot, path: Floats, *, alive: bool) -> None:
     """Move a robot along its poses `path`, (steps, 3), newest last."""
     x, y, heading = path[-1].tolist()
     reach = glyphs.RADIUS

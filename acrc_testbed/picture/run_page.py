@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from acrc_testbed.explanation.time_accounting import CauseInterval, cause_intervals
 from acrc_testbed.explanation.time_spent import Cause
@@ -23,20 +24,20 @@ from actors.observer.glyphs import CAUSE_GLYPHS, MARKS, PUT, WHITE, StateGlyph, 
 
 _HALF: Final = 0.38
 """Half the height of a lane; lanes are one unit apart."""
-_WELL: Final = frozenset({Cause.DRIVING, Cause.IDLE})
+_PRODUCTIVE: Final = frozenset({Cause.DRIVING, Cause.IDLE})
 _ORDERED: Final = "event or order"
 
 
-def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, legend: bool) -> None:
+def draw_lanes(axes: Axes, run: RunData, intervals: Sequence[CauseInterval], *, legend: bool) -> None:
     """Draw one lane per robot.
 
     Ticks: cleaned places, in the owner's colour; triangles: adoptions; dashed lines: orders.
     """
     few = glyphs.is_small_swarm(run.robots)
-    rows = {robot: row for row, robot in enumerate(lane_order(run, doing))}
-    for one in doing:
+    rows = {robot: row for row, robot in enumerate(lane_order(run, intervals))}
+    for one in intervals:
         extent = [(one.begin, one.end - one.begin)], (rows[one.robot] - _HALF, 2 * _HALF)
-        axes.broken_barh(*extent, **look_of(CAUSE_GLYPHS[one.cause.value]))
+        axes.broken_barh(*extent, **state_style(CAUSE_GLYPHS[one.cause.value]))
     for event in run.reported:
         _mark(axes, run, event, rows, "cleaned", 0.0, 9.0 if few else 3.0)
     for event in run.taken_over:
@@ -51,26 +52,26 @@ def draw_lanes(axes: Axes, run: RunData, doing: Sequence[CauseInterval], *, lege
     axes.set_xlim(0.0, run.end)
     if legend:
         axes.legend(
-            handles=lane_legend([run], doing), ncols=5, fontsize=7, frameon=False, handlelength=1.6,
-            columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
+            handles=lane_legend([run], intervals), ncols=4, fontsize=7, frameon=False, handlelength=1.8,
+            handleheight=1.1, columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
         )  # fmt: skip
 
 
-def lane_order(run: RunData, doing: Sequence[CauseInterval]) -> list[str]:
+def lane_order(run: RunData, intervals: Sequence[CauseInterval]) -> list[str]:
     """Return the robots from top to bottom: few in scenario order, many by lost time, longest first."""
     if glyphs.is_small_swarm(run.robots):
         return list(run.robots)
-    kept: defaultdict[str, float] = defaultdict(float)
-    for one in doing:
-        kept[one.robot] += 0.0 if one.cause in _WELL else one.end - one.begin
-    return sorted(run.robots, key=lambda robot: -kept[robot])
+    lost_time: defaultdict[str, float] = defaultdict(float)
+    for one in intervals:
+        lost_time[one.robot] += 0.0 if one.cause in _PRODUCTIVE else one.end - one.begin
+    return sorted(run.robots, key=lambda robot: -lost_time[robot])
 
 
-def lane_legend(runs: Sequence[RunData], doing: Sequence[CauseInterval]) -> list[Artist]:
+def lane_legend(runs: Sequence[RunData], intervals: Sequence[CauseInterval]) -> list[Artist]:
     """Return legend entries for the colours and marks used."""
-    seen = {one.cause.value for one in doing}
+    seen = {one.cause.value for one in intervals}
     states = [(word, glyph) for word, glyph in CAUSE_GLYPHS.items() if word in seen]
-    kinds: list[Artist] = [Patch(label=word, **look_of(glyph)) for word, glyph in states]
+    kinds: list[Artist] = [Patch(label=word, **state_style(glyph)) for word, glyph in states]
     used = [
         name
         for name, events in (
@@ -78,17 +79,17 @@ def lane_legend(runs: Sequence[RunData], doing: Sequence[CauseInterval]) -> list
         )
         if any(events)
     ]  # fmt: skip
-    kinds += [marks.sample(name) for name in used]
+    kinds += [marks.legend_entry(name) for name in used]
     if any(ordered_changes(run) for run in runs):
         kinds.append(Line2D([], [], color=hexadecimal(PUT), ls="--", lw=0.8, label=_ORDERED))
     return kinds
 
 
-def look_of(glyph: StateGlyph) -> dict[str, Any]:
+def state_style(glyph: StateGlyph) -> dict[str, Any]:
     """Return the colour, and a hatch with enough contrast to it."""
-    ink = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
+    hatch_colour = "#ffffff" if contrast(glyph.colour, WHITE) > 3.0 else style.INK
     colour = hexadecimal(glyph.colour)
-    edge = ink if glyph.hatch else colour
+    edge = hatch_colour if glyph.hatch else colour
     return {"facecolor": colour, "edgecolor": edge, "hatch": glyph.hatch, "lw": 0}
 
 
@@ -104,34 +105,34 @@ def _mark(
 
 def draw(run: RunData) -> Figure:
     """Draw the page of a run."""
-    doing = cause_intervals(run)
-    tall = 0.24 * min(max(len(run.robots), 4), 50)
+    intervals = cause_intervals(run)
+    lanes_height = 0.24 * min(max(len(run.robots), 4), 50)
     below_radio = [1.2] * run.description.has_batteries
-    figure = style.new_figure(11.0, 7.0 + tall + sum(below_radio))
-    heights = [5.0, tall + 0.5, 1.5, *below_radio]
+    figure = style.new_figure(11.0, 7.0 + lanes_height + sum(below_radio))
+    heights = [5.0, lanes_height + 0.5, 1.5, *below_radio]
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights, width_ratios=[3, 1])
     floor = figure.add_subplot(grid[0, :])
     floor_picture.draw_floor(floor, run.grid)
-    drawn = floor_picture.draw_run(floor, run, doing)
+    drawn = floor_picture.draw_run(floor, run, intervals)
     floor.set_title(style.title(run), loc="left", fontweight="bold", fontsize=10)
     floor.legend(
         handles=floor_picture.legend(drawn.kinds),
         loc="upper left",
-        bbox_to_anchor=(0.0, -0.09),
+        bbox_to_anchor=(0.0, -0.1),
         ncols=3,
         fontsize=7,
         frameon=False,
     )
     below = figure.add_subplot(grid[1, 0])
-    draw_lanes(below, run, doing, legend=True)
+    draw_lanes(below, run, intervals, legend=True)
     below.tick_params(labelbottom=False)
     radio = figure.add_subplot(grid[2, 0], sharex=below)
     _draw_radio(radio, run)
     if below_radio:
         _draw_charges(figure.add_subplot(grid[3, 0], sharex=below), run)
     draw_progress(figure.add_subplot(grid[1:, 1] if glyphs.is_small_swarm(run.robots) else grid[2, 1]), run)
-    marks.settle(figure)
-    marks.place(floor, drawn.labels, drawn.taken)
+    marks.fix_layout(figure)
+    marks.place_labels(floor, drawn.labels, drawn.taken)
     return figure
 
 
@@ -148,11 +149,10 @@ def draw_progress(axes: Axes, run: RunData) -> None:
         robot: sorted(event.second for event in first.values() if event.robot == robot)
         for robot in run.robots
     }
-    if glyphs.is_small_swarm(run.robots):
-        for index, (robot, done) in enumerate(by_robot.items()):
-            ends = [*range(len(done) + 1), len(done)]
-            look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2, "label": robot}
-            axes.step([0.0, *done, run.end], ends, **look)
+    if glyphs.is_small_swarm(run.robots):  # colours as in the lanes
+        for index, done in enumerate(by_robot.values()):
+            look: dict[str, Any] = {"where": "post", "color": style.colour(index), "lw": 1.2}
+            axes.step([0.0, *done, run.end], [*range(len(done) + 1), len(done)], **look)
     else:
         at = np.linspace(0.0, run.end, 201)
         counts = np.array([np.searchsorted(done, at, side="right") for done in by_robot.values()])
@@ -161,11 +161,13 @@ def draw_progress(axes: Axes, run: RunData) -> None:
             at, low, high, step="post", color=style.INK, alpha=0.2, lw=0, label="10 to 90 % of robots"
         )
         axes.step(at, counts.mean(axis=0), where="post", color=style.INK, lw=1.4, label="mean per robot")
-    axes.legend(fontsize=7, frameon=False, loc="upper left")
+        axes.legend(fontsize=7, frameon=False, loc="upper left")
     axes.set_xlim(0.0, run.end)
     axes.set_ylim(0, max(3.0, axes.get_ylim()[1]))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_title(f"places cleaned: {len(first)} of {len(run.outcomes)}", loc="left", fontsize=8.5)
+    axes.set_title(
+        f"places cleaned by each robot: {len(first)} of {len(run.outcomes)}", loc="left", fontsize=8.5
+    )
     axes.set_xlabel("simulated time, s")
     axes.grid(alpha=0.25, lw=0.5)
 
@@ -202,35 +204,41 @@ def _draw_charges(axes: Axes, run: RunData) -> None:
 
 
 _MARGIN: Final = 1.5
-"""Margin around trails and places, m."""
+"""Margin around trails and places, and the widest strip of floor that is not cut off beyond it, m."""
+_COLUMN: Final = 4.0
+"""Width of a floor, inches."""
 
 
 def draw_several(runs: Sequence[RunData]) -> Figure:
     """Draw runs side by side, one column each with floor and lanes."""
-    figure = style.new_figure(4.6 * len(runs), 6.6)
-    grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
+    views = [_view(run) for run in runs]
+    tall = _COLUMN * min(1.0, max((high[1] - low[1]) / (high[0] - low[0]) for low, high in views))
+    figure = style.new_figure((_COLUMN + 0.6) * len(runs), tall + 3.1)
+    grid = figure.add_gridspec(2, len(runs), height_ratios=[tall, 1.0])
     end = max(run.end for run in runs)
-    done = [cause_intervals(run) for run in runs]
+    intervals_by_run = [cause_intervals(run) for run in runs]
     floors: list[tuple[Axes, DrawnRun]] = []
-    for column, (run, doing) in enumerate(zip(runs, done, strict=True)):
+    for column, (run, intervals, (low, high)) in enumerate(zip(runs, intervals_by_run, views, strict=True)):
         axes = figure.add_subplot(grid[0, column])
-        floors.append((axes, _draw_part(axes, run, doing)))
+        floor_picture.draw_floor(axes, run.grid)
+        floors.append((axes, floor_picture.draw_run(axes, run, intervals)))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set_title(style.short_title(run), loc="left", fontweight="bold", fontsize=10)
         below = figure.add_subplot(grid[1, column])
-        draw_lanes(below, run, doing, legend=False)
+        draw_lanes(below, run, intervals, legend=False)
         below.set_xlim(0.0, end)
         below.tick_params(labelbottom=True)
         below.set_xlabel("simulated time, s")
     figure.legend(
         handles=[
-            *lane_legend(runs, [one for doing in done for one in doing]),
+            *lane_legend(runs, [one for intervals in intervals_by_run for one in intervals]),
             *floor_picture.legend({kind for _, drawn in floors for kind in drawn.kinds}),
         ],
         loc="outside lower center", ncols=3, fontsize=7, frameon=False,
     )  # fmt: skip
-    marks.settle(figure)
+    marks.fix_layout(figure)
     for axes, drawn in floors:
-        marks.place(axes, drawn.labels, drawn.taken)
+        marks.place_labels(axes, drawn.labels, drawn.taken)
     return figure
 
 
@@ -240,14 +248,11 @@ def write_several(runs: Sequence[RunData], path: Path) -> None:
         style.save(draw_several(runs), path)
 
 
-def _draw_part(axes: Axes, run: RunData, doing: Sequence[CauseInterval]) -> DrawnRun:
-    """Draw the part of the floor with trails and places."""
-    floor_picture.draw_floor(axes, run.grid)
-    drawn = floor_picture.draw_run(axes, run, doing)
+def _view(run: RunData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the south-west and north-east corners of the part of the floor to show, m, each (2,)."""
     points = np.concatenate(
         [run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.outcomes]]
     )
-    (west, south), (east, north) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
-    axes.set_xlim(max(west, run.grid.origin.x), min(east, run.grid.corner.x))
-    axes.set_ylim(max(south, run.grid.origin.y), min(north, run.grid.corner.y))
-    return drawn
+    grid, low, high = run.grid, points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    first, last = (np.array([corner.x, corner.y]) for corner in (grid.origin, grid.corner))
+    return np.where(low - first < _MARGIN, first, low), np.where(last - high < _MARGIN, last, high)

@@ -97,14 +97,15 @@ def short_title(run: RunData) -> str:
         return recorded_span(run.out, run.end)
     strategy = run.result.origin.strategy or "a strategy"
     done = f"{run.result.places_done} of {run.result.places_total} places"
-    return f"{strategy}: {done} in {run.result.simulated_s:g} s"
+    lasted = run.result.completion_s or run.result.simulated_s
+    return f"{strategy}: {done} in {lasted:g} s"
 
 
 Axes = axes.Axes
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, inches; draw it while LOOK is applied."""
+    """Return an empty figure, inches; draw it within `context(LOOK)`."""
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -114,19 +115,19 @@ def svg(figure: Figure) -> bytes:
     """Return the figure as an SVG with light and dark colour schemes."""
     file = BytesIO()
     figure.savefig(file, format="svg", metadata={"Date": None})
-    drawn = file.getvalue()
-    return with_dark_mode(drawn, _dark(drawn), _DARK_RASTER)
+    content = file.getvalue()
+    return with_dark_mode(content, _dark_colours(content), _DARK_RASTER)
 
 
-def _dark(drawn: bytes) -> dict[str, str]:
+def _dark_colours(svg: bytes) -> dict[str, str]:
     """Return replacements for the colours of a drawing that lack contrast on a dark background."""
-    used = {found.decode() for found in re.findall(rb"(?:fill|stroke): (#[0-9a-f]{6})", drawn)}
-    seen = {one: glyphs.hexadecimal(_seen(one)) for one in sorted(used)}
-    exchanged = {FLOOR: glyphs.hexadecimal(_DARK_GROUND), INK: "#e6e8eb"}
-    return {one: exchanged.get(one, dark) for one, dark in seen.items() if dark != one or one in exchanged}
+    used = {found.decode() for found in re.findall(rb"(?:fill|stroke): (#[0-9a-f]{6})", svg)}
+    lightened = {one: glyphs.hexadecimal(_lightened(one)) for one in sorted(used)}
+    fixed = {FLOOR: glyphs.hexadecimal(_DARK_GROUND), INK: "#e6e8eb"}
+    return {one: fixed.get(one, dark) for one, dark in lightened.items() if dark != one or one in fixed}
 
 
-def _seen(colour: str) -> Colour:
+def _lightened(colour: str) -> Colour:
     """Return the colour, lightened if necessary for contrast to the dark background."""
     red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
     lighter = (glyphs.faded((red, green, blue), 1 - part / 20, glyphs.WHITE) for part in range(20))

@@ -229,7 +229,7 @@ def read_logs(
     if out.is_file():
         raise TopicError(f"{out}: a recording has no log; give a run's folder")
     names = [key.removesuffix(_LOG) for key in keys]
-    check_names(names, logged_robots(out), str(out))
+    check_names(names, logged_robots(out) or [*recording_files(out)], str(out))
     tail, now = LogTail(out, names), dict[str, float]()
     while follow and not has_ended(out):
         yield from _lines_within(tail.poll(), now, begin, end)
@@ -301,7 +301,7 @@ def statistics_sentences(figures: dict[str, Any]) -> list[str]:
         )
     return [
         f"{figures['key']}  {figures['type']}: {', '.join(figures['fields'])}",
-        f"  {figures['messages']} messages from {figures['first_s']:g} to {figures['last_s']:g} s{rate}",
+        f"  messages: {figures['messages']}, from {figures['first_s']:g} to {figures['last_s']:g} s{rate}",
         f"  {figures['bytes']} B, {figures['bytes'] / figures['messages']:.0f} B each on average, "
         f"{figures['smallest']} to {figures['largest']} B, {figures['bytes_per_s']:.0f} B/s",
     ]

@@ -3,6 +3,7 @@
 import bdb
 import importlib.util
 import os
+import pkgutil
 import subprocess
 import sys
 import tempfile
@@ -26,7 +27,7 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.loading import RecordedModules, expect_hashes, set_folders
 from actors.robot.program import actor_process_of
 from actors.runtime import failure
-from actors.runtime.captured_output import CapturedOutput
+from actors.runtime.captured_output import CapturedOutput, discarded_output
 from actors.runtime.core import Core, Inputs, Output
 from actors.runtime.debugger import UserPdb
 from actors.runtime.errors import AcrcError
@@ -45,30 +46,19 @@ class ReplayStoppedError(Exception):
     """End of a replay: its time window is over, or the user quit the debugger."""
 
 
-@dataclass(frozen=True)
-class TimeWindow:
-    """An interval of simulated time."""
-
-    begin_s: float = 0.0
-    end_s: float | None = None
-    """None: to the end."""
-
-
-def limit_replay(core: Core, step_us: int, window: TimeWindow, stop: Callable[[], None] | None) -> None:
-    """Call `stop` before the first step of the window, and raise ReplayStoppedError after the last one."""
-    advance = core.advance
-    begin, stopped = seconds(window.begin_s), stop is None
-    end = None if window.end_s is None else seconds(window.end_s)
+def limit_replay(
+    core: Core, step_us: int, begin_s: float, end_s: float | None, stops: list[Callable[[], None]]
+) -> None:
+    """Pop and call the last of `stops` at `begin_s`; raise ReplayStoppedError after `end_s`."""
+    advance, begin = core.advance, seconds(begin_s)
+    end = None if end_s is None else seconds(end_s)
 
     def limited_advance(inputs: Inputs) -> Sequence[Output]:
-        nonlocal stopped
         instant = Instant(core.step * step_us)
         if end is not None and instant > end:
             raise ReplayStoppedError
-        if not stopped and instant >= begin:
-            stopped = True
-            assert stop is not None
-            stop()
+        if stops and instant >= begin:
+            stops.pop()()
         try:
             return advance(inputs)
         except bdb.BdbQuit:
@@ -79,7 +69,19 @@ def limit_replay(core: Core, step_us: int, window: TimeWindow, stop: Callable[[]
 
 def pdb_breakpoint(*, own: bool) -> Callable[[], None]:
     """Return a call that stops pdb at the next line of the user's code; `own`: as in `UserPdb`."""
-    return UserPdb(own=own).set_trace
+    return _ReplayPdb(own=own).set_trace
+
+
+class _ReplayPdb(UserPdb):
+    """A debugger that imports the module of a breakpoint."""
+
+    def lineinfo(self, identifier: str) -> Any:
+        """Find a function by its full name, such as `cleaning.robot.CleaningRobot.drive`."""
+        try:
+            code = pkgutil.resolve_name(identifier).__code__
+        except (ValueError, ImportError, AttributeError):
+            return super().lineinfo(identifier)
+        return code.co_name, code.co_filename, code.co_firstlineno
 
 
 def debugpy_breakpoint(port: int) -> Callable[[], None]:
@@ -104,6 +106,8 @@ class ReplayReport:
     """Number of messages, all equal to the recorded ones."""
     whole: bool = True
     """False: only up to the end of the time window."""
+    decisions: str = ""
+    """First different decision of another strategy; empty: the outputs were compared instead."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +118,8 @@ class ReplayOptions:
     """Called before the first step with the actor's core and the length of a step, µs. The core may raise
     ReplayStoppedError to end the replay."""
     behaviour: str | None = None
-    """Entry string of a behaviour that replaces the recorded one, with its default settings."""
+    """Entry string of a behaviour that replaces the recorded one, with its default settings; outputs are not
+    compared."""
     prints: Callable[[int], CapturedOutput] | None = None
     """Returns a capture of printed output for a length of a step; None: no capture."""
 
@@ -127,7 +132,9 @@ def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOp
     """
     files = all_recordings(out)
     if actor not in files:
-        raise RecordingError(f"{out}: no recording of {actor!r}; choose from {', '.join(files)}")
+        raise RecordingError(
+            f"{out}: no recording of {actor!r}; choose from {', '.join(files)}; --from gives an instant"
+        )
     path = files[actor]
     run = read_run_note(path)
     prints = None if replay_options.prints is None else replay_options.prints(run.step_us)
@@ -139,6 +146,8 @@ def replay_actor(out: Path, actor: str, replay_options: ReplayOptions = ReplayOp
     if replay_options.prepare is not None:
         replay_options.prepare(process.core, run.step_us)
     bus = ReplayBus(path, lambda sha256: _find_message(files.values(), sha256))
+    if replay_options.behaviour is not None:
+        cast(Any, bus).publish = cast(Any, bus).close = lambda *output: None  # its outputs differ
     shell = Shell(process.core, bus, bus, actor=run.actor, optional_inputs=process.optional_inputs)
     if process.ready is not None:
         shell.send(process.ready)
@@ -278,7 +287,8 @@ def _fork_replay(out: Path, actor: str) -> tuple[int, int]:
 
 def _replay_one(out: Path, actor: str) -> RecheckedActor:
     try:
-        return RecheckedActor(actor, replay_actor(out, actor).outputs)
+        silent = ReplayOptions(prints=lambda step_us: discarded_output())  # the run itself has printed it
+        return RecheckedActor(actor, replay_actor(out, actor, silent).outputs)
     except AcrcError as error:
         return RecheckedActor(actor, fault=str(error)[:_MAX_FAULT])
     except Exception as error:  # a strategy that diverges may fail

@@ -38,7 +38,9 @@ def recordings(out: Path) -> dict[str, Path]:
             raise RecordingError(f"{found[actor]} and {path}: two recordings of {actor}")
         found[actor] = path
     if not found:
-        raise RecordingError(f"{out}: not a run's folder: it contains no */*.mcap")
+        raise RecordingError(
+            f"{out}: {'not a run folder: it contains no */*.mcap' if out.exists() else 'does not exist'}"
+        )
     return found
 
 

@@ -15,7 +15,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from acrc_testbed.recordings.run_recordings import recordings
 from actors.instant import Instant, in_seconds
-from actors.messages import BOARD, CONTROL, ROSTER
+from actors.messages import BOARD, CONTROL, RECEIVED, ROSTER
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
@@ -121,9 +121,14 @@ def follow(target: Path, patterns: Sequence[str], ended: Callable[[], bool]) -> 
 
 
 def within(recorded: Iterable[LoggedMessage], begin: float, end: float | None) -> Iterator[LoggedMessage]:
-    """Yield the messages from `begin` to `end`, simulated s, both included; None: to the end."""
+    """Yield the messages from `begin` to `end`, simulated s, both included; None: to the end.
+
+    A message of radio events also counts if one of its events is in the interval.
+    """
+    last = float("inf") if end is None else end
     for one in recorded:
-        if begin <= in_seconds(one.instant) and (end is None or in_seconds(one.instant) <= end):
+        events = getattr(one.message(), "events", ()) if one.topic is RECEIVED else ()
+        if any(begin <= in_seconds(at.instant) <= last for at in (one, *events)):
             yield one
 
 

@@ -89,8 +89,8 @@ def read_hosts(out: Path) -> HostsFile | None:
 def remote_recordings(out: Path) -> Mapping[str, RemoteFile]:
     """Return the recordings of a run that are still on its hosts, by name. Raises AcrcError."""
     hosts = read_hosts(out)
-    left = {} if hosts is None else hosts.left
-    return {name: one for name, one in left.items() if not (out / name).exists()}
+    remote = {} if hosts is None else hosts.left
+    return {name: one for name, one in remote.items() if not (out / name).exists()}
 
 
 def fetch_sentence(out: Path, left: Mapping[str, RemoteFile]) -> str:

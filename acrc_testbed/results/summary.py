@@ -168,8 +168,8 @@ def _completion_sentences(result: RunResult) -> Iterator[str]:
     if by and result.origin.navigation:
         by += f" and navigation {printable(result.origin.navigation)}"
     if result.completion_s is not None:
-        lasted = _seconds_text(result.completion_s)
-        yield f"{robots}{by} cleaned all {result.places_total} places in {lasted} s of simulated time."
+        duration = _seconds_text(result.completion_s)
+        yield f"{robots}{by} cleaned all {result.places_total} places in {duration} s of simulated time."
         return
     left = result.places_total - (result.places_done or 0)
     yield (

@@ -29,7 +29,7 @@ class RunEventTexts:
     def __init__(self) -> None:
         self._known: set[PlaceKey] = set()
         self._notes: set[str] = set()
-        self._begun: set[str] = set()
+        self._initialised: set[str] = set()
 
     def events(self, run: RunData) -> Iterator[DrawnEvent]:
         """Yield the events of a run, or of its next part."""
@@ -42,9 +42,9 @@ class RunEventTexts:
             yield DrawnEvent(event.second, event.robot, f"adopts {place_name(event.place)}", "WARN")
         for robot, track in run.trajectories.items():
             for second, state in track.states:
-                if state or robot in self._begun:
+                if state or robot in self._initialised:
                     yield DrawnEvent(second, robot, f"is {state}" if state else "is active again", "WARN")
-                self._begun.add(robot)
+                self._initialised.add(robot)
         for change in ordered_changes(run):
             yield DrawnEvent(change.second, change.robot, change.words, "WARN")
         for note in run.notes:
@@ -83,8 +83,8 @@ class Plots:
         """Number of drawn bins of copies."""
         self._counted: set[Outcome] = set()
         self._many = not canvas.is_small_swarm
-        shown = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
-        for name, colour in shown.items():
+        lines = _SPREAD if self._many else {robot: canvas.colour(robot) for robot in canvas.robots}
+        for name, colour in lines.items():
             panels.set_line_style(canvas, f"plots/places/{name}", name.replace("_", " "), colour, steps=True)
         for robot in canvas.robots:
             for name in ("speed", *["error"] * true, *["charge"] * batteries):
@@ -117,7 +117,7 @@ class Plots:
                 due = second + _PLOT_S
         if not rows:
             return
-        seconds, poses, held = track.seconds[rows], track.poses[rows], track.estimated[rows]
+        seconds, poses, estimates = track.seconds[rows], track.poses[rows], track.estimated[rows]
         points = np.column_stack((seconds, poses[:, :2]))
         known = np.concatenate((np.array([self._last.get(robot, points[0])]), points))
         self._last[robot] = tuple(points[-1].tolist())
@@ -125,7 +125,7 @@ class Plots:
         speeds = np.hypot(steps[:, 1], steps[:, 2]) / np.maximum(steps[:, 0], 1e-6)
         lines = {"speed": speeds}
         if self._true:
-            lines["error"] = np.hypot(*(poses[:, :2] - held[:, :2]).T)
+            lines["error"] = np.hypot(*(poses[:, :2] - estimates[:, :2]).T)
         for name, values in lines.items():
             valid = np.isfinite(values)
             panels.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[valid], values[valid])
@@ -138,12 +138,12 @@ class Plots:
             path = f"plots/charge/{robot}"
             panels.draw_line(self._canvas, path, run.seconds[rows][known], charges[known])
 
-    def _draw_rssi(self, heard: Floats) -> None:
+    def _draw_rssi(self, received: Floats) -> None:
         """Draw the RSSI of each link in the sender's colour; with many robots one line per sender."""
         canvas, names = self._canvas, self._canvas.robots
-        pairs = heard[:, 1] if self._many else heard[:, 1] * len(names) + heard[:, 2]
+        pairs = received[:, 1] if self._many else received[:, 1] * len(names) + received[:, 2]
         for pair in np.unique(pairs).tolist():
-            frames = heard[pairs == pair]
+            frames = received[pairs == pair]
             sender = names[int(frames[0, 1])]
             receiver = "all" if self._many else names[int(frames[0, 2])]
             path = f"plots/rssi/{sender}_at_{receiver}"

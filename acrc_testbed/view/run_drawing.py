@@ -129,18 +129,20 @@ class ProcessDrawing:
         for peer in dict.fromkeys((*self._age_times, *(one.peer for one in internals.contacts))):
             intervals = [one for one in internals.contacts if one.peer == peer]
             begins = np.array([one.second for one in intervals], np.float64)
-            heard = np.array([np.nan if one.heard is None else one.heard for one in intervals], np.float64)
+            receptions = np.array(
+                [np.nan if one.heard is None else one.heard for one in intervals], np.float64
+            )
             path = f"plots/ages/{peer}_at_{robot}"
             if peer not in self._age_times:
                 panels.set_line_style(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
                 self._age_times[peer] = float(begins[0]), np.nan
             due, last = self._age_times[peer]
-            begins, heard = np.concatenate(([-np.inf], begins)), np.concatenate(([last], heard))
+            begins, receptions = np.concatenate(([-np.inf], begins)), np.concatenate(([last], receptions))
             seconds = np.arange(due, until, _AGE_S)
-            ages = seconds - heard[np.searchsorted(begins, seconds, side="right") - 1]
+            ages = seconds - receptions[np.searchsorted(begins, seconds, side="right") - 1]
             known = np.isfinite(ages)
             panels.draw_line(canvas, path, seconds[known], ages[known])
-            self._age_times[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
+            self._age_times[peer] = due + len(seconds) * _AGE_S, float(receptions[-1])
 
 
 def _causes(change: StepCommit, decision: DecisionRecord) -> tuple[float, Sequence[str]]:
@@ -159,8 +161,8 @@ def _causes(change: StepCommit, decision: DecisionRecord) -> tuple[float, Sequen
 
 def _draw_perception(canvas: Canvas, robot: str, internals: RobotInternals) -> None:
     """Draw scan, particles, estimate, costs, plan and arc."""
-    for what, sets in (("scan", internals.scans), ("particles", internals.particles)):
-        panels.draw_clouds(canvas, robot, what, sets.seconds, sets.counts, sets.points)
+    for kind, sets in (("scan", internals.scans), ("particles", internals.particles)):
+        panels.draw_clouds(canvas, robot, kind, sets.seconds, sets.counts, sets.points)
     panels.draw_estimates(canvas, robot, internals.seconds, internals.estimates, internals.covariances)
     panels.draw_arcs(canvas, robot, internals.seconds, internals.estimates, internals.twists)
     panels.draw_plans(canvas, robot, internals.plans.seconds, internals.plans.sets())
@@ -180,7 +182,7 @@ class RunDrawing:
     def __init__(self, canvas: Canvas, run: RunData, detailed: Sequence[str]) -> None:
         """`detailed`: robots drawn in detail."""
         self._canvas, self._detailed = canvas, frozenset(detailed)
-        self._chosen = self._detailed if len(detailed) < DETAILED else frozenset[str]()
+        self._selected = self._detailed if len(detailed) < DETAILED else frozenset[str]()
         """Robots with all links, goals and adoptions drawn even among many robots."""
         self._paths = {robot: PositionHistory() for robot in run.robots}
         self._trails = {robot: robots.DrawnTrail() for robot in run.robots}
@@ -194,7 +196,7 @@ class RunDrawing:
         description = run.description
         self._plots = Plots(canvas, true=description.has_truth, batteries=description.has_batteries)
         self._event_texts = RunEventTexts()
-        self._heard: Floats = np.zeros((0, 4))
+        self._received: Floats = np.zeros((0, 4))
         """Recently received frames, as in `RunData.heard`."""
         self._lost: list[tuple[float, int, str]] = []
         """Recently lost copies."""
@@ -220,8 +222,8 @@ class RunDrawing:
             for second, state in track.states:
                 robots.draw_name(canvas, robot, second, state)
             self._lanes[robot].draw_states(track.states)
-        for second, put in run.floor:
-            floor_drawing.draw_things(canvas, second, put)
+        for second, objects in run.floor:
+            floor_drawing.draw_things(canvas, second, objects)
         self._draw_places(run)
         self._draw_links(run)
         self._plots.extend(run)
@@ -236,7 +238,7 @@ class RunDrawing:
         canvas = self._canvas
         rows = zip(copies.seconds.tolist(), copies.receivers.tolist(), copies.outcomes.tolist(), strict=True)
         self._lost += [
-            (s, who, outcome_name(Outcome(what))) for s, who, what in rows if Outcome(what) in LOSSES
+            (s, receiver, outcome_name(Outcome(one))) for s, receiver, one in rows if Outcome(one) in LOSSES
         ]
         shown = robots.shown_s(canvas)
         seconds = _multiples(robots.period(canvas), max(0.0, self._copies_since - shown), until)
@@ -317,10 +319,10 @@ class RunDrawing:
 
     def _draw_links(self, run: RunData) -> None:
         canvas = self._canvas
-        heard = np.concatenate((self._heard, run.heard))
-        self._heard = heard[heard[:, 0] > run.end - 2 * robots.LASTING]
+        received = np.concatenate((self._received, run.heard))
+        self._received = received[received[:, 0] > run.end - 2 * robots.LASTING]
         seconds = _multiples(robots.period(canvas), run.since, run.end)
-        robots.draw_links(canvas, seconds, self._positions(seconds), heard, self._chosen)
+        robots.draw_links(canvas, seconds, self._positions(seconds), received, self._selected)
 
     def _positions(self, seconds: Floats) -> Floats:
         """Return the robots' positions, (n, robots, 2), m."""
@@ -328,7 +330,7 @@ class RunDrawing:
 
     def _is_full(self, robot: str) -> bool:
         """Return True if goals and adoptions of a robot are drawn: all of few robots, chosen ones of many."""
-        return self._canvas.is_small_swarm or robot in self._chosen
+        return self._canvas.is_small_swarm or robot in self._selected
 
     def _draw_adoptions(self, run: RunData) -> None:
         for event in run.taken_over:

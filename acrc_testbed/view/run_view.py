@@ -123,7 +123,7 @@ def draw_runs(
         for run, drawing in zip(runs, drawings, strict=True):
             drawing.draw_recorded(run)
         sheet.flush()
-        say(f"recorded data drawn after {time.monotonic() - began:.1f} s")
+        say(f"ground truth and messages shown after {time.monotonic() - began:.1f} s; other data follow")
         faults = []
         for run, drawing in zip(runs, drawings, strict=True):
             drawing.draw_computed(run, last=True)
@@ -134,7 +134,7 @@ def draw_runs(
     for fault in faults:
         say(fault)
     lasted = f"after {time.monotonic() - began:.1f} s"
-    say(f"view without the data listed above {lasted}" if faults else f"complete view {lasted}")
+    say(f"view without the data listed above {lasted}" if faults else f"all data shown {lasted}")
     if lost:
         say(f"the viewer was closed early; the complete view is in {path}")
     return not faults or any(remote_recordings(run.out) for run in runs)

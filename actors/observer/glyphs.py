@@ -121,12 +121,12 @@ CAUSE_GLYPHS: Final[Mapping[str, StateGlyph]] = MappingProxyType(
         "done robot in the way": StateGlyph((207, 171, 243), "||"),
         "closed door": StateGlyph((88, 84, 83), "--"),
         "unreachable": StateGlyph((2, 21, 125), "oo"),
-        "no plan": StateGlyph((3, 75, 44), ".."),
+        "no plan": StateGlyph((3, 75, 44), "..."),
         "waits on purpose": StateGlyph((157, 89, 0), "///"),
         "no progress": StateGlyph((231, 216, 9), ""),
         "lost": StateGlyph((189, 121, 249), "**"),
         "strategy idle": StateGlyph((235, 217, 191), "---"),
-        "idle": StateGlyph((79, 90, 112), "."),
+        "idle": StateGlyph((79, 90, 112), ".."),
         "frozen": StateGlyph((64, 134, 146), "OO"),
         "off": StateGlyph((17, 19, 28), ""),
     }
@@ -160,22 +160,22 @@ RED: Final[Colour] = (193, 39, 45)
 
 MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
     {
-        "open": Mark("ring", None, "open place, in the owner's colour"),
+        "open": Mark("ring", None, "place not cleaned, in its owner's colour"),
         "given": Mark("diamond", None, "place added during the run"),
-        "done": Mark("disc", None, "cleaned place: fill by robot, ring by owner"),
+        "done": Mark("disc", None, "cleaned place: outline of its owner, fill of its cleaner"),
         "given up": Mark("cross", None, "place given up, or reported but not cleaned"),
-        "start": Mark("square", None, "start of a robot; disc: current or final position"),
+        "start": Mark("square", None, "start of a robot; disc with name: latest position"),
         "off": Mark("heavy cross", None, "robot off"),
         "frozen": Mark("snowflake", None, "robot frozen"),
         "carried": Mark("dotted line", None, "robot carried"),
-        "stood": Mark("soft ring", RED, "waiting for another robot, total s"),
+        "stood": Mark("soft ring", RED, "robots blocked each other here, total time"),
         "door": Mark("tint", DOOR, "door of the map"),
         "closed door": Mark("bar", CLOSED, "closed door"),
         "wall": Mark("bar", PUT, "added wall"),
         "obstacle": Mark("disc", PUT, "added obstacle"),
         "jammer": Mark("dashed ring", JAM, "jammer: no reception inside"),
-        "cleaned": Mark("tick", None, "place cleaned, in the owner's colour"),
-        "took over": Mark("triangle", None, "place adopted"),
+        "cleaned": Mark("tick", None, "place cleaned, in its owner's colour"),
+        "took over": Mark("triangle", None, "place adopted from another robot"),
     }
 )
 """Marks on floors and in lanes, by kind."""

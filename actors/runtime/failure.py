@@ -112,7 +112,8 @@ def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
     # handlers of a MemoryError may run out of memory, too: the first error is the cause
     memory_errors = [error, *takewhile(lambda one: isinstance(one, MemoryError), _error_chain(error))]
     place = next(filter(None, map(_raising_line, reversed(memory_errors))), "")  # "" without memory
-    return FailureNote(actor, step, printable(f"{_error_text(error)}{place}"), expected=False)
+    cause = f"{_error_text(error)}{place}{'; return replace(self, …)' * ('FrozenInst' in repr(error))}"
+    return FailureNote(actor, step, printable(cause), expected=False)
 
 
 def print_traceback(error: BaseException) -> None:

@@ -76,7 +76,7 @@ def _entry(strategy: str) -> str:
     if strategy not in entries:
         raise StrategyError(
             f"unknown strategy {strategy!r}; choose from {', '.join(sorted(entries))}, "
-            "or give module:function of your own"
+            f"or give module:function of your own, such as {strategy.removesuffix('.py')}:behaviour"
         )
     return entries[strategy]
 

@@ -108,7 +108,7 @@ def _faults(options: RunOptions) -> Iterator[str]:
     if options.view and memory:
         yield "--view: requires --bus zenoh; --bus memory has one process for all"
     if options.followed and not options.view:
-        yield f"--robot: {options.followed[0]!r}; requires --view"
+        yield f"--robot: {options.followed[0]!r}; requires --view; --robots sets the number of robots"
     if debug is not None and options.hardware:
         yield "--debug: stops simulated time; cannot be combined with --hardware-in-the-loop"
     if debug is not None and not sys.stdin.isatty():
@@ -154,10 +154,10 @@ def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]
         yield "--limit: requires --bus zenoh; it limits a simulated robot's process"
 
 
-def run_folder_name(scenario: Path) -> str:
-    """Return the name of a run's folder: scenario and UTC time."""
-    stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # a socket's path must not contain "#" or "?"
-    return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+def run_folder_name(scenario: Path, strategy: str | None = None) -> str:
+    """Return the name of a run's folder: scenario, strategy if given, and UTC time."""
+    name = f"{scenario.stem}{f'-{strategy}' if strategy else ''}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+    return re.sub(r"[^\w.-]", "-", name)  # a socket's path must not contain "#" or "?"
 
 
 def parse_limits(words: Sequence[str]) -> ProcessLimits:

@@ -115,12 +115,13 @@ def demonstration_lines(
 ) -> Iterator[str]:
     """Yield the demonstration's result as three lines; `reassigned`: number of adopted places."""
     without, adapted = results.values()
+    lasted = adapted.completion_s or adapted.simulated_s
     yield (
         f"Without adaptation: {_coverage(without)} in {without.simulated_s:g} s. The robots block each other "
         "in the doorway."
     )
     yield (
-        f"With the chapter's adaptation: {_coverage(adapted)} in {adapted.simulated_s:g} s. The blocked "
+        f"With the chapter's adaptation: {_coverage(adapted)} in {lasted:g} s. The blocked "
         f"robots exchange destinations by radio; {reassigned} places were reassigned."
     )
     yield f"Pictures: {', '.join(map(str, pictures))}"

@@ -3,14 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
 
 from acrc_testbed.recordings.record_check import STAMP, check_run, read_contents
-from acrc_testbed.recordings.record_replay import ReplayOptions, ReplayReport, recorded_code, replay_actor
+from acrc_testbed.recordings.record_replay import recorded_code
 from acrc_testbed.recordings.run_recordings import all_recordings, read_setup, recordings
 from acrc_testbed.recordings.sandboxed_replay import warn_about_missing_hashes
 from actors.instant import in_seconds
@@ -205,15 +205,3 @@ def _describe(
     if found is None:
         return "bytes differ"
     return f"{found.field} is {short_repr(found.one)}; in the {names[0]} it was {short_repr(found.other)}"
-
-
-def replay_with_behaviour(
-    out: Path, actor: str, behaviour: str, replay_options: ReplayOptions
-) -> ReplayReport:
-    """Replay a robot with another behaviour (an entry string) and that behaviour's default settings.
-
-    Raises ReplayError at the first different message: later recorded inputs do not fit the new behaviour.
-    """
-    if actor in {"world", "radio"}:
-        raise ReplayError(f"{actor}: has no strategy; must be a robot")
-    return replay_actor(out, actor, replace(replay_options, behaviour=behaviour))

@@ -33,9 +33,9 @@ from actors.messages import (
 from actors.radio.frame import DataFrame, rssi_dbm
 from actors.settings import ParameterError, Settings
 from firmware_bridge.beeclick.board_messages import (
-    LONGEST_COMMAND,
-    SENT_SIZE,
-    SENT_TYPE,
+    CONFIRMATION_SIZE,
+    CONFIRMATION_TYPE,
+    MAX_COMMAND_BYTES,
     SYNC_PATTERN,
     Answer,
     BoardInfo,
@@ -59,13 +59,13 @@ _LARGE_STEP: Final = 100
 """Tenths of a dB (DS39776C, register RFCON3)."""
 
 
-def actual_power(asked: int) -> int:
-    """Return the transmit power that the firmware sets for the request `asked`; tenths of a dBm, 0 to -363.
+def actual_power(tenths: int) -> int:
+    """Return the transmit power that the firmware sets for a request, in tenths of a dBm, 0 to -363.
 
     Whole tens of dB are exact. A unit error leaves two of the small steps: a remainder of -0.5 or -0.6 dB
     gives -0.5, all below give -6.3 (MRF24J40.cpp, setTxPower).
     """
-    large, rest = divmod(-asked, _LARGE_STEP)
+    large, rest = divmod(-tenths, _LARGE_STEP)
     small = 0 if rest < 5 else 5 if rest < 7 else 63
     return -(large * _LARGE_STEP + small)
 
@@ -75,9 +75,9 @@ def power_setting(power_dbm: float) -> int:
 
     Raises ParameterError for a power that the firmware would change.
     """
-    asked = round(power_dbm * 10)
-    if abs(asked - power_dbm * 10) < 1e-6 and -363 <= asked <= 0 and actual_power(asked) == asked:
-        return asked
+    tenths = round(power_dbm * 10)
+    if abs(tenths - power_dbm * 10) < 1e-6 and -363 <= tenths <= 0 and actual_power(tenths) == tenths:
+        return tenths
     raise ParameterError("board.power_dbm", power_dbm, POWERS)
 
 
@@ -127,7 +127,7 @@ class BeeClickParameters(Settings, frozen=True):
     """Timeout of echoes and confirmations, µs. Default: the button blocks the board for 0.70 s, and four
     packets take 0.17 s if each finds the channel busy until its last attempt."""
     doubt: _Time = milliseconds(250)
-    """Time without an answer after which a SYNC is sent, µs; packets wait for its answer. Default: own
+    """Time without an answer after which a SYNC is sent, µs; packets wait for its answer. Default: our
     choice, above the 0.17 s of four packets in a busy channel."""
     ring: int = 6
     """Maximum number of unanswered commands, packets and SYNCs included. Default: the board's ring holds
@@ -154,7 +154,7 @@ class BeeClickParameters(Settings, frozen=True):
     stall: _Time = milliseconds(50)
     """Pause within a message after which it counts as truncated, µs. Default: own choice, above the 16 ms for
     which USB adapters buffer bytes."""
-    filler: _Number = LONGEST_COMMAND
+    filler: _Number = MAX_COMMAND_BYTES
     """Number of filler bytes before each SYNC. Default: enough to complete any unfinished command on the
     board; 2.8 ms on the line."""
     drop_bad_fcs: bool = True
@@ -172,8 +172,8 @@ DEFAULTS: Final = BeeClickParameters()
 """Default parameters."""
 
 
-_BEHIND: Final = len(SYNC_PATTERN) - 1
-"""Number of bytes kept before the read position: a SYNC pattern may start in an apparent answer."""
+_LOOKBACK: Final = len(SYNC_PATTERN) - 1
+"""Number of bytes stored before the read position: a SYNC pattern may start in an apparent answer."""
 
 
 class AnswerReader:
@@ -182,28 +182,28 @@ class AnswerReader:
     def __init__(self) -> None:
         self.aligned = False
         self.junk_bytes = 0
-        """Number of bytes skipped in searching."""
+        """Number of bytes skipped while searching."""
         self._bytes = bytearray()
-        self._at = 0
+        self._position = 0
 
     @property
-    def partial(self) -> bool:
-        """True while an answer is incomplete."""
-        return self.aligned and self._at < len(self._bytes)
+    def is_partial(self) -> bool:
+        """Whether an answer is incomplete."""
+        return self.aligned and self._position < len(self._bytes)
 
     def feed(self, data: bytes) -> None:
         """Append bytes; then call `next` until it returns None."""
         self._bytes += data
 
     def search(self) -> None:
-        """Discard the alignment and search."""
+        """Discard the alignment and search for the next SYNC answer."""
         self.aligned = False
 
     def reset(self) -> None:
         """Discard all bytes, before a new connection."""
         self.aligned = False
         self._bytes.clear()
-        self._at = 0
+        self._position = 0
 
     def next(self, sync_expected: bool, in_flight: Iterable[int]) -> Answer | NoiseError | None:
         """Return the next answer, or noise (the reader then searches); None: more bytes needed.
@@ -212,34 +212,34 @@ class AnswerReader:
         byte may be damaged. `in_flight`: packet numbers whose confirmations are accepted while searching.
         """
         found: Answer | NoiseError | None
-        found = self._aligned(sync_expected) if self.aligned else self._searched(in_flight)
-        if found is None or self._at > 4 * _BEHIND:
-            spent = max(self._at - _BEHIND, 0)
-            del self._bytes[:spent]
-            self._at -= spent
+        found = self._next_aligned(sync_expected) if self.aligned else self._find_next(in_flight)
+        if found is None or self._position > 4 * _LOOKBACK:
+            consumed = max(self._position - _LOOKBACK, 0)
+            del self._bytes[:consumed]
+            self._position -= consumed
         return found
 
     def _pattern(self) -> int:
         """Return the end of the next SYNC pattern at or after the read position; -1: none."""
-        begin = self._bytes.find(SYNC_PATTERN, max(self._at - _BEHIND, 0))
+        begin = self._bytes.find(SYNC_PATTERN, max(self._position - _LOOKBACK, 0))
         return begin + len(SYNC_PATTERN) if begin >= 0 else -1
 
-    def _aligned(self, sync_expected: bool) -> Answer | NoiseError | None:
+    def _next_aligned(self, sync_expected: bool) -> Answer | NoiseError | None:
         pattern = self._pattern() if sync_expected else -1
         try:
-            one = read_answer(self._bytes, self._at, pattern if pattern >= 0 else len(self._bytes))
+            one = read_answer(self._bytes, self._position, pattern if pattern >= 0 else len(self._bytes))
         except NoiseError as noise:
             self.aligned = False
             return noise
         if one is not None:
-            answer, self._at = one
+            answer, self._position = one
             return answer
         if pattern < 0:
             return None
         self.aligned = False
         return NoiseError("swallowed_sync")
 
-    def _searched(self, in_flight: Iterable[int]) -> Answer | None:
+    def _find_next(self, in_flight: Iterable[int]) -> Answer | None:
         pattern = self._pattern()
         end = pattern if pattern >= 0 else len(self._bytes)
         sent = min(
@@ -249,45 +249,45 @@ class AnswerReader:
         if sent is not None:
             begin, answer = sent
             self._skip_to(begin)
-            self._at = begin + SENT_SIZE
+            self._position = begin + CONFIRMATION_SIZE
             return answer
         if pattern >= 0:
-            self._skip_to(max(pattern - len(SYNC_PATTERN), self._at))
-            self._at = pattern
+            self._skip_to(max(pattern - len(SYNC_PATTERN), self._position))
+            self._position = pattern
             self.aligned = True
             return SyncAnswer()
-        self._skip_to(max(end - _BEHIND, self._at))
+        self._skip_to(max(end - _LOOKBACK, self._position))
         return None
 
     def _skip_to(self, at: int) -> None:
-        self.junk_bytes += at - self._at
-        self._at = at
+        self.junk_bytes += at - self._position
+        self._position = at
 
     def _confirmation(self, number: int, end: int) -> tuple[int, PacketConfirmation] | None:
         """Return position and value of the packet's first complete confirmation before `end`."""
-        wanted = SENT_TYPE + number.to_bytes(4, "little")
-        begin = self._at
-        while (begin := self._bytes.find(wanted, begin, end - 1)) >= 0:
-            status = self._bytes[begin + SENT_SIZE - 1]
+        pattern = CONFIRMATION_TYPE + number.to_bytes(4, "little")
+        begin = self._position
+        while (begin := self._bytes.find(pattern, begin, end - 1)) >= 0:
+            status = self._bytes[begin + CONFIRMATION_SIZE - 1]
             if status <= 1:
                 return begin, PacketConfirmation(number, bool(status))
             begin += 1
         return None
 
 
-_FRAME: Final = re.compile(rb"\$(GPRMC,[\x20-\x29\x2b-\x7e]*)\*([0-9A-F]{2})")
-_ANGLE: Final = re.compile(r"(\d+)(\d\d(?:\.\d+)?)")
-_LEAST_FIELDS: Final = 10
+_SENTENCE_FORMAT: Final = re.compile(rb"\$(GPRMC,[\x20-\x29\x2b-\x7e]*)\*([0-9A-F]{2})")
+_ANGLE_FORMAT: Final = re.compile(r"(\d+)(\d\d(?:\.\d+)?)")
+_MIN_FIELDS: Final = 10
 """Fields: type, time, status, latitude, N or S, longitude, E or W, speed, course, date."""
 
 
 def parse_rmc(now: Instant, text: bytes) -> GpsFix | None:
     """Return the position in an RMC sentence; None for a wrong checksum, field, range or digit."""
-    frame = _FRAME.fullmatch(text)
+    frame = _SENTENCE_FORMAT.fullmatch(text)
     if frame is None or reduce(xor, frame[1]) != int(frame[2], 16):
         return None
     fields = frame[1].decode().split(",")
-    if len(fields) < _LEAST_FIELDS or fields[2] not in ("A", "V"):
+    if len(fields) < _MIN_FIELDS or fields[2] not in ("A", "V"):
         return None
     try:
         latitude = _degrees(fields[3], fields[4], 2, "NS", 90.0)
@@ -300,18 +300,18 @@ def parse_rmc(now: Instant, text: bytes) -> GpsFix | None:
     )
 
 
-def _degrees(angle: str, side: str, digits: int, sides: str, most: float) -> float | None:
+def _degrees(angle: str, hemisphere: str, digits: int, hemispheres: str, limit: float) -> float | None:
     """Convert degrees (`digits` digits) and minutes `mm.m…` to degrees; None if both are empty."""
-    if not angle and not side:
+    if not angle and not hemisphere:
         return None
-    parts = _ANGLE.fullmatch(angle)
-    if parts is None or len(parts[1]) != digits or len(side) != 1 or side not in sides:
+    parts = _ANGLE_FORMAT.fullmatch(angle)
+    if parts is None or len(parts[1]) != digits or len(hemisphere) != 1 or hemisphere not in hemispheres:
         raise ValueError
     minutes = float(parts[2])
     degrees = int(parts[1]) + minutes / 60.0
-    if minutes >= 60.0 or degrees > most:
+    if minutes >= 60.0 or degrees > limit:
         raise ValueError
-    return math.copysign(degrees, 1.0 if side == sides[0] else -1.0)
+    return math.copysign(degrees, 1.0 if hemisphere == hemispheres[0] else -1.0)
 
 
 COUNTER_NAMES: Final = (
@@ -343,12 +343,12 @@ PacketOutcome = FrameSent | AccessFailure | FrameUnconfirmed | FrameOverflow | F
 BoardEvent = PacketOutcome | FrameReceived | BoardNote
 
 
-_NO_SENSOR: Final = -397
+_NO_SENSOR_TENTHS: Final = -397
 """Temperature for the raw value 0 (data line low), tenths of a degree."""
-_HOTTEST: Final = 1238
+_MAX_TEMPERATURE: Final = 1238
 """Upper end of the SHT1x's range, tenths of a degree (Sensirion, data sheet SHT1x); a data line held high
 gives 615.6 degrees."""
-_WETTEST: Final = 1000
+_MAX_HUMIDITY: Final = 1000
 
 
 def board_events(
@@ -357,17 +357,17 @@ def board_events(
     """Convert an unsolicited message to events; [] if it is dropped."""
     match answer:
         case ReceivedPacket():
-            return _heard(now, answer, settings, counters, drop_bad_fcs)
+            return _packet_events(now, answer, settings, counters, drop_bad_fcs)
         case GpsSentence(text):
             fix = parse_rmc(now, text)
             counters["bad_sentence" if fix is None else "fixes"] += 1
             return [] if fix is None else [fix]
         case TemperatureReading(tenths):
-            valid = _NO_SENSOR < tenths <= _HOTTEST
+            valid = _NO_SENSOR_TENTHS < tenths <= _MAX_TEMPERATURE
             counters["temperatures" if valid else "bad_sensor"] += 1
             return [Temperature(now, tenths / 10, valid)]
         case HumidityReading(tenths):
-            valid = 0 <= tenths <= _WETTEST
+            valid = 0 <= tenths <= _MAX_HUMIDITY
             counters["humidities" if valid else "bad_sensor"] += 1
             return [Humidity(now, tenths / 10, valid)]
         case BoardInfo(text):
@@ -377,7 +377,7 @@ def board_events(
             raise AssertionError(answer)
 
 
-def _heard(
+def _packet_events(
     now: Instant, packet: ReceivedPacket, settings: BoardSettings, counters: Counter[str], drop_bad_fcs: bool
 ) -> list[BoardEvent]:
     if packet.fcs != DataFrame(packet.pan, packet.address, packet.data).check:

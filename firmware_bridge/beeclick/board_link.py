@@ -1,8 +1,8 @@
 """Host side of the link to a board: synchronisation, set-up, and the outcome of every packet.
 
-Without I/O, clock and threads: `take` accepts bytes read (or none), `due` returns bytes to write, `wake` the
-time of the next call. One exchange synchronises a board from any state: filler that completes any unfinished
-command, SYNC, and after its answer address, channel and power, each confirmed by an echo.
+Without I/O, clock and threads: `take` accepts bytes read (or none), `due` returns bytes to write, and `wake`
+returns the time of the next call. One exchange synchronises a board from any state: filler that completes any
+unfinished command, SYNC, and after its answer address, channel and power, each confirmed by an echo.
 
 The board answers strictly in order. Hence each answer settles all earlier requests: those without an answer
 will never get one. The answer to a SYNC settles all packets in flight, as their confirmations precede it. A
@@ -29,7 +29,7 @@ from firmware_bridge.beeclick.answer_decoder import (
     board_events,
 )
 from firmware_bridge.beeclick.board_messages import (
-    NUMBER_END,
+    PACKET_NUMBERS,
     Answer,
     NoiseError,
     PacketConfirmation,
@@ -41,7 +41,7 @@ from firmware_bridge.beeclick.board_messages import (
 )
 
 _FILLER: Final = b"\xff"
-"""Not a command type; and not 00, after which the board would miss the SYNC."""
+"""Byte that is neither a command type nor 00, after which the board would miss the SYNC."""
 _SPREAD: Final = 0x9E3779B1
 """2^32 divided by the golden ratio: odd, so that 2^32 packet numbers differ, and unlike typical data."""
 
@@ -86,16 +86,16 @@ class BoardLink:
         self._reader = AnswerReader()
         self._setup = settings.commands()
         self._pending: deque[_PendingCommand] = deque()
-        self._waiting: deque[_Packet] = deque()
-        self._to_set: deque[Setting] = deque()
+        self._queued: deque[_Packet] = deque()
+        self._unsent_settings: deque[Setting] = deque()
         self._events: list[BoardEvent] = []
         self._packets = 0
         """Number of packets sent."""
         self._pace = SyncPacing(parameters)
-        self._sync_began = self._heard_at = self._answered_at = 0
-        self._given_up = False
-        """True after a timeout of all SYNCs, when pending commands are unanswerable."""
-        self._standing = LinkStatus(self.counters, self._events)
+        self._sync_started = self._received_at = self._answered_at = 0
+        self._has_timed_out = False
+        """Whether all SYNCs have timed out; pending commands can then no longer be answered."""
+        self._status = LinkStatus(self.counters, self._events)
 
     @property
     def in_flight(self) -> int:
@@ -105,7 +105,7 @@ class BoardLink:
     @property
     def waiting(self) -> int:
         """Number of packets not yet sent to the board."""
-        return len(self._waiting)
+        return len(self._queued)
 
     def connect(self, now: Instant) -> None:
         """Start on a newly opened port, without assumptions about the board."""
@@ -113,16 +113,16 @@ class BoardLink:
         self._reader.reset()
         # It may be another board: allow a SYNC immediately.
         self._pace = SyncPacing(self._p, now - self._p.sync_interval)
-        self._standing.fruitless_packets = 0
+        self._status.unconfirmed_packets = 0
         self._begin_sync(now)
 
     def lost(self, now: Instant) -> list[BoardEvent]:
         """Handle the loss of the port: packets in flight are unconfirmed, others stay queued."""
-        self._standing.down(now, "lost")
+        self._status.down(now, "lost")
         self.phase = LinkPhase.OFF
         self.counters["lost"] += 1
         self._settle(now, len(self._pending))
-        return self._given()
+        return self._take_events()
 
     def send(self, now: Instant, tag: int, data: bytes) -> list[BoardEvent]:
         """Queue `data` for broadcast; exactly one PacketOutcome will return `tag`.
@@ -130,50 +130,50 @@ class BoardLink:
         Returned immediately: Refused for more than 118 bytes, Overflow for a full queue.
         """
         if fault := size_fault(len(data)):
-            self._end(FrameRefused(now, tag, fault), "refused")
-        elif len(self._waiting) + self.in_flight > self._p.transmit_queue:
-            self._end(FrameOverflow(now, tag), "overflowed")
+            self._add_outcome(FrameRefused(now, tag, fault), "refused")
+        elif len(self._queued) + self.in_flight > self._p.transmit_queue:
+            self._add_outcome(FrameOverflow(now, tag), "overflowed")
         else:
-            self._waiting.append(_Packet(tag, data))
-        return self._given()
+            self._queued.append(_Packet(tag, data))
+        return self._take_events()
 
     def forget(self) -> int:
         """Drop queued packets without a PacketOutcome; return how many. Packets in flight stay."""
-        forgotten = len(self._waiting)
-        self._waiting.clear()
+        forgotten = len(self._queued)
+        self._queued.clear()
         self.counters["forgotten"] += forgotten
         return forgotten
 
     def take(self, now: Instant, data: bytes = b"") -> list[BoardEvent]:
         """Process bytes read and the passing of time; return the resulting events in order."""
         if self.phase is LinkPhase.OFF:
-            return self._given()
+            return self._take_events()
         if data:
-            self._heard_at = now
-            self._pace.unheard = 0
+            self._received_at = now
+            self._pace.syncs_unheard = 0
             self._reader.feed(data)
         self._read(now)
-        if self._expire(now):
+        if self._check_timeouts(now):
             self._read(now)
         self.counters["junk_bytes"] = self._reader.junk_bytes
-        return self._given()
+        return self._take_events()
 
     def due(self, now: Instant) -> bytes:
         """Return the bytes to write now; call again after writing them and after each `take`."""
         if self.phase is LinkPhase.OFF:
             return b""
-        if self.phase is LinkPhase.SYNCING or self._doubted:
+        if self.phase is LinkPhase.SYNCING or self._is_sync_early:
             return self._sync(now) if now >= self._sync_due() else b""
         out = bytearray()
-        while self._to_set:
-            out += self._ask(now, self._to_set.popleft())
+        while self._unsent_settings:
+            out += self._send_setting(now, self._unsent_settings.popleft())
         if self.phase is LinkPhase.READY:
-            most = self._p.in_flight if self._standing.is_up else 1
-            while self._waiting and self.in_flight < most and self._pace.has_room:
-                out += self._ask_packet(now, self._waiting.popleft())
+            max_in_flight = self._p.in_flight if self._status.is_up else 1
+            while self._queued and self.in_flight < max_in_flight and self._pace.has_room:
+                out += self._send_packet(now, self._queued.popleft())
             if not self._pending and now >= self._answered_at + self._p.probe_interval:
                 self.counters["probes"] += 1
-                out += self._ask(now, self._setup[0])
+                out += self._send_setting(now, self._setup[0])
             if now >= self._sync_due():
                 out += self._sync(now)
         return bytes(out)
@@ -183,12 +183,12 @@ class BoardLink:
         if self.phase is LinkPhase.OFF:
             return None
         if self.phase is LinkPhase.SYNCING:
-            give_up = [] if self._given_up else [self._sync_began + self._p.give_up]
+            give_up = [] if self._has_timed_out else [self._sync_started + self._p.give_up]
             return Instant(min([self._sync_due(), *give_up]))
         times = [self._deadline(), self._sync_due()] if self._pending else []
         times = times or [self._answered_at + self._p.probe_interval]
-        if self._reader.partial:
-            times.append(self._heard_at + self._p.stall)
+        if self._reader.is_partial:
+            times.append(self._received_at + self._p.stall)
         return Instant(min(times))
 
     # --- input from the board -----------------------------------------------------------------------------
@@ -196,108 +196,110 @@ class BoardLink:
     def _read(self, now: Instant) -> None:
         while True:
             in_flight = (pending.number for pending in self._pending if pending.answer is None)
-            found = self._reader.next(self._sync_asked(), in_flight)
+            found = self._reader.next(self._is_sync_pending(), in_flight)
             if found is None:
                 break
             if isinstance(found, NoiseError):
-                self._noise(now, str(found))
+                self._handle_noise(now, str(found))
             else:
-                self._answer(now, found)
+                self._process_answer(now, found)
 
-    def _answer(self, now: Instant, answer: Answer) -> None:
+    def _process_answer(self, now: Instant, answer: Answer) -> None:
         if isinstance(answer, SyncAnswer | PacketConfirmation | Setting):
             self.counters["answers"] += 1
-            place = self._place(answer)
-            if place is None:
-                self._unasked(now, answer)
+            index = self._pending_index(answer)
+            if index is None:
+                self._handle_unexpected(now, answer)
             else:
-                self._answered(now, answer, place)
+                self._handle_answer(now, answer, index)
         else:
-            self._pace.unasked += 1
+            self._pace.unsolicited += 1
             self._events += board_events(now, answer, self.settings, self.counters, self._p.drop_bad_fcs)
 
-    def _place(self, answer: Answer) -> int | None:
+    def _pending_index(self, answer: Answer) -> int | None:
         """Return the index of the pending command that it answers."""
-        for place, pending in enumerate(self._pending):
+        for index, pending in enumerate(self._pending):
             if pending.answer == answer:
-                return place
+                return index
             if isinstance(answer, PacketConfirmation) and answer.number == pending.number:
-                return place
+                return index
         return None
 
-    def _answered(self, now: Instant, answer: Answer, place: int) -> None:
+    def _handle_answer(self, now: Instant, answer: Answer, index: int) -> None:
         skipped_setting = any(
-            pending.answer not in (None, SyncAnswer()) for pending in list(self._pending)[:place]
+            pending.answer not in (None, SyncAnswer()) for pending in list(self._pending)[:index]
         )
-        self._settle(now, place)
+        self._settle(now, index)
         pending = self._pending.popleft()
         self._answered_at = now
-        self._pace.unanswered, self._pace.unasked = len(self._pending), 0
+        self._pace.unanswered, self._pace.unsolicited = len(self._pending), 0
         if isinstance(answer, PacketConfirmation):
-            self._confirmed(now, pending.tag, answer.failed)
+            self._handle_confirmation(now, pending.tag, answer.failed)
         elif isinstance(answer, SyncAnswer):
-            self._synchronised(now, skipped=place > 0)
+            self._handle_sync_answer(now, skipped=index > 0)
         elif skipped_setting:
             self._begin_sync(now, "echo_skipped")
-        elif self.phase is LinkPhase.SETTING and not self._to_set and not self._pending:
+        elif self.phase is LinkPhase.SETTING and not self._unsent_settings and not self._pending:
             self.phase = LinkPhase.READY
-            self._standing.ready(now)
+            self._status.ready(now)
 
-    def _confirmed(self, now: Instant, tag: int, failed: bool) -> None:
-        self._end(AccessFailure(now, tag) if failed else FrameSent(now, tag), "failed" if failed else "sent")
-        self._standing.confirmed(now, self.phase is LinkPhase.READY)
+    def _handle_confirmation(self, now: Instant, tag: int, failed: bool) -> None:
+        self._add_outcome(
+            AccessFailure(now, tag) if failed else FrameSent(now, tag), "failed" if failed else "sent"
+        )
+        self._status.confirmed(now, self.phase is LinkPhase.READY)
 
-    def _synchronised(self, now: Instant, skipped: bool) -> None:
+    def _handle_sync_answer(self, now: Instant, skipped: bool) -> None:
         if self.phase is LinkPhase.READY:
             if not skipped:
-                return  # it was only delayed
+                return  # the answer was only delayed
             self.counters["answer_skipped"] += 1
-            self._standing.down(now, "answer_skipped")
+            self._status.down(now, "answer_skipped")
         self.phase = LinkPhase.SETTING
-        self._to_set.extend(self._setup)
+        self._unsent_settings.extend(self._setup)
 
-    def _unasked(self, now: Instant, answer: Answer) -> None:
+    def _handle_unexpected(self, now: Instant, answer: Answer) -> None:
         """Handle an answer to no pending command."""
         if isinstance(answer, SyncAnswer):
-            self.counters["late_sync"] += 1  # answers an earlier one of several
+            self.counters["late_sync"] += 1  # answer to an earlier one of several SYNCs
         elif isinstance(answer, PacketConfirmation) and self._was_used(answer.number):
             self.counters["late_confirmation"] += 1
         elif self.phase is LinkPhase.SYNCING:
             self.counters["late_echo"] += 1
         else:
             cause = "strange_confirmation" if isinstance(answer, PacketConfirmation) else "strange_echo"
-            self._noise(now, cause)
+            self._handle_noise(now, cause)
             self._reader.search()
 
-    def _noise(self, now: Instant, cause: str) -> None:
+    def _handle_noise(self, now: Instant, cause: str) -> None:
         self.counters[cause] += 1
         self._begin_sync(now, cause)
 
-    def _expire(self, now: Instant) -> bool:
+    def _check_timeouts(self, now: Instant) -> bool:
         """Handle timeouts; return True if the reader has to search the buffered bytes."""
-        stalled = self._reader.partial and now >= self._heard_at + self._p.stall
+        stalled = self._reader.is_partial and now >= self._received_at + self._p.stall
         if stalled:
             self._reader.search()
-            self._noise(now, "stalled")
+            self._handle_noise(now, "stalled")
         if self.phase is LinkPhase.SYNCING:
-            if not self._given_up and now >= self._sync_began + self._p.give_up:
-                self._given_up = True
+            if not self._has_timed_out and now >= self._sync_started + self._p.give_up:
+                self._has_timed_out = True
                 if self.in_flight:
-                    self._standing.fruitless(now)
-                self._standing.silent(now)
+                    self._status.packet_timed_out(now)
+                self._status.silent(now)
                 self._settle(now, len(self._pending))
         elif self._pending and now >= self._deadline():
             if self._pending[0].answer is None:
-                self._standing.fruitless(now)
-                self._noise(now, "no_confirmation")
+                self._status.packet_timed_out(now)
+                self._handle_noise(now, "no_confirmation")
             else:
-                self._noise(now, "no_echo")
+                self._handle_noise(now, "no_echo")
         return stalled
 
     def _deadline(self) -> int:
         """Return the deadline of the oldest pending command; shorter in set-up, without packets in flight."""
-        patience = self._p.doubt if self.phase is LinkPhase.SETTING else self._p.answer_timeout
-        return self._pending[0].since + patience
+        timeout_us = self._p.doubt if self.phase is LinkPhase.SETTING else self._p.answer_timeout
+        return self._pending[0].since + timeout_us
 
     # --- output to the board --------------------------------------------------------------------------
 
@@ -305,16 +307,16 @@ class BoardLink:
         """Start synchronising; pending answers are still accepted."""
         if self.phase is LinkPhase.SYNCING:
             return
-        self._standing.down(now, cause)
+        self._status.down(now, cause)
         self.phase = LinkPhase.SYNCING
-        self._to_set.clear()
-        self._given_up = False
-        self._sync_began = now
+        self._unsent_settings.clear()
+        self._has_timed_out = False
+        self._sync_started = now
 
     @property
-    def _doubted(self) -> bool:
-        """True while a ready board has an early SYNC to answer."""
-        return self.phase is LinkPhase.READY and self._sync_asked()
+    def _is_sync_early(self) -> bool:
+        """Whether a ready board has yet to answer an early SYNC."""
+        return self.phase is LinkPhase.READY and self._is_sync_pending()
 
     def _sync_due(self) -> int:
         """Return when the next SYNC may be sent; for a ready board, after an overdue answer."""
@@ -323,28 +325,28 @@ class BoardLink:
             return due
         if not self._pending or not self._pace.has_room or self.phase is LinkPhase.SETTING:
             return 2**62
-        since = self._pace.last if self._doubted else self._pending[0].since
+        since = self._pace.last if self._is_sync_early else self._pending[0].since
         return max(due, since + self._p.doubt)
 
     def _sync(self, now: Instant) -> bytes:
-        if not self._sync_asked():
+        if not self._is_sync_pending():
             self._pending.append(_PendingCommand(SyncAnswer(), now))
         self.counters["syncs"] += 1
         self._pace.last = now
-        self._pace.unheard += 1
+        self._pace.syncs_unheard += 1
         self._pace.unanswered += 1
         return _FILLER * self._p.filler + encode_command(SyncCommand())
 
-    def _sync_asked(self) -> bool:
+    def _is_sync_pending(self) -> bool:
         return bool(self._pending) and self._pending[-1].answer == SyncAnswer()
 
-    def _ask(self, now: Instant, command: Setting) -> bytes:
+    def _send_setting(self, now: Instant, command: Setting) -> bytes:
         self._pending.append(_PendingCommand(command, now))
         self._pace.unanswered += 1
         return encode_command(command)
 
-    def _ask_packet(self, now: Instant, packet: _Packet) -> bytes:
-        number = (self._packets * _SPREAD + self.settings.address) % NUMBER_END
+    def _send_packet(self, now: Instant, packet: _Packet) -> bytes:
+        number = (self._packets * _SPREAD + self.settings.address) % PACKET_NUMBERS
         self._packets += 1
         self._pending.append(_PendingCommand(None, now, number, packet.tag))
         self._pace.unanswered += 1
@@ -352,7 +354,7 @@ class BoardLink:
 
     def _was_used(self, number: int) -> bool:
         """Return whether a packet had that number; the numbers of 2^32 packets differ."""
-        count = (number - self.settings.address) * pow(_SPREAD, -1, NUMBER_END) % NUMBER_END
+        count = (number - self.settings.address) * pow(_SPREAD, -1, PACKET_NUMBERS) % PACKET_NUMBERS
         return count < self._packets
 
     # --- outcomes of packets -------------------------------------------------------------------------
@@ -362,13 +364,13 @@ class BoardLink:
         for _ in range(count):
             pending = self._pending.popleft()
             if pending.answer is None:
-                self._end(FrameUnconfirmed(now, pending.tag), "unconfirmed")
+                self._add_outcome(FrameUnconfirmed(now, pending.tag), "unconfirmed")
 
-    def _end(self, end: PacketOutcome, counter: str) -> None:
+    def _add_outcome(self, outcome: PacketOutcome, counter: str) -> None:
         self.counters[counter] += 1
-        self._events.append(end)
+        self._events.append(outcome)
 
-    def _given(self) -> list[BoardEvent]:
+    def _take_events(self) -> list[BoardEvent]:
         events = self._events.copy()
         self._events.clear()
         return events
@@ -381,9 +383,9 @@ class SyncPacing:
     parameters: BeeClickParameters
     last: int = 0
     """Time of the last SYNC."""
-    unheard: int = 0
+    syncs_unheard: int = 0
     """SYNCs since the last received byte."""
-    unasked: int = 0
+    unsolicited: int = 0
     """Valid unsolicited messages since the last answer."""
     unanswered: int = 0
     """Commands since the last answer."""
@@ -400,17 +402,17 @@ class SyncPacing:
     def _pause(self, searching: bool) -> Duration:
         p = self.parameters
         if self.has_room:
-            return p.sync_interval if self.unheard < p.quick_syncs else p.slow_sync_interval
+            return p.sync_interval if self.syncs_unheard < p.quick_syncs else p.slow_sync_interval
         if self.unanswered == p.ring:  # one slot is left for a SYNC
             return p.slow_sync_interval
-        if self.unasked > 1 and not searching:
+        if self.unsolicited > 1 and not searching:
             return p.deaf_sync_interval
-        if self.unheard:
+        if self.syncs_unheard:
             return p.slow_sync_interval
         return p.noisy_sync_interval if searching else p.sync_interval
 
 
-_FRUITLESS: Final = 2
+_MAX_UNCONFIRMED: Final = 2
 """Consecutive packets without outcome after which the radio counts as silent; a single one may be lost on the
 line."""
 
@@ -424,24 +426,24 @@ class LinkStatus:
         self._events = events
         self.is_up = False
         self._silent = False
-        self.fruitless_packets = 0
+        self.unconfirmed_packets = 0
         """Consecutive packets without outcome."""
 
     def ready(self, now: Instant) -> None:
         """Handle the end of the set-up; the link is up unless the radio is suspected to be silent."""
-        if self.fruitless_packets < _FRUITLESS:
-            self._up(now)
+        if self.unconfirmed_packets < _MAX_UNCONFIRMED:
+            self._report_up(now)
 
     def confirmed(self, now: Instant, ready: bool) -> None:
         """Handle the outcome of a packet."""
-        self.fruitless_packets = 0
+        self.unconfirmed_packets = 0
         if ready and not self.is_up:
-            self._up(now)
+            self._report_up(now)
 
-    def fruitless(self, now: Instant) -> None:
+    def packet_timed_out(self, now: Instant) -> None:
         """Handle the timeout of a packet."""
-        self.fruitless_packets += 1
-        if self.fruitless_packets >= _FRUITLESS:
+        self.unconfirmed_packets += 1
+        if self.unconfirmed_packets >= _MAX_UNCONFIRMED:
             self.silent(now)
 
     def down(self, now: Instant, cause: str) -> None:
@@ -458,7 +460,7 @@ class LinkStatus:
             self._counters["silent"] += 1
             self._events.append(LinkState(now, False, "silent"))
 
-    def _up(self, now: Instant) -> None:
+    def _report_up(self, now: Instant) -> None:
         self.is_up, self._silent = True, False
         self._counters["ups"] += 1
         self._events.append(LinkState(now, True, ""))

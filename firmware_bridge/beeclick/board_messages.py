@@ -19,9 +19,9 @@ BITS_PER_BYTE: Final = 10
 """Start bit, 8 data bits, stop bit."""
 SYNC_PATTERN: Final = b"\x00Hello there!"
 """SYNC message in both directions, type byte included."""
-NUMBER_END: Final = 1 << 32
+PACKET_NUMBERS: Final = 1 << 32
 """Exclusive upper bound of packet numbers."""
-LONGEST_COMMAND: Final = 6 + 255
+MAX_COMMAND_BYTES: Final = 6 + 255
 """Maximum size of a command as parsed by a board: SEND_PACKET with the greatest length byte."""
 
 
@@ -39,9 +39,9 @@ def bytes_in(duration: int) -> int:
     return max(duration, 0) * BAUD // (BITS_PER_BYTE * 1_000_000)
 
 
-LEAST_POWER: Final = -363
+MIN_POWER: Final = -363
 """Minimum power, tenths of a dB (Microchip DS39776C, register RFCON3)."""
-GREATEST_CODE: Final = 15
+MAX_CHANNEL_CODE: Final = 15
 """Maximum channel code; code 0 is channel 11 of IEEE 802.15.4-2006, 6.1.2."""
 SYNC, SEND_PACKET, SET_CHANNEL, SET_POWER, SET_ADDRESS = range(5)
 """Type bytes."""
@@ -96,14 +96,14 @@ def encode_command(command: Command) -> bytes:
         case SyncCommand():
             return SYNC_PATTERN
         case SendPacket(number, data):
-            check_range("SendPacket.number", number, 0, NUMBER_END - 1)
+            check_range("SendPacket.number", number, 0, PACKET_NUMBERS - 1)
             check_range("the length of SendPacket.data", len(data), 0, FRAME_DATA_LIMIT)
             return _SEND.pack(SEND_PACKET, len(data), number) + data
         case SetChannel(code):
-            check_range("SetChannel.code", code, 0, GREATEST_CODE)
+            check_range("SetChannel.code", code, 0, MAX_CHANNEL_CODE)
             return _CHANNEL.pack(SET_CHANNEL, code)
         case SetPower(tenths_db):
-            check_range("SetPower.tenths_db", tenths_db, LEAST_POWER, 0)
+            check_range("SetPower.tenths_db", tenths_db, MIN_POWER, 0)
             return _POWER.pack(SET_POWER, tenths_db)
         case SetAddress(pan, address):
             check_range("SetAddress.pan", pan, 0, 0xFFFF)
@@ -112,9 +112,9 @@ def encode_command(command: Command) -> bytes:
 
 
 _RECEIVED: Final = struct.Struct("<BBHHBBH")
-_SENTENCE: Final = b"$GPRMC"
+_SENTENCE_PREFIX: Final = b"$GPRMC"
 """Prefix of the only sentences that the firmware passes on (GPS.cpp)."""
-_LENGTHS: Final = {1: (0, FRAME_DATA_LIMIT), 6: (len(_SENTENCE), 254), 7: (1, 255)}
+_LENGTH_RANGES: Final = {1: (0, FRAME_DATA_LIMIT), 6: (len(_SENTENCE_PREFIX), 254), 7: (1, 255)}
 """Minimum and maximum length byte of variable-size types."""
 
 
@@ -185,7 +185,7 @@ Answer = (
 )
 
 
-_FIXED: Final[dict[int, tuple[type[Any], struct.Struct]]] = {
+_FIXED_SIZE: Final[dict[int, tuple[type[Any], struct.Struct]]] = {
     2: (PacketConfirmation, struct.Struct("<BI?")),
     3: (SetChannel, _CHANNEL),
     4: (SetPower, _POWER),
@@ -194,16 +194,16 @@ _FIXED: Final[dict[int, tuple[type[Any], struct.Struct]]] = {
     9: (HumidityReading, _POWER),
 }
 """Fixed-size answers by type byte."""
-_ALLOWED: Final = {
-    3: ("bad_channel", range(GREATEST_CODE + 1)),
-    4: ("bad_power", range(LEAST_POWER, 1)),
+_VALID_RANGES: Final = {
+    3: ("bad_channel", range(MAX_CHANNEL_CODE + 1)),
+    4: ("bad_power", range(MIN_POWER, 1)),
     8: ("bad_temperature", range(-397, 6157)),
 }
 """Counter name and valid range by type byte. Temperatures: the firmware's values for 0 to 0xFFFF
 (SHT1x.cpp)."""
-SENT_TYPE: Final = b"\x02"
-SENT_SIZE: Final = _FIXED[2][1].size
-_KINDS: Final = {of: kind for kind, (of, _) in _FIXED.items()}
+CONFIRMATION_TYPE: Final = b"\x02"
+CONFIRMATION_SIZE: Final = _FIXED_SIZE[2][1].size
+_TYPE_BYTES: Final = {message_class: kind for kind, (message_class, _) in _FIXED_SIZE.items()}
 
 
 def encode_answer(answer: Answer) -> bytes:
@@ -218,8 +218,8 @@ def encode_answer(answer: Answer) -> bytes:
             check_range(f"the length of {type(answer).__name__}.text", len(text), 0, 0xFF)
             return bytes((6 if isinstance(answer, GpsSentence) else 7, len(text))) + text
         case _:
-            kind = _KINDS[type(answer)]
-            return _FIXED[kind][1].pack(kind, *astuple(answer))
+            kind = _TYPE_BYTES[type(answer)]
+            return _FIXED_SIZE[kind][1].pack(kind, *astuple(answer))
 
 
 def read_answer(data: bytes | bytearray, at: int, end: int) -> tuple[Answer, int] | None:
@@ -244,17 +244,17 @@ def _answer_size(data: bytes | bytearray, at: int, end: int) -> int | None:
     if kind == 0:
         _expect("bad_pattern", SYNC_PATTERN, data[at:end])
         return len(SYNC_PATTERN)
-    if kind in _FIXED:
-        return _FIXED[kind][1].size
+    if kind in _FIXED_SIZE:
+        return _FIXED_SIZE[kind][1].size
     if at + 1 >= end:
         return None
     length = data[at + 1]
-    if not _LENGTHS[kind][0] <= length <= _LENGTHS[kind][1]:
+    if not _LENGTH_RANGES[kind][0] <= length <= _LENGTH_RANGES[kind][1]:
         raise NoiseError("bad_length")
     if kind == 1:
         return _RECEIVED.size + length
     if kind == 6:
-        _expect("bad_text", _SENTENCE, data[at + 2 : end])
+        _expect("bad_text", _SENTENCE_PREFIX, data[at + 2 : end])
     return 2 + length
 
 
@@ -276,18 +276,18 @@ def _decode_answer(body: bytes) -> Answer:
         case 6:
             return GpsSentence(body[2:])
         case 7:
-            return BoardInfo(_readable(body[2:]))
+            return BoardInfo(_checked_text(body[2:]))
         case kind:
-            of, layout = _FIXED[kind]
+            message_class, layout = _FIXED_SIZE[kind]
             _, *fields = layout.unpack(body)
-            cause, allowed = _ALLOWED.get(kind, ("", fields))
-            if fields[0] not in allowed:
+            cause, valid = _VALID_RANGES.get(kind, ("", fields))
+            if fields[0] not in valid:
                 raise NoiseError(cause)
-            answer: Answer = of(*fields)
+            answer: Answer = message_class(*fields)
             return answer
 
 
-def _readable(text: bytes) -> bytes:
+def _checked_text(text: bytes) -> bytes:
     try:
         decoded = text.decode()
     except UnicodeDecodeError:

@@ -39,9 +39,9 @@ from firmware_bridge.beeclick.board_messages import (
 )
 from firmware_bridge.beeclick.emulated_medium import DeviceMedium
 
-_GRAIN: Final = 9
+_BYTES_PER_STEP: Final = 9
 """Number of incoming bytes processed at once, about 100 µs."""
-_LONGEST_SENTENCE: Final = 254
+_MAX_SENTENCE_BYTES: Final = 254
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ DEFAULTS: Final = BoardParameters()
 
 
 class EmulatedBoard:
-    """One board. `take`, `run`: serial line; `finished`, `heard`: medium; other methods: user actions."""
+    """Board. `take`, `run`: serial line; `finish_frame`, `receive_frame`: medium; others: user actions."""
 
     def __init__(self, radio: DeviceMedium, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
@@ -85,27 +85,27 @@ class EmulatedBoard:
         self.commands = CommandRing()
         self._answers = AnswerRing(now)
         self._incoming: deque[tuple[int, bytes]] = deque()
-        self._taken = 0
+        self._taken_bytes = 0
         """Number of received bytes of the first delivery."""
-        self._line_free: int = now
+        self._line_free_at: int = now
         self._sending = False
-        self._fails: Instant | None = None
-        """Time at which the radio gives up a frame that it cannot send."""
+        self._fails_at: Instant | None = None
+        """Time at which the radio reports failure of a frame that it cannot send."""
         self._sentence = b""
-        self._held_until: Instant | None = None
+        self._button_until: Instant | None = None
         """End of the processing of the button, during which nothing else runs."""
-        self._changing: tuple[Instant, int] | None = None
+        self._channel_change: tuple[Instant, int] | None = None
         """End of a channel change, and the requested code."""
-        self._held: list[Answer | bool] = []
-        """Radio events to be handled later: a packet, or success of sending."""
+        self._deferred: list[Answer | bool] = []
+        """Deferred radio events: a received packet, or whether a frame was sent."""
         self._next_reading: tuple[int, bool] = (now + self._p.first_reading, True)
 
     # --- serial line ----------------------------------------------------------------------------------------
 
     def take(self, now: Instant, data: bytes) -> None:
         """Accept bytes that the host starts to send now, or after earlier ones."""
-        begin = max(now, self._line_free)
-        self._line_free = begin + byte_time(len(data))
+        begin = max(now, self._line_free_at)
+        self._line_free_at = begin + byte_time(len(data))
         self._incoming.append((begin, data))
 
     def run(self, now: Instant) -> bytes:
@@ -115,83 +115,83 @@ class EmulatedBoard:
 
     def settle(self, now: Instant) -> None:
         """Advance to `now`."""
-        self._unless_hung(lambda: self._run(now))
+        self._run_unless_hung(lambda: self._run(now))
         self._answers.settle(now)
 
     def wake(self) -> Instant | None:
         """Return the time of the next action; None: none, or the board hangs."""
         if self.hung:
             return None
-        times: list[int | None] = [self._next_reading[0], self._held_until, self._answers.wake()]
+        times: list[int | None] = [self._next_reading[0], self._button_until, self._answers.wake()]
         if self._incoming:
             begin, data = self._incoming[0]
-            times.append(begin + byte_time(min(len(data), self._taken + _GRAIN)))
+            times.append(begin + byte_time(min(len(data), self._taken_bytes + _BYTES_PER_STEP)))
         if not self._busy:
-            times.append(self._fails)
-        if self._changing is not None:
-            times.append(self._changing[0])
+            times.append(self._fails_at)
+        if self._channel_change is not None:
+            times.append(self._channel_change[0])
         return Instant(min(at for at in times if at is not None))
 
     # --- user actions ------------------------------------------------------------------------------------
 
     def reboot(self, now: Instant) -> None:
         """Reset the board: address, channel, power, synchronisation and pending bytes are lost."""
-        self._radio.silence(self)
+        self._radio.drop_frames(self)
         self.counters["reboots"] += 1
         self._start(now)
 
     def press(self, now: Instant) -> None:
         """Press the button: the board is busy for two readings, then sends INFO."""
-        if self._held_until is None:
-            self._held_until = Instant(now + 2 * self._p.reading)
+        if self._button_until is None:
+            self._button_until = Instant(now + 2 * self._p.reading)
 
     def gps(self, now: Instant, line: bytes) -> None:
         """Accept a GPS line without its line end; only RMC sentences are passed on."""
         if line.startswith(b"$GPRMC"):
-            self._sentence = line[:_LONGEST_SENTENCE]
-            self._unless_hung(lambda: self._handle(now))
+            self._sentence = line[:_MAX_SENTENCE_BYTES]
+            self._run_unless_hung(lambda: self._handle_commands(now))
 
     # --- medium --------------------------------------------------------------------------------------
 
-    def finished(self, now: Instant, end: RadioEvent) -> None:
+    def finish_frame(self, now: Instant, end: RadioEvent) -> None:
         """Accept the outcome of the frame being sent."""
         succeeded = isinstance(end, FrameSent)
         if self._busy:
-            self._held.append(succeeded)
+            self._deferred.append(succeeded)
             return
-        self._unless_hung(lambda: self._radio_says(now, succeeded))
+        self._run_unless_hung(lambda: self._handle_radio_event(now, succeeded))
 
-    def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
+    def receive_frame(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
         """Accept a received frame, with RSSI and LQI codes of the chip."""
         packet = ReceivedPacket(frame.pan, frame.source, rssi, lqi, frame.check, frame.data)
         if not self._busy:
-            self._unless_hung(lambda: self._radio_says(now, packet))
-        elif any(isinstance(one, ReceivedPacket) for one in self._held):
+            self._run_unless_hung(lambda: self._handle_radio_event(now, packet))
+        elif any(isinstance(one, ReceivedPacket) for one in self._deferred):
             self.counters["lost"] += 1  # the chip buffers one
         else:
-            self._held.append(packet)
+            self._deferred.append(packet)
 
     # --- firmware ------------------------------------------------------------------------------------
 
-    def _unless_hung(self, act: Callable[[], None]) -> None:
+    def _run_unless_hung(self, action: Callable[[], None]) -> None:
         if self.hung:
             return
         try:
-            act()
+            action()
         except CrashError:
             self.hung = True
             self.counters["crashes"] += 1
 
     def _run(self, now: Instant) -> None:
-        if self._held_until is not None and now >= self._held_until:
-            self._held_until = None
-            self._say(now, BoardInfo(self._notes()))
-            self._release(now)
-        if self._changing is not None and now >= self._changing[0]:
-            self._changed(now, self._changing[1])
-        if self._fails is not None and now >= self._fails and not self._busy:
-            self._fails = None
-            self._radio_says(now, False)
+        if self._button_until is not None and now >= self._button_until:
+            self._button_until = None
+            self._say(now, BoardInfo(self._info_text()))
+            self._handle_deferred(now)
+        if self._channel_change is not None and now >= self._channel_change[0]:
+            self._finish_channel_change(now, self._channel_change[1])
+        if self._fails_at is not None and now >= self._fails_at and not self._busy:
+            self._fails_at = None
+            self._handle_radio_event(now, False)
         self._receive(now)
         at, is_temperature = self._next_reading
         if now >= at:
@@ -205,26 +205,26 @@ class EmulatedBoard:
     @property
     def _busy(self) -> bool:
         """True while the button or a channel change is processed; commands and radio wait."""
-        return self._held_until is not None or self._changing is not None
+        return self._button_until is not None or self._channel_change is not None
 
-    def _changed(self, now: Instant, code: int) -> None:
+    def _finish_channel_change(self, now: Instant, code: int) -> None:
         """Finish a channel change."""
-        self._changing = None
+        self._channel_change = None
         self.channel = code & 0x0F
         self._say(now, SetChannel(code))
         self.commands.advance()
-        self._release(now)
+        self._handle_deferred(now)
 
-    def _release(self, now: Instant) -> None:
+    def _handle_deferred(self, now: Instant) -> None:
         """Handle waiting radio events and commands, unless the board is still busy."""
         if self._busy:
             return
-        held, self._held = self._held, []
-        for one in held:
-            self._radio_says(now, one)
-        self._handle(now)
+        deferred, self._deferred = self._deferred, []
+        for one in deferred:
+            self._handle_radio_event(now, one)
+        self._handle_commands(now)
 
-    def _notes(self) -> bytes:
+    def _info_text(self) -> bytes:
         return (
             f"txCount: {self.counters['transmitted']}\nrxCount: {self.counters['heard']}\n"
             f"panId: {self.pan:04x}\nsAddr: {self.address:04x}\nchannelNo: {self.channel}\nmainCycles: 0\n"
@@ -235,28 +235,28 @@ class EmulatedBoard:
         while self._incoming:
             begin, data = self._incoming[0]
             through = bytes_in(now - begin)
-            for byte in data[self._taken : through]:
+            for byte in data[self._taken_bytes : through]:
                 if self.commands.take(byte):
-                    self._handle(now)
-            self._taken = max(self._taken, min(through, len(data)))
-            if self._taken < len(data):
+                    self._handle_commands(now)
+            self._taken_bytes = max(self._taken_bytes, min(through, len(data)))
+            if self._taken_bytes < len(data):
                 return
             self._incoming.popleft()
-            self._taken = 0
+            self._taken_bytes = 0
 
-    def _radio_says(self, now: Instant, what: Answer | bool) -> None:
-        if not isinstance(what, bool):
+    def _handle_radio_event(self, now: Instant, event: Answer | bool) -> None:
+        if not isinstance(event, bool):
             self.counters["heard"] += 1
-            self._say(now, what)
+            self._say(now, event)
             return
         number = int.from_bytes(self.commands.current()[2:6], "little")
-        self.counters["transmitted"] += what
-        self._say(now, PacketConfirmation(number, not what))
+        self.counters["transmitted"] += event
+        self._say(now, PacketConfirmation(number, not event))
         self.commands.advance()
         self._sending = False
-        self._handle(now)
+        self._handle_commands(now)
 
-    def _handle(self, now: Instant) -> None:
+    def _handle_commands(self, now: Instant) -> None:
         """Handle commands in order; a packet being sent blocks those behind it."""
         if self._busy:
             return
@@ -270,9 +270,9 @@ class EmulatedBoard:
                     self._send(now, command)
                 return
             if command[0] == SET_CHANNEL:
-                self._changing = (Instant(now + self._p.channel_change), command[1])
+                self._channel_change = (Instant(now + self._p.channel_change), command[1])
                 return
-            self._do(now, command)
+            self._execute(now, command)
             self.commands.advance()
             if self._sending:
                 return
@@ -280,18 +280,18 @@ class EmulatedBoard:
     def _send(self, now: Instant, command: bytes) -> None:
         self._sending = True
         length = command[1]
-        if length > FRAME_DATA_LIMIT:  # behaviour of the chip is unknown
-            self._fails = now
+        if length > FRAME_DATA_LIMIT:  # the chip's behaviour is unknown
+            self._fails_at = now
             return
         self._radio.transmit(self, now, 0, command[6 : 6 + length])
 
-    def _do(self, now: Instant, command: bytes) -> None:
+    def _execute(self, now: Instant, command: bytes) -> None:
         if command[0] == SYNC:
             self._say(now, SyncAnswer())
         elif command[0] == SET_POWER:
-            (asked,) = struct.unpack_from("<h", command, 1)
-            self.power_dbm = actual_power(max(min(asked, 0), -399)) / 10
-            self._say(now, SetPower(asked))
+            (requested,) = struct.unpack_from("<h", command, 1)
+            self.power_dbm = actual_power(max(min(requested, 0), -399)) / 10
+            self._say(now, SetPower(requested))
         elif command[0] == SET_ADDRESS:
             self.pan, self.address = struct.unpack_from("<HH", command, 1)
             self._say(now, SetAddress(self.pan, self.address))
@@ -335,11 +335,11 @@ class CommandRing:
             raise CrashError
         self._memory[base + self._at] = byte
         self._at += 1
-        ended = self._in_step(base) if self.in_step else self._out_of_step(byte)
-        if ended:
+        is_complete = self._in_step(base) if self.in_step else self._out_of_step(byte)
+        if is_complete:
             self._at = 0
             self._write = (self._write + 1) % SLOTS
-        return ended
+        return is_complete
 
     def current(self) -> bytes:
         """Return the command at the read position, with the bytes behind it."""
@@ -376,16 +376,16 @@ class AnswerRing:
     def __init__(self, now: Instant) -> None:
         self._slots = [b""] * SLOTS
         self._read = self._write = self._at = 0
-        self._burst: int = now
+        self._burst_start: int = now
         """Start time of the current burst of bytes."""
         self._burst_bytes = 0
-        self._left = bytearray()
+        self._sent_bytes = bytearray()
 
     def put(self, now: Instant, answer: bytes) -> None:
         """Queue an answer. Raises CrashError if all slots are taken: the firmware hangs in its interrupt."""
         self.settle(now)
         if self._read == self._write:
-            self._burst = max(now, self._burst + byte_time(self._burst_bytes))
+            self._burst_start = max(now, self._burst_start + byte_time(self._burst_bytes))
             self._burst_bytes = 0
         self._slots[self._write] = answer
         self._write = (self._write + 1) % SLOTS
@@ -394,10 +394,10 @@ class AnswerRing:
 
     def settle(self, now: Instant) -> None:
         """Send the bytes that are on the line by `now`."""
-        through = bytes_in(now - self._burst) - self._burst_bytes
+        through = bytes_in(now - self._burst_start) - self._burst_bytes
         while through > 0 and self._read != self._write:
             part = self._slots[self._read][self._at : self._at + through]
-            self._left += part
+            self._sent_bytes += part
             through -= len(part)
             self._burst_bytes += len(part)
             self._at += len(part)
@@ -408,12 +408,12 @@ class AnswerRing:
     def collect(self, now: Instant) -> bytes:
         """Return the bytes sent since the last call."""
         self.settle(now)
-        left, self._left = bytes(self._left), bytearray()
-        return left
+        sent_bytes, self._sent_bytes = bytes(self._sent_bytes), bytearray()
+        return sent_bytes
 
     def wake(self) -> Instant | None:
         """Return when the current answer has been sent; None: nothing to send."""
         if self._read == self._write:
             return None
         rest = len(self._slots[self._read]) - self._at
-        return Instant(self._burst + byte_time(self._burst_bytes + rest))
+        return Instant(self._burst_start + byte_time(self._burst_bytes + rest))

@@ -45,10 +45,10 @@ class RadioDevice(Protocol):
     def wake(self) -> Instant | None:
         """Return the time of the next action; None: none."""
 
-    def finished(self, now: Instant, end: RadioEvent) -> None:
+    def finish_frame(self, now: Instant, end: RadioEvent) -> None:
         """Accept the outcome of an own frame, identified by its tag."""
 
-    def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
+    def receive_frame(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
         """Accept a received frame, with RSSI and LQI codes of the chip."""
 
 
@@ -56,9 +56,9 @@ class DeviceMedium(Protocol):
     """Interface of the medium to devices."""
 
     def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
-        """Send a frame; the device's `finished` is called with the outcome."""
+        """Send a frame; the device's `finish_frame` is called with the outcome."""
 
-    def silence(self, device: RadioDevice) -> None:
+    def drop_frames(self, device: RadioDevice) -> None:
         """Drop all frames of the device."""
 
 
@@ -67,14 +67,14 @@ class _Channel:
 
     def __init__(self, addresses: Sequence[int], model: RadioModel, seed: int, jams: Sequence[Jam]) -> None:
         self.robots = RobotMedium(addresses, model, seed)
-        self.usual_dbm = model.parameters.transceiver.tx_power_dbm
-        self.handed: list[SubmittedFrame] = []
+        self.preset_dbm = model.parameters.transceiver.tx_power_dbm
+        self.submitted: list[SubmittedFrame] = []
         self.jams = list(jams)
 
     @property
     def wake(self) -> Instant | None:
         """Time of the next event, rounded up to µs; None: none."""
-        due = [frame.instant for frame in self.handed[:1]]
+        due = [frame.instant for frame in self.submitted[:1]]
         if (wake_ns := self.robots.medium.wake_ns) is not None:
             due.append(wake_ns // 1000)
         return Instant(min(due) + 1) if due else None
@@ -96,7 +96,7 @@ class EmulatedMedium:
         self._channels: dict[int, _Channel] = {}
         self._epochs = [0] * len(addresses)
         self._jams: list[Jam] = []
-        self._since = START
+        self._states_since = START
         self._states: Sequence[BodyState] = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(addresses)
 
     def prepare(self, channel: int) -> None:
@@ -107,9 +107,9 @@ class EmulatedMedium:
         """Add the next device, created with this medium as its radio."""
         self.devices.append(device)
 
-    def place(self, now: Instant, states: Sequence[BodyState]) -> None:
+    def set_states(self, now: Instant, states: Sequence[BodyState]) -> None:
         """Set positions and velocities of all devices from `now` on."""
-        self._since, self._states = now, states
+        self._states_since, self._states = now, states
 
     def jam(self, now: Instant, jams: Sequence[Jam]) -> None:
         """Add jammers on all channels from `now` on."""
@@ -125,22 +125,22 @@ class EmulatedMedium:
         self._channel(self.devices[sender].channel).robots.medium.withhold(sender, receiver)
 
     def transmit(self, device: RadioDevice, now: Instant, tag: int, data: bytes) -> None:
-        """Send a frame of the device; its `finished` is called with the outcome."""
+        """Send a frame of the device; its `finish_frame` is called with the outcome."""
         number, channel = self._number(device), self._channel(device.channel)
-        power_dbm = channel.usual_dbm + (device.power_dbm - REFERENCE_DBM)
+        power_dbm = channel.preset_dbm + (device.power_dbm - REFERENCE_DBM)
         channel.robots.medium.set_power(number, power_dbm)
-        channel.handed.append(SubmittedFrame(now, number, tag, data))
+        channel.submitted.append(SubmittedFrame(now, number, tag, data))
 
-    def silence(self, device: RadioDevice) -> None:
-        """Drop all frames of a device that was reset, without a call of `finished`."""
+    def drop_frames(self, device: RadioDevice) -> None:
+        """Drop all frames of a device that was reset, without calling `finish_frame`."""
         number = self._number(device)
         self._epochs[number] += 1
         for channel in self._channels.values():
-            channel.handed = [frame for frame in channel.handed if frame.transceiver != number]
+            channel.submitted = [frame for frame in channel.submitted if frame.transceiver != number]
 
     def wake(self) -> Instant | None:
         """Return the time of the next event on the medium or in a device; None: none."""
-        return min(self._wakes(), default=None)
+        return min(self._wake_times(), default=None)
 
     def advance(self, until: Instant) -> None:
         """Simulate all events up to `until`; output of boards is returned by their `run`."""
@@ -169,13 +169,13 @@ class EmulatedMedium:
                 total[robot].update(own)
         return {robot: dict(counts) for robot, counts in total.items()}
 
-    def _wakes(self) -> Iterator[Instant]:
-        for part in (
+    def _wake_times(self) -> Iterator[Instant]:
+        for time in (
             *(channel.wake for channel in self._channels.values()),
             *(d.wake() for d in self.devices),
         ):
-            if part is not None:
-                yield part
+            if time is not None:
+                yield time
 
     def _channel(self, code: int) -> _Channel:
         if code not in self._channels:
@@ -193,18 +193,20 @@ class EmulatedMedium:
             for state, device, epoch in zip(self._states, self.devices, self._epochs, strict=True)
         ]
         jams, channel.jams = channel.jams, []
-        handed, channel.handed = channel.handed, []
-        said = channel.robots.advance(TransceiverTruth(self._since, robots), jams, handed, now)
+        submitted, channel.submitted = channel.submitted, []
+        events_by_device = channel.robots.advance(
+            TransceiverTruth(self._states_since, robots), jams, submitted, now
+        )
         sources = dict(zip(self._addresses, self.devices, strict=True))
-        for device, events in zip(self.devices, said, strict=True):
+        for device, events in zip(self.devices, events_by_device, strict=True):
             for event in events:
                 if isinstance(event, FrameReceived):
                     source = sources[event.sender]
                     frame = DataFrame(source.pan, source.address, event.data)
                     rssi = int(rssi_codes(np.array([event.rssi_dbm]))[0])
-                    device.heard(now, frame, rssi, event.lqi)
+                    device.receive_frame(now, frame, rssi, event.lqi)
                 else:
-                    device.finished(now, event)
+                    device.finish_frame(now, event)
 
 
 def create_medium(setup: RadioSetup) -> EmulatedMedium:
@@ -213,6 +215,6 @@ def create_medium(setup: RadioSetup) -> EmulatedMedium:
     def model(channel: int) -> RadioModel:
         return radio_model(msgspec.structs.replace(setup, channel=channel))
 
-    made = EmulatedMedium([address for _, address in setup.robots], model, setup.seed)
-    made.prepare(setup.channel or preset(setup.preset).channel)
-    return made
+    medium = EmulatedMedium([address for _, address in setup.robots], model, setup.seed)
+    medium.prepare(setup.channel or preset(setup.preset).channel)
+    return medium

@@ -43,11 +43,11 @@ from firmware_bridge.laboratory.laboratory import (
     load,
 )
 
-_ROUND: Final = milliseconds(1)
+_BOARD_INTERVAL: Final = milliseconds(1)
 """Minimum interval of serving boards, unless a host has written."""
-_MOST_BEHIND: Final = 50
+_MAX_LATE_SUBSTEPS: Final = 50
 """Maximum number of late sub-steps that are caught up; more are skipped, to keep serving the lines."""
-_LONGEST_LINE: Final = 4096
+_MAX_LINE_BYTES: Final = 4096
 
 
 class LineReader:
@@ -64,13 +64,13 @@ class LineReader:
         if self.descriptor is None:
             return []
         try:
-            data = os.read(self.descriptor, _LONGEST_LINE)
+            data = os.read(self.descriptor, _MAX_LINE_BYTES)
         except OSError:
             data = b""
         if not data:
             self.descriptor = None
         *lines, self._pending = (self._pending + data).split(b"\n")
-        self._pending = self._pending[:_LONGEST_LINE]
+        self._pending = self._pending[:_MAX_LINE_BYTES]
         return [line.decode(errors="replace") for line in lines]
 
 
@@ -90,8 +90,8 @@ class RealTimeLoop:
         self._commands = commands
         self._duration = duration
         self._injector = FaultInjector(laboratory, lines)
-        self._behind: Counter[int] = Counter()
-        self._left_out = 0
+        self._late_substeps: Counter[int] = Counter()
+        self._skipped_us = 0
         self._began_us = time.time_ns() // 1000
         self._began_cpu_s = time.process_time()
         self._began_ns = time.monotonic_ns()
@@ -103,15 +103,15 @@ class RealTimeLoop:
 
     def serve(self) -> None:
         """Wait for the next sub-step, a board's action, bytes or a command, and process them."""
-        by_number = self._lines.descriptors
-        numbers = [*by_number]
+        ports = self._lines.descriptors
+        descriptors = [*ports]
         if self._commands.descriptor is not None:
-            numbers.append(self._commands.descriptor)
-        ready, _, _ = select.select(numbers, [], [], self._patience())
+            descriptors.append(self._commands.descriptor)
+        ready, _, _ = select.select(descriptors, [], [], self._wait_timeout_s())
         now = self._catch_up()
         for number in ready:
-            if number in by_number:
-                port = by_number[number]
+            if number in ports:
+                port = ports[number]
                 if data := self._lines.read(port):
                     self._laboratory.take(port, now, data)
         if self._commands.descriptor in ready:
@@ -128,8 +128,8 @@ class RealTimeLoop:
             places=laboratory.places,
             lines={" ".join(port): self._lines.unread(port) for port in self._lines.ports},
             boards={robot: _board(hardware.radio) for robot, hardware in laboratory.robots.items()},
-            behind_ms={str(late): count for late, count in sorted(self._behind.items())},
-            lost_ms=self._left_out // 1000,
+            behind_ms={str(late): count for late, count in sorted(self._late_substeps.items())},
+            lost_ms=self._skipped_us // 1000,
             robots={
                 robot: LaboratoryTruth(laboratory.pose(robot), laboratory.travelled(robot))
                 for robot in laboratory.robots
@@ -138,38 +138,38 @@ class RealTimeLoop:
                 robot: {"frames": one.base.reception.frames, "skipped": one.base.reception.skipped}
                 for robot, one in laboratory.robots.items()
             },
-            frames=laboratory.air.counters(),
-            frames_by_robot=laboratory.air.counters_by_robot(list(laboratory.robots)),
+            frames=laboratory.medium.counters(),
+            frames_by_robot=laboratory.medium.counters_by_robot(list(laboratory.robots)),
             cpu_s=time.process_time() - self._began_cpu_s,
         )
 
-    def _patience(self) -> float:
+    def _wait_timeout_s(self) -> float:
         """Return the timeout of waiting for bytes, s."""
         now = self._clock()
-        wake = min(self._laboratory.now + SUBSTEP, max(self._laboratory.wake, now + _ROUND))
+        wake = min(self._laboratory.now + SUBSTEP, max(self._laboratory.wake, now + _BOARD_INTERVAL))
         return max(0, wake - now) * 1e-6
 
     def _catch_up(self) -> Instant:
         """Simulate or skip all sub-steps up to now; return the time."""
         now = self._clock()
-        most = self._laboratory.now + _MOST_BEHIND * SUBSTEP
-        if now > most:
-            self._left_out += now - most
+        latest = self._laboratory.now + _MAX_LATE_SUBSTEPS * SUBSTEP
+        if now > latest:
+            self._skipped_us += now - latest
             sys.stderr.write(
-                f"{(now - self._laboratory.now) // 1000} ms behind; {(now - most) // 1000} ms skipped\n"
+                f"{(now - self._laboratory.now) // 1000} ms behind; {(now - latest) // 1000} ms skipped\n"
             )
             sys.stderr.flush()
-            now = Instant(most)
+            now = Instant(latest)
         if self._duration is not None:
             now = min(now, Instant(self._duration))
         for due in range(self._laboratory.now + SUBSTEP, now + 1, SUBSTEP):
-            self._behind[(now - due) // 1000] += 1
+            self._late_substeps[(now - due) // 1000] += 1
         self._laboratory.advance(now, self._lines.send)
         return now
 
     def _answer(self, line: str) -> None:
         try:
-            answer = self._injector.do(line)
+            answer = self._injector.execute(line)
         except AcrcError as error:
             answer = str(error)
         with suppress(BrokenPipeError):  # the client has exited
@@ -177,7 +177,7 @@ class RealTimeLoop:
             sys.stdout.flush()
 
     def _clock(self) -> Instant:
-        return Instant((time.monotonic_ns() - self._began_ns) // 1000 - self._left_out)
+        return Instant((time.monotonic_ns() - self._began_ns) // 1000 - self._skipped_us)
 
 
 def _board(radio: EmulatedBoard | SimulatedTransceiver) -> dict[str, int]:
@@ -195,7 +195,7 @@ def main(argv: Sequence[str]) -> int:
     def stop(number: int, _frame: FrameType | None) -> None:
         stopped.append(number)
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+    handlers = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         parser = ArgumentParser(prog="python -m firmware_bridge.laboratory", description="Emulate hardware.")
         parser.add_argument("--setup", required=True, type=Path, help="JSON file with the set-up")
@@ -224,7 +224,7 @@ def main(argv: Sequence[str]) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 

@@ -72,10 +72,10 @@ class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise AcrcError(
                     f"robot {robot!r}: invalid name; use one that is a valid folder name without spaces"
                 )
-        named = [robot for robot, _ in self.radio.robots]
-        if sorted(named) != sorted(set(robots)) or len(set(robots)) != len(robots):
+        addressed = [robot for robot, _ in self.radio.robots]
+        if sorted(addressed) != sorted(set(robots)) or len(set(robots)) != len(robots):
             raise AcrcError(
-                f"robots {', '.join(robots)}, but addresses of {', '.join(named) or 'none'}; "
+                f"robots {', '.join(robots)}, but addresses of {', '.join(addressed) or 'none'}; "
                 "give each robot one name and one address"
             )
 
@@ -145,22 +145,22 @@ class LaboratoryScanners:
         """Poses of the bodies, (n, 3), m, rad, map frame."""
         self._obstacles: NDArray[np.float64] = np.empty((0, 3))
 
-    def look(self, poses: Sequence[tuple[float, ...]], obstacles: NDArray[np.float64]) -> None:
+    def set_state(self, poses: Sequence[tuple[float, ...]], obstacles: NDArray[np.float64]) -> None:
         """Set poses of the bodies, and obstacles: (n, 3), x, y and radius, m."""
         self.poses[:] = poses
         self._obstacles = obstacles
 
-    def of(self, index: int) -> RangeFunction:
+    def range_function(self, index: int) -> RangeFunction:
         """Return the range function of one robot's lidar."""
 
-        def sight(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        def ranges_at(angles: NDArray[np.float64]) -> NDArray[np.float64]:
             (ranges_mm,) = self._sensors.scan([index], self.poses, self._obstacles)
             rays = np.rint((angles - self._first) / (math.tau / _RAYS)).astype(np.intp) % _RAYS
-            seen = ranges_mm[rays]
-            ranges: NDArray[np.float64] = np.where(seen == NO_ECHO_MM, np.inf, seen / 1000)
+            echoes_mm = ranges_mm[rays]
+            ranges: NDArray[np.float64] = np.where(echoes_mm == NO_ECHO_MM, np.inf, echoes_mm / 1000)
             return ranges
 
-        return sight
+        return ranges_at
 
 
 def _with_lidar(model: RobotModel) -> RobotModel:
@@ -179,24 +179,24 @@ class RobotBody:
     def __init__(self, bodies: Bodies, index: int) -> None:
         self._bodies = bodies
         self._index = index
-        self._wanted = (0.0, 0.0)
+        self._command = (0.0, 0.0)
         """Last command: m/s, rad/s."""
 
     def drive(self, v: float, omega: float) -> None:
         """Set the commanded velocity: `v` m/s forward and `omega` rad/s."""
-        self._wanted = (v, omega)
+        self._command = (v, omega)
 
     @property
     def is_commanded_to_stand(self) -> bool:
         """True if the last command is zero velocity; the body may still be braking."""
-        return self._wanted == (0.0, 0.0)
+        return self._command == (0.0, 0.0)
 
     def hold(self, now: Instant) -> None:
         """Repeat the last command, as no watchdog is documented for a Kobuki.
 
         Call it before each move of the bodies, whose commands expire.
         """
-        v, omega = self._wanted
+        v, omega = self._command
         self._bodies.command(self._index, Drive(0, v, 0.0, omega, 0), now)
 
     def advance(self, now: Instant) -> None:
@@ -243,7 +243,7 @@ class Laboratory:
         self._batteries = Batteries(msgspec.structs.replace(world, step_us=SUBSTEP), models)
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._scanners = LaboratoryScanners(real_floor(world, models).visible, models, noise)
-        self.air = create_medium(setup.radio)
+        self.medium = create_medium(setup.radio)
         """Radio medium."""
         self._orders = Orders(world.events, Participants(world.robots), self._bodies, self._referee)
         self.robots: Mapping[str, EmulatedHardware] = {
@@ -252,7 +252,7 @@ class Laboratory:
         """Devices by robot."""
         self._now = self._instant = START
         self._travelled = np.zeros(len(models))
-        self._look()
+        self._update_surroundings()
 
     @property
     def now(self) -> Instant:
@@ -267,7 +267,7 @@ class Laboratory:
     @property
     def wake(self) -> Instant:
         """Time of the next event."""
-        return self.air.wake() or self._due
+        return self.medium.wake() or self._due
 
     @property
     def contacts(self) -> int:
@@ -287,7 +287,7 @@ class Laboratory:
         """Return the distance travelled so far, m."""
         return float(self._travelled[self._index(robot)])
 
-    def carry(self, robot: str, pose: Pose) -> None:
+    def move_robot(self, robot: str, pose: Pose) -> None:
         """Move a robot to another pose. Raises AcrcError if it does not fit."""
         self._bodies.place(self._index(robot), pose)
 
@@ -304,13 +304,13 @@ class Laboratory:
     def advance(self, until: Instant, out: Out) -> None:
         """Advance to `until`; pass the devices' bytes to `out`."""
         while self._due <= until:
-            self.air.advance(self._due)
+            self.medium.advance(self._due)
             self._move()
             for name, robot in self.robots.items():
                 out(DevicePort(name, BASE), robot.base.run(self._now))
                 out(DevicePort(name, RANGE), robot.lidar.run(self._now))
         self._instant = until
-        self.air.advance(until)
+        self.medium.advance(until)
         for name, robot in self.robots.items():
             out(DevicePort(name, RADIO), robot.radio.run(until))
 
@@ -324,19 +324,19 @@ class Laboratory:
         self._bodies.move(self._now, SUBSTEP)
         self._now = self._due
         before = self._scanners.poses[:, :2].copy()
-        self._look()
+        self._update_surroundings()
         self._travelled += arrays.hypot(*(self._scanners.poses[:, :2] - before).T)
 
-    def _look(self) -> None:
+    def _update_surroundings(self) -> None:
         """Execute orders at the start of a sub-step, and update medium, scanners and referee."""
         self._orders.begin(self._now)
         effects = self._orders.effects
-        self.air.jam(self._now, effects.jams)
+        self.medium.jam(self._now, effects.jams)
         for loss in effects.losses:
-            self.air.withhold(self._index(loss.sender), self._index(loss.robot))
+            self.medium.withhold(self._index(loss.sender), self._index(loss.robot))
         states = [self._bodies.truth(index) for index in range(len(self.robots))]
-        self.air.place(self._now, states)
-        self._scanners.look([state[:3] for state in states], self._bodies.obstacles)
+        self.medium.set_states(self._now, states)
+        self._scanners.set_state([state[:3] for state in states], self._bodies.obstacles)
         self._referee.watch(self._now, self._scanners.poses[:, :2])
         if self._batteries.exist:
             self._discharge(states)
@@ -361,17 +361,17 @@ class Laboratory:
         body = RobotBody(self._bodies, index)
         errors = self._errors[index] if robot.odometry == "kobuki" else NO_ERRORS
         radio = self._radio(robot.id, setup)
-        self.air.add(radio)
+        self.medium.add(radio)
         base = EmulatedKobuki(body, generator(seed, "laboratory base", robot.id), BaseParameters(errors))
         noise = generator(seed, "laboratory lidar", robot.id)
-        lidar = EmulatedRplidar(self._scanners.of(index), LIDAR, generator=noise)
+        lidar = EmulatedRplidar(self._scanners.range_function(index), LIDAR, generator=noise)
         return EmulatedHardware(body, base, radio, lidar)
 
     def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | SimulatedTransceiver:
         if robot not in setup.without_board:
-            return EmulatedBoard(self.air, START)
+            return EmulatedBoard(self.medium, START)
         channel = radio_model(setup.radio).parameters.channel
-        return SimulatedTransceiver(self.air, BoardSettings(dict(setup.radio.robots)[robot], channel))
+        return SimulatedTransceiver(self.medium, BoardSettings(dict(setup.radio.robots)[robot], channel))
 
     def _index(self, robot: str) -> int:
         return list(self.robots).index(robot)
@@ -434,7 +434,7 @@ class FaultInjector:
         self._laboratory = laboratory
         self._lines = lines
 
-    def do(self, line: str) -> str:
+    def execute(self, line: str) -> str:
         """Execute one line (verb, robot, arguments) and return the answer, mostly "ok". Raises AcrcError."""
         verb, *words = line.split() or [""]
         if verb not in _USAGE:
@@ -448,9 +448,9 @@ class FaultInjector:
                 raise AcrcError(f"invalid argument {word!r}; use one of {choice}")
         if len(words) != 1 + len(usage):
             raise AcrcError(f"{line.strip()!r}: usage is {f'{verb} ROBOT {_USAGE[verb]}'.rstrip()!r}")
-        return self._do(robots[robot], robot, (verb, *words[1:])) or "ok"
+        return self._execute(robots[robot], robot, (verb, *words[1:])) or "ok"
 
-    def _do(self, hardware: EmulatedHardware, robot: str, words: tuple[str, ...]) -> str | None:
+    def _execute(self, hardware: EmulatedHardware, robot: str, words: tuple[str, ...]) -> str | None:
         if fault := _FAULTS.get(" ".join(words)):
             device, attribute, value = fault
             setattr(hardware.base.faults if device == "base" else hardware.lidar, attribute, value)
@@ -460,9 +460,9 @@ class FaultInjector:
             case ("battery", volts):
                 hardware.base.faults.battery = _number(volts, "a voltage", 25.5)
             case ("repair",):
-                self._heal(hardware, robot)
+                self._repair(hardware, robot)
             case ("where",):
-                return self._where(hardware, robot)
+                return self._position_line(hardware, robot)
             case ("corrupt", device, share):
                 self._lines.corrupt(DevicePort(robot, device), _number(share, "a share", 1.0))
             case ("plug" | "unplug" as verb, device):
@@ -488,7 +488,7 @@ class FaultInjector:
         else:
             board.reboot(now)
 
-    def _heal(self, hardware: EmulatedHardware, robot: str) -> None:
+    def _repair(self, hardware: EmulatedHardware, robot: str) -> None:
         """Remove all faults and connect all lines."""
         hardware.base.faults = KobukiFaults()
         for attribute, value in _HEALTHY_LIDAR.items():
@@ -498,7 +498,7 @@ class FaultInjector:
             if not self._lines.is_plugged(port):
                 self._lines.plug(port)
 
-    def _where(self, hardware: EmulatedHardware, robot: str) -> str:
+    def _position_line(self, hardware: EmulatedHardware, robot: str) -> str:
         """Return time, s; true distance travelled, m; speed, m/s; 1 if the commanded velocity is zero."""
         time = in_seconds(Duration(self._laboratory.now - START))
         commanded_to_stand = int(hardware.body.is_commanded_to_stand)
@@ -506,12 +506,12 @@ class FaultInjector:
         return f"{time:.3f} {self._laboratory.travelled(robot):.4f} {speed:.4f} {commanded_to_stand}"
 
 
-def _number(word: str, what: str, most: float) -> float:
-    """Parse a number from 0 to `most`. Raises AcrcError."""
+def _number(word: str, what: str, maximum: float) -> float:
+    """Parse a number from 0 to `maximum`. Raises AcrcError."""
     try:
         value = float(word)
     except ValueError:
         value = math.nan
-    if not 0 <= value <= most:
-        raise AcrcError(f"{word!r} is not {what}; must be a number from 0 to {most:g}")
+    if not 0 <= value <= maximum:
+        raise AcrcError(f"{word!r} is not {what}; must be a number from 0 to {maximum:g}")
     return value

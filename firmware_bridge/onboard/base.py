@@ -44,15 +44,17 @@ from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.serial_port import KOBUKI, RPLIDAR, SerialPort
 
 
-def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
+def create_turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
     """Create the vehicle on the ports of the set-up, which may be missing at first."""
     base = functools.partial(SerialPort, setup.base, KOBUKI)
-    driver, ranger = KobukiDriver(clock.now()), _ranger(setup, clock, say)
+    driver, range_device = KobukiDriver(clock.now()), _create_ranger(setup, clock, say)
     model = load_model(setup.model, setup.sensor)
-    return TurtleBot(base, driver, ranger, GuardianLink(setup.base), say, model.sensor.mount, model.battery)
+    return TurtleBot(
+        base, driver, range_device, GuardianLink(setup.base), say, model.sensor.mount, model.battery
+    )
 
 
-def _ranger(setup: BaseSetup, clock: Clock, say: Say) -> RangeDevice | None:
+def _create_ranger(setup: BaseSetup, clock: Clock, say: Say) -> RangeDevice | None:
     if setup.range is None:
         return None
     sensor = load_model(setup.model, setup.sensor).sensor
@@ -70,31 +72,31 @@ class Base:
         now = clock.now()
         self._clock = clock
         self._log = BackgroundLog(write_stderr)
-        self._vehicle = turtlebot(setup, clock, self._log.say)
-        self._keeper = None if setup.last_pose is None else PoseWriter(Path(setup.last_pose), now)
-        begun = None if self._keeper is None else self._keeper.begun
-        start = Pose(*(setup.start if begun is None else begun.pose))
+        self._vehicle = create_turtlebot(setup, clock, self._log.say)
+        self._pose_writer = None if setup.last_pose is None else PoseWriter(Path(setup.last_pose), now)
+        initial = None if self._pose_writer is None else self._pose_writer.initial
+        start = Pose(*(setup.start if initial is None else initial.pose))
         self.core = BaseCore(setup.id, setup.step_us, now, start, len(setup.places), self._vehicle)
-        self.core.patience = None if setup.patience_s is None else seconds(setup.patience_s)
+        self.core.answer_timeout = None if setup.patience_s is None else seconds(setup.patience_s)
         self._stopped = False
 
     def drive(self, shell: Shell, bus: SelectableBus) -> None:
         """Run until stopped; the vehicle stands when this returns or raises."""
         core = self.core
-        before = signal.signal(signal.SIGTERM, self._stop)
+        previous_handler = signal.signal(signal.SIGTERM, self._stop)
         try:
-            run_event_loop(shell, bus, core, self, self._clock, lambda: core.wake, self._timely)
+            run_event_loop(shell, bus, core, self, self._clock, lambda: core.wake, self._is_due)
         except AcrcError as error:
-            if self._keeper is not None and isinstance(error, MotionUnknownError):
+            if self._pose_writer is not None and isinstance(error, MotionUnknownError):
                 self._vehicle.close()
-                self._keeper.doubt(FEEDBACK_LOSS_SPREAD)
+                self._pose_writer.add_spread(FEEDBACK_LOSS_SPREAD)
             raise
         finally:
             self._vehicle.close()
-            if self._keeper is not None:
-                self._keeper.close()
+            if self._pose_writer is not None:
+                self._pose_writer.close()
             self._log.close()
-            signal.signal(signal.SIGTERM, before)
+            signal.signal(signal.SIGTERM, previous_handler)
 
     @property
     def wake(self) -> Instant | None:
@@ -109,12 +111,12 @@ class Base:
         """Exchange bytes with the devices. Raises MotionUnknownError."""
         self._vehicle.serve(now)
         self._vehicle.check_odometry()
-        if self._keeper is not None and self.core.held is not None:
-            self._keeper.keep(now, *self.core.held)
+        if self._pose_writer is not None and self.core.last_estimate is not None:
+            self._pose_writer.store(now, *self.core.last_estimate)
         if self._stopped:
             self.core.stop()
 
-    def _timely(self) -> bool:
+    def _is_due(self) -> bool:
         return self._stopped or self.core.now >= self.core.wake
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
@@ -143,25 +145,25 @@ def main(argv: Sequence[str]) -> int:
     """Run the base process; return the exit code."""
     try:
         file = setup_parser("firmware_bridge.onboard.base", "Drive a TurtleBot 2.").parse_args(argv).setup
-        told, folder = read_setup(file, BaseProcessSetup, "a base"), file.parent
-        setup, router = told.actor, folder / told.process.router
-        if told.process.with_parent:
+        process_setup, folder = read_setup(file, BaseProcessSetup, "a base"), file.parent
+        setup, router = process_setup.actor, folder / process_setup.process.router
+        if process_setup.process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
-        issued = credentials.read_router_file(router)
+        router_credentials = credentials.read_router_file(router)
         base = Base(setup.resolve_paths(folder), Clock())
         process = ActorProcess(
             core=base.core,
             listens=base.core.listens(),
-            run=run_note("base", setup, told.process.commit),
+            run=run_note("base", setup, process_setup.process.commit),
             bus=SelectableBus,
             drive=base.drive,
             outcome=base.core.report,
         )
-        config = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
+        config = onboard_router_config(router_credentials, Path(setup.keys or ""), setup.listen)
         try:
             check_endpoint(setup.listen)
-            recorder = BackgroundRecorder(folder / told.process.record, setup.step_us)
-            return run_actor(process, recorder, config, lambda: publish_sockets(issued))
+            recorder = BackgroundRecorder(folder / process_setup.process.record, setup.step_us)
+            return run_actor(process, recorder, config, lambda: publish_sockets(router_credentials))
         finally:
             credentials.remove_router_file(router)
     except AcrcError as error:

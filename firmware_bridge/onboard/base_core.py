@@ -54,7 +54,7 @@ class BaseReport(msgspec.Struct):
     """Number of steps by latency of the robot's answer, ms."""
 
 
-AIR_PATIENCE: Final[Duration] = milliseconds(20)
+BRIDGE_TIMEOUT: Final[Duration] = milliseconds(20)
 """Timeout of the bridge's report: a fifth of a step; typical is 1 ms."""
 
 
@@ -79,7 +79,7 @@ class Vehicle(Protocol):
         The vehicle may refuse it for other causes.
         """
 
-    def held(self) -> tuple[str, ...]:
+    def stop_reasons(self) -> tuple[str, ...]:
         """Return causes that prevent motion now or soon, in words."""
 
 
@@ -104,27 +104,27 @@ class BaseCore(TimedCore):
         self._vehicle = vehicle
         self._sensed: int | None = None
         """Last step whose SensorData were sent."""
-        self._robot_there = self._radio_there = self._busy = self._asked = self._paused = False
+        self._robot_ready = self._bridge_ready = self._robot_busy = self._bridge_asked = self._paused = False
         self._opening: int | None = None
         """Step that waits for the bridge."""
-        self._air_due = begin
+        self._bridge_due = begin
         self._events = 0
         self._epoch = 0
         """Epoch of the robot's process."""
-        self._unanswered = self._void = 0
+        self._unanswered = self._obsolete = 0
         """Number of Truths not answered by the bridge, and of those for an exited robot."""
         self._transmits = 0
-        self.patience: Duration | None = None
+        self.answer_timeout: Duration | None = None
         """Timeout of answers of robot and bridge; None: no limit."""
         self._asked_at = begin
         """Time of the unanswered request to the bridge."""
         self._odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         """Odometry in the last SensorData."""
-        self.held: tuple[Pose, Odometry] | None = None
+        self.last_estimate: tuple[Pose, Odometry] | None = None
         """Latest pose estimate of the robot, map frame, with its odometry; None before the first."""
         self._stopping = False
         self._reports = 0
-        self._left = places
+        self._places_left = places
 
     @property
     def next_tick(self) -> Instant:
@@ -134,7 +134,7 @@ class BaseCore(TimedCore):
     @property
     def wake(self) -> Instant:
         """Time of the next advance without a message."""
-        return min(self.next_tick, self._air_due) if self._opening is not None else self.next_tick
+        return min(self.next_tick, self._bridge_due) if self._opening is not None else self.next_tick
 
     def listens(self) -> Sequence[Address]:
         """Return the addresses of incoming messages."""
@@ -145,18 +145,18 @@ class BaseCore(TimedCore):
         """Process one message, or the passing of time."""
         self._expected = None
         if not inputs:
-            return self._time()
+            return self._on_time()
         (key,) = inputs
         message: Message = inputs[key]
         match message:
             case Drive():
-                return self._drive(message)
+                return self._on_drive(message)
             case RadioAdvanced():
-                return self._aired(message)
+                return self._on_radio_advanced(message)
             case Ready():
-                return self._ready(message)
+                return self._on_ready(message)
             case Control():
-                return self._control(message)
+                return self._on_control(message)
             case _:
                 return ()
 
@@ -178,11 +178,11 @@ class BaseCore(TimedCore):
         lateness_ms = dict(sorted(self.counts.lateness_ms.items()))
         return msgspec.structs.replace(self.counts, steps=self.step, lateness_ms=lateness_ms)
 
-    def _time(self) -> Sequence[Output]:
+    def _on_time(self) -> Sequence[Output]:
         if self._stopping:
             return self._halt()
         outputs: list[Output] = []
-        if self._opening is not None and self.now >= self._air_due:
+        if self._opening is not None and self.now >= self._bridge_due:
             self.counts.late_air += 1
             outputs += self._open(self._opening)
         if self.now >= self.next_tick:
@@ -191,19 +191,19 @@ class BaseCore(TimedCore):
         return outputs
 
     def _tick(self) -> Sequence[Output]:
-        if not self._robot_there or self._paused:
+        if not self._robot_ready or self._paused:
             return ()
         self._check_answers()
-        if self._busy or self._opening is not None:
+        if self._robot_busy or self._opening is not None:
             self.counts.overruns += 1
             return ()
-        waits = self._radio_there and self._sensed is not None and not self._events
-        if not waits:
+        is_waiting = self._bridge_ready and self._sensed is not None and not self._events
+        if not is_waiting:
             return self._open(self.step)
-        self._opening, self._air_due = self.step, Instant(self.now + AIR_PATIENCE)
-        if self._asked:
+        self._opening, self._bridge_due = self.step, Instant(self.now + BRIDGE_TIMEOUT)
+        if self._bridge_asked:
             return ()
-        self._asked, self._asked_at = True, self.now
+        self._bridge_asked, self._asked_at = True, self.now
         assert self._sensed is not None
         self._unanswered += 1
         truth = Truth(self._sensed, self._instant(self._sensed), (self._truth(),))
@@ -211,17 +211,19 @@ class BaseCore(TimedCore):
 
     def _check_answers(self) -> None:
         """Raise AcrcError if the answer of robot or bridge has timed out."""
-        if self.patience is None or self._sensed is None:
+        if self.answer_timeout is None or self._sensed is None:
             return
-        for waits, since, who in (
-            (self._busy, self._instant(self._sensed), self._robot),
-            (self._asked, self._asked_at, "the radio's bridge"),
+        for is_waiting, since, name in (
+            (self._robot_busy, self._instant(self._sensed), self._robot),
+            (self._bridge_asked, self._asked_at, "the radio's bridge"),
         ):
-            if waits and self.now - since > self.patience:
-                raise AcrcError(f"step {self.step}: no answer from {who} for {in_seconds(self.patience):g} s")
+            if is_waiting and self.now - since > self.answer_timeout:
+                raise AcrcError(
+                    f"step {self.step}: no answer from {name} for {in_seconds(self.answer_timeout):g} s"
+                )
 
     def _open(self, step: int) -> list[Output]:
-        self._opening, self._busy, self._sensed = None, True, step
+        self._opening, self._robot_busy, self._sensed = None, True, step
         outputs = [to(SENSES, self._senses_of(step), self._robot)]
         if self._instant(step) % 1_000_000 < self._step_us:
             outputs.append(to(PROGRESS, self._progress()))
@@ -236,41 +238,41 @@ class BaseCore(TimedCore):
         bumper, charge = vehicle.bumper(), vehicle.charge()
         return SensorData(step, instant, events, self._odometry, bumper, scan, halt, battery=charge)
 
-    def _drive(self, drive: Drive) -> Sequence[Output]:
-        if drive.step != self._sensed or not self._busy:
+    def _on_drive(self, drive: Drive) -> Sequence[Output]:
+        if drive.step != self._sensed or not self._robot_busy:
             self.counts.stale_drives += 1
             return ()
-        self._busy = False
+        self._robot_busy = False
         late_ms = (self.now - self._instant(drive.step)) // 1000
         self.counts.lateness_ms[late_ms] = self.counts.lateness_ms.get(late_ms, 0) + 1
         if not self._paused:
             self._vehicle.command(self.now, self._instant(drive.step), drive.vx, drive.omega)
         if drive.pose is not None:
-            self.held = Pose(*drive.pose), self._odometry
+            self.last_estimate = Pose(*drive.pose), self._odometry
         self._transmits = drive.transmits
         self._reports += len(drive.reports)
-        self._left = self._left if drive.route is None else len(drive.route)
+        self._places_left = self._places_left if drive.route is None else len(drive.route)
         return ()
 
-    def _aired(self, aired: RadioAdvanced) -> Sequence[Output]:
+    def _on_radio_advanced(self, report: RadioAdvanced) -> Sequence[Output]:
         self._unanswered = max(0, self._unanswered - 1)
-        if self._void:
-            self._void -= 1
+        if self._obsolete:
+            self._obsolete -= 1
             return ()
-        self._asked = False
-        self._events += sum(int(count.events) for count in aired.counts if count.id == self._robot)
+        self._bridge_asked = False
+        self._events += sum(int(count.events) for count in report.counts if count.id == self._robot)
         return self._open(self._opening) if self._opening is not None else ()
 
-    def _ready(self, ready: Ready) -> Sequence[Output]:
+    def _on_ready(self, ready: Ready) -> Sequence[Output]:
         if ready.actor == self._robot:
-            self._robot_there, self._busy, self._opening, self._events = True, False, None, 0
+            self._robot_ready, self._robot_busy, self._opening, self._events = True, False, None, 0
             # The next Truth passes the epoch to the bridge before the robot's first frames.
-            self._epoch, self._asked, self._void = ready.epoch, False, self._unanswered
+            self._epoch, self._bridge_asked, self._obsolete = ready.epoch, False, self._unanswered
         else:
-            self._radio_there, self._asked, self._unanswered, self._void = True, False, 0, 0
+            self._bridge_ready, self._bridge_asked, self._unanswered, self._obsolete = (True, False, 0, 0)
         return ()
 
-    def _control(self, control: Control) -> Sequence[Output]:
+    def _on_control(self, control: Control) -> Sequence[Output]:
         for order in control.orders:
             match order:
                 case Stop():
@@ -311,9 +313,9 @@ class BaseCore(TimedCore):
         return Progress(
             self.step,
             self._instant(self.step),
-            self._left,
+            self._places_left,
             self._reports,
             self.finished,
             self._paused,
-            held=self._vehicle.held(),
+            held=self._vehicle.stop_reasons(),
         )

@@ -61,14 +61,14 @@ from firmware_bridge.onboard.device_loop import (
 )
 from firmware_bridge.serial_port import BoardPort
 
-MOST_EVENTS: Final = 256
+MAX_EVENTS: Final = 256
 """Maximum number of queued events; about one second of a busy channel."""
-MOST_PLANNED: Final = 256
+MAX_PLANNED: Final = 256
 """Maximum number of frames waiting for their instants."""
 
 
 class BridgeCore(TimedCore):
-    """Bridge of one robot's board; `hear` accepts bytes, `due` returns bytes."""
+    """Bridge of one robot's board; `receive` accepts bytes, `due` returns bytes."""
 
     def __init__(self, robot: str, link: BoardLink | TransceiverLink) -> None:
         super().__init__()
@@ -76,13 +76,13 @@ class BridgeCore(TimedCore):
         self._link = link
         self._planned: list[tuple[int, int, int, bytes]] = []
         self._added = 0
-        self._held: list[RadioEvent] = []
+        self._events: list[RadioEvent] = []
         self._notes: list[BoardNote] = []
         self._epoch: int | None = None
         """Epoch of the robot; None: unknown."""
         self._tags: dict[int, int] = {}
         """The robot's tags of frames in the link, by the link's tags."""
-        self._handed = 0
+        self._frames_submitted = 0
         self.dropped_events = self.dropped_frames = self.forgotten_events = self.forgotten_frames = 0
 
     @property
@@ -104,7 +104,7 @@ class BridgeCore(TimedCore):
             if isinstance(message, Transmit):
                 self._plan(message)
             elif isinstance(message, Truth):
-                return self._truth(message)
+                return self._on_truth(message)
         notes, self._notes = tuple(self._notes), []
         return (to(BOARD, Board(self.step, notes)),) if notes else ()
 
@@ -113,21 +113,21 @@ class BridgeCore(TimedCore):
         """True if board notes are pending."""
         return bool(self._notes)
 
-    def hear(self, data: bytes) -> None:
+    def receive(self, data: bytes) -> None:
         """Process bytes read (or none) and the passing of time."""
-        self._note(self._link.take(self.now, data))
+        self._take_events(self._link.take(self.now, data))
 
-    def lost(self) -> None:
+    def port_lost(self) -> None:
         """Handle the loss of the port."""
-        self._note(self._link.lost(self.now))
+        self._take_events(self._link.lost(self.now))
 
     def due(self) -> bytes:
         """Return the bytes to write now."""
         while self._planned and self._planned[0][0] <= self.now:
             _, _, tag, data = heapq.heappop(self._planned)
-            self._handed += 1
-            self._tags[self._handed] = tag
-            self._note(self._link.send(self.now, self._handed, data))
+            self._frames_submitted += 1
+            self._tags[self._frames_submitted] = tag
+            self._take_events(self._link.send(self.now, self._frames_submitted, data))
         return self._link.due(self.now)
 
     def outcome(self) -> dict[str, object]:
@@ -144,58 +144,58 @@ class BridgeCore(TimedCore):
 
     def _plan(self, transmit: Transmit) -> None:
         for frame in transmit.frames:
-            if len(self._planned) >= MOST_PLANNED:
+            if len(self._planned) >= MAX_PLANNED:
                 self.dropped_frames += 1
-                self._hold(FrameOverflow(self.now, frame.tag))
+                self._add_event(FrameOverflow(self.now, frame.tag))
                 continue
             self._added += 1
             heapq.heappush(self._planned, (frame.instant, self._added, frame.tag, frame.data))
 
-    def _truth(self, truth: Truth) -> Sequence[Output]:
+    def _on_truth(self, truth: Truth) -> Sequence[Output]:
         if truth.halt:
             self.finished = True
             return ()
         for robot in truth.robots:
-            self._follow(robot.epoch)
+            self._set_epoch(robot.epoch)
         self.step = truth.step + 1
-        held, self._held = tuple(self._held), []
-        if not held:
+        events, self._events = tuple(self._events), []
+        if not events:
             return (to(AIRED, RadioAdvanced(truth.step, ())),)
-        received = to(RECEIVED, RadioEvents(truth.step + 1, held), self._robot)
-        return (received, to(AIRED, RadioAdvanced(truth.step, (EventCount(self._robot, len(held)),))))
+        received = to(RECEIVED, RadioEvents(truth.step + 1, events), self._robot)
+        return (received, to(AIRED, RadioAdvanced(truth.step, (EventCount(self._robot, len(events)),))))
 
-    def _follow(self, epoch: int) -> None:
+    def _set_epoch(self, epoch: int) -> None:
         """Drop events and frames of an earlier epoch."""
         if self._epoch not in (None, epoch):
             self.forgotten_frames += len(self._planned) + self._link.forget()
-            self.forgotten_events += len(self._held)
+            self.forgotten_events += len(self._events)
             self._planned.clear()
-            self._held.clear()
+            self._events.clear()
             self._tags.clear()
         self._epoch = epoch
 
-    def _note(self, told: Sequence[BoardEvent]) -> None:
-        for event in told:
+    def _take_events(self, events: Sequence[BoardEvent]) -> None:
+        for event in events:
             match event:
                 case FrameReceived():
-                    self._hold(event)
+                    self._add_event(event)
                 case FrameSent() | AccessFailure() | FrameOverflow() | FrameRefused() | FrameUnconfirmed():
-                    self._ended(event)
+                    self._add_outcome(event)
                 case _:
                     self._notes.append(event)
 
-    def _ended(self, end: PacketOutcome) -> None:
-        tag = self._tags.pop(end.tag, None)
+    def _add_outcome(self, outcome: PacketOutcome) -> None:
+        tag = self._tags.pop(outcome.tag, None)
         if tag is None:  # a frame of the epoch before
             self.forgotten_events += 1
         else:
-            self._hold(msgspec.structs.replace(end, tag=tag))
+            self._add_event(msgspec.structs.replace(outcome, tag=tag))
 
-    def _hold(self, event: RadioEvent) -> None:
-        if len(self._held) >= MOST_EVENTS:
+    def _add_event(self, event: RadioEvent) -> None:
+        if len(self._events) >= MAX_EVENTS:
             self.dropped_events += 1
         else:
-            self._held.append(event)
+            self._events.append(event)
 
 
 class Bridge:
@@ -232,12 +232,12 @@ class Bridge:
             self._link.connect(now)
         if self._line.port is None:
             self.core.due()  # moves due frames to the link's queue
-        elif not self._line.exchange(self._converse):
-            self.core.lost()
+        elif not self._line.exchange(self._exchange_bytes):
+            self.core.port_lost()
 
-    def _converse(self, port: BoardPort) -> bool:
+    def _exchange_bytes(self, port: BoardPort) -> bool:
         """Exchange bytes between core and port; return True."""
-        self.core.hear(port.read())
+        self.core.receive(port.read())
         port.write(self.core.due() if port.is_idle else b"")
         return True
 
@@ -247,22 +247,22 @@ def main(argv: Sequence[str]) -> int:
     try:
         parser = setup_parser("firmware_bridge.onboard.bridge", "Connect a robot to its BEE-click board.")
         file = parser.parse_args(argv).setup
-        told, folder = read_setup(file, BridgeProcessSetup, "a bridge"), file.parent
-        setup, place = told.actor, told.process
-        if place.with_parent:
+        bridge_file, folder = read_setup(file, BridgeProcessSetup, "a bridge"), file.parent
+        setup, process_setup = bridge_file.actor, bridge_file.process
+        if process_setup.with_parent:
             die_with_parent(os.getppid())
         bridge = Bridge(setup, Clock())
         process = ActorProcess(
             core=bridge.core,
             listens=bridge.core.listens(),
-            run=run_note("radio", setup, place.commit),
+            run=run_note("radio", setup, process_setup.commit),
             ready=to(RADIO_READY, Ready(0, "radio", 0, "")),
             bus=SelectableBus,
             drive=bridge.drive,
             outcome=bridge.core.outcome,
         )
-        config = client_config(folder / place.credentials, place.endpoint(folder))
-        return run_actor(process, LossyRecorder(folder / place.record, setup.step_us), config)
+        config = client_config(folder / process_setup.credentials, process_setup.endpoint(folder))
+        return run_actor(process, LossyRecorder(folder / process_setup.record, setup.step_us), config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

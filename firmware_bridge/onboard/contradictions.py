@@ -82,7 +82,7 @@ def large_objects(sweep: SensorSweep) -> SensorSweep:
     return chosen_samples(sweep, np.repeat(large, np.diff(np.append(begins, x.size))))
 
 
-def placed(
+def echo_positions(
     sweep: SensorSweep, mount: Pose, track: PoseTrack, hypothesis: Hypothesis
 ) -> NDArray[np.complex128]:
     """Return the positions of the echoes under a hypothesis; `mount`: pose of the sensor on the body."""
@@ -111,63 +111,68 @@ def sectors(chosen: NDArray[np.bool_], count: int = 12) -> int:
     return sum(np.count_nonzero(part) >= 2 for part in parts)
 
 
-def headings(step_deg: int) -> tuple[float, ...]:
+def mount_rotations(step_deg: int) -> tuple[float, ...]:
     """Return all rotations of the mount except 0, rad."""
     return tuple(math.radians(turned) for turned in range(step_deg, 360, step_deg))
 
 
-_WAYS: Final = (0.08, 0.18, 0.3)
+_MIN_DISTANCES: Final = (0.08, 0.18, 0.3)
 """Distance between compared sweeps by any track, m: short for fast detection, long for partial faults; ..."""
-_TURNS: Final = (0.2, 0.4, 0.6)
+_MIN_TURNS: Final = (0.2, 0.4, 0.6)
 """... or turn, rad."""
-_OLDEST: Final[Duration] = milliseconds(1500)
+_MAX_SWEEP_AGE: Final[Duration] = milliseconds(1500)
 """Maximum time between compared sweeps; own choice."""
 _PERIOD: Final[Duration] = milliseconds(80)
 """Minimum time between checked sweeps; a camera returns 30 per second."""
-_UNHEARD: Final[Duration] = milliseconds(60)
+_MAX_FEEDBACK_AGE: Final[Duration] = milliseconds(60)
 """Maximum age of the last feedback at the end of a sweep; later motion is unknown."""
-_FEWEST: Final = 24
+_MIN_POINTS: Final = 24
 """Minimum number of points for a decision."""
-_OFF: Final = 2.0
+_AWAY: Final = 2.0
 """Misfit of a point outside of the room, in units of the tolerance."""
-_ODD_SHARE: Final = 0.08
+_SHARE: Final = 0.08
 """Share of points outside of the room from which hypotheses are tested."""
-_VOTES: Final = 0.08
+_MIN_GAIN: Final = 0.08
 """Minimum share of all points that a hypothesis must fit better, ..."""
-_STILL_VOTES: Final = 0.3
+_MIN_GAIN_STILL: Final = 0.3
 """... and for a frozen sensor, as a person beside the robot in a long corridor looks similar."""
-_EXPLAINED: Final = 0.5
+_MIN_EXPLAINED: Final = 0.5
 """Minimum share of the points outside of the room that it must explain; the others may be newly visible."""
-_DISSENT: Final = 0.2
+_MAX_WORSE_SHARE: Final = 0.2
 """Maximum number of points that it fits worse, relative to those."""
-_SECTORS: Final = 3
+_MIN_SECTORS: Final = 3
 """Minimum number of sectors, of twelve, with such points."""
-_IN_A_ROW: Final = 2
-_TOUCHES: Final = 0.3
+_CONFIRMATIONS: Final = 2
+_CONTACT_DISTANCE: Final = 0.3
 """Distance from the body's centre of obstacles that may be in contact, m: radius plus a decimetre. Own
 choice."""
 _STILL: Final = Hypothesis(HoldCause.SCAN_STILL)
 _HYPOTHESES: Final = (
     Hypothesis(HoldCause.WHEELS, SuspectSensor.WHEELS),
     Hypothesis(HoldCause.GYRO, SuspectSensor.GYRO),
-    *(Hypothesis(HoldCause.SCAN_ROTATED, turned=turned) for turned in headings(15)),
-    *(Hypothesis(HoldCause.SCAN_MIRRORED, turned=turned, mirrored=True) for turned in (0.0, *headings(90))),
+    *(Hypothesis(HoldCause.SCAN_ROTATED, turned=turned) for turned in mount_rotations(15)),
+    *(
+        Hypothesis(HoldCause.SCAN_MIRRORED, turned=turned, mirrored=True)
+        for turned in (0.0, *mount_rotations(90))
+    ),
     *(Hypothesis(HoldCause.SCAN_LATE, late_us=late) for late in (250_000, 500_000, 750_000, 1_000_000)),
 )
 
 
-def explains(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.float64]) -> int:
+def explained_points(cause: HoldCause, measured: NDArray[np.float64], assumed: NDArray[np.float64]) -> int:
     """Return how many more points fit under the hypothesis; 0 if it does not explain the misfit.
 
-    `told`, `instead`: (n,) misfits as measured, and under the hypothesis.
+    `measured`, `assumed`: (n,) misfits as measured, and under the hypothesis.
     """
-    gained = (told > _OFF) & (instead <= 1.0)
-    lost = (told <= 1.0) & (instead > _OFF)
-    won, missed, off = (int(np.count_nonzero(chosen)) for chosen in (gained, lost, told > _OFF))
-    share = _STILL_VOTES if cause is HoldCause.SCAN_STILL else _VOTES
-    if won < max(share * told.size, _EXPLAINED * off) or missed > _DISSENT * won:
+    improved = (measured > _AWAY) & (assumed <= 1.0)
+    worsened = (measured <= 1.0) & (assumed > _AWAY)
+    better, worse, outside = (
+        int(np.count_nonzero(chosen)) for chosen in (improved, worsened, measured > _AWAY)
+    )
+    share = _MIN_GAIN_STILL if cause is HoldCause.SCAN_STILL else _MIN_GAIN
+    if better < max(share * measured.size, _MIN_EXPLAINED * outside) or worse > _MAX_WORSE_SHARE * better:
         return 0
-    return won - missed if sectors(gained) >= _SECTORS else 0
+    return better - worse if sectors(improved) >= _MIN_SECTORS else 0
 
 
 class ScanChecks:
@@ -180,48 +185,48 @@ class ScanChecks:
         self._sweeps: deque[SensorSweep] = deque()
         """Echoes only."""
         self._suspect: HoldCause | None = None
-        self._in_a_row = 0
+        self._confirmations = 0
 
     def forget(self) -> None:
         """Discard all sweeps."""
         self._sweeps.clear()
-        self._suspect, self._in_a_row = None, 0
+        self._suspect, self._confirmations = None, 0
 
     def take(self, sweep: SensorSweep, moves: Sequence[Movement]) -> HoldCause | None:
         """Add a sweep and return a detected fault; `moves`: recent movements of the base."""
         sweep = chosen_samples(sweep, np.isfinite(sweep.ranges))
-        if not sweep.stamps.size or not moves or sweep.stamps[-1] > moves[-1].instant + _UNHEARD:
+        if not sweep.stamps.size or not moves or sweep.stamps[-1] > moves[-1].instant + _MAX_FEEDBACK_AGE:
             return None
         if self._sweeps and sweep.stamps[-1] - self._sweeps[-1].stamps[-1] < _PERIOD:
             return None
         self._sweeps.append(sweep)
-        oldest = max(moves[0].instant, sweep.stamps[-1] - _OLDEST)
+        oldest = max(moves[0].instant, sweep.stamps[-1] - _MAX_SWEEP_AGE)
         while self._sweeps and self._sweeps[0].stamps[0] < oldest:
             self._sweeps.popleft()
         if len(self._sweeps) < 2:
             return None
-        suspect = self._judge({one: pose_track(moves, one) for one in SuspectSensor})
+        suspect = self._find_fault({one: pose_track(moves, one) for one in SuspectSensor})
         if suspect is None or suspect is not self._suspect:
-            self._in_a_row = 0
+            self._confirmations = 0
         self._suspect = suspect
-        self._in_a_row += suspect is not None
-        return suspect if self._in_a_row >= _IN_A_ROW else None
+        self._confirmations += suspect is not None
+        return suspect if self._confirmations >= _CONFIRMATIONS else None
 
-    def _judge(self, tracks: Mapping[SuspectSensor, PoseTrack]) -> HoldCause | None:
+    def _find_fault(self, tracks: Mapping[SuspectSensor, PoseTrack]) -> HoldCause | None:
         """Return the fault that makes the last scans consistent; None if there is none or it is ambiguous."""
-        for way, turn in zip(_WAYS, _TURNS, strict=True):
-            earlier = self._earlier(tracks, way, turn)
+        for distance, turn in zip(_MIN_DISTANCES, _MIN_TURNS, strict=True):
+            earlier = self._earlier(tracks, distance, turn)
             if earlier is None:
                 return None
-            told = self._misfit(earlier, tracks[SuspectSensor.NONE], Hypothesis())
-            if told.size >= _FEWEST and np.count_nonzero(told > _OFF) >= _ODD_SHARE * told.size:
-                cause = self._best(earlier, tracks, told)
+            measured = self._misfit(earlier, tracks[SuspectSensor.NONE], Hypothesis())
+            if measured.size >= _MIN_POINTS and np.count_nonzero(measured > _AWAY) >= _SHARE * measured.size:
+                cause = self._best_hypothesis(earlier, tracks, measured)
                 if cause is not None:
                     return cause
         return None
 
-    def _best(
-        self, earlier: SensorSweep, tracks: Mapping[SuspectSensor, PoseTrack], told: NDArray[np.float64]
+    def _best_hypothesis(
+        self, earlier: SensorSweep, tracks: Mapping[SuspectSensor, PoseTrack], measured: NDArray[np.float64]
     ) -> HoldCause | None:
         """Return the cause of the hypothesis that explains most points, if any."""
         track = tracks[SuspectSensor.NONE]
@@ -234,30 +239,32 @@ class ScanChecks:
         if not has_contact_ahead(earlier, self._sweeps[-1], self._mount, track):
             still = PoseTrack(track.instants, 0 * track.position, 0 * track.heading)
             found.append((_STILL, self._misfit(earlier, still, _STILL)))
-        points = [(explains(one.cause, told, misfit), one.cause) for one, misfit in found if one.cause]
-        most, cause = max(points, key=lambda one: one[0])
-        return cause if most > 0 else None
+        points = [
+            (explained_points(one.cause, measured, misfit), one.cause) for one, misfit in found if one.cause
+        ]
+        score, cause = max(points, key=lambda one: one[0])
+        return cause if score > 0 else None
 
     def _earlier(
-        self, tracks: Mapping[SuspectSensor, PoseTrack], way: float, turned: float
+        self, tracks: Mapping[SuspectSensor, PoseTrack], distance: float, turned: float
     ) -> SensorSweep | None:
         """Return the latest sweep since which the robot has moved enough, by any track."""
         last = self._sweeps[-1]
         for earlier in list(self._sweeps)[-2::-1]:
             for track in tracks.values():
-                moved, turn = _moved(earlier, last, track)
-                if abs(moved) >= way or abs(turn) >= turned:
+                moved, turn = _motion_between(earlier, last, track)
+                if abs(moved) >= distance or abs(turn) >= turned:
                     return earlier
         return None
 
     def _misfit(self, earlier: SensorSweep, track: PoseTrack, hypothesis: Hypothesis) -> NDArray[np.float64]:
         """Return distances of the last sweep's points from the earlier room, in units of the tolerance:
         (n,)."""
-        if earlier.ranges.size < _FEWEST:
+        if earlier.ranges.size < _MIN_POINTS:
             return np.empty(0)
         later = large_objects(self._sweeps[-1])
         later = chosen_samples(later, slice(None, None, max(1, later.ranges.size // _POINTS)))
-        room, points = (placed(sweep, self._mount, track, hypothesis) for sweep in (earlier, later))
+        room, points = (echo_positions(sweep, self._mount, track, hypothesis) for sweep in (earlier, later))
         misfit: NDArray[np.float64] = distances(points, room) / (_NEAR + _NEAR_SHARE * later.ranges)
         return misfit
 
@@ -265,33 +272,33 @@ class ScanChecks:
 def has_contact_ahead(earlier: SensorSweep, later: SensorSweep, mount: Pose, track: PoseTrack) -> bool:
     """Return whether an obstacle is in contact in the direction of straight motion, so that wheels may
     slip."""
-    moved, turn = _moved(earlier, later, track)
-    if abs(turn) >= _TURNS[0]:
+    moved, turn = _motion_between(earlier, later, track)
+    if abs(turn) >= _MIN_TURNS[0]:
         return False
-    seen = complex(mount.x, mount.y) + later.ranges * direction(mount.heading + later.angles)
-    ahead = -seen.real if moved.real < 0 else seen.real
-    return bool(((ahead > np.abs(seen.imag)) & (np.abs(seen) <= _TOUCHES)).any())
+    echoes = complex(mount.x, mount.y) + later.ranges * direction(mount.heading + later.angles)
+    ahead = -echoes.real if moved.real < 0 else echoes.real
+    return bool(((ahead > np.abs(echoes.imag)) & (np.abs(echoes) <= _CONTACT_DISTANCE)).any())
 
 
-def _moved(earlier: SensorSweep, later: SensorSweep, track: PoseTrack) -> tuple[complex, float]:
+def _motion_between(earlier: SensorSweep, later: SensorSweep, track: PoseTrack) -> tuple[complex, float]:
     """Return translation, m, forward + i left, and turn, rad, between the middles of two sweeps."""
     poses = track.at(np.array([sweep.stamps[sweep.stamps.size // 2] for sweep in (earlier, later)]))
-    (way,), (turn,) = np.diff(poses.position), np.diff(poses.heading)
-    return complex(way * direction(poses.heading)[0].conj()), float(turn)
+    (distance,), (turn,) = np.diff(poses.position), np.diff(poses.heading)
+    return complex(distance * direction(poses.heading)[0].conj()), float(turn)
 
 
 REST: Final[Duration] = seconds(2)
 """Stop after a contradiction, which shows in motion only; then the robot retries. Own choice."""
-_STRIKES: Final = 3
+_MAX_OCCURRENCES: Final = 3
 """Number of occurrences after which it stands until the base is restarted; own choice, ..."""
-_FORGIVEN: Final[Duration] = seconds(60)
+_FORGET_AFTER: Final[Duration] = seconds(60)
 """... unless this time passes in between."""
-_FOR_GOOD: Final[Duration] = seconds(1e9)
+_PERMANENT: Final[Duration] = seconds(1e9)
 _LONGEST_GAP: Final[Duration] = milliseconds(200)
 """Maximum time between two feedbacks; motion in a longer gap is unknown."""
 
 
-_KEPT: Final = 160
+_MAX_MOVEMENTS: Final = 160
 """Number of stored movements, 3.2 s."""
 
 
@@ -300,19 +307,19 @@ class ContradictionMonitor:
 
     def __init__(self, mount: Pose | None) -> None:
         """Create it; `mount`: pose of the range sensor on the body, None = no sensor."""
-        self._moves: deque[Movement] = deque(maxlen=_KEPT)
+        self._moves: deque[Movement] = deque(maxlen=_MAX_MOVEMENTS)
         self._checks = MotionChecks()
         self._scans = None if mount is None else ScanChecks(mount)
         self._last: BaseFeedback | None = None
         self._commanded = (0.0, 0.0)
         self._until: dict[HoldCause, Instant] = {}
-        self._strikes: dict[HoldCause, int] = {}
-        self.gyro_judged = False
+        self._occurrences: dict[HoldCause, int] = {}
+        self.is_gyro_contradicted = False
         """True if wheels and scans (without scans, wheels and command) agree on a turn that contradicts the
         gyro."""
 
     def feedback(self, feedback: BaseFeedback) -> None:
-        """Process a feedback of the base; set the velocity by `commanded` first."""
+        """Process a feedback of the base; set the velocity by `set_command` first."""
         last, self._last = self._last, feedback
         now, basic, inertial = feedback
         if last is None or now - last.instant > _LONGEST_GAP or basic.wheel_drop:
@@ -326,29 +333,29 @@ class ContradictionMonitor:
         self._moves.append(move)
         cause = self._checks.take(move, basic)
         if cause is not None:
-            self.gyro_judged |= cause is HoldCause.GYRO and self._scans is None
+            self.is_gyro_contradicted |= cause is HoldCause.GYRO and self._scans is None
             self._report(now, cause)
 
-    def commanded(self, v: float, omega: float) -> None:
+    def set_command(self, v: float, omega: float) -> None:
         """Set the velocity commanded from now on, m/s and rad/s."""
         self._commanded = (v, omega)
 
     def sweep(self, now: Instant, sweep: SensorSweep) -> None:
         """Process a sweep of the range sensor."""
         cause = None if self._scans is None else self._scans.take(sweep, self._moves)
-        self.gyro_judged |= cause is HoldCause.GYRO
+        self.is_gyro_contradicted |= cause is HoldCause.GYRO
         if cause is not None and self._commanded != (0.0, 0.0):
             self._report(now, cause)
 
-    def repeated(self, now: Instant, cause: HoldCause) -> None:
+    def report_range_fault(self, now: Instant, cause: HoldCause) -> None:
         """Report a fault in the range sensor's data; it ends REST after the last call."""
         self._until[cause] = Instant(now + REST)
 
     def ignore_gyro(self) -> None:
         """Stop checking the gyro, as the heading is computed from the wheels."""
-        self.gyro_judged = False
+        self.is_gyro_contradicted = False
         self._until.pop(HoldCause.GYRO, None)
-        self._strikes.pop(HoldCause.GYRO, None)
+        self._occurrences.pop(HoldCause.GYRO, None)
         self._forget()
 
     def causes(self, now: Instant) -> frozenset[HoldCause]:
@@ -359,12 +366,12 @@ class ContradictionMonitor:
         until = self._until.get(cause)
         if until is not None and now < until:
             return
-        fresh = until is None or now - until > _FORGIVEN
-        self._strikes[cause] = strikes = 1 if fresh else self._strikes[cause] + 1
+        fresh = until is None or now - until > _FORGET_AFTER
+        self._occurrences[cause] = occurrences = 1 if fresh else self._occurrences[cause] + 1
         if cause is HoldCause.BLOCKED:  # usually a real obstacle: retry at growing intervals
-            rest = min(REST << (strikes - 1), _FORGIVEN)
+            rest = min(REST << (occurrences - 1), _FORGET_AFTER)
         else:
-            rest = REST if strikes < _STRIKES else _FOR_GOOD
+            rest = REST if occurrences < _MAX_OCCURRENCES else _PERMANENT
         self._until[cause] = Instant(now + rest)
         self._checks.forget()
         if cause is not HoldCause.GYRO:  # scans during braking give more evidence

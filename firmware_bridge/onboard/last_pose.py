@@ -20,8 +20,8 @@ FEEDBACK_LOSS_SPREAD: Final = 1.0
 that is 4 s at 0.5 m/s; after a longer motion the robot stands."""
 PERIOD: Final[Duration] = seconds(0.5)
 """Maximum age of the file while the robot drives."""
-_LONGEST: Final = 4096
-_FARTHEST: Final = 1e6
+_MAX_FILE_BYTES: Final = 4096
+_MAX_VALUE: Final = 1e6
 
 
 class LastPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -43,12 +43,12 @@ def read(path: Path) -> LastPose | None:
     """Read a file; None if it is missing or invalid."""
     try:
         with path.open("rb") as file:
-            last = msgspec.json.decode(file.read(_LONGEST), type=LastPose)
+            last = msgspec.json.decode(file.read(_MAX_FILE_BYTES), type=LastPose)
     except (OSError, msgspec.DecodeError):
         return None
     numbers = (*last.pose, *last.odometry, last.spread)
-    sound = all(math.isfinite(number) and abs(number) <= _FARTHEST for number in numbers) and last.spread > 0
-    return last if sound else None
+    valid = all(math.isfinite(number) and abs(number) <= _MAX_VALUE for number in numbers) and last.spread > 0
+    return last if valid else None
 
 
 def write(path: Path, last: LastPose) -> None:
@@ -75,18 +75,18 @@ class PoseWriter:
         self._path = path
         self._due = started
         self._background = BackgroundWorker()
-        self.begun = read(path)
-        if self.begun is not None:
-            self._write(LastPose(self.begun.pose, (0.0, 0.0, 0.0), self.begun.spread))
+        self.initial = read(path)
+        if self.initial is not None:
+            self._write(LastPose(self.initial.pose, (0.0, 0.0, 0.0), self.initial.spread))
 
-    def keep(self, now: Instant, pose: Pose, odometry: Odometry) -> None:
+    def store(self, now: Instant, pose: Pose, odometry: Odometry) -> None:
         """Store the pose if PERIOD has passed; does not block."""
         if now < self._due:
             return
         self._due = Instant(now + PERIOD)
         self._write(LastPose((pose.x, pose.y, pose.heading), (odometry.x, odometry.y, odometry.heading)))
 
-    def doubt(self, spread: float) -> None:
+    def add_spread(self, spread: float) -> None:
         """Increase the stored spread, m."""
         self._background.close()
         if (last := read(self._path)) is not None:

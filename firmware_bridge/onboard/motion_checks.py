@@ -82,24 +82,24 @@ def pose_track(moves: Sequence[Movement], suspect: SuspectSensor) -> PoseTrack:
     return PoseTrack(instants.astype(np.int64), position, heading)
 
 
-_TURN: Final = 0.2
+_MAX_TURN_DIFFERENCE: Final = 0.2
 """Maximum difference of wheels and gyro within a second, rad: a wheel slips by 4.6 cm. Own choice, ..."""
-_TURN_SHARE: Final = 0.2
+_MAX_TURN_SHARE: Final = 0.2
 """... plus this share of the turn: above 110°/s a Kobuki's gyro is less accurate (user guide)."""
 _WINDOW: Final[Duration] = seconds(1)
-_TOLD: Final = 0.08
+_MIN_COMMANDED: Final = 0.08
 """Commanded distance of a wheel from which it is checked, m."""
-_TURNED: Final = 0.1
+_MIN_TRAVELLED_SHARE: Final = 0.1
 """Minimum travelled share of that distance."""
-_TOLD_FOR: Final[Duration] = milliseconds(240)
+_MIN_DURATION: Final[Duration] = milliseconds(240)
 """Minimum duration of the check: a real base follows within 0.2 s. Own choice."""
-_CLEARLY: Final = 0.5
+_UNAMBIGUOUS: Final = 0.5
 """Ratio of deviations from the command below which a sensor counts as correct; own choice."""
-_STAMPS: Final = 3
+_MAX_WRONG_STAMPS: Final = 3
 """Consecutive feedbacks with wrong stamps that are a fault; own choice: one may be damaged."""
-_AHEAD_MS: Final = 500
+_MAX_LEAD_MS: Final = 500
 """Maximum lead of the base's clock, ms."""
-_BACKED: Final = 0.3
+_STUCK_AFTER: Final = 0.3
 """Distance of backing off after which a pressed bumper is stuck, m; own choice: twice that of the robot."""
 _STAMP_RANGE: Final = 1 << 16
 
@@ -111,11 +111,11 @@ class MotionChecks:
         self._moves: deque[Movement] = deque()
         self._backed = 0.0
         self._stamp: tuple[Instant, int] | None = None
-        self._odd_stamps = 0
+        self._wrong_stamps = 0
 
     def take(self, move: Movement, basic: BasicSensorData) -> HoldCause | None:
         """Add one feedback and return a detected fault."""
-        cause = self._clock(move.instant, basic.stamp_ms) or self._bumper(move, basic)
+        cause = self._clock_fault(move.instant, basic.stamp_ms) or self._bumper_fault(move, basic)
         if cause is not None:
             return cause
         if basic.wheel_drop or basic.bumper or (move.v == 0 and move.omega == 0):
@@ -126,58 +126,62 @@ class MotionChecks:
             self._moves.popleft()
         rows = np.array(self._moves, np.float64)[::-1]  # newest first
         _, time, left, right, turn, v, omega = rows.T
-        aside = omega * TRACK / 2
-        ways = np.cumsum((left, right), axis=1)
-        told = np.cumsum(((v - aside) * time, (v + aside) * time), axis=1) * 1e-6
-        return _turns(ways[:, -1], told[:, -1], np.cumsum(turn)[-1]) or _blocked(np.cumsum(time), ways, told)
+        turning_speed = omega * TRACK / 2
+        travelled = np.cumsum((left, right), axis=1)
+        commanded = np.cumsum(((v - turning_speed) * time, (v + turning_speed) * time), axis=1) * 1e-6
+        return _turn_fault(travelled[:, -1], commanded[:, -1], np.cumsum(turn)[-1]) or _blocking_fault(
+            np.cumsum(time), travelled, commanded
+        )
 
     def forget(self) -> None:
         """Discard all movements."""
         self._moves.clear()
 
-    def _clock(self, now: Instant, stamp_ms: int) -> HoldCause | None:
+    def _clock_fault(self, now: Instant, stamp_ms: int) -> HoldCause | None:
         before, self._stamp = self._stamp, (now, stamp_ms)
         if before is None:
             return None
-        on = (stamp_ms - before[1]) % _STAMP_RANGE
-        odd = on == 0 or on > (now - before[0]) // 1000 + _AHEAD_MS
-        self._odd_stamps = self._odd_stamps + 1 if odd else 0
-        return HoldCause.BASE_CLOCK if self._odd_stamps >= _STAMPS else None
+        advance_ms = (stamp_ms - before[1]) % _STAMP_RANGE
+        is_wrong = advance_ms == 0 or advance_ms > (now - before[0]) // 1000 + _MAX_LEAD_MS
+        self._wrong_stamps = self._wrong_stamps + 1 if is_wrong else 0
+        return HoldCause.BASE_CLOCK if self._wrong_stamps >= _MAX_WRONG_STAMPS else None
 
-    def _bumper(self, move: Movement, basic: BasicSensorData) -> HoldCause | None:
+    def _bumper_fault(self, move: Movement, basic: BasicSensorData) -> HoldCause | None:
         self._backed = self._backed - min(0.0, (move.left + move.right) / 2) if basic.bumper else 0.0
-        return HoldCause.BUMPER_STUCK if self._backed > _BACKED else None
+        return HoldCause.BUMPER_STUCK if self._backed > _STUCK_AFTER else None
 
 
-def _turns(ways: NDArray[np.float64], told: NDArray[np.float64], gyro: float) -> HoldCause | None:
+def _turn_fault(
+    travelled: NDArray[np.float64], commanded: NDArray[np.float64], gyro: float
+) -> HoldCause | None:
     """Compare wheels and gyro; the command decides which of them is faulty, if unambiguous.
 
-    `ways`, `told`: measured and commanded distances of left and right wheel, (2,), m.
+    `travelled`, `commanded`: measured and commanded distances of left and right wheel, (2,), m.
     """
-    wheels, omega = (ways[1] - ways[0]) / TRACK, (told[1] - told[0]) / TRACK
-    if abs(wheels - gyro) <= _TURN + _TURN_SHARE * max(abs(wheels), abs(gyro)):
+    wheels, omega = (travelled[1] - travelled[0]) / TRACK, (commanded[1] - commanded[0]) / TRACK
+    if abs(wheels - gyro) <= _MAX_TURN_DIFFERENCE + _MAX_TURN_SHARE * max(abs(wheels), abs(gyro)):
         return None
-    if abs(wheels - omega) < _CLEARLY * abs(gyro - omega):
+    if abs(wheels - omega) < _UNAMBIGUOUS * abs(gyro - omega):
         return HoldCause.GYRO
-    if abs(gyro - omega) < _CLEARLY * abs(wheels - omega):
-        off_left, off_right = np.abs(ways - told)
-        if off_right < _CLEARLY * off_left:
+    if abs(gyro - omega) < _UNAMBIGUOUS * abs(wheels - omega):
+        off_left, off_right = np.abs(travelled - commanded)
+        if off_right < _UNAMBIGUOUS * off_left:
             return HoldCause.LEFT_WHEEL
-        if off_left < _CLEARLY * off_right:
+        if off_left < _UNAMBIGUOUS * off_right:
             return HoldCause.RIGHT_WHEEL
     return HoldCause.TURN_MISMATCH
 
 
-def _blocked(
-    times: NDArray[np.float64], ways: NDArray[np.float64], told: NDArray[np.float64]
+def _blocking_fault(
+    times: NDArray[np.float64], travelled: NDArray[np.float64], commanded: NDArray[np.float64]
 ) -> HoldCause | None:
     """Compare wheels and command over the shortest sufficient time.
 
-    `times`: (n,), µs; `ways`, `told`: measured and commanded distances, (2, n), m, back from now.
+    `times`: (n,), µs; `travelled`, `commanded`: measured and commanded distances, (2, n), m, back from now.
     """
-    farthest = np.abs(told).max(axis=0)
-    enough = (times >= _TOLD_FOR) & (farthest >= _TOLD)
-    if not enough.any():
+    farthest = np.abs(commanded).max(axis=0)
+    is_sufficient = (times >= _MIN_DURATION) & (farthest >= _MIN_COMMANDED)
+    if not is_sufficient.any():
         return None
-    at = int(enough.argmax())
-    return HoldCause.BLOCKED if np.abs(ways[:, at]).max() < _TURNED * farthest[at] else None
+    at = int(is_sufficient.argmax())
+    return HoldCause.BLOCKED if np.abs(travelled[:, at]).max() < _MIN_TRAVELLED_SHARE * farthest[at] else None

@@ -22,21 +22,21 @@ from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.range_sensors.sensor import RangeReader
 from firmware_bridge.serial_port import SerialPort
 
-_PULSE: Final[Duration] = milliseconds(10)
+_HEARTBEAT_INTERVAL: Final[Duration] = milliseconds(10)
 """Minimum interval of heartbeats."""
-PATIENCE: Final[Duration] = milliseconds(150)
+ECHO_TIMEOUT: Final[Duration] = milliseconds(150)
 """Timeout of a heartbeat's echo after which the base stops; same as the guardian's."""
-_HUNG: Final[Duration] = seconds(2)
+_HUNG_TIMEOUT: Final[Duration] = seconds(2)
 """Timeout after which the guardian is replaced."""
-_PAUSE: Final[Duration] = milliseconds(200)
+_RESTART_DELAY: Final[Duration] = milliseconds(200)
 """Delay before starting another one, during which the base sends stop."""
-_FAREWELL_S: Final = 1.0
+_EXIT_TIMEOUT_S: Final = 1.0
 """Timeout of waiting for the guardian at the end, s; it continues in the background."""
 
 
 class GuardianLink:
     """Link to the guardian process, which is replaced after a failure. No motion is allowed unless it
-    `holds`."""
+    `is_operational`."""
 
     def __init__(
         self, name: str, start: Callable[[int, str], "subprocess.Popen[bytes]"] | None = None
@@ -54,9 +54,9 @@ class GuardianLink:
         self._number = 0
         """Number of that message."""
         self._confirmed = False
-        self._pulsed = self._begin_at = Instant(0)
+        self._pulsed_at = self._start_after = Instant(0)
         self._killed: list[subprocess.Popen[bytes]] = []
-        self._waiting: Instant | None = None
+        self._unanswered_since: Instant | None = None
         """Time of the oldest heartbeat without echo."""
         self.started = 0
         """Number of started guardians."""
@@ -64,57 +64,57 @@ class GuardianLink:
     def serve(self, now: Instant, port: SerialPort | None) -> None:
         """Send heartbeats, and the base's port after a change; call it continuously."""
         self._receive(now)
-        if self._waiting is not None and now - self._waiting > _HUNG:
+        if self._unanswered_since is not None and now - self._unanswered_since > _HUNG_TIMEOUT:
             self._kill(now)
         if self._channel is None:
-            if now < self._begin_at:
+            if now < self._start_after:
                 return
             self._begin()
         if port is not self._port:
             self._number = (self._number + 1) & 0xFF
             self._port, self._confirmed = port, False
             self._send(now, (b"c" if port is None else b"o") + bytes((self._number,)), port)
-        elif now - self._pulsed >= _PULSE:
+        elif now - self._pulsed_at >= _HEARTBEAT_INTERVAL:
             self._send(now, b"p")
 
-    def holds(self, now: Instant) -> bool:
+    def is_operational(self, now: Instant) -> bool:
         """Return whether the guardian responds and has the port."""
-        late = self._waiting is not None and now - self._waiting > PATIENCE
-        return self._channel is not None and self._confirmed and self._port is not None and not late
+        is_late = self._unanswered_since is not None and now - self._unanswered_since > ECHO_TIMEOUT
+        return self._channel is not None and self._confirmed and self._port is not None and not is_late
 
     def close(self) -> None:
-        """Let the guardian stop the wheels; wait for it up to `_FAREWELL_S`."""
+        """Let the guardian stop the wheels; wait for it up to `_EXIT_TIMEOUT_S`."""
         if self._channel is not None:
             self._channel.close()
             self._channel = None
         if self._process is not None:
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_FAREWELL_S)
+                self._process.wait(_EXIT_TIMEOUT_S)
 
     def _begin(self) -> None:
         self._killed = [process for process in self._killed if process.poll() is None]
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            self._process = self._start(theirs.fileno(), self._name)
-        ours.setblocking(False)
-        self._channel = ours
+        own_end, guardian_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with guardian_end:
+            self._process = self._start(guardian_end.fileno(), self._name)
+        own_end.setblocking(False)
+        self._channel = own_end
         self.started += 1
 
     def _kill(self, now: Instant) -> None:
         """Kill a failed guardian."""
-        self._begin_at = Instant(now + _PAUSE)
+        self._start_after = Instant(now + _RESTART_DELAY)
         if self._channel is not None:
             self._channel.close()
         if self._process is not None:
             self._process.kill()
             self._killed.append(self._process)
-        self._channel = self._process = self._port = self._waiting = None
+        self._channel = self._process = self._port = self._unanswered_since = None
         self._confirmed = False
 
     def _send(self, now: Instant, message: bytes, port: SerialPort | None = None) -> None:
         assert self._channel is not None
-        self._pulsed = now
-        self._waiting = now if self._waiting is None else self._waiting
+        self._pulsed_at = now
+        self._unanswered_since = now if self._unanswered_since is None else self._unanswered_since
         try:
             socket.send_fds(self._channel, [message], [] if port is None else [port.fileno()])
         except BlockingIOError:
@@ -134,7 +134,7 @@ class GuardianLink:
             if not message:
                 self._kill(now)
                 return
-            self._waiting = None
+            self._unanswered_since = None
             if message == b"o" + bytes((self._number,)):
                 self._confirmed = True
 
@@ -226,7 +226,7 @@ class TurtleBot:
         """Create it; `mount`: pose of the range sensor on the body."""
         self._battery = battery
         self._contradictions = ContradictionMonitor(None if ranger is None else mount)
-        self._held: frozenset[HoldCause] = frozenset()
+        self._contradiction_causes: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
         self._line = DeviceLine(open_base, kobuki, self._take, say)
         self._ranger = ranger
@@ -240,13 +240,13 @@ class TurtleBot:
     def serve(self, now: Instant) -> None:
         """Exchange bytes with the devices; stop without guardian or range data."""
         self._guardian.serve(now, self._line.port)
-        self._kobuki.hold(HoldCause.NO_GUARDIAN, not self._guardian.holds(now))
+        self._kobuki.hold(HoldCause.NO_GUARDIAN, not self._guardian.is_operational(now))
         if self._ranger is not None:
             self._ranger.serve(now)
             reader = self._ranger.reader
-            self._kobuki.hold(HoldCause.NO_RANGE_DATA, not reader.sees(now))
+            self._kobuki.hold(HoldCause.NO_RANGE_DATA, not reader.is_measuring(now))
             if reader.fault is not None:
-                self._contradictions.repeated(now, reader.fault)
+                self._contradictions.report_range_fault(now, reader.fault)
             if (sweep := reader.sweep()) is not None:
                 self._contradictions.sweep(now, sweep)
         self._line.serve(now)
@@ -286,7 +286,7 @@ class TurtleBot:
         """Command a velocity, based on data sensed at `issued`; the safety stop may refuse it."""
         self._kobuki.command(now, vx, omega, issued)
 
-    def held(self) -> tuple[str, ...]:
+    def stop_reasons(self) -> tuple[str, ...]:
         """Return active stop causes and a low battery, in words."""
         stops = tuple(stop.cause.value for stop in self._kobuki.allowed.stops)
         return (*stops, "battery low") if self._kobuki.battery is BatteryLevel.LOW else stops
@@ -294,16 +294,16 @@ class TurtleBot:
     def _take(self, now: Instant, data: bytes) -> None:
         odometry = self._kobuki.odometry
         for feedback in self._kobuki.take(now, data):
-            self._contradictions.commanded(self._kobuki.allowed.v, self._kobuki.allowed.omega)
-            trusted = feedback._replace(inertial=None) if odometry.uses_wheel_heading else feedback
-            self._contradictions.feedback(trusted)
+            self._contradictions.set_command(self._kobuki.allowed.v, self._kobuki.allowed.omega)
+            used = feedback._replace(inertial=None) if odometry.uses_wheel_heading else feedback
+            self._contradictions.feedback(used)
         for change in self._kobuki.changes():
             self._say(f"{in_seconds(now):.3f} {change}")
-        if self._contradictions.gyro_judged and odometry.gyro_is_constant:
+        if self._contradictions.is_gyro_contradicted and odometry.gyro_is_constant:
             odometry.use_wheel_heading()
             self._contradictions.ignore_gyro()
             self._say(f"{in_seconds(now):.3f} gyro frozen: heading computed from the wheels")
         causes = self._contradictions.causes(now)
-        for cause in causes ^ self._held:
+        for cause in causes ^ self._contradiction_causes:
             self._kobuki.hold(cause, cause in causes)
-        self._held = causes
+        self._contradiction_causes = causes

@@ -69,7 +69,7 @@ class DepthScanner(RangeReader):
         """REPEATED_DATA if earlier images are repeated, which noise prevents in a working camera."""
         return HoldCause.REPEATED_DATA if self._repeats.found else None
 
-    def sees(self, now: Instant) -> bool:
+    def is_measuring(self, now: Instant) -> bool:
         """Return whether a recent image has echoes."""
         return self._seen is not None and now - self._seen <= SIGHT
 
@@ -88,7 +88,7 @@ class DepthScanner(RangeReader):
         ranges[(ranges < _RANGE_MIN) | (ranges > _RANGE_MAX)] = np.inf
         self._seen = stamp
         self._repeats.take(hashlib.blake2b(depth.tobytes(), digest_size=16).digest())
-        self.measured(stamp, SensorSweep(np.full(ranges.size, stamp, np.int64), self._angles, ranges))
+        self.store_sweep(stamp, SensorSweep(np.full(ranges.size, stamp, np.int64), self._angles, ranges))
 
 
 _PATIENCE_S: Final = 0.1

@@ -250,7 +250,7 @@ class Rplidar(RangeReader):
             return HoldCause.REPEATED_DATA
         return HoldCause.SCAN_PART if self._still.found else None
 
-    def sees(self, now: Instant) -> bool:
+    def is_measuring(self, now: Instant) -> bool:
         """Return whether the head rotates and there are echoes."""
         if self.phase is not LidarPhase.SCANNING or self._echo is None:
             return False
@@ -356,7 +356,7 @@ class Rplidar(RangeReader):
         self.counts.scans += 1
         stamps = np.linspace(self._turn_began, now, angles.size, endpoint=False).astype(np.int64)
         sweep = SensorSweep(stamps, angles, np.where(ranges > 0, ranges, np.inf))
-        self.measured(Instant((self._turn_began + now) // 2), sweep)
+        self.store_sweep(Instant((self._turn_began + now) // 2), sweep)
         self._still.take(angles, turn[:, 1].astype(np.int64))
 
     def _whole(self, angles_q6: NDArray[np.float64]) -> bool:

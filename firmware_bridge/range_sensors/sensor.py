@@ -70,10 +70,10 @@ class ScanRays:
         hit = np.zeros(model.rays, np.bool_)
         hit[ray[within]] = True
         if not hit.all():
-            found[~hit] = self._beside(self.angles[~hit], angles, ranges)
+            found[~hit] = self._nearest_sample(self.angles[~hit], angles, ranges)
         return found
 
-    def _beside(
+    def _nearest_sample(
         self, rays: NDArray[np.float64], angles: NDArray[np.float64], ranges: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the range of the nearest sample within reach of each direction in `rays`, m; inf = none."""
@@ -100,7 +100,7 @@ class RangeReader(ABC):
         self._sweep: SensorSweep | None = None
 
     @abstractmethod
-    def sees(self, now: Instant) -> bool:
+    def is_measuring(self, now: Instant) -> bool:
         """Return whether it measures and has echoes."""
 
     @property
@@ -118,7 +118,7 @@ class RangeReader(ABC):
         sweep, self._sweep = self._sweep, None
         return sweep
 
-    def measured(self, stamp: Instant, sweep: SensorSweep) -> None:
+    def store_sweep(self, stamp: Instant, sweep: SensorSweep) -> None:
         """Store a turn or image; `stamp`: time of the resulting scan."""
         self._scan, self._sweep = self.rays.scan(stamp, sweep.angles, sweep.ranges), sweep
 
@@ -128,21 +128,21 @@ _BEAMS: Final = 360
 _TURNS: Final = 4
 """Consecutive repetitions after which a beam counts as frozen; own choice: if a coarse sensor repeats one
 value in three, one beam in eighty by chance."""
-_STILL: Final = 0.3
+_FROZEN: Final = 0.3
 """Share of frozen beams that is a fault; own choice, far above chance."""
-_FEWEST: Final = 30
+_MIN_ECHOES: Final = 30
 """Minimum number of beams with an echo for a decision."""
 
 
 class RepetitionDetector:
     """Detector of repeated parts in a sensor's data."""
 
-    def __init__(self, kept: int, window: int, most: int) -> None:
-        """Create it; `kept`: number of stored parts; fault: `most` repetitions in the last `window` parts."""
-        self._order: deque[bytes] = deque(maxlen=kept)
+    def __init__(self, stored: int, window: int, maximum: int) -> None:
+        """Store up to `stored` parts; `maximum` repetitions in the last `window` parts are a fault."""
+        self._order: deque[bytes] = deque(maxlen=stored)
         self._known: set[bytes] = set()
         self._repeated: deque[bool] = deque(maxlen=window)
-        self._most = most
+        self._most = maximum
 
     @property
     def found(self) -> bool:
@@ -151,9 +151,9 @@ class RepetitionDetector:
 
     def take(self, part: bytes) -> None:
         """Add a part, large enough not to be repeated by chance."""
-        again = part in self._known
-        self._repeated.append(again)
-        if again:
+        is_repeated = part in self._known
+        self._repeated.append(is_repeated)
+        if is_repeated:
             return
         if len(self._order) == self._order.maxlen:
             self._known.discard(self._order[0])
@@ -184,5 +184,5 @@ class FrozenBeamDetector:
         echo = now > 0
         self._same = np.where(echo & (now == self._last), self._same + 1, 0)
         self._last = now
-        seen = int(np.count_nonzero(echo))
-        self.found = seen >= _FEWEST and np.count_nonzero(self._same >= _TURNS) >= _STILL * seen
+        echoes = int(np.count_nonzero(echo))
+        self.found = echoes >= _MIN_ECHOES and np.count_nonzero(self._same >= _TURNS) >= _FROZEN * echoes

@@ -110,7 +110,7 @@ def boards(count: int, spacing: float = 2.0) -> EmulatedMedium:
     where = create_medium(RadioSetup(seed=1, step_us=SUBSTEP, robots=addresses, preset="beeclick"))
     for _ in addresses:
         where.add(EmulatedBoard(where, START))
-    where.place(START, [standing(number * spacing, 0.0) for number in range(count)])
+    where.set_states(START, [standing(number * spacing, 0.0) for number in range(count)])
     return where
 
 

@@ -235,7 +235,7 @@ class Bench:
         self.boards = [EmulatedBoard(self.air, START) for _ in range(boards)]
         for board in self.boards:
             self.air.add(board)
-        self.air.place(START, [standing(number * distance, 0.0) for number in range(boards)])
+        self.air.set_states(START, [standing(number * distance, 0.0) for number in range(boards)])
         self.board = self.boards[0]
         self.log = bytearray()
 
@@ -296,7 +296,7 @@ def test_a_full_ring_of_answers_hangs_the_board_until_a_reset() -> None:
     bench = Bench()
     for heard in range(8):
         assert not bench.board.hung, heard
-        bench.board.heard(bench.now, DataFrame(1, 2, bytes(118)), 0, 0)
+        bench.board.receive_frame(bench.now, DataFrame(1, 2, bytes(118)), 0, 0)
     assert bench.board.hung
     bench.tell(SyncCommand())
     assert bench.wait(seconds(1)) == b""

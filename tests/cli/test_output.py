@@ -123,7 +123,7 @@ def test_lists_break_no_name(columns: str) -> None:
 
 def test_colons_and_brackets_in_a_name_are_printed_as_they_are(tmp_path: Path) -> None:
     done = acrc("view", "a:x:[b]", "--png", cwd=tmp_path)
-    assert done.stderr == "acrc: a:x:[b]: not a run's folder: it contains no */*.mcap\n"
+    assert done.stderr == "acrc: a:x:[b]: does not exist\n"
 
 
 def test_there_is_one_kind_of_console() -> None:

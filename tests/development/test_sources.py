@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from acrc_testbed.command_line.portability import findings, in_source
+from acrc_testbed.command_line.portability import findings, findings_in
 from actors.installation.repository import PACKAGES, REPOSITORY
 from tests.development.budget import FILE, as_toml, measure, tokens
 
@@ -109,7 +109,7 @@ def test_every_package_is_marked_as_typed() -> None:
     ],
 )
 def test_operations_that_depend_on_the_processor_are_found(line: str, problem: str) -> None:
-    (found,) = in_source(HEAD + line + "\n", "actors/world/x.py")
+    (found,) = findings_in(HEAD + line + "\n", "actors/world/x.py")
     assert str(found).startswith(f"actors/world/x.py:3: {problem}")
 
 
@@ -119,7 +119,7 @@ x = math.sqrt(y) + np.cumsum(a) - np.maximum(b, 0) + counts.sum(dtype=np.int64) 
 x = sum(len(row) for row in rows) + sum(int(a) for a in b) + sum(a == b for a in c)
 x = generator.random(3) + np.argsort(y, kind="stable") + Fraction(1, 2) ** 2
 """
-    assert in_source(HEAD + lines, "actors/world/x.py") == []
+    assert findings_in(HEAD + lines, "actors/world/x.py") == []
     assert findings() == []
 
 

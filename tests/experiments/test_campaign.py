@@ -166,7 +166,7 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_
     assert any(re.fullmatch(r"places_done [1-9]\d* in memory, 0 over Zenoh", one) for one in caught.differs)
     assert done.unchecked_trials(2) == []
     assert isolation_sentences(done)[1].startswith(
-        "2 of 4 runs were repeated as processes (2 isolated): 1 with the"
+        "2 of 4 runs were repeated as processes (2 with sandboxes): 1 with the"
     )
     (sentence,) = difference_sentences(done)
     assert sentence.startswith("cheat:quiet with seed 1 differs between Zenoh and memory: ")
@@ -256,16 +256,19 @@ def test_how_long_runs_coincide(done: Store) -> None:
     records.append(TrialRecord("two", 9, {}, failure="it rained"))
     (found,) = identical_starts(records)
     assert identical_start_sentences([found]) == [
-        "one and two: 2 of 4 pairs are identical for the first 8 s or longer "
-        "(minimum 4 s, median 7 s, maximum 10 s)",
-        "    1 are identical throughout and show no difference: seeds 2",
+        "one and two: in 2 of 4 pairs robots move identically for the first 8 s or longer "
+        "(shortest 4 s, median 7 s, longest 10 s)",
+        "    in 1 until the end (messages may differ): seeds 2",
     ]
     floors = [msgspec.structs.replace(one, variant={"floor": n}) for one in records[:8] for n in "abcde"]
     floors = [one for one in floors if one.variant != {"floor": "b"} or one.seed != 2]
     assert identical_start_sentences(identical_starts(floors)) == [
-        "one and two, in 5 variants: identical start of 19 pairs (minimum 4 s, median 6 s, maximum 10 s)",
-        "    4 are identical throughout and show no difference, in 4 variants; most (1) with floor = a",
+        "one and two, in 5 variants: 19 pairs in which robots move identically at first "
+        "(shortest 4 s, median 6 s, longest 10 s)",
+        "    4 of them until the end (messages may differ), in 4 variants; most (1) with floor = a",
     ]
+    (same,) = identical_starts([one for one in records if one.seed == 2])
+    assert identical_start_sentences([same])[-1].startswith("    use longer runs (--duration) or more robots")
 
 
 def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
@@ -282,7 +285,7 @@ def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
 
 def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
     folder = store.create_store(tmp_path / "out", STUDY)
-    with pytest.raises(AcrcError, match=r"contains the campaign of another study \(strategies differs\)"):
+    with pytest.raises(AcrcError, match=r"contains the campaign of another study, in which strategies is"):
         store.create_store(tmp_path / "out", msgspec.structs.replace(STUDY, strategies=("none",)))
     more = store.create_store(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=3))
     assert len(more.pending()) == 6

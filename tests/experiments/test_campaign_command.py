@@ -45,12 +45,12 @@ def test_a_complete_campaign_prints_its_results(plain: RunResult, tmp_path: Path
     lines = out.splitlines()
     assert lines[0] == IN_MEMORY
     assert lines[1].startswith(
-        "1 of 20 runs were repeated as processes (0 isolated): 1 with the same result; "
+        "1 of 20 runs were repeated as processes (0 with sandboxes): 1 with the same result; "
     )
     assert lines[2].startswith("none: all places done in 0 of 10 runs, 255 of ")
     assert lines[3].startswith("chapter: all places done in 10 of 10 runs, 400 of ")
     assert lines[-1].startswith("20 of 20 runs done, 0 failed")
-    assert "golden places: r2 ends 0.25 m from place 1 of r3" in err
+    assert "places of preset golden: r2 ends 0.25 m from place 1 of r3" in err
     assert (tmp_path / "out" / "results.parquet").stat().st_size > 1000
     with (tmp_path / "out" / "results.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 20
@@ -76,7 +76,8 @@ def test_the_primary_comparison_comes_first_in_declared_order(plain: RunResult, 
     code, out, _ = acrc("study", "plan", "--pilot", str(tmp_path / "out"))
     assert code == 0
     assert "Power: share of campaigns that detect the difference, by 2 tests" in out
-    assert "6 pairs detect each difference with probability 0.9." in out
+    assert "as large as in the pilot, 6 pairs detect each with probability 0.9." in out
+    assert "(in brackets; plan with these numbers), 6 pairs detect each with probability 0.9." in out
     assert "10 of 20 runs completed all places (ceiling effect)." in out
 
 
@@ -111,8 +112,26 @@ def test_failed_runs_and_too_few_seeds_are_reported_first(plain: RunResult, tmp_
     assert too_few in err
     _, out, _ = acrc("compare", str(kept.folder))
     assert out.startswith("chapter failed in 1 of 3 runs (seed 2); each counts as a run with no places")
-    code, _, err = acrc("study", "plan", "--pilot", str(kept.folder), "--comparisons", "2")
-    assert code == 2 and err.startswith("acrc: --comparisons: cannot be combined with --pilot")
+    for option in ("--comparisons", "--a12"):
+        code, _, err = acrc("study", "plan", "--pilot", str(kept.folder), option, "1")
+        assert code == 2 and err.startswith(f"acrc: {option}: cannot be combined with --pilot")
+
+
+def test_pairs_for_a_difference_in_percent(plain: RunResult, tmp_path: Path) -> None:
+    """None visits 21 to 30 places, and chapter 40: 10 % are 2.55 places, 0.84 standard deviations."""
+    over(tmp_path / "out", plain, digest=plain.digest)
+    words = ("study", "plan", "--pilot", str(tmp_path / "out"), "--difference")
+    code, out, err = acrc(*words, "10%")
+    assert code == 0, err
+    assert out.startswith(
+        "22 pairs detect a difference of 2.55 places in places done (10 % of the mean of none) with "
+        "probability 0.9 at p ≤ 0.025, if differences are normal with the pilot's standard deviation "
+        "of 3.03 places."
+    )
+    code, _, err = acrc(*words, "ten")
+    assert code == 2 and err.startswith("acrc: --difference: ten; must be a percentage, such as 10%, that")
+    code, _, err = acrc("study", "plan", "--difference", "10%")
+    assert code == 2 and err.startswith("acrc: --difference: needs --pilot")
 
 
 @pytest.mark.parametrize(

@@ -326,5 +326,5 @@ def test_the_time_of_a_run_adds_up_to_the_microsecond(tmp_path: Path) -> None:
     told = CliRunner().invoke(app, ["causes", str(tmp_path / "out"), "--json"])
     assert json.loads(told.output)["robots"]["r1"]["deadlock"] == 4.1
     assert "deadlock" in CliRunner().invoke(app, ["causes", str(tmp_path / "out")]).output
-    with pytest.raises(RecordingError, match="not a run's folder"):
+    with pytest.raises(RecordingError, match="not a run folder"):
         account_time(tmp_path)

@@ -57,6 +57,12 @@ def frozen(folder: Path, *, until_decided: bool = False) -> Path:
     return folder / "study.frozen.json"
 
 
+def test_too_few_seeds_are_reported_when_freezing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "study.toml").write_text(STUDY.replace("seeds = 8", "seeds = 4"))
+    frozen(folder)
+    assert "4 pairs of runs are too few: the exact test needs at least 6" in capsys.readouterr().out
+
+
 def begun(folder: Path, *, looks: bool = False) -> tuple[store.Store, list[str]]:
     """Return the campaign of the current study file, and the sentences before its next run."""
     source = folder / "study.toml"

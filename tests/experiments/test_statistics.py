@@ -127,6 +127,12 @@ def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
     assert kaplan_meier(never).share_at(600.0) == 1.0
 
 
+def test_restricted_means_stay_within_the_run() -> None:
+    """One of eight runs complete, at 136 s: Student's interval alone would end at 211 s of 200 s."""
+    found = restricted_mean([Completion(136.0, True)] + [Completion(200.0, False)] * 7, 200.0)
+    assert found == pytest.approx((192.0, 173.08, 200.0), abs=0.01)
+
+
 def test_sequential_bounds_against_published_values() -> None:
     """Lan and DeMets' spending near O'Brien and Fleming's, two-sided 5 %: Jennison and Turnbull, 2000."""
     rule = sequential_plan([20, 40, 60, 80, 100])
@@ -139,6 +145,10 @@ def test_pairs_needed_for_a_large_effect() -> None:
     assert pairs_needed(AssumedEffect()) == pytest.approx(40, abs=2)
     assert pairs_needed(AssumedEffect(correlation=0.3)) == pytest.approx(27, abs=2)
     assert pairs_needed(AssumedEffect(tests=6)) == pytest.approx(58, abs=2)
+    # Noether, "Sample size determination for some common nonparametric tests", JASA 82, 1987: 579
+    assert pairs_needed(AssumedEffect(0.56, tests=2)) == pytest.approx(570, abs=15)
+    with pytest.raises(ValueError, match="needs more than 1000 pairs of runs"):
+        pairs_needed(AssumedEffect(0.54))
     with pytest.raises(ValueError, match=r"a12 must be between 0 and 1 and not 0\.5"):
         pairs_needed(AssumedEffect(a12=0.5))
     with pytest.raises(ValueError, match=r"looks \(20, 20\) must be ascending numbers of pairs"):

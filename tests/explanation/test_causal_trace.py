@@ -8,6 +8,7 @@ import pytest
 from acrc_testbed.explanation.causal_trace import CausalTrace
 from acrc_testbed.explanation.trace_replay import trace_here
 from acrc_testbed.explanation.tracer import KnownPoints, field_of
+from acrc_testbed.recordings.record_replay import ReplayOptions
 from acrc_testbed.run_model.recording_readers import messages_on
 from actors.geometry import Point
 from actors.messages import RECEIVED, FrameReceived
@@ -16,7 +17,7 @@ from actors.robot.introspector import ABSENT, PathDifference, differences
 
 @pytest.fixture(scope="module")
 def trace(recorded_run: Path) -> CausalTrace:
-    found = trace_here(recorded_run, "r2")
+    found = trace_here(recorded_run, "r2", ReplayOptions())
     assert found.fault is None
     return found
 

@@ -77,24 +77,24 @@ class Known(NamedTuple):
 
 PLANTED = (
     Known("planted", "r1@2", "drives to (5.00, 12.50)", (
-        ("process", 2.0, "going - → 5.00, 12.50, by process Planted.go"),
+        ("process", 2.0, "going - → 5.00, 12.50, by process tests.explanation.planted.Planted.go"),
         ("state", 2.0, "wish - → 5.00, 12.50, by Planted.want"),
         ("state", 2.0, "number 0 → 3 since 0 s, by Planted.count"))),
     Known("planted", "r1@7", "pauses", (
-        ("process", 7.0, "standing False → True, by process Planted.halt"),
+        ("process", 7.0, "standing False → True, by process tests.explanation.planted.Planted.halt"),
         ("state", 7.0, "number 0 → 8 since 0 s, by Planted.count"))),
     Known("planted", "r1@8", "backs out 0.5 m along its trail", (
         ("goal", 8.0, "paused"),
-        ("process", 8.0, "by process Planted.retreat"),
+        ("process", 8.0, "by process tests.explanation.planted.Planted.retreat"),
         ("state", 8.0, "number 0 → 9 since 0 s, by Planted.count"))),
     Known("planted", "r1@9", "relocalises", (
-        ("process", 9.0, "by process Planted.doubt"),
+        ("process", 9.0, "by process tests.explanation.planted.Planted.doubt"),
         ("state", 9.0, "number 0 → 10 since 0 s, by Planted.count"))),
     Known("planted", "r1@10", "gives up r1/0: eleven", (
-        ("process", 10.0, "place left False → True, by process Planted.leave"),
+        ("process", 10.0, "place left False → True, by process tests.explanation.planted.Planted.leave"),
         ("state", 10.0, "number 0 → 11 since 0 s, by Planted.count"))),
     Known("planted", "r1@11", "stops", (
-        ("process", 11.0, "going 4.00, 12.00 → -, by process Planted.rest"),
+        ("process", 11.0, "going 4.00, 12.00 → -, by process tests.explanation.planted.Planted.rest"),
         ("state", 11.0, "number 0 → 12 since 0 s, by Planted.count"))),
     Known("planted", "r2@3.5", "drives to (5.00, 12.50)", (
         ("state", 3.0, "wish - → 5.00, 12.50, by Following.at_member with r1"),
@@ -118,20 +118,20 @@ DOORWAY = (
     Known("doorway", "r2@12", "drives again to (12.52, 4.68)", (
         ("goal", 12.0, "navigation had aborted the goal (12.52, 4.68): blocked"),)),
     Known("doorway", "r2@15", "takes over r1/0", (
-        ("exchange", 15.0, "by exchange DestinationAdoption.at_member with r1"),
+        ("exchange", 15.0, "by exchange cleaning.adoption.DestinationAdoption.at_member with r1"),
         ("replica", 14.702, "state blocked"),
         ("frame", 14.702, "received in a frame of r1, direct"),
         ("state", 15.0, "blocked for 0 → 1, by AdaptiveCleaningRobot.auto_unblock"),
         ("state", 15.0, "state free → blocked, by AdaptiveCleaningRobot.detect_blocked"))),
     Known("doorway", "r2@16", "drives to (9.00, 12.50)", (
-        ("process", 16.0, "by process AdaptiveCleaningRobot.drive"),
+        ("process", 16.0, "by process cleaning.robot.CleaningRobot.drive"),
         ("state", 15.0, "destination r2/0 → r1/0"),
         ("replica", 14.702, "replica of r1"))),
     Known("doorway", "r1@18", "takes over r2/0, hands over r1/0", (
-        ("exchange", 18.0, "by exchange AdoptedDestinationRemove.at_member with r2"),
+        ("exchange", 18.0, "by exchange cleaning.adoption.AdoptedDestinationRemove.at_member with r2"),
         ("replica", 17.445, "adopted r1/0, destination r1/0, former r2/0"))),
     Known("doorway", "r2@57", "takes over r1/1", (
-        ("exchange", 57.0, "by exchange DestinationAdoption.at_member with r1"),
+        ("exchange", 57.0, "by exchange cleaning.adoption.DestinationAdoption.at_member with r1"),
         ("replica", 56.701, "state blocked"),
         ("state", 57.0, "blocked for 0 → 3 since 55 s"),
         ("state", 55.0, "state free → blocked"))),
@@ -198,6 +198,11 @@ def test_before_the_first_decision_its_instant_is_named(planted: Path) -> None:
     assert str(caught.value) == "r2 made no decision before 1 s; its first decision is at 3.5 s"
 
 
+def test_after_the_end_nothing_is_explained(doorway: Path) -> None:
+    with pytest.raises(ExplanationError, match=r"^r2@5000: the robot's recording ends at \d+(\.\d)? s$"):
+        explainer(doorway, "r2").explain(5000.0)
+
+
 @pytest.mark.parametrize("text", ["r2@", "@3", "r2@soon", "r2@-1"])
 def test_invalid_requests(text: str) -> None:
     with pytest.raises(ExplanationError) as caught:
@@ -212,7 +217,7 @@ def test_the_command_prints_text_and_json(doorway: Path) -> None:
     told = acrc("explain", doorway, "r2@15")
     assert told.returncode == 0, told.stderr
     lines = told.stdout.splitlines()
-    assert lines[0].startswith("   15.000 s  r2 takes over r1/0, by exchange DestinationAdoption.at_member")
+    assert lines[0].startswith("   15.000 s  r2 takes over r1/0, by exchange cleaning.adoption.")
     (answer,) = json.loads(acrc("explain", doorway, "r2@15", "--json").stdout)
     assert answer["decision"] == "takes over r1/0" and len(answer["chain"]) == len(lines)
     rows = acrc("explain", doorway, "r2").stdout.splitlines()

@@ -8,6 +8,7 @@ import pytest
 from acrc_testbed.explanation.causal_trace import TraceError, decode
 from acrc_testbed.explanation.explainer import Explainer, ExplanationError
 from acrc_testbed.explanation.trace_replay import trace_here
+from acrc_testbed.recordings.record_replay import ReplayOptions
 from acrc_testbed.recordings.sandboxed_replay import ProgramLimits, replay
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.code_permit import Permit
@@ -82,7 +83,7 @@ def test_an_answer_beyond_its_limit_is_rejected(hostile: Path) -> None:
 
 def test_a_forged_trace_is_rejected(hostile: Path) -> None:
     (hostile / "mood").write_text("")
-    sound = msgspec.msgpack.decode(msgspec.msgpack.encode(trace_here(hostile, "r1")))
+    sound = msgspec.msgpack.decode(msgspec.msgpack.encode(trace_here(hostile, "r1", ReplayOptions())))
     news = {"peer": "r2", "heard": 3}
     assert decode(msgspec.msgpack.encode(sound | {"news": [news]}), "r1").news[0].heard == 3
     lies = {

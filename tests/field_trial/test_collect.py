@@ -200,7 +200,7 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
     said = acrc("fleet", "collect", tmp_path / "far", "--out", tmp_path / "out")
     assert (said.returncode, said.stderr) == (0, "")
     lines, frames = said.stdout.splitlines(), head_on.result.frames
-    assert lines[-1] == f"result: {tmp_path / 'out'}"
+    assert lines[-1] == f"Result: {tmp_path / 'out'}"
     cells = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in lines if "│" in line]
     counted = [str(frames["frames_sent"]), str(frames["copies_heard"])]
     assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", *counted]

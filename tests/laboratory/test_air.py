@@ -77,8 +77,8 @@ class WatchedAir:
         self.handed.setdefault((now // STEP, number), []).append(OutgoingFrame(tag, now, data))
         self._inner.transmit(device, now, tag, data)
 
-    def silence(self, device: RadioDevice) -> None:
-        self._inner.silence(device)
+    def drop_frames(self, device: RadioDevice) -> None:
+        self._inner.drop_frames(device)
 
 
 class Room:
@@ -112,7 +112,7 @@ class Room:
                 self.air.jam(Instant(step * STEP), (JAM,))
             if step == lose_at:
                 self.air.withhold(0, 1)
-            self.air.place(Instant(step * STEP), states(step))
+            self.air.set_states(Instant(step * STEP), states(step))
             for ms in range(10):
                 self._serve(Instant(step * STEP + 1000 * ms), rng, talk=20 < step < STEPS - 20)
         self.air.advance(Instant(STEPS * STEP))
@@ -225,7 +225,7 @@ class Pair(Lab):
         devices = [SimulatedTransceiver(both, BoardSettings(address, 11)) for address in (1, 2)]
         for device in devices:
             both.add(device)
-        both.place(START, [standing(0.0, 0.0), standing(2.0, 0.0)])
+        both.set_states(START, [standing(0.0, 0.0), standing(2.0, 0.0)])
         hosts = [BoardHost(TransceiverLink(), device) for device in devices]
         super().__init__(both, hosts, np.random.default_rng(1))
         self.first, self.second = hosts

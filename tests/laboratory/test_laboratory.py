@@ -93,8 +93,8 @@ def test_results_do_not_depend_on_the_interval_of_calls() -> None:
     assert often.pose("r1") == seldom.pose("r1")
     assert by_often.bytes == by_seldom.bytes
     assert len(by_often.bytes[DevicePort("r1", RANGE)]) == 7 + 5 * 3960
-    assert often.air.counters() == seldom.air.counters()
-    assert often.air.counters()["frames_sent"] == 8
+    assert often.medium.counters() == seldom.medium.counters()
+    assert often.medium.counters()["frames_sent"] == 8
 
 
 def echoes(wire: Wire) -> float:
@@ -124,16 +124,16 @@ def test_events_for_radio_and_floor_are_executed() -> None:
     ahead, seen = np.array([0.0]), []
     for at in (90_000, 110_000):
         laboratory.advance(Instant(at), Wire())
-        seen.append(float(laboratory._scanners.of(0)(ahead)[0]))
+        seen.append(float(laboratory._scanners.range_function(0)(ahead)[0]))
     assert seen == pytest.approx(
         [2.0 + 0.1 - 0.177, 1.0 + 0.1 - 0.2], abs=0.05
     )  # r2, then the obstacle before it
     for robot, at in (("r2", 160_000), ("r2", 260_000)):
         laboratory.advance(Instant(at), Wire())
         radio = laboratory.robots[robot].radio
-        laboratory.air.transmit(radio, laboratory.instant, 0, b"hello")
+        laboratory.medium.transmit(radio, laboratory.instant, 0, b"hello")
         laboratory.advance(Instant(at + 40_000), Wire())
-    told = laboratory.air.counters()
+    told = laboratory.medium.counters()
     assert (told["frames_sent"], told["copies_lost_disturbed"], told["copies_heard"]) == (2, 1, 1)
 
 
@@ -164,7 +164,7 @@ def test_invalid_commands_are_refused(
     laboratory: Laboratory, lines: EmulatedLines, line: str, sentence: str
 ) -> None:
     with pytest.raises(AcrcError) as caught:
-        FaultInjector(laboratory, lines).do(line)
+        FaultInjector(laboratory, lines).execute(line)
     assert str(caught.value).startswith(sentence)
 
 
@@ -196,9 +196,9 @@ def test_a_fault_stops_the_driver_until_it_is_removed(
 ) -> None:
     bench, driver = FaultInjector(laboratory, lines), KobukiDriver(START)
     assert stops(laboratory, driver) == set()
-    bench.do(fault)
+    bench.execute(fault)
     assert cause in stops(laboratory, driver)
-    bench.do("repair r1")
+    bench.execute("repair r1")
     stops(laboratory, driver, 3000)
     driven_by_then = laboratory.travelled("r1")
     stops(laboratory, driver)

@@ -62,7 +62,7 @@ def test_examples_of_the_page_run(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert (folder / "adapted.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (folder / "both.svg").read_text()
-    assert done.stdout.endswith("nowhere: not a run's folder: it contains no */*.mcap\n")
+    assert done.stdout.endswith("nowhere: does not exist\n")
     told = json.loads(done.stderr.splitlines()[-1])
     assert (told["robots"], told["rows"], told["again"]) == (["r1", "r2"], 12, True)
     assert told["shape"] == [10 * seconds, 2, 3]

@@ -188,7 +188,7 @@ def driven(
 def carry(rig: SensorRig) -> None:
     """Move the robot to another pose without turning its wheels."""
     x, y, heading = starts_on(FLOORS[0], rig.now, 1)[0]
-    rig.laboratory.carry("r1", Pose(x, y, heading))
+    rig.laboratory.move_robot("r1", Pose(x, y, heading))
 
 
 def pushing(seed: int) -> dict[str, tuple[float, float]]:

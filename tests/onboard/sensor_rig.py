@@ -173,7 +173,7 @@ class PassiveGuardian(GuardianLink):
     def leave(self) -> None:
         self.watches = False
 
-    def holds(self, now: Instant) -> bool:
+    def is_operational(self, now: Instant) -> bool:
         return self.watches
 
     def close(self) -> None: ...

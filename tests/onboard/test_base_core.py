@@ -45,8 +45,8 @@ from actors.runtime.errors import AcrcError
 from actors.topic import Message
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.beeclick.board_link import BoardLink
-from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
-from firmware_bridge.onboard.bridge import MOST_PLANNED, Bridge, BridgeCore
+from firmware_bridge.onboard.base_core import BRIDGE_TIMEOUT, BaseCore
+from firmware_bridge.onboard.bridge import MAX_PLANNED, Bridge, BridgeCore
 from firmware_bridge.onboard.device_loop import BridgeSetup, Clock, ReconnectingPort
 from firmware_bridge.onboard.vehicle import GuardianLink, TurtleBot
 from firmware_bridge.serial_port import PortError, SerialPort
@@ -69,7 +69,7 @@ class Vehicle:
     def charge(self) -> float | None:
         return self.level
 
-    def held(self) -> tuple[str, ...]:
+    def stop_reasons(self) -> tuple[str, ...]:
         return self.causes
 
     def odometry(self) -> Odometry:
@@ -132,7 +132,7 @@ def first_step(stage: BaseHarness) -> None:
 def test_a_timeout_of_robot_or_bridge_is_reported() -> None:
     robot, bridge = BaseHarness(), BaseHarness()
     for stage in (robot, bridge):
-        stage.core.patience = seconds(1.0)
+        stage.core.answer_timeout = seconds(1.0)
         first_step(stage)
         stage.at(2 * STEP)
     robot.aired(2 * STEP + 1000, 1)
@@ -190,8 +190,8 @@ def test_a_late_report_of_the_bridge_counts_for_the_next_step() -> None:
     stage = BaseHarness()
     first_step(stage)
     assert len(stage.at(2 * STEP)) == 1
-    assert stage.core.wake == BEGIN + 2 * STEP + AIR_PATIENCE
-    (senses,) = stage.at(2 * STEP + AIR_PATIENCE)
+    assert stage.core.wake == BEGIN + 2 * STEP + BRIDGE_TIMEOUT
+    (senses,) = stage.at(2 * STEP + BRIDGE_TIMEOUT)
     assert isinstance(senses, SensorData) and senses.events == 0
     assert stage.core.counts.late_air == 1
     stage.drive(2 * STEP + 30_000, 2)
@@ -207,12 +207,12 @@ def test_steps_continue_without_answers_of_the_bridge() -> None:
     first_step(stage)
     stage.at(2 * STEP)
     for step in range(2, 6):
-        (senses,) = stage.at(step * STEP + AIR_PATIENCE)
+        (senses,) = stage.at(step * STEP + BRIDGE_TIMEOUT)
         assert isinstance(senses, SensorData) and (senses.step, senses.events) == (step, 0)
-        stage.drive(step * STEP + AIR_PATIENCE + 1_000, step)
+        stage.drive(step * STEP + BRIDGE_TIMEOUT + 1_000, step)
         assert stage.at((step + 1) * STEP) == []
     stage.at(6 * STEP + 1_000, at(RADIO_READY), Ready(0, "radio", 1, ""))
-    stage.at(6 * STEP + AIR_PATIENCE)
+    stage.at(6 * STEP + BRIDGE_TIMEOUT)
     stage.drive(6 * STEP + 50_000, 6)
     assert [type(message) for message in stage.at(7 * STEP)] == [Truth], "a new bridge gets a request"
 
@@ -338,7 +338,7 @@ def test_stop_causes_are_reported(fault: str, value: float, told: tuple[str, ...
     setattr(rig.base.faults, fault, value)
     rig.run(0.5, (0.1, 0.0))
     vehicle = TurtleBot(FakeCable().open, rig.driver, None, GuardianLink("base"), lambda line: None)
-    assert vehicle.held() == told
+    assert vehicle.stop_reasons() == told
 
 
 @pytest.mark.parametrize(
@@ -387,7 +387,7 @@ class Room:
             self.air.advance(self.now)
             for bridge, board in zip(self.bridges, self.air.devices, strict=True):
                 bridge.now = self.now
-                bridge.hear(board.run(self.now))
+                bridge.receive(board.run(self.now))
                 board.take(self.now, bridge.due())
 
     def give(self, robot: int, address: Address, message: Message) -> list[Message]:
@@ -433,7 +433,7 @@ def test_frames_on_an_unplugged_board_are_unconfirmed() -> None:
     room.transmit(0, (1, 0, bytes(118)), (2, 0, bytes(118)))
     room.run(milliseconds(3))
     room.bridges[0].now = room.now
-    room.bridges[0].lost()
+    room.bridges[0].port_lost()
     received, _ = room.step(0, 1)
     assert isinstance(received, RadioEvents)
     assert {type(event) for event in received.events} == {FrameUnconfirmed}
@@ -442,12 +442,12 @@ def test_frames_on_an_unplugged_board_are_unconfirmed() -> None:
 
 def test_too_many_planned_frames_overflow() -> None:
     room = Room()
-    room.transmit(0, *((tag, 1000.0 + tag, b"x") for tag in range(MOST_PLANNED + 2)))
+    room.transmit(0, *((tag, 1000.0 + tag, b"x") for tag in range(MAX_PLANNED + 2)))
     received, _ = room.step(0, 1)
     assert isinstance(received, RadioEvents)
     assert [event.tag for event in received.events if isinstance(event, FrameOverflow)] == [
-        MOST_PLANNED,
-        MOST_PLANNED + 1,
+        MAX_PLANNED,
+        MAX_PLANNED + 1,
     ]
     assert room.bridges[0].dropped_frames == 2
 

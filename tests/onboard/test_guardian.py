@@ -132,7 +132,7 @@ def line(tmp_path: Path) -> Iterator[KobukiLine]:
 def process(line: KobukiLine) -> Iterator[BaseProcess]:
     """Yield a driving base with a guardian."""
     base = BaseProcess(line.link)
-    base.serve(lambda: base.guardian_link.holds(now()))
+    base.serve(lambda: base.guardian_link.is_operational(now()))
     base.port.write(DRIVE)
     base.serve(lambda: line.speed > 0)
     yield base
@@ -155,7 +155,7 @@ def test_a_hanging_base_stops_and_drives_again_when_it_continues(
     line: KobukiLine, process: BaseProcess
 ) -> None:
     assert line.stands_soon()  # no heartbeats
-    process.serve(lambda: process.guardian_link.holds(now()))
+    process.serve(lambda: process.guardian_link.is_operational(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
     begun = time.monotonic()
@@ -181,9 +181,9 @@ def test_a_killed_or_suspended_guardian_prevents_motion_and_is_replaced(
     for number in (signal.SIGKILL, signal.SIGSTOP):
         os.kill(process.guardians[-1].pid, number)
         begun = time.monotonic()
-        process.serve(lambda: not process.guardian_link.holds(now()))
+        process.serve(lambda: not process.guardian_link.is_operational(now()))
         assert time.monotonic() - begun < SOON_S
-        process.serve(lambda: process.guardian_link.holds(now()))
+        process.serve(lambda: process.guardian_link.is_operational(now()))
     assert process.guardian_link.started == len(process.guardians) == 3
 
 
@@ -196,10 +196,10 @@ def test_the_guardian_ignores_signals_and_stops_the_base_on_a_reopened_port(
     process.port.close()
     time.sleep(0.02)
     process.guardian_link.serve(now(), None)
-    assert not process.guardian_link.holds(now())
+    assert not process.guardian_link.is_operational(now())
     time.sleep(0.1)
     process.port = SerialPort(str(line.link), KOBUKI)
-    process.serve(lambda: process.guardian_link.holds(now()))
+    process.serve(lambda: process.guardian_link.is_operational(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
     process.die()

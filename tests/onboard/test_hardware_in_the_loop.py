@@ -170,4 +170,4 @@ def test_shipped_scenarios_and_all_radio_settings_are_accepted(tmp_path: Path) -
     plan = swarm.plan(asked, RunOptions(tmp_path / "out"))
     laboratory = Laboratory(LaboratorySetup(plan.world, plan.radio))
     laboratory.advance(Instant(20_000), lambda port, data: None)
-    assert laboratory.air.counters()["frames_sent"] == 0
+    assert laboratory.medium.counters()["frames_sent"] == 0

@@ -230,17 +230,17 @@ def told(prepared: OnboardRobot, start: int) -> RobotSetup:
 def test_the_pose_is_stored_twice_per_second_and_read_by_the_next_process(tmp_path: Path) -> None:
     path = tmp_path / "r1.pose"
     keeper = PoseWriter(path, NOW)
-    assert keeper.begun is None
+    assert keeper.initial is None
     for step in range(8):
         at = Instant(NOW + seconds(0.1) * step)
-        keeper.keep(at, Pose(2.0, 3.0, 0.1 * step), Odometry(1.0 * step, 0.0, 0.0, 0.0, 0.0, 0.0))
+        keeper.store(at, Pose(2.0, 3.0, 0.1 * step), Odometry(1.0 * step, 0.0, 0.0, 0.0, 0.0, 0.0))
     keeper.close()
     kept = LastPose((2.0, 3.0, 0.5), (5.0, 0.0, 0.0))
     assert last_pose.read(path) == kept
     assert kept.origin.compose(Pose(5.0, 0.0, 0.0)) == pytest.approx((2.0, 3.0, 0.5))
     successor = PoseWriter(path, NOW)
-    assert successor.begun == kept
-    successor.doubt(1.0)
+    assert successor.initial == kept
+    successor.add_spread(1.0)
     assert last_pose.read(path) == LastPose((2.0, 3.0, 0.5), (0.0, 0.0, 0.0), SPREAD + 1.0)
 
 

@@ -166,7 +166,7 @@ def test_a_robot_retries_twice_and_then_stands(tmp_path: Path) -> None:
     assert rig.laboratory.travelled("r1") == pytest.approx(way, abs=1e-3)
     vehicle = rig.vehicles["r1"]
     assert len([one for one in vehicle.held if HoldCause.LEFT_WHEEL in one.causes]) == 3
-    assert vehicle.bot.held() == ("left wheel contradicts gyro and command",)
+    assert vehicle.bot.stop_reasons() == ("left wheel contradicts gyro and command",)
     assert any("LEFT_WHEEL" in line for line in vehicle.log)
 
 
@@ -176,7 +176,7 @@ def test_a_frozen_gyro_is_replaced_by_wheels_confirmed_by_scans(tmp_path: Path) 
     rig.run(4.0)
     vehicle = rig.vehicles["r1"]
     assert vehicle.kobuki.odometry.uses_wheel_heading
-    assert vehicle.bot.held() == ()
+    assert vehicle.bot.stop_reasons() == ()
     assert any("gyro frozen: heading computed from the wheels" in line for line in vehicle.log)
 
 
@@ -209,7 +209,7 @@ class Wheels:
             pressed, dropped = basic.get("bumper", 0), basic.get("wheel_drop", 0)
             stamp = self.now // 1000 & 0xFFFF
             said = BasicSensorData(stamp, pressed, dropped, 0, left_ticks, right_ticks, 0, 0, 0, 0, 160, 0)
-            self.judge.commanded(*told)
+            self.judge.set_command(*told)
             gyro = InertialSensorData(round(np.degrees(self.angle) * 100), 0)
             self.judge.feedback(BaseFeedback(self.now, said, gyro))
         return self.judge.causes(self.now)

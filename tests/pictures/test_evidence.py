@@ -106,7 +106,7 @@ def test_blocked_positions_last_as_long_as_the_union_of_their_intervals(evidence
 
 
 def test_errors_for_invalid_runs(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"not a run's folder: it contains no \*/\*\.mcap"):
+    with pytest.raises(RecordingError, match=r"not a run folder: it contains no \*/\*\.mcap"):
         read_run(tmp_path)
     part = tmp_path / "part"
     shutil.copytree(folder / "r1", part / "r1")
@@ -249,9 +249,9 @@ def test_labels_of_near_points_do_not_overlap() -> None:
         axes = figure.add_subplot()
         axes.set_xlim(0.0, 10.0)
         axes.set_ylim(0.0, 6.0)
-        marks.settle(figure)
+        marks.fix_layout(figure)
         crowd = [marks.PointLabel(f"r{number}", 5 + number % 5 / 50, 3.0, "#000000") for number in range(20)]
-        left_out = marks.place(axes, [*crowd, marks.PointLabel("far", 1.0, 1.0, "#000000")])
+        left_out = marks.place_labels(axes, [*crowd, marks.PointLabel("far", 1.0, 1.0, "#000000")])
         written = [text for text in axes.texts if text.get_text()]
         placed = [text.get_window_extent() for text in written if isinstance(text, Annotation)]
     assert len(placed) == 21 - left_out and left_out < 10
@@ -274,14 +274,14 @@ def glyph_sheet() -> Figure:
     columns = figure.subplots(1, 4, width_ratios=[1.1, 0.8, 1.9, 0.5])
     _column(columns[0], "by ground truth", _states(CAUSE_GLYPHS))
     _column(columns[1], "reported by the robot", _states(ACTIVITY_GLYPHS))
-    _column(columns[2], "on the floor and in lanes", [marks.sample(name) for name in MARKS])
+    _column(columns[2], "on the floor and in lanes", [marks.legend_entry(name) for name in MARKS])
     robots = [Patch(facecolor=colour, label=f"r{number}") for number, colour in enumerate(style.ROBOTS, 1)]
     _column(columns[3], "robots", robots)
     return figure
 
 
 def _states(states: Mapping[str, StateGlyph]) -> list[Artist]:
-    return [Patch(label=word, **run_page.look_of(glyph)) for word, glyph in states.items()]
+    return [Patch(label=word, **run_page.state_style(glyph)) for word, glyph in states.items()]
 
 
 def _column(axes: Axes, title: str, handles: Sequence[Artist]) -> None:

@@ -62,7 +62,7 @@ def test_a_page_names_its_run_and_shows_floor_robots_and_causes(evidence: RunDat
     wanted = [style.WALL, style.UNKNOWN, style.colour(0), style.colour(1), *causes]
     assert sum(rgb(colour) in seen for colour in wanted) >= 8
     assert page.figure.axes[0].get_title(loc="left") == (
-        f"chapter: 6 of 6 places in 99.1 s   (2 robots, seed 1, digest {evidence.result.digest[:8]})"  # type: ignore[union-attr]
+        f"chapter: 6 of 6 places in 99 s   (2 robots, seed 1, digest {evidence.result.digest[:8]})"  # type: ignore[union-attr]
     )
     assert [label.get_text() for label in page.figure.axes[1].get_yticklabels()] == ["r1", "r2"]
     assert page.figure.axes[2].get_ylabel() == "radio frames/s"
@@ -72,7 +72,7 @@ def test_runs_beside_each_other_have_one_scale_of_time(evidence: RunData) -> Non
     figure = run_page.draw_several([evidence, evidence])
     floors, lanes = figure.axes[::2], figure.axes[1::2]
     assert {axes.get_xlim() for axes in lanes} == {(0.0, evidence.end)}
-    assert all(axes.get_title(loc="left") == "chapter: 6 of 6 places in 99.1 s" for axes in floors)
+    assert all(axes.get_title(loc="left") == "chapter: 6 of 6 places in 99 s" for axes in floors)
     low, high = floors[0].get_xlim()
     assert low <= evidence.true[..., 0].min() and evidence.true[..., 0].max() <= high
 
@@ -129,7 +129,7 @@ def test_pages_go_to_files_that_are_named(words: str, folder: str | None, files:
     found = visualisation._folder_and_files([Path(word) for word in words.split()])
     assert found == (folder and Path(folder), {suffix: Path(file) for suffix, file in files.items()})
     for wrong, sentence in (
-        ("page.jpg", "view: unexpected argument page.jpg; example: .* view runs/a --html page.html"),
+        ("page.jpg", "view: unexpected argument page.jpg; a picture is a .* view runs/a --html page.html"),
         ("nowhere/a.png", "--png: nowhere/a.png; must be a file in an existing folder"),
     ):
         with pytest.raises(OptionError, match=sentence):
@@ -249,7 +249,7 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         "Without adaptation: 0 of 6 places cleaned in 150 s. The robots block each other in the doorway."
     )
     assert adapted == (
-        "With the chapter's adaptation: 6 of 6 places cleaned in 99.1 s. The blocked robots exchange "
+        "With the chapter's adaptation: 6 of 6 places cleaned in 99 s. The blocked robots exchange "
         "destinations by radio; 4 places were reassigned."
     )
     assert pictures == f"Pictures: {out / 'demo.png'}, {out / 'demo.svg'}"

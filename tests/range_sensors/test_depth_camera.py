@@ -92,15 +92,15 @@ def test_mismatching_models_and_images_are_refused() -> None:
 @pytest.mark.parametrize("depth_mm", [0, 300])
 def test_images_without_echoes_are_not_free_floor(depth_mm: int) -> None:
     scanner = DepthScanner(KINECT)
-    assert not scanner.sees(Instant(0))
+    assert not scanner.is_measuring(Instant(0))
     scanner.take(Instant(10_000), np.full((480, 640), 2000, np.uint16))
     assert scanner.scan() is not None
     for stamp in range(40_000, 250_000, 33_000):
         scanner.take(Instant(stamp), np.full((480, 640), depth_mm, np.uint16))
         assert scanner.scan() is None
-        assert scanner.sees(Instant(stamp)) == (stamp <= 210_000)
+        assert scanner.is_measuring(Instant(stamp)) == (stamp <= 210_000)
     scanner.take(Instant(270_000), np.full((480, 640), 20_000, np.uint16))
-    assert scanner.sees(Instant(270_000)), "far objects are echoes, too"
+    assert scanner.is_measuring(Instant(270_000)), "far objects are echoes, too"
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.0, False), (0.2, False), (0.35, True), (1.0, True)])

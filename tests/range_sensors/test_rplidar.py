@@ -143,7 +143,7 @@ def test_an_object_on_the_left_is_on_the_correct_rays() -> None:
     assert hit.max() - hit.min() < 6
     for _ in range(100):
         rig.run(0.01)
-        assert rig.lidar.sees(rig.now), "one echo is enough"
+        assert rig.lidar.is_measuring(rig.now), "one echo is enough"
 
 
 def test_noise_loses_samples_but_no_scans() -> None:
@@ -195,24 +195,24 @@ def test_missing_data_is_detected_within_a_quarter_of_a_second(
     fault: str,
 ) -> None:
     rig = Rig()
-    assert not rig.lidar.sees(rig.now)
+    assert not rig.lidar.is_measuring(rig.now)
     rig.run(2.0)
-    assert rig.lidar.sees(rig.now)
+    assert rig.lidar.is_measuring(rig.now)
     setattr(rig.device, fault, True)
     begun = rig.now
-    while rig.lidar.sees(rig.now):
+    while rig.lidar.is_measuring(rig.now):
         rig.run(0.005)
     assert rig.now - begun <= milliseconds(260)
     rig.run(0.2)  # the last turn is still a scan
     rig.scans.clear()
     rig.run(0.5)
-    assert rig.scans == [] and not rig.lidar.sees(rig.now)
+    assert rig.scans == [] and not rig.lidar.is_measuring(rig.now)
     assert (rig.lidar.counts.blind > 1) == (fault == "dark")
     rig.run(2.0)
     assert (rig.lidar.phase is LidarPhase.SCANNING) == (fault != "silent")
     setattr(rig.device, fault, False)
     rig.run(3.0)
-    assert rig.lidar.sees(rig.now) and len(rig.scans) > 5
+    assert rig.lidar.is_measuring(rig.now) and len(rig.scans) > 5
     assert rig.lidar.counts.starts == 1 + (fault == "silent")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pyarrow import parquet
 
-from acrc_testbed.export.parquet_files import TABLES, page
+from acrc_testbed.export.parquet_files import TABLES, schema_page
 from actors.installation.repository import REPOSITORY
 from tests.documentation.markdown import pages
 from tests.in_process import acrc
@@ -35,7 +35,7 @@ def tables(exported: Path) -> dict[str, Rows]:
 
 
 def test_files_and_page_have_the_columns_and_their_meanings(exported: Path) -> None:
-    assert (REPOSITORY / PAGE).read_text().endswith(page())
+    assert (REPOSITORY / PAGE).read_text().endswith(schema_page())
     for table in TABLES:
         schema = parquet.read_schema(exported / "runs" / "tables" / "tables" / f"{table.name}.parquet")
         assert schema.names == [one.name for one in table.columns]

@@ -70,7 +70,7 @@ def test_info_of_keys_names_fields_and_rates_in_simulated_time(recorded_run: Pat
     assert len(said) == 3 * len({line.split()[0] for line in said[::3]}) >= 3 * 13
     at = said.index(next(line for line in said if line.startswith("r1/senses  SensorData: step, instant,")))
     assert said[at + 1] == (
-        "  301 messages from 0 to 30 s: 10.00 Hz, 0.1 to 0.1 s apart, standard deviation 0.000 s"
+        "  messages: 301, from 0 to 30 s: 10.00 Hz, 0.1 to 0.1 s apart, standard deviation 0.000 s"
     )
     assert re.fullmatch(r"  \d+ B, \d+ B each on average, \d+ to \d+ B, \d+ B/s", said[at + 2])
     words = ("record", "info", recorded_run, "r1/drive", "truth", "--from", 1, "--to", 2, "--json")
@@ -139,3 +139,12 @@ def test_a_growing_recording_is_followed_to_its_end(tmp_path: Path) -> None:
         assert [one.sequence for one in followed] == [1]
     assert has_ended(tmp_path)
     assert [one.key for one in messages(tmp_path, "*")] == 2 * [CONTROL.pattern]
+
+
+def test_radio_events_are_found_at_their_own_time(complete_run: Path) -> None:
+    words = ("record", "echo", complete_run, "r2/received")
+    found = acrc(*words, "--from", 14.70, "--to", 14.705)
+    assert '"instant": 147022' in found.stdout and "    14.800 s" in found.stdout
+    empty = acrc(*words, "--from", 5000)
+    assert (empty.returncode, empty.stdout) == (0, "")
+    assert empty.stderr == f"{complete_run}: nothing on r2/received in this interval\n"

@@ -1,9 +1,11 @@
 """`acrc replay` and `acrc run --check`: a run or a robot executed again, debugged, or otherwise."""
 
 import io
+import json
 import re
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,7 +24,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.replay_bus import ReplayError
 from deploy.run import swarm
 from deploy.run.options import RunOptions, check_options
-from deploy.run.swarm_replay import replay_swarm, replay_with_behaviour
+from deploy.run.swarm_replay import replay_swarm
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario
 from tests.in_process import acrc
 from tests.recorded_runs import record
@@ -54,7 +56,9 @@ def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> Non
         ((recorded, "--to", 1), 2, "--to: requires --robot"),
         ((recorded, "--robot", "r1", "--from", 1), 2, "--from: requires --pdb or --debugpy"),
         ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; choose from r1, r2, radio, "),
-        ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: has no strategy; must be a robot"),
+        ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: not a robot of this run; choose "),
+        ((recorded, "--robot", "world", "--pdb"), 1, "world: not a robot of this run; choose from r1, r2"),
+        ((tmp_path / "x", "--robot", "r1"), 1, f"{tmp_path}/x: does not exist"),
         ((recorded, "--robot", "r1", "--debugpy", 5678), 1, "--debugpy 5678: debugpy is not installed"),
         ((recorded, "--robot", "r2", "--from", 100, "--pdb"), 1, "--from: 100 is after the end of r2's"),
     ):  # fmt: skip
@@ -75,11 +79,8 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("print(self.id)\n" + "step\n" * 6 + "continue\n"))
-    window, terminal = (
-        record_replay.TimeWindow(begin_s=1.0, end_s=None),
-        record_replay.pdb_breakpoint(own=False),
-    )
-    watch = ReplayOptions(lambda core, step_us: record_replay.limit_replay(core, step_us, window, terminal))
+    terminal = [record_replay.pdb_breakpoint(own=False)]
+    watch = ReplayOptions(partial(record_replay.limit_replay, begin_s=1.0, end_s=None, stops=terminal))
     report = replay_actor(recorded, "r2", watch)
     assert report.whole and report.outputs > 30, "a look changes nothing"
     said = capsys.readouterr().out
@@ -92,11 +93,27 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     assert re.search(r"r2: matches the recording: \d+ outputs so far\n$", capsys.readouterr().out)
 
 
+def test_breakpoints_take_the_names_that_explain_prints(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = "b cleaning.robot.CleaningRobot.drive\nb no.such\nc\nq\n"
+    monkeypatch.setattr(sys, "stdin", io.StringIO(commands))
+    replay_commands.replay(recorded, "r2", begin=0.5, pdb=True)
+    printed = capsys.readouterr().out
+    assert re.search(r"Breakpoint 1 at .*/cleaning/robot\.py:\d+", printed)
+    assert "'no.such' is not a function" in printed
+    assert re.search(r"> .*/cleaning/robot\.py\(\d+\)drive\(\)", printed)
+
+
 def test_another_strategy_decides_as_recorded_until_it_does_not(recorded: Path) -> None:
-    same = replay_with_behaviour(recorded, "r1", "cleaning.strategies.chapter:behaviour", ReplayOptions())
-    assert same.whole, "the same strategy, and the scenario sets none of its numbers"
-    with pytest.raises(ReplayError, match=r"r1\.mcap: step \d+: swarm/up/r1/"):
-        replay_with_behaviour(recorded, "r1", "examples.courteous:behaviour", ReplayOptions())
+    same = acrc("replay", recorded, "--robot", "r1", "--strategy", "chapter", "--to", 2)
+    assert same.stdout == "r1: no different decision up to 2 s\n", "the scenario sets none of its numbers"
+    other = acrc(
+        "replay", recorded, "--robot", "r1", "--strategy", "cleaning.strategies.idle:behaviour", "--json"
+    )
+    assert other.returncode == 0, other.stderr
+    difference = json.loads(other.stdout)["decisions"]
+    assert difference == "first different decision: none; recorded: drives to (9.00, 12.50) at 0 s"
 
 
 def test_what_follows_a_clock_chance_a_set_or_an_address_is_found(tmp_path: Path) -> None:

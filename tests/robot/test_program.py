@@ -146,7 +146,7 @@ FORM = "is not an entry; it should look like 'package.module:function'"
         (".baseline:behaviour", " " + FORM),
         ("nowhere.study:behaviour", ": there is no module 'nowhere' on Python's path"),
         ("tests.none:behaviour", ": there is no module 'tests.none' on Python's path"),
-        ("tests.robot.rig:other", ": module 'tests.robot.rig' has no 'other'"),
+        ("tests.robot.rig:other", ": module 'tests.robot.rig' has no 'other'; did you mean behaviour?"),
         ("tests.robot.rig:number", " is a int, but should be a function of a Start"),
         ("tests.robot.rig:nothing", " returned a NoneType, which has no method advance(view, until)"),
     ],
@@ -178,7 +178,7 @@ def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("def behaviour(start):\n    return 1 +\n", "{file}:2: invalid syntax: return 1 +"),
+        ("def behaviour(start):\n    return 1 +\n", "{file.name}:2: invalid syntax: return 1 +"),
         ("import sys\nsys.exit('no')\n", "its code called sys.exit('no') ({file.name}:2)"),
         ("def behaviour(start):\n    exit(3)\n", "its code called sys.exit(3) ({file.name}:2)"),
     ],

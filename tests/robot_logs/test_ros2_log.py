@@ -344,7 +344,7 @@ def test_hardware_runs_have_no_ground_truth(out: Path, tmp_path: Path) -> None:
         ({"mcap": "foxglove"}, "--mcap: foxglove; must be ros2, which RViz and Foxglove read"),
         ({"mcap": "ros2", "robot": ["r9"]}, "--robot: r9; must be one of r1, r2"),
         ({"robot": ["r1"]}, "--robot: requires --mcap; tables contain all robots"),
-        ({"mcap": "ros2", "out": "empty"}, "empty: not a run's folder: it contains no */*.mcap"),
+        ({"mcap": "ros2", "out": "empty"}, "empty: not a run folder: it contains no */*.mcap"),
     ],
 )
 def test_wrong_options(options: dict[str, Any], sentence: str, out: Path, tmp_path: Path) -> None:
@@ -364,7 +364,7 @@ def entries(monkeypatch: pytest.MonkeyPatch, *told: SensorData) -> tuple[list[Lo
     source = RecordedProcess("r1", "r1", lambda instants: instants / 1e6)
     none = np.zeros((0, 3))
     track = Trajectory(np.zeros(0), none, none, none, ())
-    found = robot_entries.sensed_entries(Path("r1.mcap"), source, track, MODEL, left_out)
+    found = robot_entries.sensor_entries(Path("r1.mcap"), source, track, MODEL, left_out)
     return list(found), +left_out
 
 

@@ -60,7 +60,7 @@ def test_options_have_defaults_and_the_folder_becomes_absolute(
          "--isolate: requires --bus zenoh; --bus memory has one process for all robots"),
         ({"bus": "memory", "view": True},
          "--view: requires --bus zenoh; --bus memory has one process for all"),
-        ({"followed": ("r2",)}, "--robot: 'r2'; requires --view"),
+        ({"followed": ("r2",)}, "--robot: 'r2'; requires --view; --robots sets the number of robots"),
     ],
 )  # fmt: skip
 def test_wrong_options_are_refused(tmp_path: Path, options: dict[str, Any], sentence: str) -> None:
@@ -93,7 +93,8 @@ def test_a_claimed_folder_is_removed_if_empty_and_named_if_not(
 
 @pytest.mark.parametrize("mark", ["?", "#"])
 def test_marks_that_end_a_sockets_address_are_refused_over_the_mesh_only(tmp_path: Path, mark: str) -> None:
-    assert run_folder_name(Path(f"there/a {mark}1.toml")).startswith("a--1-")
+    assert run_folder_name(Path(f"there/a {mark}1.toml")).startswith("a--1-2")
+    assert run_folder_name(Path("a.toml"), f"b{mark}:c").startswith("a-b--c-2")
     out = tmp_path / f"a{mark}b" / "c"
     with pytest.raises(OptionError) as caught:
         check_options(RunOptions(out))

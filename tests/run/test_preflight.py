@@ -84,7 +84,8 @@ PORT = "Robot.drive needs a Wings ('wings'); this node provides Navigation"
         ("value", "[strategy]\nlease = true", "behaviour",
          "strategy.lease is true, but must be a number of seconds, at most 1000000"),
         ("port", "", "undeployed", "behaviour 'port:undeployed': " + PORT),
-        ("entry", "", "behavior", "behaviour 'entry:behavior': module 'entry' has no 'behavior'"),
+        ("entry", "", "behavior", "behaviour 'entry:behavior': module 'entry' has no "
+         "'behavior'; did you mean behaviour?"),
         ("gone", "", "gone", "behaviour 'gone:gone': its code called os._exit(0) (gone.py:31)"),
         ("bug", "", "buggy", "strategy 'bug:buggy', preflight for r1: ZeroDivisionError: "
          "division by zero (bug.py:28)"),

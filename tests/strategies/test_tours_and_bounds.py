@@ -1,6 +1,5 @@
 """Tours, the strategy `chapter-careful`, and the upper bound by an oracle."""
 
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

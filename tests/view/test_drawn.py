@@ -59,7 +59,10 @@ def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
 
 def test_the_file_contains_all_entities(folder: Path, evidence: RunData, view: View) -> None:
     found, said = view
-    assert [sentence.partition(" after ")[0] for sentence in said] == ["recorded data drawn", "complete view"]
+    assert [sentence.partition(" after ")[0] for sentence in said] == [
+        "ground truth and messages shown",
+        "all data shown",
+    ]
     assert {f"/world/{name}" for name in WORLD} <= set(found)
     assert {f"/inside/r2/{name}" for name in INSIDE} <= set(found)
     assert {"/r1", "/knowledge/r1", "/plots/places/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(found)
@@ -95,7 +98,7 @@ def test_an_incomplete_view_is_reported_and_fails(
     path = tmp_path / "run.rrd"
     for folders in ([lean], [lean, lean]):
         with pytest.raises(AcrcError, match="the view is incomplete, see above"):
-            visualisation._show(folders, (), save=path, screenshot=None, at=None)
+            visualisation._show_runs(folders, (), save=path, screenshot=None, at=None)
         told = capsys.readouterr().err
         assert "r1: introspection was not recorded; record the run with --record full" in told
         assert told.splitlines()[-1].startswith("view without the data listed above after ")
@@ -119,7 +122,10 @@ def test_two_runs_share_a_timeline(folder: Path, view: View, tmp_path: Path) -> 
     said: list[str] = []
     path = tmp_path / "beside.rrd"
     save_view((folder, tmp_path / "branch"), (), path, said.append)
-    assert [sentence.partition(" after ")[0] for sentence in said] == ["recorded data drawn", "complete view"]
+    assert [sentence.partition(" after ")[0] for sentence in said] == [
+        "ground truth and messages shown",
+        "all data shown",
+    ]
     one, both = view.rows, rows(path)
     drawn_there = {entity for entity in one if entity != "/__properties"}
     assert set(both) - {"/__properties"} == {f"/{n}{entity}" for n in (1, 2) for entity in drawn_there}

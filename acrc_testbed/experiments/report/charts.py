@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cbook import boxplot_stats
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
@@ -314,14 +314,8 @@ def _axis_start(low: float, high: float) -> float:
 def _draw_box(panel: Axes, place: int, row: Box) -> None:
     values, colour = row.values, row.look.colour
     if len(values) > max(4, len(row.at_least)):  # dots suffice for fewer values or lower bounds alone
-        q1, median, q3 = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
-        reach = 1.5 * (q3 - q1)  # Tukey, "Exploratory Data Analysis", 1977
-        inside = [value for value in values if q1 - reach <= value <= q3 + reach]
         panel.bxp(
-            [{
-                "med": median, "q1": q1, "q3": q3, "whislo": min(inside), "whishi": max(inside),
-                "fliers": [],
-            }],
+            boxplot_stats(values),  # Tukey, "Exploratory Data Analysis", 1977; whiskers end outside the box
             positions=[place], widths=0.55, orientation="horizontal", showfliers=False, manage_ticks=False,
             patch_artist=True,
             boxprops={"facecolor": f"{colour}38", "edgecolor": colour, "linewidth": 1.2},

@@ -80,8 +80,8 @@ def tables(view: ReportView, name: str, found: CampaignEvaluation) -> Iterator[P
         )
     yield view.table(
         f"tests_{name}",
-        "Tests of the declared comparisons: exact randomisation tests of pairs. Rows without p (Holm) have "
-        "too few differing pairs. Equivalence: the means differ by less than the margin.",
+        "Tests of the declared comparisons: exact randomisation tests of pairs. Equivalence: means "
+        "differ by less than the margin. n/a: too few pairs (differ), no margin, or an event in no run.",
         [_comparison_names(step, varies) | _test_cells(step) for one in decided for step in one.steps],
     )
     yield view.table(
@@ -140,10 +140,10 @@ def _test_cells(step: Comparison) -> dict[str, Cell]:
     return {
         "pairs": len(step.sample.pairs),
         "differing pairs": step.test.differing,
-        "p": step.test.p,
+        "p": step.test.p if step.happened else None,
         "p (Holm)": step.adjusted if step.tested else None,
         "margin": step.margin,
-        "p (equivalence)": step.equivalence_p,
+        "p (equivalence)": step.equivalence_p if step.happened and step.margin is not None else None,
     }
 
 
@@ -330,7 +330,7 @@ def _ceiling_and_floor(view: ReportView) -> Iterator[str]:
     ]
     if never:
         yield (
-            f"No run was complete: {_group_list(never)}. The restricted mean is then the length of the runs, "
+            f"Without a complete run: {_group_list(never)}. Their restricted mean is the length of the runs, "
             "a lower bound."
         )
 

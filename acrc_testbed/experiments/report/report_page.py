@@ -133,7 +133,7 @@ def _command_text(source: RunSource) -> str:
     if study is None:
         return "acrc run or acrc fleet collect"
     if study.factors or study.cells or study.distributions or study.conditions == "drawn":
-        return f"acrc campaign with the study in {source.name}/study.json"
+        return f"acrc campaign {source.name}/study.json --out again"
     return shlex.join(["acrc", "campaign", *_option_words(study)])
 
 

@@ -96,7 +96,7 @@ def places_done(view: ReportView) -> PageSection:
 
     picture, table = _box_plot(
         view, "places", lambda run: Completion(places_done_or_reported(run), True), what="places done",
-        unit="", axis="places done", table="Places done", more=total, near=True,
+        unit="", axis="places done", table="Places done; total: all places of a run", more=total, near=True,
         limit=(float(max(totals)), f"all {max(totals)} places") if len(totals) == 1 else None,
         caption="Places done in each run (as in the chapter's Fig. 7.10).",
     )  # fmt: skip

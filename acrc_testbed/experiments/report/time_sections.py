@@ -80,9 +80,10 @@ def blockings(view: ReportView) -> PageSection | None:
         "Blockages",
         (
             "A blockage begins when a robot stands and waits for another one, and ends when one of them "
-            "drives on. The diagnosis compares blocked times reported by the strategy with ground truth: "
-            "precision is the share of reported time that was blocked, recall the share of blocked time that "
-            "was reported.",
+            "drives on; its cause is the most frequent one. Robots count as a deadlocked pair only if they "
+            "wait for each other for 10 s or longer. The diagnosis compares blocked times reported by the "
+            "strategy with ground truth: precision is the share of reported time that was blocked, recall "
+            "the share of blocked time that was reported.",
         ),
         None,
         (

@@ -223,15 +223,17 @@ def entry_function(entry: str) -> Callable[[Start], Any]:
     except DeecoError as error:
         raise BehaviourError(f"behaviour {entry!r}: {error}") from error
     except SyntaxError as error:  # its traceback would not show a line of the user's code
-        line = (error.text or "").strip()
         raise BehaviourError(
-            f"behaviour {entry!r}: {error.filename}:{error.lineno}: {error.msg}{line and f': {line}'}"
+            f"behaviour {entry!r}: {str(error.filename).rpartition('/')[2]}:{error.lineno}: {error.msg}"
+            f"{': ' * bool(error.text)}{(error.text or '').strip()}"
         ) from None
     except SystemExit as error:
         raise BehaviourError(f"behaviour {entry!r}: {failure_note('', 0, error).cause}") from None
     function = getattr(module, name, None)
     if function is None:
-        raise BehaviourError(f"behaviour {entry!r}: module {module_name!r} has no {name!r}")
+        raise BehaviourError(
+            f"behaviour {entry!r}: module {module_name!r} has no {name!r}; did you mean behaviour?"
+        )
     if not callable(function):
         raise BehaviourError(
             f"behaviour {entry!r} is a {type(function).__name__}, but should be a function of a Start"

@@ -15,12 +15,13 @@ from statsmodels.stats.proportion import proportion_confint
 
 from acrc_testbed.experiments import store
 from acrc_testbed.experiments.evaluation import evaluate
-from acrc_testbed.experiments.report import report_page
+from acrc_testbed.experiments.report import charts, findings, report_page
 from acrc_testbed.experiments.report.report_view import REAL, read_sources
 from acrc_testbed.experiments.study import Factor, Study, Trial
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RobotResult, RunResult, field_trial_struct
 from actors.runtime.errors import AcrcError
+from tests.experiments import made_runs
 from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"
@@ -81,6 +82,15 @@ def test_boxes_are_those_of_the_runs(written: Path, records: dict[str, list[Tria
         assert float(row["1st quartile"]) == pytest.approx(np.quantile(places, 0.25))
         assert float(row["3rd quartile"]) == pytest.approx(np.quantile(places, 0.75))
         assert float(row["mean"]) == pytest.approx(sum(places) / len(places))
+
+
+def test_whiskers_end_outside_the_box() -> None:
+    """The lower quartile, 25.25, lies between an outlier and the least value within 1.5 box lengths."""
+    values = (11.0, 11.0, 30.0, 30.0, 31.0, 32.0, 32.0, 33.0)
+    box = charts.Box("none", charts.series_style(0), values)
+    (panel,) = charts.draw_boxes({"": [box]}, "places").axes
+    lines = [np.unique(np.asarray(line.get_xdata(), float)).tolist() for line in panel.lines]
+    assert [25.25] in lines and [25.25, 30.0] not in lines
 
 
 def test_completion_counts_every_run(written: Path, records: dict[str, list[TrialRecord]]) -> None:
@@ -224,7 +234,7 @@ def test_caveats_are_on_the_page(written: Path) -> None:
         "oracle uses information that robots do not have; it is an upper bound",
         "of the runs completed all places: ",
         "Mean number of deadlocked pairs per run: none ",
-        "No run was complete: none. The restricted mean",
+        "Without a complete run: none. Their restricted mean",
     ):
         assert told in page
 
@@ -330,3 +340,11 @@ def test_a_folder_that_holds_nothing_is_named(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"digest": 3}')
     with pytest.raises(AcrcError, match=r"run\.json: invalid result of a run: digest is 3, but must be"):
         read_sources([tmp_path])
+
+
+def test_an_event_in_no_run_has_no_p_value() -> None:
+    """All runs are censored, so the times of both strategies are equal but unknown."""
+    level = [made_runs.run(20) for _ in range(8)]
+    places, time = map(findings._test_cells, made_runs.verdict_of(level, level).steps)
+    assert places["p (equivalence)"] == 2.0**-8
+    assert time["margin"] == 10.0 and time["p"] is None and time["p (equivalence)"] is None
