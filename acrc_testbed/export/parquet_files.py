@@ -58,6 +58,7 @@ TABLES: Final = (
             Column("omega", "float", "true turn rate, rad/s"),
             Column("stepping", "bool", "false: its process is frozen or has exited"),
             Column("powered", "bool", "false: its transceiver is off"),
+            Column("charge", "float", "share of the battery's capacity left; null: not simulated"),
         ),
     ),
     ExportTable(

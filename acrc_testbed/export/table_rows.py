@@ -104,9 +104,10 @@ def _decisions(robot: RobotInternals) -> Iterator[Row]:
 def _poses(radio: Path) -> Iterator[Row]:
     for _, truth in messages_on(radio, TRUTH):
         if not truth.halt:
-            for one in truth.robots:
+            charges = truth.charges or (None,) * len(truth.robots)
+            for one, charge in zip(truth.robots, charges, strict=True):
                 where = (one.x, one.y, one.heading, one.vx, one.vy, one.omega)
-                yield (truth.step, truth.instant / 1e6, one.id, *where, one.stepping, one.powered)
+                yield (truth.step, truth.instant / 1e6, one.id, *where, one.stepping, one.powered, charge)
 
 
 def _frame(number: int, one: FrameRow) -> Iterator[Row]:

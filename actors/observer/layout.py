@@ -209,7 +209,7 @@ def _run_range(contents: ViewerContents) -> rrb.TimeAxis | None:
     )
 
 
-APPLICATION: Final = "acrc-testbed-5"
+APPLICATION: Final = "acrc-testbed-6"
 """Application id; increment it with each change of the layout, as viewers cache the layout by id."""
 FLUSH: Final = 10.0
 """Timeout for sending data to a viewer, s."""

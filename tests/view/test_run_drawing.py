@@ -115,6 +115,20 @@ def test_places_show_their_outcomes_and_holders_part_by_part(tmp_path: Path) -> 
     np.testing.assert_allclose(times(arrow), [0.5, 6.5], atol=1e-6)
 
 
+@pytest.mark.parametrize("batteries", [True, False])
+def test_the_charge_is_drawn_once_a_second_with_batteries_only(batteries: bool, tmp_path: Path) -> None:
+    piece = run(range(26))
+    charge = np.column_stack((np.linspace(0.9, 0.4, 26), np.full(26, np.nan)))
+    description = replace(piece.description, has_batteries=batteries)
+    found = painted(tmp_path / "view.rrd", replace(piece, description=description, charge=charge))
+    assert ("/plots/charge/r1" in found) == batteries
+    if batteries:
+        drawn = [row for row in found["/plots/charge/r1"] if "sim_time" in row]
+        np.testing.assert_allclose(times(drawn), [0.0, 1.0, 2.0], atol=1e-6)
+        np.testing.assert_allclose([row["Scalars:scalars"][0] for row in drawn], [0.9, 0.7, 0.5])
+        assert all("sim_time" not in row for row in found["/plots/charge/r2"])
+
+
 def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> None:
     (row,) = painted(tmp_path / "view.rrd", run(range(2)))["/world/map"]
     around, free, wall = glyphs.GROUND, glyphs.FLOOR, glyphs.WALL

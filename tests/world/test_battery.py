@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from acrc_testbed.experiments.comparison import find_metric
+from acrc_testbed.export import table_rows
 from acrc_testbed.picture import run_page
 from acrc_testbed.recordings.run_recordings import all_recordings
 from acrc_testbed.run_model.recording_readers import messages_on
@@ -267,6 +268,8 @@ def test_a_recorded_run_has_charges_in_its_model_pictures_result_and_metric(tmp_
     assert result.energy_j == pytest.approx(
         sum(one.energy.used_j for one in result.per_robot.values()), abs=1e-3
     )
+    poses = table_rows.tables(tmp_path / "run")["poses"]
+    assert [row[-1] for row in poses] == run.charge.ravel().tolist()
     metric = find_metric("energy")
     assert metric.value(result) == result.energy_j  # type: ignore[union-attr]
     axes = run_page.draw(run).axes
