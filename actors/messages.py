@@ -209,10 +209,19 @@ class Loss(MessagePart, frozen=True):
     sender: str
 
 
+class PersonTruth(MessagePart, frozen=True):
+    """Ground truth of one person at the start of the step: position and velocity in the map frame."""
+
+    x: Coordinate
+    y: Coordinate
+    vx: Coordinate
+    vy: Coordinate
+
+
 class Truth(Message, frozen=True):
     """Ground truth at the start of the step, for the radio and observers."""
 
-    omissible: ClassVar[int] = 2
+    omissible: ClassVar[int] = 3
     instant: int
     robots: tuple[RobotTruth, ...]
     """In scenario order."""
@@ -224,6 +233,8 @@ class Truth(Message, frozen=True):
     """Losses ordered at the start of this step."""
     charges: tuple[Charge | None, ...] = ()
     """Charge of each robot's battery, None: not simulated; empty if no robot has one."""
+    people: tuple[PersonTruth, ...] = ()
+    """In a fixed order."""
 
 
 class EventCount(MessagePart, frozen=True):

@@ -132,8 +132,8 @@ def compare(
         str | None,
         option(
             "NAME",
-            "Compare only this metric: places, contacts, radio, driven, energy, completion, settled, "
-            "lexicographic; or outcome.NAME, a number that strategies report.",
+            "Compare only this metric: places, contacts, people_contacts, people_contact_s, radio, driven, "
+            "energy, completion, settled, lexicographic; or outcome.NAME, a number that strategies report.",
         ),
     ] = None,
     json: Json = False,

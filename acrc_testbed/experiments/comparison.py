@@ -23,7 +23,7 @@ from acrc_testbed.experiments.paired_tests import (
 from acrc_testbed.experiments.study import Study, Variant
 from acrc_testbed.experiments.trial_record import TrialRecord, identical_seconds
 from acrc_testbed.results.outcome import outcome_means
-from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.result import RunResult, optional_value
 
 Run = RunResult | None
 """Result of a run; None: failed, counted as no places done and never settled."""
@@ -58,6 +58,20 @@ PLACES: Final = Metric("places", "places done", "places", lambda run: run.places
 METRICS: Final = (
     PLACES,
     Metric("contacts", "contacts", "contacts", lambda run: run.contacts, False),
+    Metric(
+        "people_contacts",
+        "contacts with people",
+        "contacts",
+        lambda run: optional_value(run.people_contacts),
+        False,
+    ),
+    Metric(
+        "people_contact_s",
+        "time in contact with people",
+        "s",
+        lambda run: optional_value(run.people_contact_s),
+        False,
+    ),
     Metric(
         "radio",
         "octets on the air per robot and second",

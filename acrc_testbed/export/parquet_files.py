@@ -62,6 +62,18 @@ TABLES: Final = (
         ),
     ),
     ExportTable(
+        "people",
+        "the ground truth of one person at the start of one step; no rows without people",
+        (
+            _STEP, _SECONDS,
+            Column("person", "int", "number of the person, from 1"),
+            Column("x", "float", "true x, m, map frame"),
+            Column("y", "float", "true y, m, map frame"),
+            Column("vx", "float", "true velocity in x, m/s, map frame"),
+            Column("vy", "float", "true velocity in y, m/s, map frame"),
+        ),
+    ),
+    ExportTable(
         "estimates",
         "the pose estimate of one robot at the start of one step that it executed",
         (

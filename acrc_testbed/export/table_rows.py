@@ -25,7 +25,11 @@ def tables(out: Path) -> Tables:
     Raises RecordingError or RunDataError for an incomplete or damaged folder.
     """
     run, files = read_run(out, internals=True), all_recordings(out)
-    found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
+    found: Tables = {
+        "poses": list(_poses(files["radio"])),
+        "people": list(_people(run)),
+        "places": list(_places(run)),
+    }
     if run.description.records_frames:
         copies = enumerate(frame_rows(*frame_outcomes(out)))
         found["frames"] = [row for number, one in copies for row in _frame(number, one)]
@@ -108,6 +112,12 @@ def _poses(radio: Path) -> Iterator[Row]:
             for one, charge in zip(truth.robots, charges, strict=True):
                 where = (one.x, one.y, one.heading, one.vx, one.vy, one.omega)
                 yield (truth.step, truth.instant / 1e6, one.id, *where, one.stepping, one.powered, charge)
+
+
+def _people(run: RunData) -> Iterator[Row]:
+    for step, people in enumerate(run.people.tolist()):
+        for number, person in enumerate(people, start=1):
+            yield (*_step_cells(run, step), number, *person)
 
 
 def _frame(number: int, one: FrameRow) -> Iterator[Row]:

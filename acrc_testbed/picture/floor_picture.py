@@ -87,6 +87,9 @@ def draw_run(axes: Axes, run: RunData, intervals: Sequence[CauseInterval]) -> Dr
         kinds |= _draw_trail(axes, run, index, few=few)
     for place in run.outcomes:
         kinds.add(_draw_place(axes, place, run, few=few))
+    for path in run.people[..., :2].transpose(1, 0, 2):
+        _draw_person(axes, path)
+        kinds.add("person")
     labels += marks.draw_objects(axes, objects)
     kinds |= {one.object.kind for one in objects}
     for interval in intervals:
@@ -118,6 +121,20 @@ def _draw_trail(axes: Axes, run: RunData, index: int, *, few: bool) -> set[str]:
     marks.plot(axes, "start", float(start[0]), float(start[1]), colour, size=4.0, zorder=4)
     axes.add_patch(Circle((float(end[0]), float(end[1])), glyphs.RADIUS, color=colour, zorder=6))
     return {"carried"} if jumps.size else set()
+
+
+def _draw_person(axes: Axes, path: NDArray[np.float64]) -> None:
+    """Draw a person's path, (steps, 2), m, and final position."""
+    colour = marks.colour_of(MARKS["person"])
+    axes.plot(*path.T, color=colour, lw=0.4, alpha=0.5, zorder=1.5)
+    axes.add_patch(person(path[-1]))
+
+
+def person(at: NDArray[np.float64]) -> Circle:
+    """Return the disc of a person at a point, (2,), m."""
+    colour = marks.colour_of(MARKS["person"])
+    x, y = at.tolist()
+    return Circle((x, y), glyphs.PERSON_RADIUS, fc=f"{colour}60", ec=colour, lw=1.2, zorder=5.5)
 
 
 def _robot_label(run: RunData, index: int, robot: str, *, few: bool) -> PointLabel:

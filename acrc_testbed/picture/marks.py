@@ -109,11 +109,11 @@ def _count_inside(box: Bbox, points: NDArray[np.float64]) -> int:
 
 _MARKERS: Final[dict[str, Any]] = {
     "ring": "o", "disc": "o", "diamond": "D", "cross": "x", "square": "s", "soft ring": "o",
-    "heavy cross": "X", "snowflake": (6, 2, 0), "tick": "|", "triangle": "v",
+    "heavy cross": "X", "snowflake": (6, 2, 0), "tick": "|", "triangle": "v", "filled ring": "o",
 }  # fmt: skip
 _UNFILLED: Final = frozenset({"ring", "diamond", "square"})
 _SOFT: Final = "30"
-"""Opacity of the middle of a soft ring, hexadecimal."""
+"""Opacity of the middle of a soft or filled ring, hexadecimal."""
 
 
 def colour_of(mark: Mark, robot_colour: str = style.INK) -> str:
@@ -158,7 +158,7 @@ def legend_entry(name: str) -> Artist:
 def _line_style(mark: Mark, robot_colour: str, size: float, fill: str) -> dict[str, Any]:
     colour = colour_of(mark, robot_colour)
     middle = fill or ("w" if mark.shape in _UNFILLED else colour)
-    if mark.shape == "soft ring":
+    if mark.shape in ("soft ring", "filled ring"):
         middle = colour + _SOFT
     width = 0.6 if mark.shape in ("triangle", "heavy cross") else 1.0 if mark.shape == "soft ring" else 1.4
     edge = "w" if mark.shape == "heavy cross" else colour

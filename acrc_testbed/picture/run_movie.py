@@ -143,9 +143,17 @@ class _Scene:
         self._objects = [
             (one, marks.draw_object(axes, one.object)) for one in floor_intervals(run.floor, run.end)
         ]
+        self._people = [floor_picture.person(at) for at in run.people[0, :, :2]]
+        for disc in self._people:
+            axes.add_patch(disc)
         self._robots = [_draw_robot(axes, index, few=few) for index, _ in enumerate(run.robots)]
         kinds = {"open", "done", *(one.object.kind for one, _ in self._objects)}
-        optional = (("door", doors), ("given", bool(self._added_at)), ("given up", bool(run.given_up)))
+        optional = (
+            ("door", doors),
+            ("person", bool(self._people)),
+            ("given", bool(self._added_at)),
+            ("given up", bool(run.given_up)),
+        )
         kinds |= {kind for kind, present in optional if present}
         self._figure.legend(
             handles=floor_picture.legend(kinds),
@@ -159,7 +167,13 @@ class _Scene:
         self._next_report = self._next_given_up = 0
         moving = [artist for robot in self._robots for artist in robot.artists]
         objects = [artist for _, artist in self._objects]
-        self._changing: list[Artist] = [*objects, *self._places.values(), *moving, self._title]
+        self._changing: list[Artist] = [
+            *objects,
+            *self._places.values(),
+            *self._people,
+            *moving,
+            self._title,
+        ]
         for artist in self._changing:
             artist.set_animated(True)
         self._canvas = cast(Any, self._figure.canvas)  # its methods have no types
@@ -202,6 +216,8 @@ class _Scene:
             place.set_visible(self._added_at.get(key, 0.0) <= now)
         for interval, artist in self._objects:
             artist.set_visible(interval.begin <= now < interval.end)
+        for disc, (x, y) in zip(self._people, run.people[step, :, :2].tolist(), strict=True):
+            disc.set_center((x, y))
         first = int(np.searchsorted(run.seconds, now - _TRAIL_S))
         for index, robot in enumerate(self._robots):
             state = "off" if not run.powered[step, index] else "" if run.stepping[step, index] else "frozen"

@@ -39,6 +39,7 @@ from actors.world.battery import EnergyReport
 from actors.world.sensing import PoseError, WorldReport
 
 S = TypeVar("S", bound=msgspec.Struct)
+T = TypeVar("T")
 PARENT = "its parent"
 
 
@@ -264,6 +265,10 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Messages received and never read by their actor."""
     contacts: int | None
     """Contacts between robots, or of robots with walls and obstacles; None without ground truth."""
+    people_contacts: int = _ABSENT
+    """Contacts of robots with people, not in `contacts`; only with people on the floor."""
+    people_contact_s: float = _ABSENT
+    """Total duration of these contacts, simulated s; likewise."""
     refused_orders: tuple[str, ...] = _ABSENT
     """Invalid orders from outside, a sentence each."""
     frames: dict[str, int]
@@ -324,6 +329,11 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
         return self.simulated_s if self.is_simulated else self.duration_s
 
 
+def optional_value(value: T | msgspec.UnsetType) -> T | None:
+    """Return a field's value; None if it is absent."""
+    return None if value is msgspec.UNSET else value
+
+
 def field_trial_struct(kind: type[S], **fields: Any) -> S:
     """Return a result of a field trial with these fields; all others are absent in JSON."""
     return kind(**dict.fromkeys(kind.__struct_fields__, _ABSENT) | fields)
@@ -378,6 +388,8 @@ def gather_result(
         not_delivered=sentences,
         unread=world.unread + radio.unread + reports.unread,
         contacts=world_report.contacts,
+        people_contacts=world_report.people_contacts,  # type: ignore[arg-type]  # unset without people
+        people_contact_s=world_report.people_contact_s,  # type: ignore[arg-type]
         refused_orders=world_report.refused_orders,
         frames=radio_report.frames,
         radio_bytes_per_robot_s=octet_rate(radio_report.frames["bytes_sent"], len(robots) * simulated),

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 from rich.table import Table
 
-from acrc_testbed.results.result import RobotResult, RunResult
+from acrc_testbed.results.result import RobotResult, RunResult, optional_value
 from actors.console import create_console, print_table
 from actors.installation.usage import command_line
 from actors.processes import monitor
@@ -213,6 +213,9 @@ def _driving_sentences(result: RunResult) -> Iterator[str]:
     """Yield sentences on bumper contacts, localisation errors and navigation goals."""
     contacts = result.contacts or 0
     yield f"Bumper contacts: {contacts or 'none'}."
+    if optional_value(result.people_contacts) is not None:
+        lasted = f", {result.people_contact_s:.1f} s in total" if result.people_contacts else ""
+        yield f"Contacts with people: {result.people_contacts or 'none'}{lasted}."
     errors = [part.pose_error for part in result.per_robot.values() if part.pose_error.samples]
     if errors:
         samples = sum(error.samples for error in errors)

@@ -171,6 +171,8 @@ class RunData:
     frames_sent: NDArray[np.int64]
     frames_heard: NDArray[np.int64]
     charge: Floats
+    people: Floats = field(default_factory=lambda: np.zeros((0, 0, 4)))
+    """(steps, people, 4): true x, y, m, and vx, vy, m/s, of each person, map frame."""
     trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
     """By robot, in scenario order."""
     heard: Floats = field(default_factory=lambda: np.zeros((0, 4)))

@@ -60,6 +60,14 @@ def convert_instants(message: Message, convert: Callable[[int], int]) -> Message
     return message
 
 
+def _people(truths: Sequence[Truth]) -> Any:
+    """Return `RunData.people`. Raises RunDataError if their number changes."""
+    rows = [[(one.x, one.y, one.vx, one.vy) for one in truth.people] for truth in truths]
+    if len(set(map(len, rows))) > 1:
+        raise RunDataError("the number of people changes between steps")
+    return np.array(rows, np.float64).reshape(len(rows), len(rows[0]) if rows else 0, 4)
+
+
 class RunModel:
     """Accumulated messages of one run: `extend` adds them, `advance` or `take_reports` removes finished data.
 
@@ -180,6 +188,7 @@ class RunModel:
                 )
                 for i, robot in enumerate(robots)
             },
+            people=_people(truths),
             heard=self._take_heard(None if last else self.step),
             jams=jams,
             orders=orders,

@@ -222,6 +222,8 @@ class RunDrawing:
             for second, state in track.states:
                 robots.draw_name(canvas, robot, second, state)
             self._lanes[robot].draw_states(track.states)
+        if run.people.size:
+            robots.draw_people(canvas, run.seconds, run.people)
         for second, objects in run.floor:
             floor_drawing.draw_things(canvas, second, objects)
         self._draw_places(run)

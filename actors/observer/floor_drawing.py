@@ -123,7 +123,7 @@ def _image(grid: OccupancyGrid, doors: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 _SIGNS: Final = {
     "ring": "○", "disc": "●", "diamond": "◇", "cross": "✕", "square": "□", "tint": "▒", "bar": "━",
-    "dashed ring": "◌",
+    "dashed ring": "◌", "filled ring": "◉",
 }  # fmt: skip
 """Symbols of marks on the floor."""
 _MORE: Final = (

@@ -25,6 +25,8 @@ ROBOTS: Final[tuple[Colour, ...]] = (
 normal, protanopic and deuteranopic vision; the last two are chosen here."""
 RADIUS: Final = 0.177
 """Radius of a drawn robot, m: a TurtleBot 2 as in the original's Stage model (0.354 m wide)."""
+PERSON_RADIUS: Final = 0.25
+"""Radius of a drawn person, m, as of its body (`actors.world.social_force`)."""
 _FEW: Final = 12
 GROUND: Final = 13
 """Brightness around the floor in the viewer."""
@@ -103,7 +105,7 @@ class Mark(NamedTuple):
 
     shape: str
     """`ring`, `disc`, `diamond`, `cross`, `square`, `tint`, `bar`, `dashed ring`, `soft ring`, `heavy cross`,
-    `snowflake`, `dotted line`, `tick` or `triangle`."""
+    `snowflake`, `dotted line`, `tick`, `triangle` or `filled ring`."""
     colour: Colour | None
     """None: the colour of the robot concerned."""
     meaning: str
@@ -157,6 +159,8 @@ DOOR: Final[Colour] = (255, 210, 127)
 """Colour of doors on a light background."""
 CLOSED: Final[Colour] = (176, 98, 28)
 RED: Final[Colour] = (193, 39, 45)
+PERSON: Final[Colour] = (118, 150, 0)
+"""Colour of people, on light and dark backgrounds."""
 
 MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
     {
@@ -173,6 +177,7 @@ MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
         "closed door": Mark("bar", CLOSED, "closed door"),
         "wall": Mark("bar", PUT, "added wall"),
         "obstacle": Mark("disc", PUT, "added obstacle"),
+        "person": Mark("filled ring", PERSON, "person; thin line: path walked"),
         "jammer": Mark("dashed ring", JAM, "jammer: no reception inside"),
         "cleaned": Mark("tick", None, "place cleaned, in its owner's colour"),
         "took over": Mark("triangle", None, "place adopted from another robot"),

@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from actors.observer.canvas import BODY, LABEL, NOSE, TRAIL, Canvas, at_height, ring
 from actors.observer.canvas import LINK as HEIGHT
-from actors.observer.glyphs import LINK, OUTCOME_COLOURS, RADIUS, WHITE, Colour, faded
+from actors.observer.glyphs import (
+    LINK,
+    OUTCOME_COLOURS,
+    PERSON,
+    PERSON_RADIUS,
+    RADIUS,
+    WHITE,
+    Colour,
+    faded,
+)
 
 Floats = NDArray[np.float64]
 RECENT_S: Final = 20.0
@@ -47,6 +56,17 @@ def draw_poses(canvas: Canvas, robot: str, seconds: Floats, poses: Floats) -> No
     turned = np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32)
     canvas.draw_columns(f"world/robots/{robot}", seconds, rr.Transform3D.columns(translation=where))
     canvas.draw_columns(f"world/robots/{robot}/turn", seconds, rr.Transform3D.columns(quaternion=turned))
+
+
+def draw_people(canvas: Canvas, seconds: Floats, people: Floats) -> None:
+    """Draw all people, (n, p, 4), x, y, m, vx, vy, m/s, from each instant on, (n,), s."""
+    steps, count, _ = people.shape
+    style = rr.Points3D.from_fields(colors=[PERSON], radii=[PERSON_RADIUS])
+    canvas.draw_static("world/people", style)
+    where = at_height(people[..., :2].reshape(-1, 2), BODY)
+    canvas.draw_columns(
+        "world/people", seconds, rr.Points3D.columns(positions=where).partition([count] * steps)
+    )
 
 
 def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> None:

@@ -140,8 +140,10 @@ def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
         return (*ROBOT, scans)
     from actors.radio.program import KERNELS as RADIO  # noqa: PLC0415
     from actors.world.program import KERNELS as WORLD  # noqa: PLC0415
+    from actors.world.program import PEOPLE_KERNELS  # noqa: PLC0415
 
-    return tuple({module.__name__: module for module in (*RADIO, *WORLD, *ROBOT, scans)}.values())
+    modules = (*RADIO, *WORLD, *PEOPLE_KERNELS, *ROBOT, scans)
+    return tuple({module.__name__: module for module in modules}.values())
 
 
 @contextmanager

@@ -5,8 +5,9 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,12 +17,13 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
-from actors.messages import Drive, FloorChanged, Scan, SensorData, UnmappedObstacle
+from actors.messages import Drive, FloorChanged, PersonTruth, Scan, SensorData, UnmappedObstacle
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.battery import Batteries
 from actors.world.odometry import Odometers
+from actors.world.people import Pedestrians
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, draw_floor, with_drift
@@ -145,7 +147,11 @@ class Bodies:
         self.floor_record = FloorRecord()
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
-        self._arena = Arena(outline(floor.solid), names, self._models, poses)
+        self.people: tuple[PersonTruth, ...] = ()
+        """Positions and velocities of all people."""
+        self._has_people = setup.has_people
+        people = pedestrians(setup, floor, self._models) if self._has_people else None
+        self._arena = Arena(outline(floor.solid), names, self._models, poses, people)
         noise = [generator(setup.world_seed, "range noise", name) for name in names]
         dropout = setup.uncertainty.dropout
         dropouts = [generator(setup.world_seed, "range dropout", name) for name in names]
@@ -185,6 +191,13 @@ class Bodies:
     def contacts(self) -> int:
         """Number of contacts begun so far."""
         return self._arena.contacts
+
+    @property
+    def people_contacts(self) -> dict[str, Any]:
+        """Fields of WorldReport on contacts with people so far; empty without people."""
+        number, duration = self._arena.people_contacts, self._arena.people_contact_us
+        fields = {"people_contacts": number, "people_contact_s": duration / 1e6}
+        return fields if self._has_people else {}
 
     @property
     def driven(self) -> list[float]:
@@ -285,7 +298,8 @@ class Bodies:
         if not ending:
             return
         due = [i for i, period in enumerate(self._periods) if period in ending]
-        poses, obstacles = self._arena.poses, self._arena.obstacles
+        poses = self._arena.poses
+        obstacles = self._arena.discs if self._has_people else self._arena.obstacles
         for index, ranges in zip(due, self._sensors.encoded_scans(due, poses, obstacles), strict=True):
             self._scans[index].append(Scan(now, ranges))
 
@@ -293,6 +307,8 @@ class Bodies:
         """Convert the states to lists once per step, as reading arrays item by item is slow."""
         self._poses = self._arena.poses.tolist()
         self._velocities = self._arena.velocities.tolist()
+        if self._has_people:
+            self.people = tuple(PersonTruth(*one) for one in self._arena.people.tolist())
 
 
 def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
@@ -313,6 +329,14 @@ def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
     for robot, model in zip(setup.robots, models, strict=True):
         check_pose(real.solid, Point(*robot.start[:2]), model.footprint.inradius, robot.id)
     return real
+
+
+def pedestrians(setup: WorldSetup, floor: RealFloor, models: Sequence[RobotModel]) -> Pedestrians:
+    """Return the people of a run. Raises PlacementError without room for them or their destinations."""
+    starts = [Point(*robot.start[:2]) for robot in setup.robots]
+    radius = max(model.footprint.circumradius for model in models)
+    assert setup.people is not msgspec.UNSET
+    return Pedestrians(setup.people, floor.solid, setup.world_seed, starts, radius)
 
 
 def _max_scans_per_step(model: RobotModel, step_us: int) -> int:

@@ -125,6 +125,7 @@ class WorldCore:
             steps=self._step,
             refused_orders=self._orders.refused,
             energy={robot: energy for robot, energy in energies.items() if energy is not None},
+            **self._bodies.people_contacts,
         )
 
     def listens(self) -> Sequence[Address]:
@@ -300,7 +301,16 @@ class WorldCore:
         if self._bodies.batteries.exist:
             self._bodies.batteries.begin(truths)
             charges = tuple(self._bodies.batteries.charges)
-        truth = Truth(self._step, begin, tuple(truths), tuple(jams), losses=tuple(losses), charges=charges)
+        people = self._bodies.people
+        truth = Truth(
+            self._step,
+            begin,
+            tuple(truths),
+            tuple(jams),
+            losses=tuple(losses),
+            charges=charges,
+            people=people,
+        )
         return (to(TRUTH, truth),)
 
     def _time_text(self) -> str:

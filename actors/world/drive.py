@@ -160,27 +160,30 @@ def set_bumpers(
     pairs: NDArray[np.uint64],
     normals: Floats,
     numbers: NDArray[np.uint64],
-    robots: NDArray[np.int64],
+    bodies: NDArray[np.int64],
     limits: NDArray[np.void],
     bumpers: NDArray[np.uint8],
     touching: NDArray[np.bool_],
 ) -> int:
-    """Set the bumper bits of all contacts; return the number of contacts begun.
+    """Set the bumper bits of all contacts; return the number of contacts begun, except with people.
 
     pairs (m, 3): numbers of both bodies, and whether the contact is new; normals (m, 2): from the first to
-    the second; numbers (n,), ascending, and robots (n,): body numbers and their robots; bumpers (n,): bits
-    are added; touching (n,), updated: whether each robot touches anything but robots.
+    the second; numbers (b,), ascending, and bodies (b,): body numbers, and indices of n robots, then of
+    people; bumpers (n,): bits are added; touching (n,), updated: whether each robot touches anything but
+    robots and people.
     """
     n = state.shape[0]
     begun = 0
     now_touching = np.zeros(n, np.bool_)
     for k in range(pairs.shape[0]):
-        a, b = _robot_of(pairs[k, 0], numbers, robots), _robot_of(pairs[k, 1], numbers, robots)
+        a, b = body_of(pairs[k, 0], numbers, bodies), body_of(pairs[k, 1], numbers, bodies)
         bearing = atan2(normals[k, 1], normals[k, 0])
-        if a >= 0:
+        if 0 <= a < n:
             bumpers[a] |= _bumper_bit(bearing - state[a, 2], limits[a])
-        if b >= 0:
+        if 0 <= b < n:
             bumpers[b] |= _bumper_bit(bearing + math.pi - state[b, 2], limits[b])
+        if max(a, b) >= n:  # a person
+            continue
         if a >= 0 and b >= 0:
             begun += 1 if pairs[k, 2] else 0
         elif a >= 0:
@@ -195,10 +198,10 @@ def set_bumpers(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _robot_of(number: int, numbers: NDArray[np.uint64], robots: NDArray[np.int64]) -> int:
-    """Return the robot with this body number, or −1."""
+def body_of(number: int, numbers: NDArray[np.uint64], bodies: NDArray[np.int64]) -> int:
+    """Return the index of the body with this number, or −1; numbers: ascending."""
     place = np.searchsorted(numbers, number)
-    return robots[place] if place < numbers.size and numbers[place] == number else -1
+    return bodies[place] if place < numbers.size and numbers[place] == number else -1
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

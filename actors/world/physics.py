@@ -18,6 +18,8 @@ from actors.portable import arrays, cos_sin
 from actors.robot_model import Footprint, RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, set_bumpers
+from actors.world.people import SEPARATION, Pedestrians
+from actors.world.social_force import MASS, RADIUS, count_contacts
 
 
 class Shape(NamedTuple):
@@ -220,7 +222,7 @@ _ITERATIONS: Final = 20
 
 
 class Arena:
-    """Robots, by index, on one floor plan; advances in sub-steps of 10 ms.
+    """Robots, by index, and people on one floor plan; advances in sub-steps of 10 ms.
 
     Equal calls give bit-equal states. A body without a process brakes and stays.
     """
@@ -231,46 +233,59 @@ class Arena:
         names: Sequence[str],
         models: Sequence[RobotModel],
         poses: Sequence[Pose],
+        people: Pedestrians | None = None,
     ) -> None:
         """Create an arena; `segments`: (m, 4), x0, y0, x1, y1 of the walls, m.
 
-        Raises AcrcError if a robot overlaps a wall or another robot.
+        Raises AcrcError if a robot or person overlaps a wall, a robot or a person.
         """
         assert len(names) == len(models) == len(poses)
+        n, starts = len(poses), people.starts if people is not None else ()
+        self._people = people
         self._segments = segments
-        self._names = tuple(names)
+        self._names = (*names, *(f"person {number}" for number in range(1, len(starts) + 1)))
         self._models = tuple(models)
         self._obstacles: list[tuple[float, float, float]] = []
         self._doors: dict[int, tuple[NDArray[np.float64], list[pymunk.Shape]]] = {}
         self._space = _space(segments)
         weakref.finalize(self, _empty, self._space).atexit = False
         self._bodies = [_body(self._space, model, pose) for model, pose in zip(models, poses, strict=True)]
-        numbers = np.array([body.id for body in self._bodies], np.uint64)
-        self._robots = np.argsort(numbers, kind="stable")
-        self._numbers = numbers[self._robots]
+        persons = [_person(self._space, start) for start in starts]
+        numbers = np.array([body.id for body in (*self._bodies, *persons)], np.uint64)
+        self._order = np.argsort(numbers, kind="stable")
+        self._numbers = numbers[self._order]
         self._limits = limits(models)
         self._commands = np.zeros((len(poses), 3))
         self._issued_us = np.zeros(len(poses), np.int64)
         self._memory = np.zeros(len(poses), MEMORY)
-        forces = np.zeros((len(poses) + 1, 3))  # pymunk counts the walls as one body
-        self._forces = forces[:-1]
+        forces = np.zeros((len(numbers) + 1, 3))  # pymunk counts the walls as one body
+        self._forces, self._people_forces = forces[:n], forces[n:-1]
+        self._radii = np.array(
+            [*(model.footprint.circumradius for model in models), *(RADIUS for _ in starts)]
+        )
         self._touching = np.zeros(len(poses), np.bool_)
         """Whether each robot touches anything but robots, (n,)."""
         self._touched = False
         """Whether any robot does."""
         self._exchange = BodyExchange(self._space, forces)
-        self._state = self._exchange.states[:-1]
+        self._state, self._whole = self._exchange.states[:n], self._exchange.states[:-1]
         assert np.array_equal(self._state[:, :3], np.array(poses).reshape(-1, 3))
+        self._touched_us = np.full((len(starts), n), -SEPARATION - 1, np.int64)
         self.now: Instant = START
         """Instant of the states."""
         self.bumpers: NDArray[np.uint8] = np.zeros(len(poses), np.uint8)
         """Bumper bits pressed during the last `advance`, (n,); bit 0 right, 1 centre, 2 left."""
         self.contacts = 0
         """Contacts begun so far, between two robots or a robot and a static body."""
+        self.people_contacts = 0
+        """Contacts begun so far between a robot and a person."""
+        self.people_contact_us = 0
+        """Total duration of these contacts, µs."""
         self._check_overlaps()
+        self._tell_people()
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self._models)
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -283,9 +298,20 @@ class Arena:
         return self._state[:, 3:].copy()
 
     @property
+    def people(self) -> NDArray[np.float64]:
+        """x, y, m, and vx, vy, m/s, of all people, map frame, (p, 4)."""
+        return self._whole[len(self) :, [0, 1, 3, 4]]
+
+    @property
     def obstacles(self) -> NDArray[np.float64]:
         """x, y, radius of the round obstacles, m, (m, 3)."""
         return np.array(self._obstacles, dtype=np.float64).reshape(-1, 3)
+
+    @property
+    def discs(self) -> NDArray[np.float64]:
+        """x, y, radius of the round obstacles and of all people, m, (m, 3)."""
+        people = np.column_stack([self.people[:, :2], self._radii[len(self) :]])
+        return np.concatenate([self.obstacles, people])
 
     def command(self, index: int, twist: Twist, instant: Instant) -> None:
         """Set a robot's velocity command; the drive's watchdog expires relative to `instant`."""
@@ -306,23 +332,33 @@ class Arena:
         for k in range(substeps):
             orders = self._commands, self._issued_us, self.now
             drive_forces(self._state, *orders, dt, self._limits, self._memory, self._forces)
+            if self._people is not None:
+                self._people.drive(self._whole, self._radii, self.now, dt, self._people_forces)
             self._exchange.step(dt, whole=k == 0)
             contacts = self._exchange.contacts()
             if contacts is not None or self._touched:
                 pairs, normals = contacts or _NO_CONTACTS
-                robots = self._numbers, self._robots, self._limits
+                robots = self._numbers, self._order, self._limits
                 self.contacts += set_bumpers(
                     self._state, pairs, normals, *robots, self.bumpers, self._touching
                 )
                 self._touched = bool(self._touching.any())
+                if self._people is not None:
+                    self._count_people_contacts(pairs)
             self.now = Instant(self.now + SUBSTEP)
             track[k] = self._state[:, :3]
         return _wrapped(track)
 
+    def _count_people_contacts(self, pairs: NDArray[np.uint64]) -> None:
+        known = self._numbers, self._order, len(self)
+        begun, touching = count_contacts(pairs, *known, self.now, SEPARATION, self._touched_us)
+        self.people_contacts += begun
+        self.people_contact_us += touching * SUBSTEP
+
     def move(self, index: int, pose: Pose) -> None:
         """Relocate a robot's body, at rest. Raises AcrcError if it would overlap anything."""
         shape = footprint_at(self._models[index].footprint, pose)
-        if obstruction := self._obstruction(shape, [j for j in range(len(self)) if j != index]):
+        if obstruction := self._obstruction(shape, [j for j in range(len(self._names)) if j != index]):
             raise AcrcError(
                 f"{self._names[index]} does not fit at ({pose.x:g}, {pose.y:g}): "
                 f"it would overlap {obstruction}"
@@ -341,9 +377,10 @@ class Arena:
         self.check_obstacle(centre, radius)
         self._obstacles.append((centre.x, centre.y, radius))
         self._space.add(_static(pymunk.Circle(self._space.static_body, radius, centre)))
+        self._tell_people()
 
     def check_obstacle(self, centre: Point, radius: float) -> None:
-        """Raise AcrcError for a round obstacle that is not finite or would overlap a robot."""
+        """Raise AcrcError for a round obstacle that is not finite or would overlap a robot or person."""
         if not (0 < radius < 100 and math.isfinite(centre.x) and math.isfinite(centre.y)):
             raise AcrcError(
                 f"an obstacle at ({centre.x:g}, {centre.y:g}) has a radius of {radius:g} m; "
@@ -357,7 +394,7 @@ class Arena:
                 )
 
     def is_obstructed(self, segments: NDArray[np.float64]) -> bool:
-        """Return whether a robot stands on a door of these segments, (n, 4)."""
+        """Return whether a robot or person stands on a door of these segments, (n, 4)."""
         return any(wall_gap(shape, segments) < 0 for shape in self._shapes())
 
     def close_door(self, door: int, segments: NDArray[np.float64]) -> None:
@@ -366,11 +403,19 @@ class Arena:
         shapes = [_static(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
         self._space.add(*shapes)
         self._doors[door] = segments, shapes
+        self._tell_people()
 
     def open_door(self, door: int) -> None:
         """Remove the segments of a closed door."""
         _, shapes = self._doors.pop(door)
         self._space.remove(*shapes)
+        self._tell_people()
+
+    def _tell_people(self) -> None:
+        """Update what people find on the floor beside the map's walls."""
+        if self._people is not None:
+            walls = self._walls
+            self._people.set_floor(walls, self.obstacles, walls[len(self._segments) :])
 
     @property
     def _walls(self) -> NDArray[np.float64]:
@@ -380,9 +425,11 @@ class Arena:
     def _shapes(self) -> Iterator[Shape]:
         for model, state in zip(self._models, self._state.tolist(), strict=True):
             yield footprint_at(model.footprint, Pose(*state[:3]))
+        for x, y, _, _ in self.people.tolist() if self._people is not None else ():
+            yield disc(x, y, RADIUS)
 
     def _obstruction(self, shape: Shape, others: Sequence[int]) -> str:
-        """Return what `shape` overlaps: "a wall", "an obstacle", a robot's name, or "" if nothing."""
+        """Return what `shape` overlaps: "a wall", "an obstacle", a robot's or person's name, or ""."""
         if wall_gap(shape, self._walls) < 0:
             return "a wall"
         if smallest_gap(shape, (disc(*obstacle) for obstacle in self._obstacles)) < 0:
@@ -391,11 +438,11 @@ class Arena:
         return next((self._names[j] for j in others if gap(shape, shapes[j]) < 0), "")
 
     def _check_overlaps(self) -> None:
-        for index, (shape, pose) in enumerate(zip(self._shapes(), self.poses.tolist(), strict=True)):
+        for index, shape in enumerate(self._shapes()):
             if obstruction := self._obstruction(shape, range(index)):
+                x, y = self._whole[index, :2].tolist()
                 raise AcrcError(
-                    f"{self._names[index]} does not fit at ({pose[0]:g}, {pose[1]:g}): "
-                    f"it would overlap {obstruction}"
+                    f"{self._names[index]} does not fit at ({x:g}, {y:g}): it would overlap {obstruction}"
                 )
 
 
@@ -434,6 +481,16 @@ def _body(space: pymunk.Space, model: RobotModel, pose: Pose) -> pymunk.Body:
         shape = pymunk.Poly(body, model.footprint.vertices or ())
         use_portable_rotation(body)
     shape.friction = model.friction
+    space.add(body, shape)
+    return body
+
+
+def _person(space: pymunk.Space, at: Point) -> pymunk.Body:
+    """Add a person, who slides along others and walls."""
+    body = pymunk.Body(MASS, math.inf)
+    body.position = (at.x, at.y)
+    shape = pymunk.Circle(body, RADIUS)
+    shape.friction = 0.0
     space.add(body, shape)
     return body
 

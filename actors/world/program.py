@@ -17,13 +17,15 @@ from actors.runtime.processor import fingerprints
 from actors.runtime.shell import Shell, run_shell
 from actors.task import visits
 from actors.task.referee import Referee
-from actors.world import drive, odometry, physics, rays
+from actors.world import drive, odometry, physics, rays, social_force
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.world_setup import WorldProgram, WorldSetup
 
 KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, visits, raster)
-"""Modules with the numeric kernels of a world."""
+"""Modules with the numeric kernels of every world."""
+PEOPLE_KERNELS: Final = (social_force,)
+"""Further ones of a world with people."""
 
 
 def load_setup(path: Path) -> WorldProgram:
@@ -59,7 +61,7 @@ def actor_process(
 
 def outcome_of(core: WorldCore) -> dict[str, object]:
     """Return the world's results by subject; `energy` only with batteries."""
-    report = msgspec.structs.asdict(core.report())
+    report = msgspec.to_builtins(core.report())
     if not report["energy"]:
         del report["energy"]
     return {**core.task_outcome, **report}
@@ -67,7 +69,8 @@ def outcome_of(core: WorldCore) -> dict[str, object]:
 
 def world_note(setup: WorldSetup, commit: str) -> RunNote:
     """Return the first record of the world's recording."""
-    return run_note("world", setup, commit, seed=setup.seed, kernels=fingerprints(KERNELS))
+    kernels = (*KERNELS, *PEOPLE_KERNELS) if setup.has_people else KERNELS
+    return run_note("world", setup, commit, seed=setup.seed, kernels=fingerprints(kernels))
 
 
 class Conductor:

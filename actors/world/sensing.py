@@ -154,6 +154,10 @@ class WorldReport(msgspec.Struct, frozen=True):
     """Messages of refused orders from outside."""
     energy: dict[str, EnergyReport] = {}
     """Energy of each robot whose battery is simulated."""
+    people_contacts: int | msgspec.UnsetType = msgspec.UNSET
+    """Contacts between robots and people; absent without people."""
+    people_contact_s: float | msgspec.UnsetType = msgspec.UNSET
+    """Total duration of these contacts, s."""
 
 
 class PoseErrorSum:

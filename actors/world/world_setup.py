@@ -14,6 +14,7 @@ from actors.robot_model import OdometryKind, RobotDescription
 from actors.runtime.core import Address, at
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail, resolve_model
 from actors.settings import Share
+from actors.world.people import PeopleSetup
 from actors.world.uncertainty import Uncertainty
 
 
@@ -57,6 +58,13 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Hexadecimal key that enters all random draws beside `seed`; empty for none."""
     detail: RecordDetail = "lean"
     """Level of detail of the world's recording."""
+    people: PeopleSetup | msgspec.UnsetType = msgspec.UNSET
+    """People on the floor; absent: none."""
+
+    @property
+    def has_people(self) -> bool:
+        """True if people walk about the floor."""
+        return self.people is not msgspec.UNSET
 
     def resolve_paths(self, folder: Path) -> Self:
         """Return the set-up with its paths relative to `folder` resolved."""

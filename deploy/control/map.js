@@ -41,6 +41,7 @@ const SHAPES = {
       line(pen, points);
     }
   },
+  "filled ring": (pen, at, size) => { round(pen, at, size); pen.globalAlpha *= 0.4; round(pen, at, size, "fill"); },
   beam: (pen, points) => { pen.lineWidth = 4; line(pen, points); },
   trail: (pen, points) => { pen.globalAlpha *= 0.55; line(pen, points); },
   dashes: (pen, points) => { pen.lineWidth = 1.5; pen.setLineDash([2, 4]); line(pen, points); },
@@ -156,6 +157,7 @@ function draw() {
     const other = robotOf(blocker);
     if (other) mark(pen, "beam", floor.legend.blocked[1], [toScreen(x, y), toScreen(other[1], other[2])]);
   }
+  for (const at of state.people) put("person", [at], { size: floor.person * scale });
   for (const [id, x, y, heading, stands, , blocker] of state.robots) {
     const [px, py] = toScreen(x, y), own = Math.max(4, floor.robots[id].radius * scale), alpha = goes(stands) ? 1 : 0.45;
     mark(pen, "disc", colour(id), [[px, py]], own, alpha);

@@ -40,6 +40,7 @@ LEGEND: Final[Mapping[str, Mark]] = {
     "trail": Mark("trail", None, "path of the last 20 s"),
     "link": Mark("link", None, "frame received in the last 3 s"),
     **{name: MARKS[name] for name in ("door", "closed door", "wall", "obstacle", "jammer")},
+    "person": MARKS["person"]._replace(meaning="person"),
 }  # fmt: skip
 TRAIL_S: Final = 20.0
 TRAIL_STEP_S: Final = 0.5
@@ -77,12 +78,13 @@ def floor_message(setup: WorldSetup, grid: OccupancyGrid) -> dict[str, Any]:
     legend = {
         name: (one.shape, hexadecimal(one.colour) if one.colour else "", one.meaning)
         for name, one in LEGEND.items()
+        if name != "person" or setup.has_people
     }
     return {
         "kind": "floor", "png": base64.b64encode(file.getvalue()).decode(),
         "west": grid.origin.x, "south": grid.origin.y,
         "width": grid.columns * grid.resolution, "height": grid.rows * grid.resolution,
-        "robots": robots, "doors": doors, "legend": legend,
+        "robots": robots, "doors": doors, "legend": legend, "person": glyphs.PERSON_RADIUS,
         "states": {state: state_colours(state) for state in STATES},
     }  # fmt: skip
 
@@ -109,6 +111,7 @@ class Scene:
         self._pending: OrderedDict[str, tuple[Order, ...]] = OrderedDict()
         self._obstacles: dict[int, UnmappedObstacle] = {}
         self._jams: list[Jam] = []
+        self._people: list[tuple[float, float]] = []
         self._received: dict[tuple[int, int], float] = {}
         self._instant, self._step, self._missed, self._paused_at = 0, -1, 0, -1
         self.changed, self.over = True, False
@@ -139,6 +142,7 @@ class Scene:
                     self._missed += max(0, message.step - self._step - 1) if self._step >= 0 else 0
                     self._step, self._instant = message.step, message.instant
                     self._jams += message.jams
+                    self._people = [(round(one.x, 3), round(one.y, 3)) for one in message.people]
                     self._apply_run(self._model.advance(message.step))
 
     def _apply_run(self, run: RunData) -> None:
@@ -196,7 +200,7 @@ class Scene:
             "speed": self._speed, "over": self.over, "missed": self._missed, "links": sorted(newest),
             "robots": [self._robot(robot) for robot in self._poses],
             "places": [(key.owner, *at, self._place_state(key)) for key, at in self._places.items()],
-            "things": things,
+            "things": things, "people": self._people,
         }  # fmt: skip
 
     def _place_state(self, key: PlaceKey) -> str:

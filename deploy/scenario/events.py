@@ -14,7 +14,7 @@ from actors.orders import Order
 from actors.runtime.errors import AcrcError
 from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
-from deploy.scenario.tables import AreaTable, EventTable, Scenario
+from deploy.scenario.tables import AreaTable, EventTable, PeopleTable, Scenario
 
 
 def robot_fault(scenario: Scenario) -> str | None:
@@ -62,7 +62,25 @@ def area_fault(scenario: Scenario) -> str | None:
         or _area_name_fault(scenario.robots.areas, "robots.areas", scenario)
         or _preset_fault(scenario)
         or _area_name_fault(scenario.places.areas, "places.areas", scenario)
+        or (_people_fault(scenario, scenario.people) if scenario.people is not None else None)
     )
+
+
+def _people_fault(scenario: Scenario, people: PeopleTable) -> str | None:
+    if people.between == "areas" and not (people.area or scenario.area):
+        return 'people.between is "areas", but the scenario has none; add [[area]] tables'
+    return _area_name_fault(people.areas, "people.areas", scenario)
+
+
+def people_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
+    """Return the tables of the areas between which people walk; empty: not between areas."""
+    people = scenario.people
+    if people is None or people.between != "areas":
+        return ()
+    if people.area or people.areas is None:
+        return people.area or scenario.area
+    tables = {table.name: table for table in scenario.area}
+    return tuple(tables[name] for name in people.areas)
 
 
 def start_areas(scenario: Scenario) -> tuple[Area, ...] | None:

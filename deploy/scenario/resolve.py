@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from msgspec import UNSET, UnsetType
 from msgspec.structs import asdict, replace
 
 from actors import wording
@@ -21,11 +22,19 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.stack import Adaptation, Stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
+from actors.world.people import PeopleParameters, PeopleSetup
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.place import GOLDEN
 from cleaning.strategies import entry
-from deploy.scenario.events import check_areas, place_area_tables, place_areas, start_areas, timed_orders
+from deploy.scenario.events import (
+    check_areas,
+    people_area_tables,
+    place_area_tables,
+    place_areas,
+    start_areas,
+    timed_orders,
+)
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
@@ -128,8 +137,11 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         robots=robots,
         events=timed_orders(scenario),
         uncertainty=scenario.uncertainty,
+        people=_people_setup(scenario),
     )
-    if world.uncertainty != Uncertainty():  # otherwise the checks of the map above suffice
+    if (
+        world.has_people or world.uncertainty != Uncertainty()
+    ):  # otherwise the checks of the map above suffice
         _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
     explicit = _explicit_scenario(scenario, robots)
@@ -164,10 +176,23 @@ def _check_walls(grid: OccupancyGrid, scenario: Scenario) -> None:
 
 
 def _check_floor(world: WorldSetup) -> None:
-    """Raise PlacementError if the real floor cannot be made, before the world's process would."""
-    from actors.world.body import real_floor  # noqa: PLC0415 - loads the physics, which few scenarios need here
+    """Raise PlacementError if floor or people cannot be made, before the world's process would."""
+    from actors.world import body  # noqa: PLC0415 - loads the physics, which few scenarios need here
 
-    real_floor(world, [load_model(robot.model, robot.sensor) for robot in world.robots])
+    models = [load_model(robot.model, robot.sensor) for robot in world.robots]
+    floor = body.real_floor(world, models)
+    if world.has_people:
+        body.pedestrians(world, floor, models)
+
+
+def _people_setup(scenario: Scenario) -> PeopleSetup | UnsetType:
+    """Return the people of a scenario; unset without any."""
+    people = scenario.people
+    if people is None or not people.count:
+        return UNSET
+    values = {name: getattr(people, name) for name in PeopleParameters.__struct_fields__}
+    areas = tuple(table.area for table in people_area_tables(scenario))
+    return PeopleSetup(PeopleParameters(**values), areas)
 
 
 def _robot_spec(robot: str, scenario: Scenario) -> RobotSpec:
@@ -190,12 +215,16 @@ def _robot_spec(robot: str, scenario: Scenario) -> RobotSpec:
 def _explicit_scenario(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
     """Return the scenario with every start and place listed in [[robot]] tables.
 
-    Areas of places are kept: robots may request random points in them.
+    Areas of places are kept: robots may request random points in them. Those of people become their own.
     """
     tables = tuple(RobotTable(**asdict(robot)) for robot in robots)
     presets = {name: {"preset": one, **getattr(scenario, name)} for name, one in scenario.presets.items()}
+    people = scenario.people
+    if people is not None:
+        people = replace(people, areas=None, area=people_area_tables(scenario))
     return replace(
         scenario,
+        people=people,
         robots=replace(scenario.robots, start=(), areas=None),
         places=PlacesTable(preset="listed"),
         area=place_area_tables(scenario),

@@ -426,6 +426,9 @@ def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
         f"navigation {facts['navigation']}, localisation {facts['localisation']}",
         f"radio: half of the longest frames arrive at {facts['radio_reach_m']:.1f} m in line of sight",
     ]
+    people = found.resolved.scenario.people
+    if people is not None and people.count:
+        lines.append(f"people: {people.count}, walking between {people.between}")
     lines += [
         f"places {one} and {other} are {apart:.2f} m apart: one visit cleans both"
         for one, other, apart in (pair.values() for pair in facts["close"])

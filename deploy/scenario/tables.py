@@ -15,6 +15,7 @@ from actors.robot.behaviour.ports import ExchangeSettings, Scalar
 from actors.robot.stack import TABLES, Adaptation, Stack, presets, stack
 from actors.robot_model import MOST_PLACES, Model, OdometryKind, Places, SensorName
 from actors.settings import Place, Settings, Share, Span, StartPose, Text, check_spans, plain
+from actors.world.people import PeopleParameters
 from actors.world.uncertainty import Uncertainty
 
 MOST_WIFI: Final = 20
@@ -202,6 +203,20 @@ class AreaTable(Settings, frozen=True):
         return Area(self.name, x0, y0, x1, y1)
 
 
+class PeopleTable(PeopleParameters, frozen=True):
+    """[people]: people who walk about the floor."""
+
+    areas: Names | None = None
+    """Names of the areas of `between = "areas"`; absent: all of the scenario."""
+    area: tuple[AreaTable, ...] = ()
+    """Own areas, used in place of the scenario's, such as {name = "hall", x = [1, 5], y = [2, 4]}."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.between != "areas":
+            self.check_unused(("areas", "area"), f'people.between is "{self.between}"')
+
+
 class SwarmFile(Settings, frozen=True, kw_only=True):
     """Tables that scenario and fleet files share."""
 
@@ -243,6 +258,7 @@ class Scenario(SwarmFile, frozen=True, kw_only=True):
     places: PlacesTable = PlacesTable()
     radio: RadioTable = RadioTable()
     uncertainty: Uncertainty = Uncertainty()
+    people: PeopleTable | None = None
     robot: tuple[RobotTable, ...] = ()
     event: tuple[EventTable, ...] = ()
     wall: tuple[WallPatch, ...] = ()

@@ -73,6 +73,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run scenarios/head_on.toml --out runs/seen": "--duration 20",
     "./acrc run scenarios/head_on.toml --robots 3 --out runs/seen": "--duration 20",
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables": "--duration 5",
+    "./acrc run scenarios/people.toml --duration 60 --bus memory --out runs/people": "--duration 5",
     "./acrc campaign --preset chapter": "--robots 2 --seeds 1 --duration 2",
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
         "--robots 2 --seeds 2 --duration 2",

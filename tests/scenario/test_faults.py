@@ -53,7 +53,7 @@ KEYS = {
     "[robot_s]": "unknown key robot_s; did you mean robots?",
     "xyz = 1":
         "unknown key xyz; known keys: map, strategy, deeco, localisation, navigation, planner, local_map, "
-        "dwa, area, run, robots, places, radio, uncertainty, robot, event, wall, wifi",
+        "dwa, area, run, robots, places, radio, uncertainty, people, robot, event, wall, wifi",
     '[[area]]\nname = "a"\nx = [1, 2]\ny = [1, 2]\nz = 0':
         "unknown key area[0].z; known keys of area[0]: name, x, y",
 }  # fmt: skip

@@ -21,7 +21,7 @@ from acrc_testbed.experiments.statistical_models import Completion, kaplan_meier
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
 from acrc_testbed.results.outcome import outcome_means
-from acrc_testbed.results.result import RunResult
+from acrc_testbed.results.result import RunResult, optional_value
 from actors.ieee802154 import airtime_ns
 
 _MAX_PANELS: Final = 12
@@ -298,6 +298,8 @@ COSTS: Final = (
     Cost("metres driven by all robots", lambda run, _: run.driven_m),
     Cost("energy used by all robots, J", lambda run, _: run.known_energy_j),
     Cost("contacts in a run", lambda run, _: run.contacts),
+    Cost("contacts with people in a run", lambda run, _: optional_value(run.people_contacts)),
+    Cost("time in contact with people, s", lambda run, _: optional_value(run.people_contact_s)),
     Cost("age of replicas, s", lambda run, _: run.deeco.replica_age_mean_s),
 )
 
@@ -344,7 +346,7 @@ def costs(view: ReportView) -> PageSection:
         text.append(
             "outcome.NAME: value returned by the strategy's outcome(), mean over robots, not verified."
         )
-    missing = [name for name in names if name not in known]
+    missing = [name for name in names if name not in known and "people" not in name]
     if missing:
         text.append(f"Not recorded in these runs: {'; '.join(missing)}.")
     picture = view.picture(
