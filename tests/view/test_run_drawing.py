@@ -91,6 +91,17 @@ def test_a_carried_robot_leaves_no_trail(tmp_path: Path) -> None:
     np.testing.assert_allclose(times(pieces), [0.5, 1.0, 6.5], atol=1e-6)
 
 
+def test_people_are_discs_at_their_positions(tmp_path: Path) -> None:
+    people = np.arange(24.0).reshape(3, 2, 4)
+    found = painted(tmp_path / "view.rrd", replace(run(range(3)), people=people))["/world/people"]
+    style, *moving = found
+    assert packed(glyphs.PERSON) in style["Points3D:colors"]
+    assert style["Points3D:radii"] == [pytest.approx(glyphs.PERSON_RADIUS)]
+    np.testing.assert_allclose(times(moving), [0.0, 0.1, 0.2], atol=1e-6)
+    drawn = np.array([row["Points3D:positions"] for row in moving])
+    np.testing.assert_allclose(drawn[..., :2], people[..., :2])
+
+
 def test_places_show_their_outcomes_and_holders_part_by_part(tmp_path: Path) -> None:
     done = run(range(3), reported=(PlaceEvent("r2", 0.2, PlaceKey("r1", 1)),))
     gone = run(range(3, 5), given_up=(PlaceEvent("r2", 0.4, PlaceKey("r2", 0)),))
