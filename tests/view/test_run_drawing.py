@@ -92,7 +92,7 @@ def test_a_carried_robot_leaves_no_trail(tmp_path: Path) -> None:
 
 
 def test_people_are_discs_at_their_positions(tmp_path: Path) -> None:
-    people = np.arange(24.0).reshape(3, 2, 4)
+    people: Any = np.arange(24.0).reshape(3, 2, 4)
     found = painted(tmp_path / "view.rrd", replace(run(range(3)), people=people))["/world/people"]
     style, *moving = found
     assert packed(glyphs.PERSON) in style["Points3D:colors"]
