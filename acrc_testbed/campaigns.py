@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from acrc_testbed.argument_names import arguments_named
 from acrc_testbed.shipped import file_of
-from actors.installation.usage import wrong_value
 
 if TYPE_CHECKING:
     import pyarrow
@@ -40,12 +39,12 @@ class Campaign:
 
         `metric`: estimate this metric only. Warns if a repeated run has a different digest.
         """
-        from acrc_testbed.experiments import comparison
         from acrc_testbed.experiments.evaluation import evaluate
+        from acrc_testbed.experiments.metrics import chosen_metric
 
-        if metric is not None and not comparison.is_metric(metric):
-            raise wrong_value("metric", metric, comparison.CHOICE)
-        return list(evaluate(self._store(), metric).estimates)
+        store = self._store()
+        chosen = chosen_metric("metric", metric, store.study.metrics())
+        return list(evaluate(store, chosen).estimates)
 
     @arguments_named()
     def sentences(self) -> list[str]:
@@ -98,7 +97,7 @@ def campaign(
     with out_folder.replace_folder(folder, "study.json") if overwrite else nullcontext():
         store = create_store(folder, prepared)
         try:
-            run_campaign(store, CampaignOptions(jobs, check_every=check_every, modules=folders))
+            run_campaign(store, CampaignOptions(jobs, check_every=check_every, folders=folders))
         finally:
             campaign.write_tables(store)
             seal(store.folder)

@@ -16,10 +16,11 @@ from rich.table import Table
 
 from acrc_testbed.command_line.shared_options import answer
 from acrc_testbed.experiments import campaign as campaigns
-from acrc_testbed.experiments import comparison, frozen_plan, verdicts
+from acrc_testbed.experiments import frozen_plan, verdicts
 from acrc_testbed.experiments.campaign import CampaignOptions
 from acrc_testbed.experiments.comparison import (
     Comparison,
+    comparison_of,
     identical_start_sentences,
     identical_starts,
     samples,
@@ -28,10 +29,12 @@ from acrc_testbed.experiments.evaluation import (
     CampaignEvaluation,
     evaluate,
     failure_sentences,
+    metric_fault_sentences,
     overall_sentences,
     summary_sentences,
     verdict_sentence,
 )
+from acrc_testbed.experiments.metrics import chosen_metric
 from acrc_testbed.experiments.paired_tests import ALPHA, MIN_PAIRS, AssumedEffect, Interval, pairs_needed
 from acrc_testbed.experiments.store import (
     Store,
@@ -92,9 +95,9 @@ def campaign(
     if study.isolated and options.on is None:
         choose_isolation(True)  # fails once here, not in each run
     source = study_path(study_options)
-    warnings, modules = check_study(study, permit, source)
+    warnings, folders = check_study(study, permit, source)
     plan_file = find_plan(plan, None if study.tuning else source)
-    options = replace(options, modules=modules)
+    options = replace(options, folders=folders)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
     store = create_store(folder.absolute(), study)
     analysis = verdicts.InterimAnalysis(store) if until_decided else None
@@ -144,6 +147,7 @@ def _final_sentences(
             failed.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
     for cause, runs in failed.items():
         yield f"failed: {cause} ({len(runs)} runs, first {runs[0]})"
+    yield from metric_fault_sentences(store.records(), store.study)
     yield from summary_sentences(store.records())
     yield from identical_start_sentences(identical_starts(store.records()))
     if analysis is not None:
@@ -247,10 +251,8 @@ def compare(folder: Path, metric: str | None, *, json_output: bool) -> None:
 
     Exit code 1, and a warning first and last, if a repeated run had another digest in memory.
     """
-    if metric is not None and not comparison.is_metric(metric):
-        raise wrong_value("--metric", metric, comparison.CHOICE)
     store = load_store(folder)
-    evaluation = evaluate(store, metric)
+    evaluation = evaluate(store, chosen_metric("--metric", metric, store.study.metrics()))
     different = difference_sentences(store)
     _print_warnings(different)
     answer(_comparison_output(store, evaluation), _comparison_json(evaluation), json=json_output)
@@ -372,14 +374,13 @@ def plan_from_pilot(
     `difference`: percentage of the second strategy's mean; instead print the pairs that it requires.
     """
     store = load_store(folder)
-    if metric is not None and not comparison.is_metric(metric):
-        raise wrong_value("--metric", metric, comparison.CHOICE)
+    chosen_metric("--metric", metric, store.study.metrics())
     study = msgspec.structs.replace(store.study, primary_metric=metric or store.study.primary_metric)
     records = list(store.records())
     paired = primary_samples(samples(records, study), study)
     if not paired or not all(sample.pairs for sample in paired):
         raise AcrcError(f"{folder}: a declared comparison has no pair of runs; run at least one of each")
-    steps = [comparison.comparison_of(sample, step_metrics(study)[0]) for sample in paired]
+    steps = [comparison_of(sample, step_metrics(study)[0]) for sample in paired]
     names, tests = [sample.name for sample in paired], family_size(study)
     planned: list[str | Table]
     data: dict[str, object] = {"comparisons": names, "tests": tests, "power": power}

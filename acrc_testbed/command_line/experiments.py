@@ -133,7 +133,8 @@ def compare(
         option(
             "NAME",
             "Compare only this metric: places, contacts, people_contacts, people_contact_s, radio, driven, "
-            "energy, completion, settled, lexicographic; or outcome.NAME, a number that strategies report.",
+            "energy, completion, settled, lexicographic; one of the study; or outcome.NAME, a number that "
+            "strategies report.",
         ),
     ] = None,
     json: Json = False,

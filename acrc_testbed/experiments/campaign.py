@@ -18,7 +18,9 @@ from acrc_testbed.experiments.store import PendingTrial, Store
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_pool import Pool, trial_pool
 from acrc_testbed.experiments.trial_record import (
+    NO_CODE,
     CheckRecord,
+    CodeFolders,
     TrialOutcome,
     TrialRecord,
     compare_repetition,
@@ -78,8 +80,7 @@ class CampaignOptions:
     """Repeat the first and every `check_every`-th trial of each strategy as processes over Zenoh; 0: none."""
     on: str | None = None
     """Scheduler of a cluster for the trials, `tls://host:port`; None: this computer."""
-    modules: tuple[Path, ...] = ()
-    """Folders with the user's strategies, permitted by `actors.robot.behaviour.code_permit`."""
+    folders: CodeFolders = NO_CODE
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class _Campaign:
         self._store = store
         self._every = 0 if store.study.isolated else options.check_every
         self._pool = pool
-        self._modules = options.modules
+        self._folders = options.folders
         self._running: dict[Future[TrialOutcome], tuple[PendingTrial, float]] = {}
         self._on_progress = on_progress
         self._is_decided = is_decided
@@ -168,7 +169,7 @@ class _Campaign:
                 pending = waiting.popleft()
                 trial, check = pending
                 regular_file.write_atomically(self._store.log(trial, check=check), b"")
-                order = make_order(self._store.study, trial, self._modules, repeated=check)
+                order = make_order(self._store.study, trial, self._folders, repeated=check)
                 self._running[self._pool.submit(order)] = (pending, time.monotonic())
             ended, _ = wait(self._running, _POLL_S, FIRST_COMPLETED)
             for future in ended:

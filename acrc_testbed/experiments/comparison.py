@@ -1,7 +1,6 @@
-"""Metrics, paired samples, estimates with intervals, and identical starts of runs."""
+"""Paired samples, estimates with intervals, and identical starts of runs."""
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -11,6 +10,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from acrc_testbed.experiments.metrics import (
+    BY_NAME,
+    LEXICOGRAPHIC,
+    Run,
+    by_rank,
+    ranks,
+    value_of,
+    values,
+)
 from acrc_testbed.experiments.paired_tests import (
     MIN_PAIRS,
     NO_TEST,
@@ -22,96 +30,7 @@ from acrc_testbed.experiments.paired_tests import (
 )
 from acrc_testbed.experiments.study import Study, Variant
 from acrc_testbed.experiments.trial_record import TrialRecord, identical_seconds
-from acrc_testbed.results.outcome import outcome_means
-from acrc_testbed.results.result import RunResult, optional_value
-
-Run = RunResult | None
-"""Result of a run; None: failed, counted as no places done and never settled."""
-
-
-@dataclass(frozen=True)
-class Metric:
-    """Numeric result of a run, summarised by the mean over runs."""
-
-    name: str
-    description: str
-    unit: str
-    value: Callable[[RunResult], float | None]
-    """None: unknown."""
-    more_is_better: bool
-
-
-@dataclass(frozen=True)
-class TimeMetric:
-    """Time of an event, if it happened in the run; summarised by the restricted mean over runs."""
-
-    name: str
-    description: str
-    event: str
-    """State of a run after the event."""
-    at: Callable[[RunResult], float | None]
-    """s; None: not before the end."""
-    unit: str = "s"
-
-
-PLACES: Final = Metric("places", "places done", "places", lambda run: run.places_done, True)
-METRICS: Final = (
-    PLACES,
-    Metric("contacts", "contacts", "contacts", lambda run: run.contacts, False),
-    Metric(
-        "people_contacts",
-        "contacts with people",
-        "contacts",
-        lambda run: optional_value(run.people_contacts),
-        False,
-    ),
-    Metric(
-        "people_contact_s",
-        "time in contact with people",
-        "s",
-        lambda run: optional_value(run.people_contact_s),
-        False,
-    ),
-    Metric(
-        "radio",
-        "octets on the air per robot and second",
-        "octets/s",
-        lambda run: run.radio_bytes_per_robot_s,
-        False,
-    ),
-    Metric("driven", "metres driven by all robots", "m", lambda run: run.driven_m, False),
-    Metric("energy", "energy used by all robots", "J", lambda run: run.known_energy_j, False),
-)
-SETTLED: Final = TimeMetric("settled", "running time", "done or given up", lambda run: run.settled_s)
-TIMES: Final = (SETTLED, TimeMetric("completion", "time to complete", "done", lambda run: run.completion_s))
-"""Without `last_reached_s`, which rewards giving up early."""
-LEXICOGRAPHIC: Final = "lexicographic"
-"""More places done is better; at equal places the shorter running time (docs/model-problem.md)."""
-NAMES: Final = (*(one.name for one in METRICS), *(one.name for one in TIMES), LEXICOGRAPHIC)
-ORDER: Final = (
-    PLACES.name,
-    *(one.name for one in TIMES),
-    LEXICOGRAPHIC,
-    *(one.name for one in METRICS[1:]),
-)
-"""Order of display: the chapter's metrics, then costs."""
-_BY_NAME: Final = {one.name: one for one in (*METRICS, *TIMES)}
-_OUTCOME_PREFIX: Final = "outcome."
-"""Prefix of values returned by a strategy's outcome()."""
-CHOICE: Final = f"one of {', '.join(NAMES)} or {_OUTCOME_PREFIX}NAME, a value returned by outcome()"
-
-
-def is_metric(name: str) -> bool:
-    """Return whether a metric of this name exists."""
-    return name in NAMES or (name.startswith(_OUTCOME_PREFIX) and name != _OUTCOME_PREFIX)
-
-
-def find_metric(name: str) -> Metric | TimeMetric:
-    """Return the metric of this name; for `outcome.NAME`, more is better."""
-    if name in _BY_NAME:
-        return _BY_NAME[name]
-    key = name.removeprefix(_OUTCOME_PREFIX)
-    return Metric(name, name, "", lambda run: outcome_means(run.outcome).get(key), more_is_better=True)
+from actors.task.task import Metric
 
 
 def horizon(runs: Sequence[Run]) -> float:
@@ -119,35 +38,9 @@ def horizon(runs: Sequence[Run]) -> float:
     return max((run.simulated_s for run in runs if run is not None), default=0.0)
 
 
-def values(metric: Metric | TimeMetric, runs: Sequence[Run], until: float) -> list[float]:
-    """Return a value for each run; times are capped at the horizon `until`."""
-    if isinstance(metric, Metric):
-        failed = 0.0 if metric is PLACES else math.nan
-        found = (None if run is None else metric.value(run) for run in runs)
-        return [
-            failed if run is None else math.nan if value is None else float(value)
-            for run, value in zip(runs, found, strict=True)
-        ]
-    times = (None if run is None else metric.at(run) for run in runs)
-    return [until if at is None else min(at, until) for at in times]
-
-
-def ranks(runs: Sequence[Run]) -> list[float]:
-    """Return the rank of each run in the lexicographic order, with ties; more is better."""
-    keys = [
-        (0, -math.inf, False)
-        if run is None
-        else (run.places_done or 0, -math.inf if run.settled_s is None else -run.settled_s, True)
-        for run in runs
-    ]
-    order = {key: float(place) for place, key in enumerate(sorted(set(keys)))}
-    return [order[key] for key in keys]
-
-
 Floats = NDArray[np.float64]
 StrategyRuns = dict[str, dict[int, Run]]
 """By strategy and seed."""
-_LEXICOGRAPHIC_TEXT = "places done, then running time"
 
 
 class PairedSample(NamedTuple):
@@ -193,10 +86,8 @@ class Comparison:
     """Estimates of one metric of a paired sample, and the result of its test if declared."""
 
     sample: PairedSample
-    metric: str
+    definition: Metric
     scores: Scores
-    margin: float | None = None
-    """Equivalence margin in the metric's unit; None: none declared."""
     test: PairedTest = NO_TEST
     """Test of the gains."""
     equivalence_p: float = 1.0
@@ -210,6 +101,16 @@ class Comparison:
     equivalent: bool = False
     threshold: float | None = None
     """Threshold of p at the last interim look; None: no interim looks."""
+
+    @property
+    def metric(self) -> str:
+        """Name of the metric."""
+        return self.definition.name
+
+    @property
+    def margin(self) -> float | None:
+        """Equivalence margin in the metric's unit; None: none declared."""
+        return self.definition.margin
 
     @property
     def one(self) -> str:
@@ -229,12 +130,12 @@ class Comparison:
     @property
     def says(self) -> str:
         """Description of the metric."""
-        return _LEXICOGRAPHIC_TEXT if self.metric == LEXICOGRAPHIC else find_metric(self.metric).description
+        return self.definition.description
 
     @property
     def unit(self) -> str:
         """Unit of the metric; empty if it has none."""
-        return "" if self.metric == LEXICOGRAPHIC else find_metric(self.metric).unit
+        return self.definition.unit
 
     @property
     def happened(self) -> bool:
@@ -354,34 +255,30 @@ def too_few_pairs_sentence(pairs: int, least: int = MIN_PAIRS) -> str:
 
 
 def compare(
-    paired: Sequence[PairedSample], metric: str | None = None, least: int = MIN_PAIRS
+    paired: Sequence[PairedSample], metrics: Iterable[Metric] = BY_NAME.values(), least: int = MIN_PAIRS
 ) -> list[Comparison]:
-    """Estimate every metric, or `metric` one, of samples with at least `least` pairs."""
+    """Estimate the metrics of samples with at least `least` pairs."""
     comparisons = (
-        comparison_of(sample, name)
-        for sample in paired
-        if len(sample.pairs) >= least
-        for name in ([metric] if metric is not None else ORDER)
+        comparison_of(sample, metric) for sample in paired if len(sample.pairs) >= least for metric in metrics
     )
     return [one for one in comparisons if one.is_estimated]
 
 
-def comparison_of(sample: PairedSample, name: str) -> Comparison:
+def comparison_of(sample: PairedSample, metric: Metric) -> Comparison:
     """Return the estimates of one metric of a sample, without a test."""
-    if name == LEXICOGRAPHIC:
-        order = np.array(ranks([run for pair in sample.pairs for run in pair]))
-        return Comparison(sample, name, Scores(order[::2], order[1::2], 1))
-    return Comparison(sample, name, scores(find_metric(name), sample.pairs))
+    return Comparison(sample, metric, scores(metric, sample.pairs))
 
 
-def scores(metric: Metric | TimeMetric, pairs: Sequence[tuple[Run, Run]]) -> Scores:
+def scores(metric: Metric, pairs: Sequence[tuple[Run, Run]]) -> Scores:
     """Return a metric of the pairs in which it is known for both runs."""
     runs = [run for pair in pairs for run in pair]
+    if metric.name == LEXICOGRAPHIC:
+        order = np.array(ranks(runs, by_rank(BY_NAME.values())))
+        return Scores(order[::2], order[1::2], 1)
     found = np.array(values(metric, runs, horizon(runs))).reshape(-1, 2)
     ones, others = found[~np.isnan(found).any(axis=1)].T
-    if isinstance(metric, Metric):
-        return Scores(ones, others, 1 if metric.more_is_better else -1)
-    return Scores(ones, others, -1, any(run is not None and metric.at(run) is not None for run in runs))
+    happened = not metric.event or any(run is not None and value_of(metric, run) is not None for run in runs)
+    return Scores(ones, others, 1 if metric.better == "more" else -1, happened)
 
 
 def _hashable(value: Any) -> Any:

@@ -9,20 +9,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from acrc_testbed.experiments import comparison
 from acrc_testbed.experiments.comparison import (
-    PLACES,
     Comparison,
     PairedSample,
     StrategyRuns,
-    TimeMetric,
     compare,
     horizon,
     runs_by_variant,
     samples,
     too_few_pairs_sentence,
-    values,
 )
+from acrc_testbed.experiments.metrics import PLACES, values
 from acrc_testbed.experiments.paired_tests import MIN_PAIRS, share_upper_bound
 from acrc_testbed.experiments.statistical_models import MIN_CELLS, RandomEffectsFit, fit
 from acrc_testbed.experiments.store import Store, plan_sentences
@@ -31,6 +28,7 @@ from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.experiments.verdicts import InterimAnalysis, PairVerdict, family_size, verdicts
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
+from actors.task.task import Metric
 
 
 class OverallEstimate(NamedTuple):
@@ -198,24 +196,44 @@ def _settling_text(runs: Sequence[RunResult]) -> str:
     return f", half of the runs settled by {settled[half - 1]:.1f} s" if len(settled) >= half else ""
 
 
-def failure_sentences(records: Iterable[TrialRecord], study: Study) -> list[str]:
-    """Return sentences on failed runs by strategy, and how they count."""
+def failure_sentences(records: Sequence[TrialRecord], study: Study) -> list[str]:
+    """Return sentences on failed runs by strategy and how they count, and on failed metrics."""
     runs: dict[str, int] = {}
     failed: dict[str, list[int]] = {}
     for record in records:
         runs[record.strategy] = runs.get(record.strategy, 0) + 1
         if record.result is None:
             failed.setdefault(record.strategy, []).append(record.seed)
-    counts = "each counts as a run with no places done, never settled"
+    worst = (f", {one.worst:g} {one.unit or one.name}" for one in study.metric if one.worst is not None)
+    counts = f"each counts as a run with no places done{''.join(worst)}, never settled"
     if study.failed_runs == "left out":
         counts = (
             "each is left out with its pair, as declared in the study; "
             "this favours strategies that fail on hard seeds"
         )
     return [
-        f"{strategy} failed in {len(seeds)} of {runs[strategy]} runs ({_seeds_text(seeds)}); {counts}"
-        for strategy, seeds in failed.items()
+        *(
+            f"{strategy} failed in {len(seeds)} of {runs[strategy]} runs ({_seeds_text(seeds)}); {counts}"
+            for strategy, seeds in failed.items()
+        ),
+        *metric_fault_sentences(records, study),
     ]
+
+
+def metric_fault_sentences(records: Iterable[TrialRecord], study: Study) -> Iterator[str]:
+    """Yield a sentence for each error of a study's own metric, with its trials."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for record in records:
+        variant = "".join(f", {key} = {value}" for key, value in record.variant.items())
+        faults = record.result.metric_faults or {} if record.result is not None else {}
+        for metric, cause in faults.items():
+            trials = found.setdefault((metric, cause), [])
+            trials.append(f"{record.strategy} with seed {record.seed}{variant}")
+    for (metric, cause), trials in found.items():
+        yield (
+            f"study {study.name}: metric {metric} failed in {len(trials)} runs, first {trials[0]}: {cause}; "
+            "it is unknown for these runs, and their pairs are left out of its comparison"
+        )
 
 
 def _seeds_text(seeds: Sequence[int]) -> str:
@@ -280,7 +298,7 @@ def verdict_sentence(one: PairVerdict) -> str:
 
 
 def _amount_text(value: float, step: Comparison) -> str:
-    return f"{value:.4g} {'place' if value == 1 and step.unit == 'places' else step.unit}"
+    return f"{value:.4g} {'place' if value == 1 and step.unit == 'places' else step.unit}".rstrip()
 
 
 def _step_sentence(step: Comparison) -> str:
@@ -318,11 +336,10 @@ def _exceeding_text(step: Comparison) -> str:
 
 
 def _unknown_reason(step: Comparison) -> str:
-    metric = comparison.find_metric(step.metric)
-    if not isinstance(metric, TimeMetric):
+    if not step.definition.event or not step.scores.ones.size:
         return "it is unknown for every pair"
     until = horizon([run for pair in step.sample.pairs for run in pair])
-    return f"no run was {metric.event} by {until:g} s"
+    return f"no run was {step.definition.event} by {until:g} s"
 
 
 def _difference_text(step: Comparison, by: str) -> str:
@@ -351,8 +368,8 @@ def estimate_text(one: Comparison) -> str:
         return f"{seeds}, {effect}"
     value, low, high = one.difference
     return (
-        f"{one.ones:.4g} versus {one.others:.4g}, difference {value:+.3g} {one.unit} "
-        f"[{low:+.3g}, {high:+.3g}], {seeds}, {effect}"
+        f"{one.ones:.4g} versus {one.others:.4g}, difference {value:+.3g} {one.unit}".rstrip()
+        + f" [{low:+.3g}, {high:+.3g}], {seeds}, {effect}"
     )
 
 
@@ -395,7 +412,7 @@ class CampaignEvaluation:
         ]
 
 
-def evaluate(store: Store, metric: str | None = None) -> CampaignEvaluation:
+def evaluate(store: Store, metric: Metric | None = None) -> CampaignEvaluation:
     """Evaluate the ended trials of a campaign; `metric`: estimate this metric only.
 
     With interim looks, these decide. Raises AcrcError for a damaged record.
@@ -407,9 +424,10 @@ def evaluate(store: Store, metric: str | None = None) -> CampaignEvaluation:
     least = MIN_PAIRS if analysis is None else analysis.rules.least
     judged = verdicts(found, study) if analysis is None else looks
     judged = [one for one in judged if len(one.sample.pairs) >= least]
-    estimates, few = compare(found, metric, least), too_few_sentences(found, least)
+    metrics = study.metrics().values() if metric is None else (metric,)
+    estimates, few = compare(found, metrics, least), too_few_sentences(found, least)
     if metric is not None and found and not estimates and not few:
-        raise AcrcError(f"metric {metric!r}: known for fewer than {least} pairs of runs; choose another")
+        raise AcrcError(f"metric {metric.name!r}: known for fewer than {least} pairs of runs; choose another")
     return CampaignEvaluation(
         failures=failure_sentences(records, study),
         declared=plan_sentences(store),

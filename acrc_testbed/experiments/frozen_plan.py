@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -13,6 +14,7 @@ from acrc_testbed.experiments.study import Study, Trial, differences
 from acrc_testbed.experiments.trial_settings import draw_settings
 from actors.floor import offices
 from actors.floor.map_file import load_map
+from actors.robot.behaviour.code_permit import is_installed
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.settings import read_text, toml_tables
@@ -27,6 +29,8 @@ class StudyInputs(NamedTuple):
     """Relative path of the scenario, a key of `files`."""
     files: dict[str, Path]
     """Files by path relative to their common folder."""
+    modules: str
+    """Relative path of the folder of the metrics' functions; empty without own metrics."""
 
 
 def study_inputs(study: Study) -> StudyInputs:
@@ -47,7 +51,8 @@ def study_inputs(study: Study) -> StudyInputs:
     named = list(dict.fromkeys([scenario, *_input_files(study)]))
     top = Path(os.path.commonpath([path.parent for path in named]))
     files = {path.relative_to(top).as_posix(): path for path in named}
-    return StudyInputs(scenario.relative_to(top).as_posix(), dict(sorted(files.items())))
+    modules = study.modules and Path(os.path.relpath(os.path.realpath(study.modules), top)).as_posix()
+    return StudyInputs(scenario.relative_to(top).as_posix(), dict(sorted(files.items())), modules)
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -62,6 +67,9 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _input_files(study: Study) -> Iterator[Path]:
+    for metric in study.metric:
+        for path in strategy_files(metric.use, Path(study.modules)):
+            yield Path(os.path.realpath(path))
     for variant in study.variants():
         for strategy in study.strategies:
             draws = draw_settings(study, Trial(strategy, study.first_seed, variant))
@@ -85,7 +93,7 @@ def _scenario_files(scenario: Scenario, strategy: str) -> Iterator[Path]:
 
 
 SUFFIX: Final = ".frozen.json"
-_NOT_FROZEN: Final = frozenset({"name", "scenario", "seeds", "primary"})
+_NOT_FROZEN: Final = frozenset({"name", "scenario", "seeds", "primary", "modules"})
 """Fields of a study that may change or are compared separately."""
 _MAX_BYTES: Final = 1 << 20
 
@@ -98,7 +106,8 @@ class FrozenPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     study: Study
     """Study with margins and declared comparisons; its scenario is a file name without folders."""
     files: tuple[tuple[str, str], ...]
-    """Name, without folders, and SHA-256 of the scenario and all files that it refers to."""
+    """Name, without folders, and SHA-256 of the scenario, all files that it refers to, and the code of
+    metrics."""
     looks: tuple[int, ...]
     """Stopping rule: numbers of pairs at the interim looks; empty: all seeds are run."""
     study_sha256: str
@@ -114,7 +123,9 @@ def freeze(study: Study, commit: str, looks: Sequence[int]) -> bytes:
             f"the software has changes since commit {commit[:-1]}; commit them before freezing a plan"
         )
     content: dict[str, Any] = {
-        "study": msgspec.to_builtins(msgspec.structs.replace(study, scenario=Path(study.scenario).name)),
+        "study": msgspec.to_builtins(
+            msgspec.structs.replace(study, scenario=Path(study.scenario).name, modules="")
+        ),
         "files": _file_hashes(study),
     }
     content["study_sha256"] = _sha256(content)
@@ -171,7 +182,10 @@ def changed_files(plan: FrozenPlan, study: Study) -> Iterator[str]:
 
 
 def _file_hashes(study: Study) -> list[tuple[str, str]]:
-    files = study_inputs(study).files.values()
+    installed = (one.use.partition(":")[0] for one in study.metric)
+    specs = (find_spec(module) for module in installed if is_installed(module))
+    origins = {Path(one.origin) for one in specs if one is not None and one.origin is not None}
+    files = (*study_inputs(study).files.values(), *origins)
     return sorted((path.name, hashlib.sha256(regular_file.read_bytes(path)).hexdigest()) for path in files)
 
 

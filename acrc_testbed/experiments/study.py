@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from acrc_testbed.experiments.metrics import BY_NAME, PLACES, MetricTable, check_names
 from actors import settings
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import command_line
@@ -19,6 +20,7 @@ from actors.randomness import generator
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.settings import Place, RuleError, Settings, Text
+from actors.task.task import Metric
 from deploy.scenario.scenario_file import check_exists, is_scenario
 
 FIRST_SEED: Final = 1
@@ -87,6 +89,8 @@ class CommonStudyFields(Settings, frozen=True, kw_only=True):
     """Equivalence margin of times, s."""
     failed_runs: Literal["worst", "left out"] = "worst"
     """Treatment of failed runs: count as no places done, or leave out."""
+    metric: tuple[MetricTable, ...] = ()
+    """The study's own metrics."""
     isolated: bool = False
     """Run robots as isolated processes, for untrusted strategies."""
 
@@ -108,6 +112,16 @@ class Study(CommonStudyFields, frozen=True, kw_only=True, forbid_unknown_fields=
     """Random factors, with the levels drawn for `cells`."""
     cells: tuple[Variant, ...] = ()
     """Drawn combinations of the random factors' levels. Each comparison covers all of them."""
+    modules: str = ""
+    """Folder of the study's file, which may contain the functions of its metrics; empty without."""
+
+    def metrics(self) -> dict[str, Metric]:
+        """Return the shipped and own metrics by name, in order of display, with the study's margins."""
+        shipped = {
+            name: one._replace(margin=self.margin_s if one.event else None) for name, one in BY_NAME.items()
+        }
+        own = {table.name: table.metric() for table in self.metric}
+        return {**shipped, PLACES.name: PLACES._replace(margin=self.margin_places), **own}
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:
@@ -363,6 +377,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
                     f"{path}: primary: {name!r} is not one of the study's strategies: {', '.join(strategies)}"
                 )
     try:
+        check_names(table.metric)
         factors = factors_of(table.vary, table.samples, FIRST_TUNING_SEED if tuning else FIRST_SEED)
     except AcrcError as error:
         raise AcrcError(f"{path}: {error}") from None
@@ -380,14 +395,17 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         random=factors.random,
         cells=factors.cells,
         conditions=table.conditions,
+        modules=str(path.parent.resolve()) if table.metric else "",
         **shared,
     )
 
 
 def _load_json(path: Path) -> Study:
-    """Load a study from JSON; the scenario's path is relative to the file."""
+    """Load a study from JSON; its paths are relative to the file."""
     study = typed_json.read(path, Study, "study of a campaign")
-    return msgspec.structs.replace(study, scenario=str((path.parent / study.scenario).resolve()))
+    modules = study.modules and str((path.parent / study.modules).resolve())
+    scenario = str((path.parent / study.scenario).resolve())
+    return msgspec.structs.replace(study, scenario=scenario, modules=modules)
 
 
 class StudyFactors(NamedTuple):

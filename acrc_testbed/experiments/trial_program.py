@@ -10,12 +10,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: runs are par
 
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
+from acrc_testbed.experiments.metrics import compute, needs_full_recording, read_tables
 from acrc_testbed.experiments.trial_record import (
     ORDER_FILE,
     RECORD_FILE,
@@ -30,6 +31,7 @@ from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.results.result import RunResult
 from actors.processes.robot_logs import ALL_ROBOTS
 from actors.processes.signals import Interruption
+from actors.robot.behaviour.loading import set_folders
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.linux import die_with_parent
 from deploy.run.options import RunOptions
@@ -45,7 +47,9 @@ def main(argv: Sequence[str]) -> int:
     (name,) = argv
     folder = Path(name)
     order = msgspec.json.decode((folder / ORDER_FILE).read_bytes(), type=TrialOrder)
-    write_json(folder / RECORD_FILE, run_trial_order(order, folder / "run"))
+    record = run_trial_order(order, folder / "run")
+    for one in with_metrics(record, order, folder / "run"):
+        write_json(folder / RECORD_FILE, one)
     return 0
 
 
@@ -68,6 +72,34 @@ def run_trial_order(order: TrialOrder, out: Path) -> TrialRecord:
         drawn=settings or {},
         trace=seconds,
     )
+
+
+def with_metrics(record: TrialRecord, order: TrialOrder, out: Path) -> Iterator[TrialRecord]:
+    """Yield the record with the study's own metrics of the run in `out`, after each metric.
+
+    A metric counts as failed until it is computed, so that it may end or block this process.
+    """
+    own, result = order.study.metric, record.result
+    if result is None or not own:
+        yield record
+        return
+    set_folders([Path(one) for one in (*order.modules, *order.metric_modules)])
+    values: dict[str, float | None] = {}
+    faults = {one.name: "the process of the trial exited while the metric was computed" for one in own}
+    tables, unread = attempt(lambda: read_tables(out))
+    for number in range(len(own) + 1):
+        measured = msgspec.structs.replace(result, metrics=dict(values), metric_faults=dict(faults))
+        yield msgspec.structs.replace(record, result=measured)
+        for one in own[number : number + 1]:
+            value, fault = None, unread
+            if tables is not None:
+                known, table = tables, one
+                value, fault = attempt(lambda: compute(table, known))  # noqa: B023
+            if fault is None:
+                values[one.name] = value
+                del faults[one.name]
+            else:
+                faults[one.name] = fault
 
 
 def attempt(work: Callable[[], T]) -> tuple[T | None, str | None]:
@@ -93,7 +125,8 @@ def _run(order: TrialOrder, settings: dict[str, Any], out: Path) -> tuple[RunRes
     )
     options = RunOptions(
         out, bus=order.bus, isolate=order.isolate, json=True, scenario=path.name, hidden=(path,),
-        log=(ALL_ROBOTS,), modules=tuple(map(Path, order.modules)), record="lean",
+        log=(ALL_ROBOTS,), modules=tuple(map(Path, order.modules)),
+        record="full" if needs_full_recording(order.study.metric) else "lean",
     )  # fmt: skip
     result = start_run(PreparedRun(load_scenario(path, overrides), options), quiet=True)
     return msgspec.structs.replace(result, out=""), account_time(out), pose_trace(out)

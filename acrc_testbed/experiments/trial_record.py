@@ -3,7 +3,6 @@
 import hashlib
 import os
 import struct
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -181,20 +180,32 @@ class TrialOutcome(NamedTuple):
     """Reason why this computer cannot run trials of the campaign; empty: it can."""
 
 
+class CodeFolders(NamedTuple):
+    """Folders from which trials load user code, permitted by `actors.robot.behaviour.code_permit`."""
+
+    strategies: tuple[Path, ...] = ()
+    metrics: tuple[Path, ...] = ()
+
+
+NO_CODE: Final = CodeFolders()
+
+
 class TrialOrder(msgspec.Struct, frozen=True):
     """Order for one trial, without information on its study."""
 
     study: Study
-    """Scenario, settings, distributions and conditions; no name, seeds or other strategies."""
+    """Scenario, settings, distributions, conditions and own metrics; no name, seeds or other strategies."""
     trial: Trial
     bus: Bus = "memory"
     isolate: bool | None = None
     """As in `RunOptions`."""
     modules: tuple[str, ...] = ()
     """Folders of user strategies."""
+    metric_modules: tuple[str, ...] = ()
+    """Folders of the functions of the study's own metrics."""
 
 
-def make_order(study: Study, trial: Trial, modules: Sequence[Path], *, repeated: bool) -> TrialOrder:
+def make_order(study: Study, trial: Trial, folders: CodeFolders, *, repeated: bool) -> TrialOrder:
     """Return the order for a trial. `repeated`: repeat it as processes."""
     alone = Study(
         name="",
@@ -204,6 +215,7 @@ def make_order(study: Study, trial: Trial, modules: Sequence[Path], *, repeated:
         settings=study.settings_of(trial.variant),
         distributions=study.distributions,
         conditions=study.conditions,
+        metric=study.metric,
     )
     processes = repeated or study.isolated
     return TrialOrder(
@@ -211,7 +223,7 @@ def make_order(study: Study, trial: Trial, modules: Sequence[Path], *, repeated:
         Trial(trial.strategy, trial.seed),
         "zenoh" if processes else "memory",
         True if study.isolated else None,
-        tuple(map(str, modules)),
+        *(tuple(map(str, paths)) for paths in folders),
     )
 
 

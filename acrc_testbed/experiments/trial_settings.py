@@ -1,5 +1,6 @@
 """Settings of a study's trials: command-line options and random draws by seed."""
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,7 +9,9 @@ from typing import Any, Final, NamedTuple
 import msgspec
 from numpy.random import Generator
 
+from acrc_testbed.experiments.metrics import MetricError, load_function
 from acrc_testbed.experiments.study import Study, Trial, Variant, load_study
+from acrc_testbed.experiments.trial_record import CodeFolders
 from actors.floor.doors import Doorways
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
@@ -17,7 +20,9 @@ from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.randomness import generator
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
+from actors.robot.behaviour.loading import set_folders
 from actors.robot_model import OdometryKind, load_model
+from actors.runtime.errors import AcrcError
 from actors.settings import plain
 from cleaning.place import GOLDEN
 from cleaning.strategies import entry
@@ -361,11 +366,11 @@ def study_path(options: StudyOptions) -> Path | None:
     return path
 
 
-def check_study(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], tuple[Path, ...]]:
-    """Check scenario, keys, strategies and draws of every variant before the first trial.
+def check_study(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], CodeFolders]:
+    """Check scenario, keys, strategies, metrics and draws of every variant before the first trial.
 
-    Returns warnings on places and starts, and the folders of the strategies' modules. `source`: study file;
-    None: strategies of the command line. Raises as `permitted_folders`.
+    Imports the functions of metrics. Returns warnings on places and starts, and the folders of user code.
+    `source`: study file; None: strategies of the command line. Raises as `permitted_folders`.
     """
     warnings, modules = dict[str, None](), dict[Path, None]()
     for trial in study.trials_of(study.first_seed):
@@ -380,4 +385,21 @@ def check_study(study: Study, permit: Permit, source: Path | None) -> tuple[list
         modules |= dict.fromkeys(folders)
         alike = common_conditions(scenario)
         warnings |= dict.fromkeys(blocked_places(scenario)) | ({alike: None} if alike else {})
-    return list(warnings), tuple(modules)
+    return list(warnings), CodeFolders(tuple(modules), _metric_folders(study, permit, source))
+
+
+def _metric_folders(study: Study, permit: Permit, source: Path | None) -> tuple[Path, ...]:
+    """Return the folders of the functions of a study's metrics, after importing them. Raises AcrcError."""
+    file = source or Path(study.scenario)
+    found = [
+        permitted_folders(file, one.use, [Path(study.modules)], permit, "metric") for one in study.metric
+    ]
+    folders = tuple(dict.fromkeys(itertools.chain.from_iterable(found)))
+    if study.metric:
+        set_folders(folders)
+    for one in study.metric:
+        try:
+            load_function(one.use)
+        except MetricError as error:
+            raise AcrcError(f"{file}: metric {one.name}: {error}") from None
+    return folders

@@ -10,16 +10,14 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from acrc_testbed.experiments import comparison
 from acrc_testbed.experiments.comparison import (
-    SETTLED,
     Comparison,
     PairedSample,
-    TimeMetric,
     comparison_of,
     samples,
     too_few_pairs_sentence,
 )
+from acrc_testbed.experiments.metrics import LEXICOGRAPHIC, by_rank, choice, find_metric
 from acrc_testbed.experiments.paired_tests import (
     ALPHA,
     MIN_PAIRS,
@@ -37,6 +35,7 @@ from acrc_testbed.experiments.study import Study, Trial
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.results.result import RunResult
 from actors.runtime.errors import AcrcError
+from actors.task.task import Metric
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,12 @@ class PairVerdict:
         return "equivalent" if self.equivalent else "undecided"
 
 
-def step_metrics(study: Study) -> tuple[str, ...]:
+def step_metrics(study: Study) -> tuple[Metric, ...]:
     """Return the metrics of primary comparisons, in order. Raises AcrcError for an unknown metric."""
-    name = study.primary_metric
-    if not comparison.is_metric(name):
-        raise AcrcError(f"primary_metric is {name!r}; must be {comparison.CHOICE}")
-    return (comparison.PLACES.name, SETTLED.name) if name == comparison.LEXICOGRAPHIC else (name,)
+    name, metrics = study.primary_metric, study.metrics()
+    if (found := find_metric(name, metrics)) is None:
+        raise AcrcError(f"primary_metric is {name!r}; must be {choice(metrics)}")
+    return by_rank(metrics.values()) if name == LEXICOGRAPHIC else (found,)
 
 
 def family_size(study: Study) -> int:
@@ -101,8 +100,8 @@ def primary_samples(found: Sequence[PairedSample], study: Study) -> list[PairedS
 
 def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
     """Return verdicts on the primary comparisons after all runs, adjusted by Holm's method."""
-    names = step_metrics(study)
-    raw = [metric_test(sample, name, study) for sample in primary_samples(found, study) for name in names]
+    metrics = step_metrics(study)
+    raw = [metric_test(sample, metric) for sample in primary_samples(found, study) for metric in metrics]
     testable = decidable([one.test.differing for one in raw])
     adjusted = iter(holm([one.test.p for one, is_testable in zip(raw, testable, strict=True) if is_testable]))
     steps = []
@@ -118,27 +117,23 @@ def verdicts(found: Sequence[PairedSample], study: Study) -> list[PairVerdict]:
                 equivalent=one.equivalence_p <= ALPHA,
             )
         )
-    count = len(names)
+    count = len(metrics)
     return [
         PairVerdict(steps[place].sample, tuple(steps[place : place + count]))
         for place in range(0, len(steps), count)
     ]
 
 
-def metric_test(sample: PairedSample, name: str, study: Study) -> Comparison:
+def metric_test(sample: PairedSample, metric: Metric) -> Comparison:
     """Compute the tests of one metric of a sample, without a decision."""
-    if name == comparison.LEXICOGRAPHIC:
-        raise ValueError("the lexicographic order has two steps; test each")
-    is_time = isinstance(comparison.find_metric(name), TimeMetric)
-    margin = study.margin_s if is_time else study.margin_places if name == comparison.PLACES.name else None
-    found = replace(comparison_of(sample, name), margin=margin)
+    found = comparison_of(sample, metric)
     if not found.happened:
         return found
     gains = np.round(found.scores.gains, 9)  # remove rounding errors, so that equal values are tied
-    test = mean_test(gains) if is_time else signed_rank(gains)
-    if margin is None or gains.size < MIN_PAIRS:
+    test = mean_test(gains) if metric.event else signed_rank(gains)
+    if metric.margin is None or gains.size < MIN_PAIRS:
         return replace(found, test=test)
-    return replace(found, test=test, equivalence_p=equivalence_p(gains, margin))
+    return replace(found, test=test, equivalence_p=equivalence_p(gains, metric.margin))
 
 
 def power_warnings(study: Study, least: int = MIN_PAIRS) -> list[str]:
@@ -211,7 +206,8 @@ def interim_verdict(
         place = -1 if ended and pairs == len(sample.pairs) else number
         first = sample._replace(pairs=sample.pairs[:pairs])
         steps = [
-            final.get(name) or _at_look(first, name, study, rules, place) for name in step_metrics(study)
+            final.get(metric.name) or _at_look(first, metric, study, rules, place)
+            for metric in step_metrics(study)
         ]
         final |= {one.metric: one for one in steps if one.differs or one.equivalent}
         evaluated += (next((one for one in steps if not one.equivalent or one.differs), steps[-1]),)
@@ -221,8 +217,10 @@ def interim_verdict(
     return verdict
 
 
-def _at_look(sample: PairedSample, name: str, study: Study, rules: StoppingRules, place: int) -> Comparison:
-    raw = metric_test(sample, name, study)
+def _at_look(
+    sample: PairedSample, metric: Metric, study: Study, rules: StoppingRules, place: int
+) -> Comparison:
+    raw = metric_test(sample, metric)
     threshold = rules.differ.thresholds[place]
     return replace(
         raw,

@@ -184,6 +184,16 @@ TABLES: Final = (
             Column("new_y", "float", "y of the new goal, m, map frame; null: none"),
         ),
     ),
+    ExportTable(
+        "outcomes",
+        "a value returned by the `outcome()` of one robot's behaviour; none for a run that was cut off",
+        (
+            _ROBOT,
+            Column("name", "text", "name of the value, such as `waited_s`; in a dict, `tokens.taken`"),
+            Column("number", "float", "the value, true as 1; null: a text"),
+            Column("text", "text", "the value; null: a number or boolean"),
+        ),
+    ),
 )  # fmt: skip
 
 

@@ -29,6 +29,7 @@ def tables(out: Path) -> Tables:
         "poses": list(_poses(files["radio"])),
         "people": list(_people(run)),
         "places": list(_places(run)),
+        "outcomes": list(_outcomes(run)),
     }
     if run.description.records_frames:
         copies = enumerate(frame_rows(*frame_outcomes(out)))
@@ -136,6 +137,13 @@ def _places(run: RunData) -> Iterator[Row]:
             _seconds(one.reached_at), one.reached_by, _seconds(one.reported_at), one.reported_by,
             _seconds(one.given_up_at), one.given_up_by, one.reason,
         )  # fmt: skip
+
+
+def _outcomes(run: RunData) -> Iterator[Row]:
+    outcome = {} if run.result is None else run.result.outcome
+    for name, by_robot in outcome.items():
+        for robot, value in by_robot.items():
+            yield (robot, name, None, value) if isinstance(value, str) else (robot, name, float(value), None)
 
 
 def _seconds(instant: int | None) -> float | None:

@@ -308,6 +308,10 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Energy used by all robots; only with simulated batteries."""
     held_up: dict[str, StepDelays] = {}
     """Delays of steps by actor, without those of the machine; do not influence the digest."""
+    metrics: dict[str, float | None] = _ABSENT
+    """Values of the study's own metrics; None: unknown, or not before the end. Absent without."""
+    metric_faults: dict[str, str] = _ABSENT
+    """Errors of the study's own metrics that could not be computed."""
     reference: str = _ABSENT
     """From here on in field trials only. Robot whose clock is the time base."""
     notes: tuple[str, ...] = _ABSENT
@@ -317,11 +321,6 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     def is_simulated(self) -> bool:
         """False for a field trial, also with emulated devices."""
         return self.reference is _ABSENT
-
-    @property
-    def known_energy_j(self) -> float | None:
-        """Energy used by all robots, J; None without simulated batteries."""
-        return None if self.energy_j is _ABSENT else self.energy_j
 
     @property
     def length_s(self) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol
+from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,26 @@ class TaskReports(Protocol):
     @property
     def route(self) -> tuple[PlaceKey, ...] | None:
         """Places that it still plans to visit; None: unchanged."""
+
+
+class Metric(NamedTuple):
+    """A quantity of a run by which strategies are compared."""
+
+    name: str
+    description: str
+    unit: str
+    column: str
+    """Column with its value in the table of results; names of nested values are joined by a dot."""
+    better: Literal["more", "less"] = "more"
+    event: str = ""
+    """For a time that is censored at the end of the run: state of the run after the event. Empty: not
+    censored."""
+    rank: int | None = None
+    """Position in the order in which metrics decide a comparison; None: not in it."""
+    worst: float | None = None
+    """Value of a failed run; None: unknown, or the worst possible time of an event."""
+    margin: float | None = None
+    """Equivalence margin of the mean; None: equivalence is not tested."""
 
 
 class TaskProgress(NamedTuple):

@@ -20,7 +20,7 @@ import pytest
 import actors.robot.behaviour as robot
 import deeco
 from acrc_testbed.command_line import documentation
-from acrc_testbed.experiments.comparison import NAMES
+from acrc_testbed.experiments.metrics import BY_NAME
 from acrc_testbed.experiments.study import load_study
 from acrc_testbed.explanation.time_spent import Cause
 from actors.installation.repository import REPOSITORY
@@ -75,6 +75,8 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables": "--duration 5",
     "./acrc run scenarios/people.toml --duration 60 --bus memory --out runs/people": "--duration 5",
     "./acrc campaign --preset chapter": "--robots 2 --seeds 1 --duration 2",
+    "./acrc campaign my_study/standing.toml --modules my_study --out campaigns/standing":
+        "--robots 2 --seeds 2 --duration 2",
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
         "--robots 2 --seeds 2 --duration 2",
     ".venv/bin/python -m tests.localisation.courses course.zip --seed 7": "--duration 9",
@@ -188,7 +190,7 @@ def test_commands_reference_is_current() -> None:
     page = REPOSITORY / "docs" / "reference" / "commands.md"
     assert page.read_text() == documentation.commands_page(), "`./acrc docs` regenerates it"
     (option,) = (one for one in TREE["acrc compare"].params if "--metric" in one.opts)
-    assert set(re.findall(r"\w+", option.help.partition(":")[2].partition(";")[0])) == set(NAMES)
+    assert set(re.findall(r"\w+", option.help.partition(":")[2].partition(";")[0])) == set(BY_NAME)
 
 
 def defined(title: str) -> list[str]:
@@ -219,6 +221,9 @@ def clone() -> Iterator[Path]:
         (folder / "my_study").mkdir()
         lease = "from cleaning.strategies.chapter import behaviour as behaviour\n"
         (folder / "my_study" / "lease.py").write_text(lease)
+        for block in PAGES["docs/experiments.md"].blocks():
+            if block.text.startswith("# my_study/"):
+                (folder / block.text.split()[1]).write_text(block.text)
         (nearest,) = (block.text for block in PAGES["README.md"].blocks() if block.language == "python")
         (folder / "nearest.py").write_text(nearest)
         yield folder

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import msgspec
 
-from acrc_testbed.experiments.comparison import PairedSample, Run, samples
+from acrc_testbed.experiments.comparison import PairedSample, samples
+from acrc_testbed.experiments.metrics import Run
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.experiments.verdicts import PairVerdict, verdicts

@@ -16,6 +16,7 @@ from pyarrow import parquet
 from acrc_testbed.experiments import campaign, store
 from acrc_testbed.experiments.campaign import CampaignOptions, RemainingTime, run_campaign
 from acrc_testbed.experiments.comparison import identical_start_sentences, identical_starts
+from acrc_testbed.experiments.metrics import MetricTable
 from acrc_testbed.experiments.report.report_page import compose
 from acrc_testbed.experiments.report.report_view import read_sources
 from acrc_testbed.experiments.store import (
@@ -31,6 +32,7 @@ from acrc_testbed.experiments.trial_record import (
     DIGITS,
     MAX_BYTES,
     CheckRecord,
+    CodeFolders,
     TrialRecord,
     identical_seconds,
     read_output,
@@ -89,6 +91,21 @@ def settled(one):
 quiet = Cheat
 '''
 
+COUNTS = """
+import math
+import os
+
+def driven(tables):
+    rows = tables["poses"].to_pylist()
+    return sum(math.dist((a["x"], a["y"]), (b["x"], b["y"])) for a, b in zip(rows, rows[1:]))
+
+def commits(tables):
+    return len({row["change"] for row in tables["knowledge"].to_pylist()})
+
+def ending(tables):
+    os._exit(7)
+"""
+
 
 def own_scenario(folder: Path) -> str:
     (folder / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
@@ -103,11 +120,32 @@ def done(tmp_path_factory: pytest.TempPathFactory, forked_servers: None) -> Stor
     study = Study(
         name="short", scenario=own_scenario(folder), strategies=("chapter", "cheat:quiet"),
         seeds=1, settings=SHORT, factors=(Factor("deeco.publish", (1.0, 2)),), distributions=DRAWN,
+        metric=(
+            MetricTable("driven", "counts:driven", "less"),
+            MetricTable("commits", "counts:commits", "less", tables=("knowledge",)),
+            MetricTable("ending", "counts:ending", "less"),
+        ),
     )  # fmt: skip
+    (folder / "counted").mkdir()
+    (folder / "counted" / "counts.py").write_text(COUNTS)
     kept = store.create_store(folder / "out", study)
-    progress = run_campaign(kept, CampaignOptions(jobs=2, check_every=2, modules=(folder,)))
+    folders = CodeFolders((folder,), (folder / "counted",))
+    progress = run_campaign(kept, CampaignOptions(jobs=2, check_every=2, folders=folders))
     assert (progress.done, progress.failed, progress.total) == (4, 0, 4)
     return kept
+
+
+def test_own_metrics_are_computed_in_each_trial_and_equal_in_its_repetition(done: Store) -> None:
+    for record in done.records():
+        assert record.result is not None
+        last_step_m = 0.06
+        assert record.result.metrics["driven"] == pytest.approx(record.result.driven_m, abs=last_step_m)
+        assert (record.result.metrics["commits"] or 0) > 10
+        assert record.result.metric_faults == {
+            "ending": "the process of the trial exited while the metric was computed"
+        }
+    honest = next(check for check in done.checks() if check.strategy == "chapter")
+    assert honest.agrees, honest.differs
 
 
 def test_one_run_is_repeated_alone_from_its_recorded_command(done: Store, tmp_path: Path) -> None:
@@ -172,7 +210,7 @@ def test_a_strategy_that_changes_its_result_in_memory_is_found(done: Store, tmp_
     assert sentence.startswith("cheat:quiet with seed 1 differs between Zenoh and memory: ")
     ran = acrc("compare", done.folder, env={"COLUMNS": "200"})
     assert ran.returncode == 1
-    assert ran.stdout.splitlines()[0] == IN_MEMORY and f"acrc: {sentence}" in ran.stderr
+    assert ran.stdout.splitlines()[1] == IN_MEMORY and f"acrc: {sentence}" in ran.stderr
     asked, found = compose(read_sources([done.folder]), tmp_path).sections[:2]
     assert IN_MEMORY in asked.text
     assert found.text[0].startswith("out: cheat:quiet with seed 1")
@@ -209,7 +247,7 @@ def test_an_isolated_campaign_makes_every_run_as_isolated_processes(tmp_path: Pa
         isolated=True,
     )
     kept = store.create_store(tmp_path / "out", study)
-    run_campaign(kept, CampaignOptions(jobs=1, modules=(tmp_path,)))
+    run_campaign(kept, CampaignOptions(jobs=1, folders=CodeFolders((tmp_path,))))
     (record,) = kept.records()
     assert record.result is not None and record.trace and record.time, record.failure
     assert (record.result.isolation, record.result.places_done) == ("full", 0)
@@ -232,7 +270,7 @@ def test_runs_that_fail_die_or_hang_are_kept_with_their_causes(tmp_path: Path) -
         Study(name="s", scenario=own_scenario(tmp_path), strategies=strategies, seeds=1, settings=SHORT),
     )
     began = time.monotonic()
-    progress = run_campaign(folder, CampaignOptions(jobs=2, patience_s=9.0, modules=(tmp_path,)))
+    progress = run_campaign(folder, CampaignOptions(jobs=2, patience_s=9.0, folders=CodeFolders((tmp_path,))))
     assert (progress.done, progress.failed) == (4, 3)
     failed, died, hung, fine = folder.records()
     assert failed.result is None and "no robot r1 today" in (failed.failure or "")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from acrc_testbed.experiments import store
-from acrc_testbed.experiments.comparison import PairedSample, Run, compare, comparison_of, samples
+from acrc_testbed.experiments.comparison import PairedSample, compare, comparison_of, samples
 from acrc_testbed.experiments.evaluation import (
     evaluate,
     failure_sentences,
@@ -18,6 +18,7 @@ from acrc_testbed.experiments.evaluation import (
     too_few_sentences,
     verdict_sentence,
 )
+from acrc_testbed.experiments.metrics import BY_NAME, Run, find_metric
 from acrc_testbed.experiments.paired_tests import MIN_PAIRS, AssumedEffect
 from acrc_testbed.experiments.store import Store
 from acrc_testbed.experiments.study import Factor, Study
@@ -139,7 +140,7 @@ def test_impossible_verdicts_are_reported_before_the_first_run() -> None:
     assert power_warnings(undeclared)[0].startswith(
         "No comparison is declared, so acrc compare will only estimate"
     )
-    with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, contacts"):
+    with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, settled"):
         verdicts([sample([run(1)], [run(1)])], study(primary_metric="speed"))
 
 
@@ -165,12 +166,12 @@ def test_crashing_on_hard_seeds_improves_no_strategy(plain: RunResult) -> None:
 def test_the_lexicographic_order_takes_places_first_and_then_running_time(plain: RunResult) -> None:
     one = trials(plain, "one", lambda seed: (40, 590.0))
     other = trials(plain, "other", lambda seed: (39, 100.0) if seed % 2 else (40, 100.0))
-    (both,) = compare(samples([*one, *other]), "lexicographic")
+    (both,) = compare(samples([*one, *other]), [BY_NAME["lexicographic"]])
     assert both.effect.value == pytest.approx(0.5)
     assert (both.better, both.worse, both.difference) == (10, 10, None)
     never = trials(plain, "never", lambda seed: (39, None))
     late = trials(plain, "late", lambda seed: (40, 599.0))
-    (time,) = compare(samples([*never, *late]), "completion")
+    (time,) = compare(samples([*never, *late]), [BY_NAME["completion"]])
     assert (time.effect.value, time.ones, time.others) == (0.0, 600.0, 599.0), "not done counts as later"
 
 
@@ -193,10 +194,12 @@ def test_an_own_result_is_compared_and_more_is_better() -> None:
     def runs(more: float) -> list[Run]:
         return [run(0, outcome={"turns": {"r1": seed + more}}) for seed in range(8)]
 
-    found = comparison_of(sample(runs(1.0), runs(0.0)), "outcome.turns")
+    turns, other = find_metric("outcome.turns"), find_metric("outcome.other")
+    assert turns is not None and other is not None
+    found = comparison_of(sample(runs(1.0), runs(0.0)), turns)
     assert found.difference is not None
     assert (found.better, found.difference.value, found.unit) == (8, 1.0, "")
-    assert not comparison_of(sample(runs(1.0), runs(0.0)), "outcome.other").is_estimated
+    assert not comparison_of(sample(runs(1.0), runs(0.0)), other).is_estimated
     assert verdict_of(runs(1.0), runs(0.0), study(primary_metric="outcome.turns")).deciding is not None
 
 
@@ -211,7 +214,7 @@ def test_variants_are_compared_apart(plain: RunResult) -> None:
         for name in ("one", "other")
         for record in trials(plain, name, lambda seed: (40, float(seed)), 6)
     ]
-    made = compare(samples(records), "places")
+    made = compare(samples(records), [BY_NAME["places"]])
     assert [one.variant for one in made] == [(("robots.count", 4),), (("robots.count", 8),)]
     first, _ = judged(records, study())
     assert "equivalent in places done with robots.count = 4 within 1 place: " in verdict_sentence(first)
@@ -356,7 +359,7 @@ def test_several_comparisons_share_the_error(tmp_path: Path) -> None:
     assert all(one < other for one, other in zip(shared.thresholds, alone.thresholds, strict=True))
     with pytest.raises(AcrcError, match="the study declares no comparison"):
         InterimAnalysis(store.create_store(tmp_path / "three", msgspec.structs.replace(three, primary=())))
-    with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, contacts"):
+    with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, settled"):
         InterimAnalysis(
             store.create_store(tmp_path / "four", msgspec.structs.replace(STUDY, primary_metric="speed"))
         )

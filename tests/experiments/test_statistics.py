@@ -11,7 +11,8 @@ from scipy.stats import norm
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.weightstats import DescrStatsW, ttost_paired
 
-from acrc_testbed.experiments.comparison import comparison_of, find_metric, scores
+from acrc_testbed.experiments.comparison import comparison_of, scores
+from acrc_testbed.experiments.metrics import BY_NAME
 from acrc_testbed.experiments.paired_tests import (
     AssumedEffect,
     a12,
@@ -203,7 +204,7 @@ def paired(place: int) -> tuple[pd.DataFrame, pd.DataFrame]:
 @pytest.mark.parametrize("place", range(4))
 def test_estimates_are_those_of_pandas_and_scipy(place: int) -> None:
     one, other = paired(place)
-    found = comparison_of(SAMPLES[place], "places")
+    found = comparison_of(SAMPLES[place], BY_NAME["places"])
     assert found.difference is not None
     gains = one.places_done - other.places_done
     assert (found.ones, found.others) == pytest.approx((one.places_done.mean(), other.places_done.mean()))
@@ -214,7 +215,7 @@ def test_estimates_are_those_of_pandas_and_scipy(place: int) -> None:
     assert found.effect.value == pytest.approx(u / len(one) / len(other), abs=1e-14)
     columns = {"contacts": "contacts", "radio": "radio_bytes_per_robot_s", "driven": "driven_m"}
     for name, column in columns.items():
-        cost = comparison_of(SAMPLES[place], name)
+        cost = comparison_of(SAMPLES[place], BY_NAME[name])
         assert cost.difference is not None
         assert cost.difference.value == pytest.approx((one[column] - other[column]).mean())
         assert cost.effect.value == pytest.approx(
@@ -235,7 +236,7 @@ def test_restricted_means_are_the_areas_under_lifelines_curves(strategy: str, pl
     area = restricted_mean_survival_time(curve, t=until)
     assert restricted_mean(runs, until).value == pytest.approx(area)
     sample = next(one for one in SAMPLES if one.variant[0][1] == places and strategy in one[:2])
-    found = comparison_of(sample, "settled")
+    found = comparison_of(sample, BY_NAME["settled"])
     assert (found.ones if sample.one == strategy else found.others) == pytest.approx(area)
 
 
@@ -250,7 +251,7 @@ def test_equivalence_is_near_to_that_of_two_t_tests() -> None:
     """The same null hypothesis and another test: near to one another for 40 pairs."""
     for verdict in VERDICTS:
         for step in verdict.steps:
-            found = scores(find_metric(step.metric), step.sample.pairs)
+            found = scores(step.definition, step.sample.pairs)
             if step.happened and step.margin is not None and found.gains.std() > 0:
                 p, *_ = ttost_paired(found.ones, found.others, -step.margin, step.margin)
                 assert step.equivalence_p == pytest.approx(p, abs=0.1)

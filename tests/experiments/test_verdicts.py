@@ -7,7 +7,8 @@ import pytest
 from numpy.random import Generator
 from scipy.stats import norm
 
-from acrc_testbed.experiments.comparison import PLACES, PairedSample, Run, scores
+from acrc_testbed.experiments.comparison import PairedSample, scores
+from acrc_testbed.experiments.metrics import PLACES, Run
 from acrc_testbed.experiments.paired_tests import ALPHA, AssumedEffect, a12, a12_bounds, power
 from acrc_testbed.experiments.study import Study
 from acrc_testbed.experiments.verdicts import (

@@ -72,7 +72,7 @@ def test_a_lean_run_has_the_tables_that_need_no_computation_of_robots(tmp_path: 
     stale.touch()
     done = acrc("export", tmp_path / "run", "--out", tmp_path / "tables")
     assert done.returncode == 1
-    assert {path.stem for path in stale.parent.iterdir()} == {"poses", "people", "places"}
+    assert {path.stem for path in stale.parent.iterdir()} == {"poses", "people", "places", "outcomes"}
     assert (
         "recorded lean, so estimates, goals, frames, knowledge, exchanges, decisions are missing"
         in done.stderr

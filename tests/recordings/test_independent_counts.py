@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from acrc_testbed.experiments.comparison import find_metric
+from acrc_testbed.experiments.metrics import BY_NAME, find_metric, value_of
 from acrc_testbed.experiments.report.sections import COSTS
 from acrc_testbed.experiments.trial_record import TrialRecord
 from acrc_testbed.explanation.time_accounting import account_time
@@ -148,7 +148,7 @@ def test_places_are_those_reported_and_reached(run: Counted) -> None:
     assert len(done) > 3
     assert (result.places_total, result.places_done) == (len(run.places), len(done))
     assert (result.places_claimed, result.places_given_up) == (len(when), len(given_up))
-    assert find_metric("places").value(result) == len(done)  # type: ignore[union-attr]
+    assert value_of(BY_NAME["places"], result) == len(done)
     assert result.last_reached_s == max(when.values())
     assert (result.completion_s, result.settled_s) == (None, None), "places are left"
     for robot, part in result.per_robot.items():
@@ -224,7 +224,7 @@ def test_frames_match_transceiver_events(run: Counted) -> None:
     for name in ("frames_sent", "copies_heard"):
         assert frames[name] == sum(own[name] for own in result.frames_by_robot.values())
     assert result.radio_bytes_per_robot_s == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
-    assert find_metric("radio").value(result) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)  # type: ignore[union-attr]
+    assert value_of(BY_NAME["radio"], result) == pytest.approx(frames["bytes_sent"] / 4 / LENGTH, abs=1e-3)
     air = sum((6 + size + 9) * 32e-6 for size in sent.values())
     assert costs(run)["air time of a robot, % of the time"] == pytest.approx(100 * air / (4 * LENGTH))
     heard = Counter(robot for robot, event in run.received if isinstance(event, FrameReceived))
@@ -251,8 +251,8 @@ def test_paths_and_errors_match_poses(run: Counted) -> None:
         assert found.lost_share == pytest.approx(np.mean(np.array(errors[robot]) > 1.0))
     assert run.result.driven_m == pytest.approx(sum(way.values()), rel=0.02)
     made = run.result
-    assert find_metric("driven").value(made) == run.result.driven_m  # type: ignore[union-attr]
-    assert find_metric("contacts").value(made) == run.result.contacts  # type: ignore[union-attr]
+    assert value_of(BY_NAME["driven"], made) == run.result.driven_m
+    assert value_of(BY_NAME["contacts"], made) == run.result.contacts
     assert (made.settled_s, made.completion_s, made.simulated_s) == (None, None, LENGTH)
     assert run.result.simulated_s == LENGTH == len(run.truths) * STEP
     assert len(run.tables["poses"]) == 4 * len(run.truths)
@@ -278,7 +278,8 @@ def test_goals_and_outcomes_match_the_strategys_counts(run: Counted) -> None:
     assert own["counted.steps"] == dict(steps)
     means = own_means(run.result.outcome)
     assert means["counted.steps"] == pytest.approx(np.mean(list(steps.values()))) and "robot" not in means
-    assert find_metric("outcome.counted.steps").value(run.result) == means["counted.steps"]  # type: ignore[union-attr]
+    counted = find_metric("outcome.counted.steps")
+    assert counted is not None and value_of(counted, run.result) == means["counted.steps"]
 
 
 def test_seconds_of_causes_are_those_of_the_steps(run: Counted) -> None:

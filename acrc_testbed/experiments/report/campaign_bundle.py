@@ -184,8 +184,14 @@ def make_bundle(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     inputs = study_inputs(store.study)
     commit = store.info().commit
     software = _software(commit)
-    study = msgspec.structs.replace(store.study, scenario=f"{_INPUTS}/{inputs.scenario}")
-    results_study = msgspec.structs.replace(store.study, scenario=f"../{_INPUTS}/{inputs.scenario}")
+    study, results_study = (
+        msgspec.structs.replace(
+            store.study,
+            scenario=f"{top}{inputs.scenario}",
+            modules=inputs.modules and f"{top}{inputs.modules}",
+        )
+        for top in (f"{_INPUTS}/", f"../{_INPUTS}/")
+    )
     content = BundleContent(
         study=study,
         scenario=inputs.scenario,

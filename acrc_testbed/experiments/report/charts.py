@@ -262,7 +262,7 @@ def draw_bars(
 
 
 def draw_dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
-    """Draw estimates with intervals, a panel for each quantity with its own axis from zero."""
+    """Draw estimates with intervals, a panel for each quantity; its axis includes zero."""
     tallest = max(map(len, quantities.values()))
     figure, axes = panels(len(quantities), _PANEL_MARGIN + 0.9 * _ROW_HEIGHT * tallest, alike=False)
     for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
@@ -277,7 +277,9 @@ def draw_dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
             panel.plot([mean.value], [place], how.marker, color=how.colour, markersize=6, clip_on=False)
         panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         farthest = (mean.value if math.isnan(mean.high) else mean.high for _, mean, _ in known)
-        panel.set_xlim(0.0, 1.05 * max(farthest) or 1.0)
+        negative = (mean for _, mean, _ in known if mean.value < 0.0)
+        start = min((mean.value if math.isnan(mean.low) else mean.low for mean in negative), default=0.0)
+        panel.set_xlim(1.05 * start, 1.05 * max([0.0, *farthest]) or float(start == 0.0))
     _label_rows_once(axes)
     return figure
 

@@ -193,6 +193,7 @@ def _description(source: RunSource) -> str:
         )
     if study.settings:
         parts.append("with " + ", ".join(f"{key} = {value}" for key, value in study.settings))
+    parts += [f"own metrics: {', '.join(one.name for one in study.metric)}"] if study.metric else []
     declared = " and ".join(f"{one} versus {other}" for one, other in study.primary_pairs)
     parts.append(f"declared comparisons: {declared or 'none'}")
     return "; ".join(parts) + "."

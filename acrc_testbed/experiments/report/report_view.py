@@ -159,6 +159,11 @@ class ReportView:
 
     def __init__(self, sources: Iterable[RunSource], out: Path) -> None:
         self.out = out
+        sources = list(sources)
+        self.metrics = {
+            one.name: one.metric() for source in sources if source.study for one in source.study.metric
+        }
+        """Own metrics of the studies, by name."""
         found: dict[tuple[str, str], list[TrialRecord]] = {}
         for source in sources:
             for condition, record in zip(source.conditions, source.records, strict=True):

@@ -1,11 +1,13 @@
 """Report sections on places, times, robots, radio and costs."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.stats import binomtest
 
+from acrc_testbed.experiments.metrics import values
 from acrc_testbed.experiments.paired_tests import CONFIDENCE, Interval, mean_interval
 from acrc_testbed.experiments.report import charts
 from acrc_testbed.experiments.report.charts import Box, Curve, Dot
@@ -23,6 +25,7 @@ from acrc_testbed.picture.html_page import PagePicture, PageSection, PageTable
 from acrc_testbed.results.outcome import outcome_means
 from acrc_testbed.results.result import RunResult, optional_value
 from actors.ieee802154 import airtime_ns
+from actors.task.task import Metric
 
 _MAX_PANELS: Final = 12
 """Groups up to which times by robot are drawn; tables always have them."""
@@ -53,12 +56,12 @@ def _box_plot(
     `measure`: returns the value of a run, or a lower bound. `what`: name in the alternative text. `table`:
     caption of the table; `more`: returns further cells of a group. For the others see `charts.draw_boxes`.
     """
-    values = {group: [measure(run) for run in group.results] for group in view.groups}
-    numbers = {group: [one.at for one in runs] for group, runs in values.items()}
+    measured = {group: [measure(run) for run in group.results] for group in view.groups}
+    numbers = {group: [one.at for one in runs] for group, runs in measured.items()}
     medians = "; ".join(
         f"{view.row_name(group)} {float(np.median(known)):.4g}{unit}" for group, known in numbers.items()
     )
-    boxes = view.panels(lambda group: _box_of(group.label, view, group, values[group]))
+    boxes = view.panels(lambda group: _box_of(group.label, view, group, measured[group]))
     picture = view.picture(
         name,
         charts.draw_boxes(boxes, axis, limit=limit, near=near),
@@ -296,12 +299,23 @@ COSTS: Final = (
     Cost("time from blocked to driving on, s", _mean_time_to_drive_on),
     Cost("CPU, ms per robot and simulated s", lambda run, _: cpu_ms(run)),
     Cost("metres driven by all robots", lambda run, _: run.driven_m),
-    Cost("energy used by all robots, J", lambda run, _: run.known_energy_j),
+    Cost("energy used by all robots, J", lambda run, _: optional_value(run.energy_j)),
     Cost("contacts in a run", lambda run, _: run.contacts),
     Cost("contacts with people in a run", lambda run, _: optional_value(run.people_contacts)),
     Cost("time in contact with people, s", lambda run, _: optional_value(run.people_contact_s)),
     Cost("age of replicas, s", lambda run, _: run.deeco.replica_age_mean_s),
 )
+
+
+def _metric_cost(metric: Metric) -> Cost:
+    """Return the cost of a study's own metric; an event that did not happen counts as the end of the run."""
+
+    def measure(run: RunResult, _: TrialRecord) -> float | None:
+        (value,) = values(metric, (run,), run.length_s)
+        return None if math.isnan(value) else value
+
+    unit = f", {metric.unit}" if metric.unit else ""
+    return Cost(f"{metric.description}{unit} ({metric.better} is better)", measure)
 
 
 def _outcome_cost(name: str) -> Cost:
@@ -314,22 +328,23 @@ def costs(view: ReportView) -> PageSection:
     outcome_names = dict.fromkeys(
         name for group in view.groups for run in group.results for name in outcome_means(run.outcome)
     )
-    values = {
+    own = map(_metric_cost, view.metrics.values())
+    found = {
         (cost.description, group): [
             float(value)
             for record in group.records
             if record.result is not None and (value := cost.measure(record.result, record)) is not None
         ]
-        for cost in (*COSTS, *map(_outcome_cost, outcome_names))
+        for cost in (*own, *COSTS, *map(_outcome_cost, outcome_names))
         for group in view.groups
     }
-    names = dict.fromkeys(name for name, _ in values)
-    known = [name for name in names if any(values[name, group] for group in view.groups)]
-    drawn = [name for name in known if any(any(values[name, group]) for group in view.groups)]
+    names = dict.fromkeys(name for name, _ in found)
+    known = [name for name in names if any(found[name, group] for group in view.groups)]
+    drawn = [name for name in known if any(any(found[name, group]) for group in view.groups)]
 
     def mean(name: str, group: Group) -> Interval | None:
-        found = values[name, group]
-        return mean_interval(found) if found else None
+        known_values = found[name, group]
+        return mean_interval(known_values) if known_values else None
 
     dots = {
         name: [Dot(view.row_name(one), view.look(one), mean(name, one)) for one in view.groups]

@@ -45,10 +45,13 @@ def permit_of(modules: Sequence[Path] | None, *, trust: bool = False, typed: str
     return Permit(tuple(folder.resolve() for folder in modules or ()), typed, trust)
 
 
-def permitted_folders(source: Path, entry: str, hints: Sequence[Path], permit: Permit) -> tuple[Path, ...]:
+def permitted_folders(
+    source: Path, entry: str, hints: Sequence[Path], permit: Permit, kind: str = "strategy"
+) -> tuple[Path, ...]:
     """Return the folders from which an entry's modules may be loaded; empty if all are installed.
 
-    `source`: the file that names the entry; `hints`: the folders that this file names. Imports nothing.
+    `source`: the file that names the entry of this `kind`; `hints`: the folders that this file names. Imports
+    nothing.
     Raises AcrcError for a missing module and for one that `permit` does not cover.
     """
     typed = handover.names(permit.typed) if permit.typed else ()
@@ -56,14 +59,14 @@ def permitted_folders(source: Path, entry: str, hints: Sequence[Path], permit: P
     for name in handover.names(entry):
         module = name.partition(":")[0]
         if is_installed(module) or _is_taken(module):
-            _check_name(source, name, permit)
+            _check_name(f"{source}: {kind} {name}", name, permit)
             continue
         own = (Path.cwd().resolve(),) if name in typed else ()
         known = tuple(Path(os.path.realpath(folder)) for folder in hints if "\0" not in str(folder))
         named = (*permit.modules, *own, *(known if permit.trust else ()))
         folder = _holder(module, named)
         if folder is None:
-            _refuse(source, name, module, (*known, Path.cwd()))
+            _refuse(f"{source}: {kind} {name}", module, (*known, Path.cwd()))
         else:
             used.append(folder)
     return tuple(dict.fromkeys(used))
@@ -104,7 +107,7 @@ def _is_taken(module: str) -> bool:
     return spec is not None and _is_home(spec)
 
 
-def _check_name(source: Path, name: str, permit: Permit) -> None:
+def _check_name(where: str, name: str, permit: Permit) -> None:
     """Raise AcrcError if a user's module has the name of an installed one, or a submodule is missing."""
     module = name.partition(":")[0]
     top = module.partition(".")[0]
@@ -114,12 +117,11 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
         own = module_file(top, folder) if top == module else None
         if own is not None and own.suffix == ".py" and own.resolve() != there:
             raise AcrcError(
-                f"{source}: strategy {name}: {own} has the name of the installed "
-                f"module {top!r}; rename your module"
+                f"{where}: {own} has the name of the installed module {top!r}; rename your module"
             )
     if not is_installed(module):
         raise AcrcError(
-            f"{source}: strategy {name}: {top!r} is an installed package without such a module; "
+            f"{where}: {top!r} is an installed package without such a module; "
             f"if {top}/ is your own folder, rename it"
         )
 
@@ -128,17 +130,17 @@ def _holder(module: str, folders: Sequence[Path]) -> Path | None:
     return next((folder for folder in folders if module_file(module, folder) is not None), None)
 
 
-def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> None:
+def _refuse(where: str, module: str, folders: Sequence[Path]) -> None:
     """Raise AcrcError for a missing or untrusted module, with the folder that contains it."""
     folder = _holder(module, folders)
     if folder is None:
-        where = " and ".join(map(str, dict.fromkeys(folders)))
+        places = " and ".join(map(str, dict.fromkeys(folders)))
         raise AcrcError(
-            f"{source}: strategy {name}: there is no module {module!r} here or in {where}; "
+            f"{where}: there is no module {module!r} here or in {places}; "
             "install it, or name its folder with --modules DIR" + _IGNORED
         )
     word = "." if folder == Path.cwd() else shlex.quote(str(folder))
     raise AcrcError(
-        f"{source}: strategy {name}: its code {module_file(module, folder)} is neither installed "
+        f"{where}: its code {module_file(module, folder)} is neither installed "
         f"nor in a permitted folder; read it, then add --modules {word}, or --trust"
     )
