@@ -1,13 +1,14 @@
 """Runs with people: results, recordings, pictures, map page, and one digest over every transport."""
 
 import json
+import math
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from acrc_testbed.experiments.comparison import find_metric
+from acrc_testbed.experiments.metrics import BY_NAME, value_of
 from acrc_testbed.export import table_rows
 from acrc_testbed.picture import run_movie, run_page
 from acrc_testbed.results.summary import result_sentences
@@ -57,8 +58,8 @@ def test_people_are_in_recording_result_and_tables(made: Path, data: RunData) ->
     walked = np.linalg.norm(np.diff(data.people[..., :2], axis=0), axis=-1).sum(axis=0)
     assert (walked > 3.0).sum() >= 4
     assert data.result is not None
-    assert find_metric("people_contacts").value(data.result) == content["people_contacts"]  # type: ignore[union-attr]
-    assert find_metric("people_contact_s").value(data.result) == content["people_contact_s"]  # type: ignore[union-attr]
+    assert value_of(BY_NAME["people_contacts"], data.result) == content["people_contacts"]
+    assert value_of(BY_NAME["people_contact_s"], data.result) == content["people_contact_s"]
     assert any(line.startswith("Contacts with people: ") for line in result_sentences(data.result))
     rows = table_rows.tables(made)["people"]
     assert len(rows) == round(DURATION * 10) * 6
@@ -82,7 +83,7 @@ def test_no_people_leave_no_trace(tmp_path: Path) -> None:
     zero = record(tmp_path / "zero", WITHOUT + "[people]\ncount = 0\n", duration=2.0)
     assert zero.digest == none.digest
     assert "people_contact" not in (tmp_path / "none" / "run.json").read_text()
-    assert find_metric("people_contacts").value(none) is None  # type: ignore[union-attr]
+    assert math.isnan(value_of(BY_NAME["people_contacts"], none) or 0.0)
     assert b'"people"' not in msgspec.json.encode(resolve(parse(WITHOUT, PEOPLE)).world)
 
 
