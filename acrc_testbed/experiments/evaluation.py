@@ -231,8 +231,9 @@ def metric_fault_sentences(records: Iterable[TrialRecord], study: Study) -> Iter
             trials.append(f"{record.strategy} with seed {record.seed}{variant}")
     for (metric, cause), trials in found.items():
         yield (
-            f"study {study.name}: metric {metric} failed in {len(trials)} runs, first {trials[0]}: {cause}; "
-            "it is unknown for these runs, and their pairs are left out of its comparison"
+            f"study {study.name}: metric {metric} failed in {_count_text(len(trials), 'run')}, "
+            f"first {trials[0]}: {cause}; it is unknown for these runs, and their pairs are left out of its "
+            "comparison"
         )
 
 

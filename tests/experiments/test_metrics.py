@@ -207,7 +207,7 @@ def test_failed_metrics_are_told_with_study_metric_and_trial(plain: RunResult) -
     broken = msgspec.structs.replace(plain, metrics={}, metric_faults={"idle": fault})
     records = [*trials(plain, "one", lambda seed: (1, None), 2), TrialRecord("two", 7, {"n": 4}, broken)]
     assert failure_sentences(records, made) == [
-        f"study made: metric idle failed in 1 runs, first two with seed 7, n = 4: {fault}; it is unknown for "
+        f"study made: metric idle failed in 1 run, first two with seed 7, n = 4: {fault}; it is unknown for "
         "these runs, and their pairs are left out of its comparison"
     ]
     failed = [TrialRecord("one", 1, {}, failure="it rained")]
