@@ -105,7 +105,7 @@ class Batteries:
             self._states[index] = BatteryState(model.battery, model.sensor.power, initial, initial)
             self._update(index)
         self.exist = bool(self._states)
-        """Whether any robot has a battery."""
+        """True if any robot has a battery."""
 
     def charge(self, index: int, power: float) -> None:
         """Charge a robot in the step that is about to end, with a power in W up to its model's `charging`.

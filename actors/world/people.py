@@ -50,6 +50,8 @@ _APART: Final = 0.8
 """Minimum distance of starts from one another, m."""
 _DOORSTEP: Final = 1.5
 """Distance of destinations from a door's middle, at most, m."""
+_MOST_CELLS: Final = 100_000_000
+"""Cells of all routes together, 200 MB: 25 people on the largest map, 200 m by 200 m."""
 _EXTREME: Final = 2.0
 """Speeds are at most this many standard deviations from their mean."""
 _SLOWEST: Final = 0.1
@@ -110,6 +112,10 @@ class Pedestrians:
         self._every = max(1, round(_CELL / grid.resolution))
         self._cell = self._every * grid.resolution
         self._room = self._sampled(grid.clearance)
+        if one.count * self._room.size > _MOST_CELLS:
+            raise PlacementError(
+                f"people.count = {one.count}: at most {_MOST_CELLS // self._room.size} on a map of this size"
+            )
         self._targets = self._target_cells(setup)
         names = [str(number) for number in range(one.count)]
         self._streams = [generator(seed, "people", name) for name in names]

@@ -264,9 +264,9 @@ class Arena:
             [*(model.footprint.circumradius for model in models), *(RADIUS for _ in starts)]
         )
         self._touching = np.zeros(len(poses), np.bool_)
-        """Whether each robot touches anything but robots, (n,)."""
+        """True if each robot touches anything but robots, (n,)."""
         self._touched = False
-        """Whether any robot does."""
+        """True if any robot does."""
         self._exchange = BodyExchange(self._space, forces)
         self._state, self._whole = self._exchange.states[:n], self._exchange.states[:-1]
         assert np.array_equal(self._state[:, :3], np.array(poses).reshape(-1, 3))

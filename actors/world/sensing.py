@@ -139,7 +139,7 @@ class PoseError(msgspec.Struct, frozen=True):
     times_lost: int
     """Number of times that the error rose above LOST."""
     lost_at_end: bool
-    """Whether the last error is above LOST."""
+    """True if the last error is above LOST."""
 
 
 class WorldReport(msgspec.Struct, frozen=True):

@@ -80,27 +80,29 @@ def social_forces(
         for other in range(state.shape[0]):
             if not sees[person, other]:
                 continue
-            to_x, to_y = state[other, 0] - x, state[other, 1] - y
-            apart = hypot(to_x, to_y)
-            to_x, to_y = to_x / apart, to_y / apart
-            extra = radii[other] - RADIUS
-            push_x, push_y = _interaction(
-                to_x, to_y, vx - state[other, 3], vy - state[other, 4], max(apart - extra, 0.0)
-            )
+            apart, to_x, to_y = _direction(state[other, 0] - x, state[other, 1] - y)
+            apart = max(apart - radii[other] + RADIUS, 0.0)
+            push_x, push_y = _interaction(to_x, to_y, vx - state[other, 3], vy - state[other, 4], apart)
             away_x, away_y = away_x + push_x, away_y + push_y
         next_x, next_y = vx + (drive_x + away_x) * dt, vy + (drive_y + away_y) * dt
         share = min(1.0, _HASTE * wishes[person, 3] / max(hypot(next_x, next_y), 1e-6))
         next_x, next_y = share * next_x, share * next_y
         for robot in range(robots):
             if sees[person, robot]:
-                to_x, to_y = state[robot, 0] - x, state[robot, 1] - y
-                apart = hypot(to_x, to_y)
+                apart, to_x, to_y = _direction(state[robot, 0] - x, state[robot, 1] - y)
                 gap = max(apart - radii[robot] - RADIUS - _STOP, 0.0)
-                over = max((next_x * to_x + next_y * to_y) / apart - math.sqrt(2 * _BRAKING * gap), 0.0)
-                next_x, next_y = next_x - over * to_x / apart, next_y - over * to_y / apart
+                over = max(next_x * to_x + next_y * to_y - math.sqrt(2 * _BRAKING * gap), 0.0)
+                next_x, next_y = next_x - over * to_x, next_y - over * to_y
         forces[person, 0] = MASS * (next_x - vx) / dt
         forces[person, 1] = MASS * (next_y - vy) / dt
         forces[person, 2] = 0.0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _direction(x: float, y: float) -> tuple[float, float, float]:
+    """Return the length of a vector, at least 1e-6, and the vector divided by it."""
+    length = max(hypot(x, y), 1e-6)
+    return length, x / length, y / length
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -109,8 +111,7 @@ def _interaction(
 ) -> tuple[float, float]:
     """Return f_ij, m/s²; e_ij, v_i − v_j and d are given."""
     along_x, along_y = _LAMBDA * faster_x + to_x, _LAMBDA * faster_y + to_y
-    length = max(hypot(along_x, along_y), 1e-6)
-    along_x, along_y = along_x / length, along_y / length
+    length, along_x, along_y = _direction(along_x, along_y)
     theta = atan2(along_x * to_y - along_y * to_x, along_x * to_x + along_y * to_y)
     reach = _GAMMA * length
     slow, turn = _SLOWING * reach * theta, _TURNING * reach * theta
@@ -132,15 +133,14 @@ def _away_from_walls(x: float, y: float, walls: Floats, obstacles: Floats) -> tu
         along_x, along_y = x1 - x0, y1 - y0
         squared = along_x * along_x + along_y * along_y
         share = min(max(((x - x0) * along_x + (y - y0) * along_y) / squared, 0.0), 1.0)
-        dx, dy = x - (x0 + share * along_x), y - (y0 + share * along_y)
-        apart = hypot(dx, dy)
+        apart, dx, dy = _direction(x - (x0 + share * along_x), y - (y0 + share * along_y))
         if apart < nearest:
-            nearest, away_x, away_y = apart, dx / apart, dy / apart
+            nearest, away_x, away_y = apart, dx, dy
     for k in range(obstacles.shape[0]):
-        dx, dy = x - obstacles[k, 0], y - obstacles[k, 1]
-        centre = hypot(dx, dy)
-        if centre - obstacles[k, 2] < nearest:
-            nearest, away_x, away_y = centre - obstacles[k, 2], dx / centre, dy / centre
+        centre, dx, dy = _direction(x - obstacles[k, 0], y - obstacles[k, 1])
+        apart = centre - obstacles[k, 2]
+        if apart < nearest:
+            nearest, away_x, away_y = apart, dx, dy
     strength = _WALL_A * exp(-max(nearest - RADIUS, 0.0) / _WALL_B)
     return strength * away_x, strength * away_y
 
@@ -200,9 +200,7 @@ def guide(cells: Floats, room: Floats, costs: Costs, wishes: Floats, left: NDArr
             if not _has_room(room, x, y, column + 0.5, row + 0.5, RADIUS):
                 break
             target_row, target_column = row, column
-        dx, dy = target_column + 0.5 - x, target_row + 0.5 - y
-        length = max(hypot(dx, dy), 1e-6)
-        wishes[person, 0], wishes[person, 1] = dx / length, dy / length
+        _, wishes[person, 0], wishes[person, 1] = _direction(target_column + 0.5 - x, target_row + 0.5 - y)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -16,7 +16,7 @@ from actors.geometry import Point, Pose, Twist
 from actors.installation.repository import REPOSITORY
 from actors.observer import glyphs
 from actors.runtime.errors import AcrcError
-from actors.world import social_force
+from actors.world import people, social_force
 from actors.world.people import Pedestrians, PeopleParameters, PeopleSetup
 from actors.world.physics import Arena
 from actors.world.sensing import RangeSensors
@@ -25,7 +25,7 @@ from tests.world.scenery import TURTLEBOT, with_sensor
 
 CORRIDOR = load_map(REPOSITORY / "maps" / "corridor.yaml")
 STARTS = [Pose(12.0, 5.0, 0.0), Pose(17.5, 5.0, 0.0), Pose(12.0, 13.0, 0.0), Pose(26.0, 11.0, 0.0)]
-DIGEST = "455eb88c6a52caba56276f0bbf3c0657b012c9f8ce0f6670293b8ec894ecf361"
+DIGEST = "2aff3a79c07a2947591f6e19fa0c746482df3594a289d9f611cdbaadfbea8bcd"
 """SHA-256 of all positions and velocities of six people in the first 60 s, every 0.1 s."""
 
 
@@ -229,6 +229,21 @@ def test_people_without_room_are_one_sentence(
 ) -> None:
     with pytest.raises(PlacementError, match=sentence):
         crowd(hall(4.0, 4.0), areas=areas, **parameters)
+
+
+def test_routes_on_a_large_map_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(people, "_MOST_CELLS", 10_000)
+    crowd(hall(4.0, 4.0), count=5, between="areas", areas=(Area("all", 0.0, 0.0, 4.0, 4.0),))
+    with pytest.raises(PlacementError, match=r"people\.count = 6: at most 5 on a map"):
+        crowd(hall(4.0, 4.0), count=6)
+
+
+def test_a_person_exactly_on_a_wall_or_an_obstacle_gets_finite_forces() -> None:
+    state, forces = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]] * 2), np.zeros((1, 3))
+    wishes, sees = np.array([[1.0, 0.0, 1.0, 1.0]]), np.array([[True, False]])
+    walls, obstacles = np.array([[0.0, 1.0, 2.0, 1.0]]), np.array([[1.0, 1.0, 0.2]])
+    social_force.social_forces(state, 1, np.array([0.2, 0.25]), wishes, sees, walls, obstacles, 0.01, forces)
+    assert np.isfinite(forces).all()
 
 
 def test_travel_costs_are_those_of_dijkstra() -> None:
