@@ -32,7 +32,7 @@ class PageLink:
 
     @property
     def is_local(self) -> bool:
-        """Whether it leads to a file of the repository, or to a heading."""
+        """True if it leads to a file of the repository, or to a heading."""
         return not re.match(r"[a-z]+:", self.target)
 
 
