@@ -170,7 +170,7 @@ class RangeSensor(Settings, frozen=True, kw_only=True):
 
     @property
     def full_circle(self) -> bool:
-        """Whether the rays cover a full circle."""
+        """True if the rays cover a full circle."""
         return self.field_of_view_deg == 360
 
     @property

@@ -31,7 +31,7 @@ class BenchmarkResult:
     shown: Sequence[Table | str]
     """Tables and sentences, in order."""
     holds: bool | None = None
-    """Whether the claim holds; None: no claim was made."""
+    """True if the claim holds; None: no claim was made."""
 
     def with_line(self, line: str) -> Self:
         """Return a copy with one more sentence at the end."""

@@ -307,7 +307,7 @@ class FilterRun:
 
     @property
     def spells(self) -> list[bool]:
-        """Whether the robot reported each lost interval."""
+        """True if the robot reported each lost interval."""
         edges = np.flatnonzero(
             np.diff(np.concatenate(([False], self.errors > LOST_ERROR, [False])).astype(int))
         )

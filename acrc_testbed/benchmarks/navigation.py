@@ -61,14 +61,14 @@ class CycleComparison:
 
     category: int
     here: bool
-    """Whether a valid trajectory exists here."""
+    """True if a valid trajectory exists here."""
     there: bool
-    """Whether a valid trajectory exists in the original."""
+    """True if a valid trajectory exists in the original."""
     same: bool = False
     within_one: bool = False
-    """Whether speed and turn rate differ by at most one sample."""
+    """True if speed and turn rate differ by at most one sample."""
     refused: bool = False
-    """Whether the original rejects the velocity."""
+    """True if the original rejects the velocity."""
     regret: float = math.nan
     """Cost of the velocity in the original, minus the original's minimum; nan if either is missing."""
 

@@ -44,7 +44,7 @@ class ViewerContents:
     true: bool = True
     """False: poses are estimates, as there is no ground truth."""
     batteries: bool = False
-    """Whether batteries are simulated."""
+    """True if batteries are simulated."""
     root: str = ""
     """Root of all entity paths, such as "/1", for several runs side by side."""
     name: str = ""

@@ -35,7 +35,7 @@ class MachineKeys:
     hosts: tuple[str, ...]
     """Names and addresses for which its certificate is valid; () for the operator."""
     listens_unnamed: bool
-    """Whether it listens at all its addresses, but its certificate is valid for its id and id.local only."""
+    """True if it listens at all its addresses, but its certificate is valid for its id and id.local only."""
 
 
 @dataclass(frozen=True)

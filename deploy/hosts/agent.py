@@ -380,12 +380,12 @@ class RobotProcesses:
 
     @property
     def have_all_exited(self) -> bool:
-        """Whether no process runs or is to be started."""
+        """True if no process runs or is to be started."""
         return not self._queued and all(child.exit_code is not None for child in self._children.values())
 
     @property
     def is_done(self) -> bool:
-        """Whether all processes have exited and their output has been sent."""
+        """True if all processes have exited and their output has been sent."""
         return not (self._queued or self._children or self._refused or self._ending)
 
     def open(self, launcher: Launcher) -> None:

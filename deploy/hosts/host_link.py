@@ -48,7 +48,7 @@ class RemoteChild(ChildProcess):
     link: "HostLink"
     number: int
     ending: bool = False
-    """Whether it has exited with output still to be received."""
+    """True if it has exited with output still to be received."""
     left: HostRecording | None = None
     """Its recording, if left on the host."""
 
@@ -106,7 +106,7 @@ class HostLink:
 
     @property
     def is_created(self) -> bool:
-        """Whether its agent has been created."""
+        """True if its agent has been created."""
         return self._agent is not None
 
     @property
@@ -127,7 +127,7 @@ class HostLink:
 
     @property
     def ending(self) -> bool:
-        """Whether output of exited processes is still to be received."""
+        """True if output of exited processes is still to be received."""
         return not self.lost and any(one.ending and one.exit_code is None for one in self._children.values())
 
     def begin(self, files: Iterable[tuple[Path, str]]) -> None:
@@ -170,7 +170,7 @@ class HostLink:
 
     @property
     def is_over(self) -> bool:
-        """Whether the host is lost or closed."""
+        """True if the host is lost or closed."""
         return bool(self.lost) or self._is_closed
 
     def table(self) -> Iterator[tuple[int, ProcessState]]:

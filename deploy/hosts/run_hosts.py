@@ -59,7 +59,7 @@ class HostedLauncher:
 
     @property
     def arriving(self) -> bool:
-        """Whether output of exited processes is still to be received."""
+        """True if output of exited processes is still to be received."""
         return any(link.ending for link in self._links)
 
     def start(self, program: Program) -> ChildProcess:

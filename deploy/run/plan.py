@@ -131,7 +131,7 @@ class RunPlan(Swarm):
 
     @property
     def has_user_code(self) -> bool:
-        """Whether any of the strategy's code is the user's."""
+        """True if any of the strategy's code is the user's."""
         shipped = STRATEGIES.values()
         return any(name not in shipped for name in handover.names(self.behaviour))
 

@@ -50,7 +50,7 @@ class Supervisor:
     GRACE_S = 3.0
     """Time for a process to exit after SIGTERM, s."""
     CONTINUES_STOPPED = True
-    """Whether `end_all` sends SIGCONT, so that stopped processes can exit in order before SIGKILL."""
+    """True if `end_all` sends SIGCONT, so that stopped processes can exit in order before SIGKILL."""
 
     def __init__(
         self,

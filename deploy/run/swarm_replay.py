@@ -46,7 +46,7 @@ class SwarmReplay:
     orders: int
     """Number of replayed external orders."""
     complete: bool
-    """Whether the recorded run ended as planned; if not, only its intact part was compared."""
+    """True if the recorded run ended as planned; if not, only its intact part was compared."""
 
 
 def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:

@@ -188,7 +188,7 @@ class AnswerReader:
 
     @property
     def is_partial(self) -> bool:
-        """Whether an answer is incomplete."""
+        """True if an answer is incomplete."""
         return self.aligned and self._position < len(self._bytes)
 
     def feed(self, data: bytes) -> None:

@@ -94,7 +94,7 @@ class BoardLink:
         self._pace = SyncPacing(parameters)
         self._sync_started = self._received_at = self._answered_at = 0
         self._has_timed_out = False
-        """Whether all SYNCs have timed out; pending commands can then no longer be answered."""
+        """True if all SYNCs have timed out; pending commands can then no longer be answered."""
         self._status = LinkStatus(self.counters, self._events)
 
     @property
@@ -315,7 +315,7 @@ class BoardLink:
 
     @property
     def _is_sync_early(self) -> bool:
-        """Whether a ready board has yet to answer an early SYNC."""
+        """True if a ready board has yet to answer an early SYNC."""
         return self.phase is LinkPhase.READY and self._is_sync_pending()
 
     def _sync_due(self) -> int:

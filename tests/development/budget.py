@@ -1,4 +1,4 @@
-"""Size of the product: tokens without comments and docstrings, modules, and language findings, per package.
+"""Size of the product: tokens without comments and docstrings, and modules, per package.
 
 `python -m tests.development.budget` prints the current size; `--write` also saves it in budget.toml.
 """
@@ -12,8 +12,6 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 from typing import Final
-
-from tests.development.language import counts
 
 ROOT: Final = Path(__file__).parents[2]
 FILE: Final = Path(__file__).with_name("budget.toml")
@@ -67,7 +65,7 @@ def as_toml(tables: dict[str, dict[str, int]]) -> str:
 def main(words: list[str]) -> None:
     """Print the current size and, with `--write`, save it."""
     suite = tomllib.loads(FILE.read_text())["suite"] if FILE.is_file() else {"processes": 3000}
-    text = as_toml({**measure(), "language": counts(), "suite": suite})
+    text = as_toml({**measure(), "suite": suite})
     sys.stdout.write(text)
     if words == ["--write"]:
         FILE.write_text(text)

@@ -96,7 +96,7 @@ class Situation:
     strategy: str = "none"
     events: Sequence[Mapping[str, object]] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
-    """Of the strategy."""
+    """Settings of the strategy."""
     expected: Mapping[str, Cause] = field(default_factory=dict)
     """By robot, the cause of most of the time in which it could not continue."""
     found: str = ""

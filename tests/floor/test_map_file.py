@@ -16,7 +16,7 @@ from actors.geometry import Point
 from tests.floor.maps import GREYS, YAML, refusal, written
 
 CELLS = [[FREE, FREE, OCCUPIED], [OCCUPIED, UNKNOWN, UNKNOWN]]
-"""Of `written`: 0 → 1, 100 → .608, 205 → .19608 (not below .196), 254 → .004, 88 → .655."""
+"""Cells of `written`: 0 → 1, 100 → .608, 205 → .19608 (not below .196), 254 → .004, 88 → .655."""
 
 
 def test_thresholds_and_orientation(tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_invalid_listen_addresses_are_refused(word: str) -> None:
 
 def test_addresses_are_bound_and_schemes_are_equal() -> None:
     assert bind_address(HERE) == HERE
-    assert bind_address("203.0.113.7") == "0.0.0.0"  # kept for documentation (RFC 5737): nobody has it
+    assert bind_address("203.0.113.7") == "0.0.0.0"  # documentation address, RFC 5737
     assert free_port(HERE, port := free_port(HERE)) == port
     with pytest.raises(AcrcError, match="--listen"):
         bind_address("no.such.host.invalid")
