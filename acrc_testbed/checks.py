@@ -17,9 +17,11 @@ from acrc_testbed.shipped import file_of
 from actors.instant import Instant, milliseconds
 from actors.messages import Drive
 from actors.robot.behaviour.code_permit import permit_of
-from actors.robot.behaviour.loading import entry_function, set_folders
+from actors.robot.behaviour.loading import entry_function
 from actors.runtime.errors import AcrcError
-from actors.task.task import PlaceReport, Task
+from actors.task.task import Task
+from actors.user_code import set_folders
+from cleaning.place import VisitReport
 from cleaning.strategies import entry
 from deploy.run.options import RunOptions
 from deploy.run.start import PreparedRun, prepare_run, start_run
@@ -175,7 +177,7 @@ def _exercise(task: Task, robots: Sequence[str]) -> _TaskTrace:
         instant = Instant(step * milliseconds(100))
         task.watch(instant, generator.uniform(0, 10, (len(robots), 2)))
         for robot in robots:
-            claim = Drive(step, 0.0, 0.0, 0.0, 0, reports=(PlaceReport(robot, step, instant),))
+            claim = Drive(step, 0.0, 0.0, 0.0, 0, reports=(VisitReport(robot, step, instant),))
             answers = [
                 task.take(robot, Drive(step, 0.0, 0.0, 0.0, 0)),
                 task.take(robot, claim),

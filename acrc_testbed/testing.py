@@ -17,6 +17,7 @@ from numpy.random import Generator
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import FrameReceived, FrameSent, OutgoingFrame, RadioEvent
 from actors.randomness import generator
 from actors.robot.behaviour import (
@@ -36,7 +37,7 @@ from actors.robot.behaviour.node_host import node_of
 from actors.robot.navigation.planning import planning_grid
 from actors.robot.navigation.routes import ReachableFloor
 from actors.runtime.errors import AcrcError
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
+from cleaning.place import VisitReport
 from deeco import Knowledge
 from deeco.link import Reception, Transmission
 from deeco.node import Node
@@ -240,9 +241,9 @@ class VirtualRobot:
         """Charge, 0 to 1; None: unknown."""
         self.is_frozen = False
         """True: the behaviour is not advanced; frames wait."""
-        self.reports: list[PlaceReport] = []
-        self.given_up: list[PlaceGivenUp] = []
-        self.route = tuple(PlaceKey(start.robot, index) for index in range(len(start.places)))
+        self.reports: list[VisitReport] = []
+        self.given_up: list[ItemGivenUp] = []
+        self.route = tuple(ItemKey(start.robot, index) for index in range(len(start.places)))
         """Remaining places as last reported; initially those of the start."""
         self._events: list[RadioEvent] = []
 

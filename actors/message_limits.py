@@ -7,11 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import msgspec
+
 from actors import portable
 from actors.instant import in_seconds
+from actors.items import ITEM_LIMIT, TaskLimits, task_reports_fault
 from actors.messages import FRAME_DATA_LIMIT, MOST_FRAMES, Drive, OutgoingFrame, Transmit
-from actors.orders import AssignPlaces, Obstacle, Order, Speed, StartJam, Step, Wall
-from actors.task.task import TaskLimits, task_reports_fault
+from actors.orders import AssignItems, Obstacle, Order, Speed, StartJam, Step, Wall
 from actors.wording import bounds_text, short_repr
 
 
@@ -38,8 +40,8 @@ class OrderLimits:
     slowest: float = 0.01
     """Lowest speed, simulated seconds per second; 0 means unlimited and is always allowed."""
     fastest: float = 1e6
-    places: int = 1000
-    """Most places added to a robot after the start; a restarted robot receives them in one message."""
+    items: int = 1000
+    """Most items given to a robot after the start; a restarted robot receives them in one message."""
     refusals: int = 100
     """Most refusal messages kept; further ones are only counted."""
 
@@ -69,10 +71,10 @@ def _bounds(order: Order, limits: OrderLimits) -> Iterator[tuple[str, float, flo
         case Wall():
             length = portable.hypot(order.to_x - order.x, order.to_y - order.y)
             yield "length", length, 0, limits.wall
-        case AssignPlaces():
-            yield "places", len(order.places), 1, limits.places
-            for place in order.places:
-                yield from (("places", coordinate, -far, far) for coordinate in place)
+        case AssignItems():
+            yield "items", len(order.items), 1, limits.items
+            for item in order.items:
+                yield "items", len(msgspec.msgpack.encode(item)), 1, ITEM_LIMIT
         case Step():
             yield "steps", order.steps, 1, limits.steps
         case Speed() if order.factor != 0:
@@ -86,7 +88,7 @@ _TAGS: Final = 2**63
 class MessageLimits(TaskLimits):
     """Limits of a robot's messages per step; own choices, far above what a strategy needs.
 
-    Place reports must also fit into one message (actors.runtime.codec.MESSAGE_LIMIT).
+    Task reports must also fit into one message (actors.runtime.codec.MESSAGE_LIMIT).
     """
 
     frames: int = MOST_FRAMES

@@ -5,15 +5,15 @@ Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to a robot, `swarm
 Instants are microseconds of simulated time; positions are metres in the map frame, angles radians.
 """
 
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
 
 from actors.geometry import Coordinate
 from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
 from actors.introspection import Introspection
+from actors.items import ItemGivenUp, ItemKey
 from actors.orders import Order
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, MessagePart, Topic
 
 MESSAGE_VERSION: Final = 4
@@ -76,9 +76,9 @@ class SensorData(Message, frozen=True):
     """Last message to this process; no answer is expected."""
     earlier_scans: tuple[Scan, ...] = ()
     """Scans completed before `scan` since the last step, oldest first: the sensor may outpace the steps."""
-    places: tuple[tuple[Coordinate, Coordinate], ...] = ()
-    """Places added to the robot by an event or an order, m, map frame. A restarted robot receives all places
-    added since the start."""
+    items: tuple[Any, ...] = ()
+    """Items that the task, an event or an order gave to the robot, of the task's item type. A restarted robot
+    receives all items given since the start."""
     battery: Charge | None = None
     """Charge of the battery; None: not simulated, or not known."""
 
@@ -91,10 +91,11 @@ class Drive(Message, frozen=True):
     omega: Coordinate
     transmits: Annotated[int, msgspec.Meta(ge=0, le=MOST_FRAMES)]
     """Number of frames in this step's Transmit; 0: no Transmit is sent."""
-    reports: tuple[PlaceReport, ...] = ()
-    given_up: tuple[PlaceGivenUp, ...] = ()
-    route: tuple[PlaceKey, ...] | None = None
-    """Planned order of places; None: as last reported, initially the assigned places."""
+    reports: tuple[Any, ...] = ()
+    """Of the task's report type."""
+    given_up: tuple[ItemGivenUp, ...] = ()
+    route: tuple[ItemKey, ...] | None = None
+    """Planned order of items; None: as last reported, initially the items given at the start."""
     pose: tuple[Coordinate, Coordinate, Coordinate] | None = None
     """Pose estimate at the start of the step: x, y, heading, map frame; for recordings, observers and
     measurements only. None: unknown."""
@@ -288,9 +289,10 @@ class Progress(Message, frozen=True):
     """Progress of the run; for display, outside barrier and digest."""
 
     instant: int
-    places_left: int
-    """Number of places in the routes of participating robots."""
-    reports: int
+    left: int
+    """Number of items of the task that participating robots plan to do."""
+    done: int
+    """Number of items reported as done."""
     finished: bool
     paused: bool = False
     awaited: tuple[str, ...] = ()
@@ -406,6 +408,52 @@ class FloorChanged(Message, frozen=True):
     """Numbers of removed obstacles."""
 
 
+class ItemMark(MessagePart, frozen=True):
+    """State of an item of the task, for display."""
+
+    owner: str
+    number: int
+    """As in ItemKey."""
+    x: Coordinate
+    y: Coordinate
+    state: str
+    """A key of `TaskDeclaration.marks`; empty: the item is no longer shown."""
+    by: str = ""
+    """Robot that is responsible for the state; empty: none."""
+
+    @property
+    def key(self) -> ItemKey:
+        """Key of the item."""
+        return ItemKey(self.owner, self.number)
+
+
+class TaskEvent(MessagePart, frozen=True):
+    """Event of a robot in its task, for display."""
+
+    robot: str
+    instant: int
+    kind: str
+    """A key of `TaskDeclaration.events`, or of `TaskDeclaration.causes`, which begins there; empty: the cause
+    ends."""
+    owner: str = ""
+    number: int = 0
+    """Key of the item concerned; without owner: none."""
+    text: str = ""
+    """Additional words."""
+
+    @property
+    def key(self) -> ItemKey | None:
+        """Key of the item concerned; None: none."""
+        return ItemKey(self.owner, self.number) if self.owner else None
+
+
+class TaskChanged(Message, frozen=True):
+    """Changes of the task up to the start of the step, by its judge."""
+
+    marks: tuple[ItemMark, ...] = ()
+    events: tuple[TaskEvent, ...] = ()
+
+
 READY: Final = Topic("swarm/up/{id}/ready", Ready)
 SENSES: Final = Topic("swarm/down/{id}/senses", SensorData, is_digested=True)
 DRIVE: Final = Topic("swarm/up/{id}/drive", Drive, is_digested=True)
@@ -418,6 +466,7 @@ CONTROL: Final = Topic("swarm/infra/control", Control, is_from_outside=True)
 ROSTER: Final = Topic("swarm/infra/roster", Roster, is_digested=True)
 PROGRESS: Final = Topic("swarm/infra/progress", Progress, is_telemetry=True)
 FLOOR_NEWS: Final = Topic("swarm/infra/floor", FloorChanged, is_telemetry=True)
+TASK_NEWS: Final = Topic("swarm/infra/task", TaskChanged, is_telemetry=True)
 ANSWERED: Final = Topic("swarm/infra/answered", OrderOutcomes, is_telemetry=True)
 BOARD: Final = Topic("swarm/infra/board", Board)
 INTROSPECTION: Final = Topic(
@@ -425,5 +474,6 @@ INTROSPECTION: Final = Topic(
 )
 FRAME_OUTCOMES: Final = Topic("swarm/infra/frame_outcomes", FrameOutcomes, is_recorded_only=True)
 FLOOR_CHANGED: Final = Topic("swarm/infra/floor_changed", FloorChanged, is_recorded_only=True)
+TASK_CHANGED: Final = Topic("swarm/infra/task_changed", TaskChanged, is_recorded_only=True)
 
 TOPICS: Final[tuple[Topic[Message], ...]] = tuple(one for one in globals().values() if isinstance(one, Topic))

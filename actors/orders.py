@@ -3,6 +3,8 @@
 They are sent in `actors.messages.Control`; positions are metres in the map frame, angles radians.
 """
 
+from typing import Any
+
 from actors.topic import MessagePart
 
 
@@ -72,11 +74,11 @@ class Wall(MessagePart, frozen=True, tag="wall"):
     to_y: float
 
 
-class AssignPlaces(MessagePart, frozen=True, tag="give"):
-    """Assign further places to the robot, m, map frame."""
+class AssignItems(MessagePart, frozen=True, tag="give"):
+    """Give further items of the task to the robot, of the task's item type."""
 
     robot: str
-    places: tuple[tuple[float, float], ...]
+    items: tuple[Any, ...]
 
 
 class CloseDoor(MessagePart, frozen=True, tag="close"):
@@ -119,5 +121,5 @@ class Stop(MessagePart, frozen=True, tag="stop"):
 
 Order = (
     Kill | Freeze | Thaw | Restart | Move | StartJam | LoseFrame | Obstacle | Wall
-    | AssignPlaces | CloseDoor | OpenDoor | Pause | Resume | Step | Speed | Stop
+    | AssignItems | CloseDoor | OpenDoor | Pause | Resume | Step | Speed | Stop
 )  # fmt: skip

@@ -4,7 +4,7 @@ import math
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -25,10 +25,9 @@ Model = Annotated[
 SensorName = Annotated[
     Text, Meta(description='the name of one of the robot model\'s sensors, such as "chapter"')
 ]
-MOST_PLACES: Final = 1000
-Places = Annotated[
-    tuple[Place, ...],
-    Meta(max_length=MOST_PLACES, description=f"a list of points [x, y] in m, at most {MOST_PLACES}"),
+MOST_ITEMS: Final = 1000
+Items = Annotated[
+    tuple[Any, ...], Meta(max_length=MOST_ITEMS, description=f"a list of at most {MOST_ITEMS} items of the task")
 ]
 _Vertices = Annotated[
     tuple[Annotated[tuple[float, float], Meta(description="a point [x, y] in m")], ...],
@@ -339,8 +338,8 @@ class RobotDescription(Settings, frozen=True):
     """Mounted sensor of the model; None: its default."""
     start: StartPose
     """Pose at switch-on: x, y in m and heading in rad, map frame."""
-    places: Places
-    """Its places, in initial order, m, map frame."""
+    items: Items = ()
+    """Its initial items, of the task's item type."""
 
 
 def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:

@@ -65,6 +65,10 @@ Span = Annotated[
 ]
 Text = Annotated[str, Meta(pattern=r"\A[^\x00]+\Z")]
 """Not empty, and without NUL, which ends a path for the operating system."""
+Names = Annotated[
+    tuple[Annotated[Text, Meta(description='the name of an area, such as "hall"')], ...],
+    Meta(min_length=1, description='a list of names of areas, such as ["hall"]'),
+]
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]

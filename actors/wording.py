@@ -18,6 +18,11 @@ def short_repr(value: object) -> str:
     return text if len(text) <= _MAX_REPR else f"{text[:_MAX_REPR]}…"
 
 
+def seconds_text(seconds: float) -> str:
+    """Return seconds to the tenth."""
+    return f"{seconds:.1f}".removesuffix(".0")
+
+
 def toml_text(value: object) -> str:
     """Return a value in TOML notation, truncated."""
     try:

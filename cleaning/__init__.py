@@ -7,7 +7,15 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, UnblockTarget
-from cleaning.place import Assignment, Takeover, assignments, assignments_since
+from cleaning.place import (
+    Assignment,
+    Takeover,
+    VisitReport,
+    assignments,
+    assignments_since,
+    points,
+    visit_report,
+)
 from cleaning.robot import CleaningRobot
 from cleaning.strategy_settings import SettingsError, from_settings
 
@@ -26,7 +34,10 @@ __all__ = [
     "State",
     "Takeover",
     "UnblockTarget",
+    "VisitReport",
     "assignments",
     "assignments_since",
     "from_settings",
+    "points",
+    "visit_report",
 ]

@@ -5,8 +5,8 @@ from typing import Final, NamedTuple, Self
 from numpy.random import Generator
 
 from actors.geometry import Point
-from actors.robot.behaviour import FloorPlan, PlaceMonitor, Positioning
-from actors.task.task import PlaceKey
+from actors.items import ItemKey
+from actors.robot.behaviour import FloorPlan, Positioning, TaskMonitor
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, UnblockTarget
 from cleaning.place import LAST_TERM, Assignment, Takeover
@@ -43,7 +43,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     peers: tuple[PeerPosition, ...] = ()
     """Nearby robots whose echoes are ignored; see `peer_mask`."""
 
-    def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
+    def set_destination(self, monitor: TaskMonitor, now: Instant) -> Self:
         """Set the destination as without adaptation; a visit resets `tried`."""
         robot = super().set_destination(monitor, now)
         return robot if len(robot.settled) == len(self.settled) else replace(robot, tried=())
@@ -62,7 +62,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     @adaptation
     @periodic(every=seconds(1), order=3)
     def auto_unblock(
-        self, floor: FloorPlan, generator: Generator, monitor: PlaceMonitor, now: Instant
+        self, floor: FloorPlan, generator: Generator, monitor: TaskMonitor, now: Instant
     ) -> Self:
         """Choose another target or give the place up after being blocked for long enough."""
         if not self.is_blocked():
@@ -109,7 +109,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
             adopted=(*others, taken.takeover)[-self.parameters.most_adopted :],
         )
 
-    def places_taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
+    def places_taken_by(self, peer: Cleaner) -> frozenset[ItemKey]:
         """Return the places of its route that the peer has adopted with a higher term."""
         terms = {takeover.key: takeover.term for takeover in peer.adopted}
         return frozenset(
@@ -132,7 +132,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         offered = peer.former if exchange and _is_destination(peer, mine) else None
         return robot if offered is None else replace(robot.adopting(offered, now), former=None)
 
-    def _count_attempt(self, monitor: PlaceMonitor, now: Instant) -> Self:
+    def _count_attempt(self, monitor: TaskMonitor, now: Instant) -> Self:
         """Return the robot with one more counted attempt; gives the destination up at the limit."""
         assignment, most = self.destination, self.parameters.attempts
         if assignment is None or not most:
@@ -147,7 +147,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         """Return the robot with another target, or with a new attempt."""
         left = len(self.route)
         if self.parameters.unblock is UnblockTarget.FLOOR and generator.random() * (left + 1) < max(left, 1):
-            return self.sent_to(floor.random_place())
+            return self.sent_to(floor.random_point())
         if not left:
             return replace(self, attempt=self.attempt + 1)
         return self.heading_for(self.route[int(generator.integers(left))])

@@ -41,7 +41,7 @@ class MakingWay:
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, floor: FloorPlan
     ) -> AdaptiveCleaningRobot:
         """Send the member to a random place."""
-        return member.sent_to(floor.random_place())
+        return member.sent_to(floor.random_point())
 
 
 @ensemble(every=milliseconds(500), max_age=seconds(2))

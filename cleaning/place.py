@@ -1,11 +1,16 @@
 """Assignments of places to robots, and the places of the original testbed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
-from actors.geometry import Point
+import msgspec
+
+from actors.geometry import Coordinate, Point
+from actors.instant import Instant
+from actors.items import ItemKey
 from actors.robot.behaviour import Start, TaskList
-from actors.task.task import PlaceKey
+from actors.topic import MessagePart
 from deeco.schema import Resolution
 
 _GOLDEN: Final = (
@@ -52,9 +57,9 @@ class Takeover:
     """Number of adoptions of the place known to the new holder, including this one."""
 
     @property
-    def key(self) -> PlaceKey:
+    def key(self) -> ItemKey:
         """Key of the place."""
-        return PlaceKey(self.owner, self.index)
+        return ItemKey(self.owner, self.index)
 
 
 @dataclass(frozen=True)
@@ -71,14 +76,37 @@ class Assignment:
     """Number of adoptions known to the holder."""
 
     @property
-    def key(self) -> PlaceKey:
+    def key(self) -> ItemKey:
         """Key of the place."""
-        return PlaceKey(self.owner, self.index)
+        return ItemKey(self.owner, self.index)
 
     @property
     def takeover(self) -> Takeover:
         """The assignment without its position."""
         return Takeover(self.owner, self.index, self.term)
+
+
+Place = tuple[Coordinate, Coordinate]
+"""An item of the task: a place to visit, m, map frame."""
+
+
+class VisitReport(MessagePart, frozen=True):
+    """A robot's report that it visited a place."""
+
+    owner: str
+    number: int
+    """As in ItemKey."""
+    instant: int
+
+
+def visit_report(key: ItemKey, now: Instant) -> VisitReport:
+    """Return the report that a place was visited."""
+    return VisitReport(key.owner, key.number, now)
+
+
+def points(items: Sequence[Any]) -> tuple[Point, ...]:
+    """Return the places given to a robot, m, map frame."""
+    return tuple(Point(x, y) for x, y in msgspec.convert(list(items), tuple[Place, ...]))
 
 
 def assignments(start: Start) -> tuple[Assignment, ...]:
@@ -88,11 +116,11 @@ def assignments(start: Start) -> tuple[Assignment, ...]:
     places to it, and must not remove them with old messages.
     """
     term = start.epoch * RESTART_TERM
-    return tuple(Assignment(start.robot, index, point, term) for index, point in enumerate(start.places))
+    return tuple(Assignment(start.robot, index, point, term) for index, point in enumerate(points(start.items)))
 
 
 def assignments_since(tasks: TaskList, robot: str, known: int) -> tuple[Assignment, ...]:
     """Return the assignments that were added after the first `known` places, in order."""
     term = tasks.epoch * RESTART_TERM
-    new = tasks.places[known:]
+    new = points(tasks.items[known:])
     return tuple(Assignment(robot, index, point, term) for index, point in enumerate(new, start=known))

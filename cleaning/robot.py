@@ -8,19 +8,19 @@ from collections.abc import Container
 from typing import NamedTuple, Self
 
 from actors.geometry import Point
+from actors.items import ItemKey
 from actors.robot.behaviour import (
     AbortReason,
     GoalStatus,
     Navigation,
-    PlaceMonitor,
     Positioning,
     Start,
     TaskList,
+    TaskMonitor,
 )
-from actors.task.task import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
-from cleaning.place import Assignment, Takeover, assignments, assignments_since
+from cleaning.place import Assignment, Takeover, assignments, assignments_since, visit_report
 from deeco import Instant, Knowledge, component, milliseconds, periodic, replace, seconds
 
 
@@ -93,10 +93,10 @@ class CleaningRobot(Cleaner):
         if self.route is not before.route:
             former_places, holds = ({one.key for one in robot.route} for robot in (before, self))
             words += [
-                f"takes over {_place_name(key)}" for key in sorted(holds - former_places, key=_place_name)
+                f"takes over {key}" for key in sorted(holds - former_places, key=str)
             ]
-            for key in sorted(former_places - holds, key=_place_name):
-                words.append(f"{'gives up' if self.has_settled(key) else 'hands over'} {_place_name(key)}")
+            for key in sorted(former_places - holds, key=str):
+                words.append(f"{'gives up' if self.has_settled(key) else 'hands over'} {key}")
         if not words and self.attempt != before.attempt:
             words.append("stops" if self.target is None else "changes destination")
         return ", ".join(words)
@@ -113,13 +113,13 @@ class CleaningRobot(Cleaner):
         return replace(self, route=self.route + new, more=self.more + len(new)) if new else self
 
     @periodic(every=milliseconds(500), order=1)
-    def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
+    def set_destination(self, monitor: TaskMonitor, now: Instant) -> Self:
         """Mark all places within reach as visited, in any order; choose the next destination."""
         robot = self
         near = [assignment for assignment in self.route if self.reaches(assignment.point)]
         if near:
             for assignment in near:
-                monitor.visited(assignment.key, now)
+                monitor.report(visit_report(assignment.key, now))
             robot = robot.without({assignment.key for assignment in near}, settled=True)
         if robot.waypoint is not None and robot.reaches(robot.waypoint):
             robot = replace(robot, waypoint=None)
@@ -128,7 +128,7 @@ class CleaningRobot(Cleaner):
         return robot
 
     @periodic(every=seconds(2), order=4)
-    def drive(self, navigation: Navigation, monitor: PlaceMonitor, now: Instant) -> Self:
+    def drive(self, navigation: Navigation, monitor: TaskMonitor, now: Instant) -> Self:
         """Send a new goal to navigation, and an aborted goal again.
 
         A robot that has visited its last place drives on to its centre; one that lost its destination stops.
@@ -145,13 +145,13 @@ class CleaningRobot(Cleaner):
         return replace(self, ordered=ordered, no_plans=0, aborted=0)
 
     @periodic(every=seconds(1), order=5)
-    def report_status(self, monitor: PlaceMonitor) -> Self:
+    def report_status(self, monitor: TaskMonitor) -> Self:
         """Report the places of the route."""
         monitor.remaining([assignment.key for assignment in self.route])
         return self
 
     def _after_abort(
-        self, ordered: RequestedGoal, navigation: Navigation, monitor: PlaceMonitor, now: Instant
+        self, ordered: RequestedGoal, navigation: Navigation, monitor: TaskMonitor, now: Instant
     ) -> Self:
         """Return the robot after an aborted goal: retries, or gives the place up at the limit."""
         goal, p = navigation.goal, self.parameters
@@ -169,11 +169,11 @@ class CleaningRobot(Cleaner):
             navigation.go_to(ordered.point)
         return replace(self, no_plans=no_plans, aborted=aborted)
 
-    def holds(self, key: PlaceKey) -> bool:
+    def holds(self, key: ItemKey) -> bool:
         """Return True if the place is in its route."""
         return any(assignment.key == key for assignment in self.route)
 
-    def has_settled(self, key: PlaceKey) -> bool:
+    def has_settled(self, key: ItemKey) -> bool:
         """Return True if it has visited the place or given it up."""
         return any(takeover.key == key for takeover in self.settled)
 
@@ -185,13 +185,13 @@ class CleaningRobot(Cleaner):
         """Return the robot on its way to a waypoint, m, before the first place of its route."""
         return replace(self.heading_for(None), waypoint=waypoint)
 
-    def given_up(self, assignment: Assignment, reason: str, monitor: PlaceMonitor, now: Instant) -> Self:
+    def given_up(self, assignment: Assignment, reason: str, monitor: TaskMonitor, now: Instant) -> Self:
         """Return the robot without a place that no robot should try again; `reason`: 1 to 100 characters."""
         monitor.given_up(assignment.key, reason, now)
         robot = self.without({assignment.key}, settled=True)
         return robot if robot.destination == self.destination else robot.heading_for(None)
 
-    def without(self, keys: Container[PlaceKey], *, settled: bool) -> Self:
+    def without(self, keys: Container[ItemKey], *, settled: bool) -> Self:
         """Return the robot without these places in route and destination."""
         removed = tuple(assignment.takeover for assignment in self.route if assignment.key in keys)
         destination, former = self.destination, self.former
@@ -206,7 +206,3 @@ class CleaningRobot(Cleaner):
     def reaches(self, point: Point) -> bool:
         """Return True if the robot is near enough to a point, m, to clean it."""
         return self.position.is_nearer(point, self.parameters.reach)
-
-
-def _place_name(key: PlaceKey) -> str:
-    return f"{key.owner}/{key.place}"

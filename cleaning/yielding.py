@@ -131,7 +131,7 @@ class SteppingAside:
 
 def nearby_place(here: Point, floor: FloorPlan) -> Point:
     """Return a place outside of doors: the nearest of a few random places, m."""
-    drawn = [floor.random_place() for _ in range(_DRAWS)]
+    drawn = [floor.random_point() for _ in range(_DRAWS)]
     candidates = [
         place for place in drawn if floor.door(place) is None and place.distance_to(here) > 1.0
     ] or drawn

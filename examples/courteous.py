@@ -10,7 +10,7 @@ from typing import Self
 
 from numpy.random import Generator
 
-from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, PlaceMonitor, Start, host
+from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, Start, TaskMonitor, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
@@ -66,7 +66,7 @@ class CourteousRobot(AdaptiveCleaningRobot, OfferingCleaner):
 
     @adaptation
     @periodic(every=seconds(10))
-    def close(self, monitor: PlaceMonitor, now: Instant) -> Self:
+    def close(self, monitor: TaskMonitor, now: Instant) -> Self:
         """Give remaining places up at closing time."""
         robot = self
         if now >= START + self.parameters.closing:
@@ -98,7 +98,7 @@ class RandomYielding:
         if member.waits_until is not None:
             return member
         if generator.random() < 0.5:
-            return member.sent_to(floor.random_place())
+            return member.sent_to(floor.random_point())
         return replace(member, waits_until=Instant(now + member.parameters.wait))
 
 

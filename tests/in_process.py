@@ -12,7 +12,7 @@ import pytest
 
 from acrc_testbed.command_line import app
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.loading import expect_hashes, set_folders
+from actors.user_code import expect_hashes, set_folders
 
 
 def acrc(

@@ -126,10 +126,10 @@ def _replay_here(
     from acrc_testbed.recordings.record_replay import ReplayOptions, replay_actor
     from acrc_testbed.recordings.sandboxed_replay import check_trust
     from actors.robot.behaviour.code_permit import permitted_folders
-    from actors.robot.behaviour.loading import set_folders
     from actors.runtime.captured_output import output_to_stream
     from actors.runtime.errors import AcrcError
     from actors.runtime.isolation.sandbox import choose_isolation
+    from actors.user_code import set_folders
     from cleaning.strategies import entry
 
     pdb, port = debugger

@@ -14,10 +14,10 @@ from acrc_testbed.experiments.study import Study, Trial, differences
 from acrc_testbed.experiments.trial_settings import draw_settings
 from actors.floor import offices
 from actors.floor.map_file import load_map
-from actors.robot.behaviour.code_permit import is_installed
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.settings import read_text, toml_tables
+from actors.user_code import is_installed
 from deploy.scenario.scenario_file import Overrides, load_scenario, map_files, strategy_files
 from deploy.scenario.tables import Scenario
 

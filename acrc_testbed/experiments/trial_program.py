@@ -31,9 +31,9 @@ from acrc_testbed.explanation.time_spent import TimeSpent
 from acrc_testbed.results.result import RunResult
 from actors.processes.robot_logs import ALL_ROBOTS
 from actors.processes.signals import Interruption
-from actors.robot.behaviour.loading import set_folders
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.linux import die_with_parent
+from actors.user_code import set_folders
 from deploy.run.options import RunOptions
 from deploy.run.start import PreparedRun, start_run
 from deploy.scenario.scenario_file import Overrides, load_scenario

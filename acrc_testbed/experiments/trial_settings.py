@@ -20,10 +20,10 @@ from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.randomness import generator
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
-from actors.robot.behaviour.loading import set_folders
 from actors.robot_model import OdometryKind, load_model
 from actors.runtime.errors import AcrcError
 from actors.settings import plain
+from actors.user_code import set_folders
 from cleaning.place import GOLDEN
 from cleaning.strategies import entry
 from deploy.scenario.events import place_areas

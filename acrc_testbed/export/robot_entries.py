@@ -31,11 +31,11 @@ from acrc_testbed.run_model.robot_introspection import RecordedProcess, RobotInt
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose
 from actors.instant import LATEST
+from actors.items import ItemKey
 from actors.messages import NO_ECHO_MM, SENSES, Scan, SensorData
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS
 from actors.robot_model import RobotModel
-from actors.task.task import PlaceKey
 
 _NEAR_S: Final = 1e-6
 """Tolerance of instants of one step, s."""
@@ -235,8 +235,8 @@ def place_entries(run: RunData) -> Iterator[LogEntry]:
 
     A place that was added during the run is included from the first report about it.
     """
-    states: dict[PlaceKey, PlaceStatus] = {}
-    previous: dict[PlaceKey, tuple[bool, bool]] | None = None
+    states: dict[ItemKey, PlaceStatus] = {}
+    previous: dict[ItemKey, tuple[bool, bool]] | None = None
     for second, changes in groupby(PlaceTable().extend(run), key=lambda one: one.second):
         for change in changes:
             states |= change.states
@@ -246,7 +246,7 @@ def place_entries(run: RunData) -> Iterator[LogEntry]:
             yield _marker_entry(second, "/places", _place_markers(run, states))
 
 
-def _place_markers(run: RunData, states: Mapping[PlaceKey, PlaceStatus]) -> list[Marker]:
+def _place_markers(run: RunData, states: Mapping[ItemKey, PlaceStatus]) -> list[Marker]:
     markers = []
     for key, state in states.items():
         is_lost = state.given_up and not state.done

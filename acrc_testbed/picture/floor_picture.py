@@ -21,7 +21,7 @@ from actors.floor.doors import Doorways, Regions
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.observer import glyphs
 from actors.observer.glyphs import MARKS, hexadecimal
-from actors.task.referee import PlaceOutcome, PlaceVerdict
+from cleaning.referee import PlaceOutcome, PlaceVerdict
 
 DOOR: Final = hexadecimal(glyphs.DOOR)
 SHUT: Final = "#d9c7d9"

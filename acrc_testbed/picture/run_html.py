@@ -15,7 +15,7 @@ from acrc_testbed.results import summary
 from acrc_testbed.run_model.data import RunData, ordered_changes
 from actors.instant import in_seconds
 from actors.runtime import regular_file
-from actors.task.referee import PlaceOutcome
+from cleaning.referee import PlaceOutcome
 
 _FEW_ROWS: Final = 25
 """Number of rows from which tables are collapsed."""

@@ -27,11 +27,11 @@ from acrc_testbed.run_model.floor import floor_intervals
 from acrc_testbed.run_model.robot_introspection import Floats
 from actors.installation.usage import output_file
 from actors.instant import in_seconds
+from actors.items import ItemKey
 from actors.observer import glyphs
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from actors.task.referee import PlaceOutcome
-from actors.task.task import PlaceKey
+from cleaning.referee import PlaceOutcome
 
 _FRAMES_PER_S: Final = 10
 """Frame rate of the movie; robots move at 0.3 m/s."""
@@ -131,11 +131,11 @@ class _Scene:
         doors = floor_picture.draw_doors(axes, run)
         self._few = few = glyphs.is_small_swarm(run.robots)
         self._added_at = {
-            PlaceKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
+            ItemKey(one.owner, one.place): one.given_at / 1e6 for one in run.outcomes if one.given_at
         }
         """Times of places that were added during the run, s."""
         self._places = {
-            (key := PlaceKey(one.owner, one.place)): _draw_place(
+            (key := ItemKey(one.owner, one.place)): _draw_place(
                 axes, run, one, few=few, given=key in self._added_at
             )
             for one in run.outcomes
@@ -163,7 +163,7 @@ class _Scene:
             frameon=False,
         )
         self._title = axes.set_title("0 s", loc="left", fontweight="bold", fontsize=10)
-        self._done: set[PlaceKey] = set()
+        self._done: set[ItemKey] = set()
         self._next_report = self._next_given_up = 0
         moving = [artist for robot in self._robots for artist in robot.artists]
         objects = [artist for _, artist in self._objects]

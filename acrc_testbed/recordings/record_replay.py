@@ -24,7 +24,6 @@ from actors.instant import Instant, seconds
 from actors.radio.program import actor_process as radio_process
 from actors.radio.radio_model import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.loading import RecordedModules, expect_hashes, set_folders
 from actors.robot.program import actor_process_of
 from actors.runtime import failure
 from actors.runtime.captured_output import CapturedOutput, discarded_output
@@ -38,6 +37,7 @@ from actors.runtime.processor import difference_cause, differing_kernels
 from actors.runtime.recording import Entry, RecordingError, decode_note, read_notes, read_recording
 from actors.runtime.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.shell import Shell
+from actors.user_code import RecordedModules, expect_hashes, set_folders
 from actors.world import program as world_program
 from actors.world.world_setup import WorldSetup
 

@@ -33,7 +33,6 @@ from actors.processes.robot_logs import print_output, program_output
 from actors.robot import assembly
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
-from actors.robot.behaviour.loading import set_folders
 from actors.runtime import captured_output, failure
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import print_traceback
@@ -50,6 +49,7 @@ from actors.runtime.linux import die_with_parent
 from actors.runtime.recording import RecordingReader
 from actors.runtime.recording.reader import report_damage
 from actors.runtime.replay_bus import ReplayError
+from actors.user_code import set_folders
 
 _PROGRAM: Final = "acrc_testbed.recordings.sandboxed_replay"
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")

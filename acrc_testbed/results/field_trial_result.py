@@ -27,11 +27,12 @@ from acrc_testbed.results.result import (
     robot_reports,
 )
 from actors.instant import Duration, in_seconds, seconds
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import Drive, RadioEvents
 from actors.radio.frame import octets
 from actors.runtime import regular_file, typed_json
-from actors.task.referee import PlaceOutcome, PlaceVerdict, Referee
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
+from cleaning.place import VisitReport
+from cleaning.referee import PlaceOutcome, PlaceVerdict, Referee
 
 if TYPE_CHECKING:
     from firmware_bridge.laboratory.laboratory import LaboratoryResult
@@ -70,11 +71,11 @@ class _Owner(NamedTuple):
 
 def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
     """Return the final state of every place assigned or reported; instants since the start of the trial."""
-    reports: list[tuple[int, str, PlaceReport | PlaceGivenUp]] = []
+    reports: list[tuple[int, str, VisitReport | ItemGivenUp]] = []
     for robot, logs in trial.logs.items():
         for log in logs:
             for tick, drive in log.messages_of(Drive):
-                changes: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
+                changes: tuple[VisitReport | ItemGivenUp, ...] = (*drive.reports, *drive.given_up)
                 reports += [(clocks.instant(log, Moment(tick, one.instant)), robot, one) for one in changes]
     reports.sort(key=itemgetter(0))
     begin = clocks.begin
@@ -91,7 +92,7 @@ def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
         report = msgspec.structs.replace(recorded, instant=instant - begin)
         if not referee.has_place(report):
             unknown_places += 1
-        elif isinstance(report, PlaceReport):
+        elif isinstance(report, VisitReport):
             referee.report(robot, report)
         else:
             referee.give_up(robot, report)
@@ -110,7 +111,7 @@ def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
     return ReportedPlaces(tuple(places), tuple(notes))
 
 
-def _final_routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKey, ...]]:
+def _final_routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[ItemKey, ...]]:
     """Return the routes of the robots that were running at the end."""
     last = {
         robot: steps[-1]
@@ -125,9 +126,9 @@ def _final_routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[P
     return {robot: _final_route(log) for robot, log in last.items() if latest - ends[robot] <= _SWITCH_OFF}
 
 
-def _final_route(log: RobotLog) -> tuple[PlaceKey, ...]:
+def _final_route(log: RobotLog) -> tuple[ItemKey, ...]:
     routes = [drive.route for _, drive in log.messages_of(Drive) if drive.route is not None]
-    initial_route = tuple(PlaceKey(log.identity.id, number) for number in range(len(log.identity.places)))
+    initial_route = tuple(ItemKey(log.identity.id, number) for number in range(len(log.identity.places)))
     return routes[-1] if routes else initial_route
 
 

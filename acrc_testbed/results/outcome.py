@@ -1,22 +1,21 @@
-"""Robots' final reports: strategy outcomes, counters of deeco nodes, navigation, places."""
+"""Robots' final reports: strategy outcomes, counters of deeco nodes, navigation, items."""
 
 import csv
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Annotated, Any, Final, TypeVar
 
 import msgspec
 
-from actors.instant import in_seconds
 from actors.robot.behaviour.decisions import NodeReport
 from actors.robot.navigation.navigation_counts import NavigationReport
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.typed_json import Name
-from actors.task.referee import PlaceOutcome, PlaceVerdict
+from actors.task.task import Column, Value
 
 T = TypeVar("T")
 Outcomes = dict[str, dict[str, bool | int | float | str]]
@@ -177,66 +176,11 @@ def navigation_result(reports: Iterable[NavigationReport]) -> NavigationResult:
     )
 
 
-COLUMNS: Final = (
-    "owner", "place", "x", "y", "verdict", "reached_s", "reached_by", "reported_s", "reported_by",
-    "given_up_s", "given_up_by", "reason", "in_route_of", "given_s",
-)  # fmt: skip
-
-
-_ROBOT_FIELDS: Final = ("places_total", "places_done", "places_claimed", "places_given_up", "completion_s")
-
-
-def place_counts(places: Sequence[PlaceOutcome], *, has_truth: bool = True) -> dict[str, Any]:
-    """Count places by their final state, keyed by field of `RunResult`; instants in simulated s.
-
-    `has_truth`: ground truth is available.
-    """
-    verdicts = Counter(place.verdict for place in places)
-    reported = [place.reported_at for place in places if place.reported_at is not None]
-    settled = [place.settled_at for place in places if place.settled_at is not None]
-    done, last = (
-        verdicts[PlaceVerdict.DONE] if has_truth else len(reported),
-        in_seconds(max(reported, default=0)),
-    )
-    return {
-        "places_total": len(places),
-        "places_done": done if has_truth else None,
-        "places_claimed": len(reported),
-        "places_given_up": verdicts[PlaceVerdict.GIVEN_UP],
-        "places_lost": verdicts[PlaceVerdict.LOST],
-        "completion_s": last if done == len(places) else None,
-        "settled_s": in_seconds(max(settled, default=0)) if len(settled) == len(places) else None,
-        "last_reached_s": last if reported else None,
-    }
-
-
-def robot_place_counts(
-    places: Iterable[PlaceOutcome], robot: str, *, has_truth: bool = True
-) -> dict[str, Any]:
-    """Count the places of one robot, keyed by field of `RobotResult`."""
-    counts = place_counts([place for place in places if place.owner == robot], has_truth=has_truth)
-    return {name: counts[name] for name in _ROBOT_FIELDS}
-
-
-def write_places(places: Iterable[PlaceOutcome], path: Path) -> None:
-    """Write all places as CSV with header COLUMNS; instants in simulated s, empty fields for None."""
+def write_items(
+    items: Iterable[Mapping[str, Value]], columns: Sequence[Column], path: Path
+) -> None:
+    """Write the task's table of items as CSV; empty fields for None."""
     with regular_file.atomic_replacement(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        writer.writerows(_place_rows(places))
-
-
-def _place_rows(places: Iterable[PlaceOutcome]) -> Iterator[tuple[object, ...]]:
-    for place in places:
-        yield (
-            *(place.owner, place.place, place.x, place.y, place.verdict.value),
-            *(_seconds(place.reached_at), place.reached_by),
-            *(_seconds(place.reported_at), place.reported_by),
-            *(_seconds(place.given_up_at), place.given_up_by, place.reason),
-            " ".join(place.in_route_of),
-            _seconds(place.given_at),
-        )
-
-
-def _seconds(instant: int | None) -> float | None:
-    return None if instant is None else in_seconds(instant)
+        writer.writerow(column.name for column in columns)
+        writer.writerows([item.get(column.name) for column in columns] for item in items)

@@ -18,8 +18,6 @@ from acrc_testbed.results.outcome import (
     decode_subject,
     deeco_result,
     navigation_result,
-    place_counts,
-    robot_place_counts,
     strategy_outcome,
 )
 from actors.instant import in_seconds
@@ -34,7 +32,7 @@ from actors.runtime.process import FinalNote
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decode_note, read_notes
 from actors.runtime.shell import run_digest
-from actors.task.referee import PlaceOutcome
+from actors.task.task import TaskDeclaration, TaskOutcome, Value
 from actors.world.battery import EnergyReport
 from actors.world.sensing import PoseError, WorldReport
 
@@ -189,16 +187,8 @@ class RecordingReport(msgspec.Struct, frozen=True):
 class RobotResult(msgspec.Struct, frozen=True):
     """Result of one robot."""
 
-    places_total: int
-    """Places given to it; the next fields count these, whichever robot visited or reported them."""
-    places_done: int | None
-    """Reported after a robot had been within reach; None without ground truth."""
-    places_claimed: int
-    """Reported, true or not."""
-    places_given_up: int
-    """Given up and not reported."""
-    completion_s: float | None
-    """Report of the last of its places, simulated s; None if not all are done; 0 without places."""
+    task: dict[str, Value]
+    """Values of the task by name (`TaskOutcome.robots`)."""
     pose_error: PoseError = _ABSENT
     """Error of its position estimates; not in field trials."""
     driven_m: float | None = None
@@ -206,9 +196,9 @@ class RobotResult(msgspec.Struct, frozen=True):
     energy: EnergyReport = _ABSENT
     """Energy from its battery; only with simulated batteries."""
     reports: int = _ABSENT
-    """From here on in field trials only. Places of any robot that it reported as visited."""
+    """From here on in field trials only. Its reports of the task's own type."""
     gave_up: int = _ABSENT
-    """Places, of any robot, that it gave up."""
+    """Items, of any robot, that it gave up."""
     frames: dict[str, int] = _ABSENT
     """Its frames by outcome, and the number of frames received."""
     lateness_p50_ms: int | None = _ABSENT
@@ -239,25 +229,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     cpu_s: float = _ABSENT
     """CPU time of all processes, s."""
     real_time_factor: float = _ABSENT
-    places_total: int
-    places_done: int | None
-    """Reported after a robot had been within reach: the chapter's "number of cleaning tasks that were
-    completed" (7.2.2). None without ground truth."""
-    places_claimed: int
-    """Reported, true or not."""
-    places_given_up: int
-    """Given up by a robot and never reported."""
-    places_lost: int
-    """Neither reported nor given up, and at the end in no route of a robot with a process."""
-    completion_s: float | None
-    """Report of the last place, simulated s: the chapter's "time to complete all the tasks" (7.2.2). None
-    unless all are done (without ground truth: reported)."""
-    settled_s: float | None
-    """Instant at which every place had been reported or given up, simulated s: the chapter's "total running
-    time till system completes or gives up" (7.2.2). None if the run ended before."""
-    last_reached_s: float | None
-    """Last report of a place, simulated s, as the original testbed computes it (results/process.py). None if
-    nothing was reported."""
+    task: dict[str, Value]
+    """Values of the task by name (`TaskOutcome.values`); for cleaning: docs/tables.md."""
     per_robot: dict[str, RobotResult]
     undelivered: int = _ABSENT
     """Messages sent and not received, or received and not sent, over all keys."""
@@ -306,6 +279,12 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Problems predicted before the run, a sentence each."""
     energy_j: float = _ABSENT
     """Energy used by all robots; only with simulated batteries."""
+    declaration: TaskDeclaration
+    """The task's metrics and words."""
+    task_summary: str
+    """What the robots did, as predicate of a sentence."""
+    task_notes: tuple[str, ...] = ()
+    """Further sentences of the task's judge."""
     held_up: dict[str, StepDelays] = {}
     """Delays of steps by actor, without those of the machine; do not influence the digest."""
     metrics: dict[str, float | None] = _ABSENT
@@ -345,9 +324,10 @@ def gather_result(
     step_us: int,
     began_s: float,
     rosters: int,
+    declaration: TaskDeclaration,
     **fields: Any,
-) -> tuple[RunResult, tuple[PlaceOutcome, ...]]:
-    """Return the result of a run whose processes all exited as planned, and its places.
+) -> tuple[RunResult, tuple[Mapping[str, Value], ...]]:
+    """Return the result of a run whose processes all exited as planned, and the task's items.
 
     `notes`: notes of recordings that are on other hosts or already read. `began_s`: start of the command, s
     since the epoch. `rosters`: see `count_undelivered`. `fields`: fields of the result known to the parent.
@@ -356,7 +336,7 @@ def gather_result(
     world = next(final for program, final in finals if program.actor == "world")
     radio = next(final for program, final in finals if program.actor == "radio")
     world_report, radio_report = world.report(WorldReport), radio.report(RadioReport)
-    places = msgspec.json.decode(world.outcome["places"], type=tuple[PlaceOutcome, ...])
+    task = msgspec.json.decode(world.outcome["task"], type=TaskOutcome)
     simulated, robots = in_seconds(world_report.steps * step_us), list(world_report.pose_errors)
     wall = max(world.ended_s - world.started_s, 1e-9)
     missing, sentences = count_undelivered([(program.actor, final) for program, final in finals], rosters)
@@ -373,10 +353,13 @@ def gather_result(
         wall_s=round(wall, 3),
         startup_s=round(world.started_s - began_s, 3),
         real_time_factor=round(simulated / wall, 2),
-        **place_counts(places),
+        task=dict(task.values),
+        task_summary=task.summary,
+        task_notes=task.notes,
+        declaration=declaration,
         per_robot={
             robot: RobotResult(
-                **robot_place_counts(places, robot),
+                task=dict(task.robots[robot]),
                 pose_error=world_report.pose_errors[robot],
                 driven_m=world_report.driven[robot],
                 energy=world_report.energy.get(robot, _ABSENT),
@@ -404,7 +387,7 @@ def gather_result(
         outcome=reports.outcomes,
         **fields,
     )
-    return result, places
+    return result, task.items
 
 
 def _total_energy(report: WorldReport) -> Any:

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -49,14 +50,14 @@ def result_sentences(result: RunResult) -> Iterator[str]:
     """Yield the result as sentences, the most important first."""
     if not result.is_simulated:
         yield f"Duration: {result.duration_s:.1f} s, from the first step of any robot to the last."
-        yield from _place_sentences(result)
-        if result.places_done is not None:
-            done = f"{result.places_done} of {result.places_total} places cleaned"
-            yield f"Ground truth: {done}, {result.contacts} contacts."
+        yield f"{_robots_text(result)} {printable(result.task_summary)}."
+        yield from map(printable, result.task_notes)
+        if result.contacts is not None:
+            yield f"Ground truth: {result.contacts} contacts."
         yield from _radio_sentences(result)
         return
-    yield from _completion_sentences(result)
-    yield from _place_sentences(result)
+    yield f"{_robots_text(result)} {printable(result.task_summary)}."
+    yield from map(printable, result.task_notes)
     yield from _wall_time_sentence(result)
     yield from monitor.delay_sentences(result.held_up)
     yield from _radio_sentences(result)
@@ -104,13 +105,9 @@ def _print_lines(lines: Sequence[str]) -> None:
 def _result_table(result: RunResult) -> Table:
     """Return a row per robot and one for all; columns without values are left out."""
     cells: dict[str, Callable[[RobotResult | RunResult], str]] = {}
-    if result.is_simulated:
-        cells["places cleaned"] = lambda result: f"{result.places_done} of {result.places_total}"
-    else:
-        cells["reported"] = lambda result: f"{result.places_claimed} of {result.places_total}"
-    if result.places_given_up:
-        cells["given up"] = lambda result: str(result.places_given_up)
-    cells["finished at"] = lambda result: _completion_text(result.completion_s)
+    for title, names in result.declaration.cells.items():
+        if any(result.task.get(name) for name in names):
+            cells[printable(title)] = partial(_task_cell, names)
     if not result.is_simulated:
         cells["sent"] = lambda result: str(result.frames["frames_sent"])
         cells["heard"] = lambda result: str(result.frames["copies_heard"])
@@ -129,6 +126,12 @@ def _result_table(result: RunResult) -> Table:
     return table
 
 
+def _task_cell(names: Sequence[str], part: RobotResult | RunResult) -> str:
+    values = (part.task.get(name) for name in names)
+    return " of ".join("-" if one is None else f"{one:g}" if isinstance(one, float) else printable(str(one))
+                       for one in values)
+
+
 def _lateness(part: RobotResult | RunResult) -> str:
     if isinstance(part, RunResult) or part.lateness_p50_ms is None:
         return ""
@@ -145,38 +148,13 @@ def _clock(part: RobotResult | RunResult) -> str:
     )
 
 
-def _place_sentences(result: RunResult) -> Iterator[str]:
-    """Yield sentences on settled, falsely reported and lost places."""
-    if result.completion_s is None and result.settled_s is not None:
-        yield f"Every place was reported or given up by {_seconds_text(result.settled_s)} s."
-    if result.places_done is not None and result.places_claimed > result.places_done:
-        false = result.places_claimed - result.places_done
-        yield f"{_places(false)} reported although no robot had visited {'it' if false == 1 else 'them'}."
-        if result.settled_s is not None:
-            yield "False reports ended the run."
-    if result.places_lost:
-        yield f"{_places(result.places_lost)} lost: neither reported nor given up, and on no robot's route."
-
-
-def _completion_sentences(result: RunResult) -> Iterator[str]:
-    """Yield a sentence on places cleaned and time, the chapter's first two metrics."""
-    if not result.places_total:
-        yield "There were no places to clean."
-        return
+def _robots_text(result: RunResult) -> str:
+    """Return the subject of a sentence: the robots, with strategy and navigation."""
     robots = "1 robot" if result.robots == 1 else f"{result.robots} robots"
     by = f" with strategy {printable(result.origin.strategy)}" if result.origin.strategy else ""
     if by and result.origin.navigation:
         by += f" and navigation {printable(result.origin.navigation)}"
-    if result.completion_s is not None:
-        duration = _seconds_text(result.completion_s)
-        yield f"{robots}{by} cleaned all {result.places_total} places in {duration} s of simulated time."
-        return
-    left = result.places_total - (result.places_done or 0)
-    yield (
-        f"{robots}{by} cleaned {result.places_done} of {result.places_total} places in "
-        f"{_seconds_text(result.simulated_s)} s of simulated time; "
-        f"{left} {'is' if left == 1 else 'are'} left."
-    )
+    return robots + by
 
 
 def _wall_time_sentence(result: RunResult) -> Iterator[str]:
@@ -260,18 +238,5 @@ def _frames(count: int) -> str:
     return "1 frame" if count == 1 else f"{count} frames"
 
 
-def _seconds_text(seconds: float) -> str:
-    """Return seconds to the tenth."""
-    return f"{seconds:.1f}".removesuffix(".0")
-
-
 def _times_text(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
-
-
-def _places(count: int) -> str:
-    return "1 place was" if count == 1 else f"{count} places were"
-
-
-def _completion_text(completion_s: float | None) -> str:
-    return "not finished" if completion_s is None else f"{completion_s:.1f} s"

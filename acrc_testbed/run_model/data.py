@@ -20,13 +20,13 @@ from acrc_testbed.run_model.frame_outcomes import NO_COPIES, FrameCopies
 from acrc_testbed.run_model.robot_introspection import Floats, RecordedProcess, RobotInternals
 from actors.floor.grid import OccupancyGrid
 from actors.instant import in_seconds
+from actors.items import ItemKey
 from actors.messages import Jam
-from actors.orders import AssignPlaces, CloseDoor, LoseFrame, Move, Obstacle, OpenDoor, Order, StartJam, Wall
+from actors.orders import AssignItems, CloseDoor, LoseFrame, Move, Obstacle, OpenDoor, Order, StartJam, Wall
 from actors.robot.behaviour.decisions import AdaptationDecision
 from actors.robot.navigation.navigation_counts import GoalRecord
 from actors.runtime.errors import AcrcError
-from actors.task.referee import PlaceOutcome
-from actors.task.task import PlaceKey
+from cleaning.referee import PlaceOutcome
 
 Points = tuple[tuple[float, float], ...]
 
@@ -78,7 +78,7 @@ class PlaceEvent(NamedTuple):
 
     robot: str
     second: float
-    place: PlaceKey
+    place: ItemKey
 
 
 class Route(NamedTuple):
@@ -86,7 +86,7 @@ class Route(NamedTuple):
 
     robot: str
     second: float
-    places: tuple[PlaceKey, ...]
+    places: tuple[ItemKey, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +269,7 @@ def ordered_changes(run: RunData) -> list[AppliedOrder]:
     found = []
     for step, order in run.orders:
         if words := _order_text(order):
-            robot = order.robot if isinstance(order, AssignPlaces | Move | LoseFrame) else ""
+            robot = order.robot if isinstance(order, AssignItems | Move | LoseFrame) else ""
             if not isinstance(order, Move) or _has_arrived(run, step, order):
                 found.append(AppliedOrder(in_seconds(step * run.step_us), robot, words))
     return found
@@ -297,7 +297,7 @@ def _order_text(order: Order) -> str:
             words = f"door at ({x:.1f}, {y:.1f}) opens"
         case StartJam(x, y, radius, duration):
             words = f"jammer of {radius:g} m at ({x:.1f}, {y:.1f}) for {in_seconds(duration):g} s"
-        case AssignPlaces(_, places):
+        case AssignItems(_, places):
             words = f"receives {len(places)} more place{'' if len(places) == 1 else 's'}"
         case Move(_, x, y, _):
             words = f"is carried to ({x:.1f}, {y:.1f})"

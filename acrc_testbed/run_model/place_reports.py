@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from acrc_testbed.run_model.data import PlaceEvent, Points, Route, RunData
 from actors.instant import in_seconds
+from actors.items import ItemKey
 from actors.messages import Drive
-from actors.task.task import PlaceKey
 
 
 class PlaceReports:
@@ -17,7 +17,7 @@ class PlaceReports:
 
     def __init__(self, places: Mapping[str, Points]) -> None:
         """`places`: initial places of each robot."""
-        self._routes = {robot: {PlaceKey(robot, n) for n in range(len(own))} for robot, own in places.items()}
+        self._routes = {robot: {ItemKey(robot, n) for n in range(len(own))} for robot, own in places.items()}
         self.clear()
 
     def clear(self) -> None:
@@ -34,10 +34,10 @@ class PlaceReports:
     def extend(self, robot: str, drive: Drive, second: float) -> None:
         """Add the reports of one step that began at `second`."""
         for visit in drive.reports:
-            key = PlaceKey(visit.owner, visit.place)
+            key = ItemKey(visit.owner, visit.place)
             self.reported.append(PlaceEvent(robot, in_seconds(visit.instant), key))
         for abandoned in drive.given_up:
-            key = PlaceKey(abandoned.owner, abandoned.place)
+            key = ItemKey(abandoned.owner, abandoned.place)
             self.given_up.append(PlaceEvent(robot, in_seconds(abandoned.instant), key))
         if drive.route is not None:
             before = self._routes.get(robot, set())
@@ -50,7 +50,7 @@ class PlaceReports:
             self._routes[robot] = set(drive.route)
 
 
-def first_reports(events: Sequence[PlaceEvent], known: set[PlaceKey]) -> list[PlaceEvent]:
+def first_reports(events: Sequence[PlaceEvent], known: set[ItemKey]) -> list[PlaceEvent]:
     """Return the first report of each place that is not in `known`, and add these places to it."""
     found = []
     for one in events:
@@ -77,7 +77,7 @@ class PlaceChange(NamedTuple):
     """New states of places."""
 
     second: float
-    states: dict[PlaceKey, PlaceStatus]
+    states: dict[ItemKey, PlaceStatus]
 
 
 class _Report(NamedTuple):
@@ -85,7 +85,7 @@ class _Report(NamedTuple):
     kind: str
     """done, given_up or route; also the order at one instant."""
     robot: str
-    places: tuple[PlaceKey, ...]
+    places: tuple[ItemKey, ...]
 
 
 class PlaceTable:
@@ -95,14 +95,14 @@ class PlaceTable:
     """
 
     def __init__(self) -> None:
-        self.states: dict[PlaceKey, PlaceStatus] = {}
-        self._routes: dict[str, frozenset[PlaceKey]] = {}
+        self.states: dict[ItemKey, PlaceStatus] = {}
+        self._routes: dict[str, frozenset[ItemKey]] = {}
 
     def extend(self, run: RunData) -> Iterator[PlaceChange]:
         """Add a run or its next part, and yield the changes in order of time."""
         if not self.states:
             own = {
-                PlaceKey(owner, number): PlaceStatus(x, y, holders=(owner,))
+                ItemKey(owner, number): PlaceStatus(x, y, holders=(owner,))
                 for owner, points in run.description.own_places.items()
                 for number, (x, y) in enumerate(points)
             }
@@ -119,14 +119,14 @@ class PlaceTable:
                 self.states |= changed
                 yield PlaceChange(report.second, changed)
 
-    def _affected(self, report: _Report) -> list[PlaceKey]:
+    def _affected(self, report: _Report) -> list[ItemKey]:
         if report.kind != "route":
             return list(report.places)
         now = frozenset(report.places)
         before, self._routes[report.robot] = self._routes.get(report.robot, frozenset()), now
         return sorted(now ^ before, key=lambda key: (key.owner, key.place))
 
-    def _status(self, run: RunData, key: PlaceKey, report: _Report) -> PlaceStatus | None:
+    def _status(self, run: RunData, key: ItemKey, report: _Report) -> PlaceStatus | None:
         """Return the state after a report; None for an unknown place."""
         points = run.places.get(key.owner, ())
         if not 0 <= key.place < len(points):

@@ -10,6 +10,7 @@ from acrc_testbed.recordings.run_recordings import read_setup, recordings
 from acrc_testbed.results.outcome import decode_subject
 from acrc_testbed.results.result import RunResult
 from acrc_testbed.run_model.data import RobotReport, RunData, RunDataError
+from actors.items import ItemKey
 from actors.messages import FRAME_OUTCOMES, FrameOutcomes
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.decisions import AdaptationDecision, AdaptationReport
@@ -19,10 +20,9 @@ from actors.runtime import regular_file, typed_json
 from actors.runtime.codec import decode
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import Direction, Note, decode_note, read_notes, read_recording
-from actors.task.referee import PlaceOutcome
-from actors.task.task import PlaceKey
 from actors.topic import M, Message, Topic
 from actors.world.world_setup import WorldSetup
+from cleaning.referee import PlaceOutcome
 
 T = TypeVar("T")
 NO_FRAMES: Final = "radio: outcomes of frames were not recorded; record the run with --record full"
@@ -120,7 +120,7 @@ def place_outcomes(run: RunData) -> tuple[PlaceOutcome, ...]:
         return outcomes
     first = {one.place: (round(one.second * 1e6), one.robot) for one in reversed(run.reported)}
     return tuple(
-        _reported_outcome(owner, index, point, *first.get(PlaceKey(owner, index), (None, None)))
+        _reported_outcome(owner, index, point, *first.get(ItemKey(owner, index), (None, None)))
         for owner, points in run.description.own_places.items()
         for index, point in enumerate(points)
     )

@@ -15,19 +15,19 @@ from acrc_testbed.run_model.frame_outcomes import (
 )
 from acrc_testbed.run_model.place_reports import first_reports
 from acrc_testbed.run_model.robot_introspection import Floats
+from actors.items import ItemKey
 from actors.observer import panels
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import GREY, OUTCOME_COLOURS, WHITE
 from actors.observer.panels import DrawnEvent, LaneActivity
 from actors.radio.medium.state import Outcome
-from actors.task.task import PlaceKey
 
 
 class RunEventTexts:
     """Event texts of a run."""
 
     def __init__(self) -> None:
-        self._known: set[PlaceKey] = set()
+        self._known: set[ItemKey] = set()
         self._notes: set[str] = set()
         self._initialised: set[str] = set()
 
@@ -53,7 +53,7 @@ class RunEventTexts:
                 yield DrawnEvent(run.since, "", note, "WARN")
 
 
-def place_name(place: PlaceKey) -> str:
+def place_name(place: ItemKey) -> str:
     """Return a place's name such as "r1/3"."""
     return f"{place.owner}/{place.place}"
 
@@ -74,7 +74,7 @@ class Plots:
         """Set up the lines; `true`: the run has ground truth, `batteries`: it simulates batteries."""
         self._canvas, self._true, self._batteries = canvas, true, batteries
         self._done = dict.fromkeys(canvas.robots, 0)
-        self._known: set[PlaceKey] = set()
+        self._known: set[ItemKey] = set()
         self._last: dict[str, tuple[float, float, float]] = {}
         """Last point of each robot's plots: time, s, and position, m."""
         self._pairs: set[int] = set()

@@ -111,7 +111,7 @@ def start(setup: RobotSetup, model: RobotModel, floor: PlanningGrid) -> Start:
         address=setup.address,
         epoch=setup.epoch,
         pose=setup.pose,
-        places=tuple(Point(*place) for place in setup.places),
+        items=setup.items,
         generator=own,
         settings=MappingProxyType(dict(adaptation.settings)),
         exchange=adaptation.exchange,

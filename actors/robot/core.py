@@ -169,7 +169,7 @@ class RobotCore:
             lost=estimate.lost,
             plan=navigation.plan,
             backing_out=navigation.backing_out,
-            places=tuple(Point(*place) for place in senses.places) if senses.places else (),
+            items=senses.items,
             battery=senses.battery,
         )
         decision = self._decide(view, Instant(instant + self._step_us))
@@ -194,10 +194,10 @@ class RobotCore:
         return f"step {self.step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
 
     def _outputs(self, decision: Decision, twist: Twist, pose: Pose | None) -> list[Output]:
-        places = (decision.reports, decision.given_up, decision.route)
+        task = (decision.reports, decision.given_up, decision.route)
         frames = len(decision.frames)
         drive = Drive(
-            self.step, *twist, frames, *places, None if pose is None else (pose.x, pose.y, pose.heading)
+            self.step, *twist, frames, *task, None if pose is None else (pose.x, pose.y, pose.heading)
         )
         if not frames:
             return [Output(self._drive, drive)]

@@ -29,6 +29,7 @@ from actors.introspection import (
     StepRecord,
     ValueChange,
 )
+from actors.items import ItemKey
 from actors.robot.behaviour.decisions import DecisionSource
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.ports import Behaviour, Goal, GoalPhase, GoalStatus, Plan
@@ -37,7 +38,6 @@ from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.steering import BaseLocalPlanner
 from actors.robot.sweep import Sweep
 from actors.runtime.errors import printable
-from actors.task.task import PlaceKey
 from deeco.knowledge import Knowledge
 from deeco.local import Commit
 from deeco.network import Replica
@@ -109,7 +109,7 @@ class Introspector:
         self._activity_goal: object = self
         """Goal of the activity recorded last."""
         self._knowledge: Any = None
-        self._activity: tuple[str, PlaceKey | None, Point | None] | None = None
+        self._activity: tuple[str, ItemKey | None, Point | None] | None = None
         self._peers: set[str] = set()
         """Peers with a replica."""
         self._new_replicas: dict[str, int | None] = {}
@@ -218,7 +218,7 @@ class Introspector:
             return None
         self._knowledge, self._activity_goal = knowledge, goal
         key = getattr(getattr(knowledge, "destination", None), "key", None)
-        destination = key if isinstance(key, PlaceKey) else None
+        destination = key if isinstance(key, ItemKey) else None
         elsewhere = getattr(knowledge, "waypoint", None) is not None
         activity = _activity(self._robot, goal, destination, elsewhere, _is_blocked(knowledge))
         point = None if goal is None or activity == "idle" else goal.point
@@ -338,7 +338,7 @@ def _is_blocked(knowledge: Any) -> bool:
 
 
 def _activity(
-    robot: str, goal: Goal | None, destination: PlaceKey | None, elsewhere: bool, blocked: bool
+    robot: str, goal: Goal | None, destination: ItemKey | None, elsewhere: bool, blocked: bool
 ) -> str:
     """Return the activity; if several apply, the most relevant one for an observer."""
     if blocked:
@@ -450,10 +450,10 @@ def short_text(value: object) -> str:
 
 
 def value_text(value: Any, depth: int = 0) -> str:
-    """Return a short text of a value: a place as "r1/3", a point as its coordinates."""
-    key = value if isinstance(value, PlaceKey) else getattr(value, "key", None)
-    if isinstance(key, PlaceKey):
-        return f"{key.owner}/{key.place}"
+    """Return a short text of a value: an item's key as "r1/3", a point as its coordinates."""
+    key = value if isinstance(value, ItemKey) else getattr(value, "key", None)
+    if isinstance(key, ItemKey):
+        return str(key)
     if value is None or value == ():
         return "-"
     if isinstance(value, float):

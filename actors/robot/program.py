@@ -4,10 +4,10 @@ from pathlib import Path
 
 import msgspec
 
+from actors import user_code
 from actors.floor.map_file import load_map
 from actors.messages import READY, Ready
 from actors.robot.assembly import RobotSetup, SharedMapData, kernels, robot, shared_map_data
-from actors.robot.behaviour import loading
 from actors.robot.core import RobotCore
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
@@ -63,7 +63,7 @@ def share(map_file: str, model: str, sensor: str, stack: str) -> SharedMapData:
 def actor_process(program: RobotProgram, folder: Path) -> ActorProcess:
     """Return the process of a robot whose files are in `folder`. Raises AcrcError for invalid parts."""
     process = program.process
-    loading.set_folders([folder / path for path in process.code])
+    user_code.set_folders([folder / path for path in process.code])
     return actor_process_of(program.actor, folder, Path(process.record).stem, process.commit)
 
 
@@ -71,7 +71,7 @@ def actor_process_of(setup: RobotSetup, folder: Path, name: str, commit: str) ->
     """Return a robot's process with a recording of that name, without changing the module folders."""
     core, prints = build(setup, folder), kernels()
     run = run_note(name, setup, commit, seed=setup.seed, kernels=prints)
-    run = msgspec.structs.replace(run, code=loading.FINDER.hashes() or None)
+    run = msgspec.structs.replace(run, code=user_code.FINDER.hashes() or None)
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combine_fingerprints(prints)), setup.id)
     return ActorProcess(
         core=core,
@@ -79,5 +79,5 @@ def actor_process_of(setup: RobotSetup, folder: Path, name: str, commit: str) ->
         run=run,
         ready=ready,
         outcome=core.outcome,
-        code=loading.FINDER.hashes,
+        code=user_code.FINDER.hashes,
     )

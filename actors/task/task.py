@@ -1,63 +1,36 @@
-"""Interface between the world and the robots' task; implement `Task` for another model problem."""
+"""Interface of a task: what robots are to do, how a run is judged, and by which metrics runs are compared.
 
-from collections.abc import Collection, Mapping, Sequence
+A task is a subclass of `Task` in an installed package, or in a file named on the command line. Its judge runs
+in the world's process; robots communicate with it by items and reports. Recordings hold the task's
+declaration, so that readers need no code of the task.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple, Protocol
+from types import ModuleType
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
+import msgspec
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.floor.grid import OccupancyGrid
+from actors.floor.placement import Area
+from actors.geometry import Point, Pose
 from actors.instant import Instant
-from actors.topic import MessagePart
-from actors.wording import short_repr
+from actors.items import ItemKey, TaskReports
+from actors.messages import ItemMark, TaskEvent
+from actors.runtime.errors import AcrcError
+from actors.settings import Settings
 
-REASON_LIMIT: Final = 100
-"""Maximum length of the reason for giving up a place, characters."""
-
-
-class PlaceKey(MessagePart, frozen=True):
-    """Identifier of a place to visit."""
-
-    owner: str
-    """Robot to which the place was given."""
-    place: int
-    """Index in the owner's list; places given during the run are appended."""
+T = TypeVar("T")
+Value = bool | int | float | str | None
+"""A value of a result or of a table."""
 
 
-class PlaceReport(MessagePart, frozen=True):
-    """A robot's report that it visited a place."""
-
-    owner: str
-    place: int
-    """As in PlaceKey."""
-    instant: int
-
-
-class PlaceGivenUp(MessagePart, frozen=True):
-    """A robot's report that a place should not be tried again."""
-
-    owner: str
-    place: int
-    """As in PlaceKey."""
-    instant: int
-    reason: str
-    """Text for readers, at most REASON_LIMIT characters."""
-
-
-class TaskReports(Protocol):
-    """A robot's task reports of one step; part of `Decision` and `Drive`."""
-
-    @property
-    def reports(self) -> tuple[PlaceReport, ...]:
-        """Places reported as visited."""
-
-    @property
-    def given_up(self) -> tuple[PlaceGivenUp, ...]:
-        """Places given up."""
-
-    @property
-    def route(self) -> tuple[PlaceKey, ...] | None:
-        """Places that it still plans to visit; None: unchanged."""
+class TaskError(AcrcError):
+    """A task that cannot be loaded, or that broke the contract."""
 
 
 class Metric(NamedTuple):
@@ -68,7 +41,8 @@ class Metric(NamedTuple):
     unit: str
     column: str
     """Column with its value in the table of results; names of nested values are joined by a dot."""
-    better: Literal["more", "less"] = "more"
+    better: str = "more"
+    """"more" or "less"."""
     event: str = ""
     """For a time that is censored at the end of the run: state of the run after the event. Empty: not
     censored."""
@@ -78,6 +52,74 @@ class Metric(NamedTuple):
     """Value of a failed run; None: unknown, or the worst possible time of an event."""
     margin: float | None = None
     """Equivalence margin of the mean; None: equivalence is not tested."""
+    total: str = ""
+    """Column with the largest possible value of the run; empty: there is none."""
+
+
+class MarkStyle(NamedTuple):
+    """Appearance of items in one state, or of one kind of events."""
+
+    symbol: str
+    """Symbol on floors and in lanes: a name of `actors.observer.glyphs.SYMBOLS`."""
+    description: str
+    """For legends."""
+    is_open: bool = False
+    """The item still has to be done."""
+
+
+class Column(NamedTuple):
+    """A column of the table of items."""
+
+    name: str
+    type: str
+    """"text", "integer", "number" or "boolean"."""
+    description: str
+
+
+class TaskDeclaration(msgspec.Struct, frozen=True):
+    """Declaration of a task, stored in recordings and results."""
+
+    name: str
+    """Name of the task, such as "cleaning"."""
+    table: str
+    """Name of its table in scenario files, of a robot's items there, and of its table of items."""
+    item: str
+    """Singular noun for an item, such as "place"."""
+    items: str
+    """Plural noun."""
+    done: str
+    """Participle for an item that is done, such as "cleaned"."""
+    metrics: tuple[Metric, ...]
+    """At least one with a rank. `column` is a name in `TaskOutcome.values`."""
+    marks: Mapping[str, MarkStyle] = {}
+    """Appearance of items on floors, by state (`ItemMark.state`)."""
+    events: Mapping[str, MarkStyle] = {}
+    """Appearance of events in lanes, by kind (`TaskEvent.kind`)."""
+    columns: tuple[Column, ...] = ()
+    """Columns of `TaskOutcome.items`."""
+    schemas: Mapping[str, Any] = {}
+    """JSON schemas of an "item" and a "report"."""
+    causes: Mapping[str, tuple[str, str]] = {}
+    """Own causes of a robot's lost time: colour such as "#4f5a70" and hatch of matplotlib, by name."""
+    cells: Mapping[str, tuple[str, ...]] = {}
+    """Columns of the printed result, by title: names of `TaskOutcome.robots` values, joined by "of"."""
+    lists_items: bool = True
+    """Robots report the items that they plan to do (`Decision.route`); a robot without any is done."""
+
+
+class TaskOutcome(msgspec.Struct, frozen=True):
+    """Result of a task at the end of a run."""
+
+    summary: str
+    """Predicate of a sentence about the robots, such as "cleaned all 40 places in 212 s"."""
+    values: Mapping[str, Value]
+    """Values by name: the columns of metrics, and further ones."""
+    robots: Mapping[str, Mapping[str, Value]]
+    """Values of each robot."""
+    items: tuple[Mapping[str, Value], ...] = ()
+    """Rows of the table of items, by column."""
+    notes: tuple[str, ...] = ()
+    """Further sentences, such as about false reports."""
 
 
 class TaskProgress(NamedTuple):
@@ -89,105 +131,169 @@ class TaskProgress(NamedTuple):
     """Items reported as done."""
 
 
-class Task(Protocol):
-    """Task of a run's robots, evaluated from ground truth and the robots' reports.
+class TaskWorld(Protocol):
+    """The simulated world, as a judge may use it."""
 
-    The world passes it the true positions and reports of every step, in a fixed order. It must be a function
-    of these: no clock, no randomness. An exception ends the run.
+    def charge(self, robot: str, watts: float) -> None:
+        """Charge the robot's battery with this power during the next step; without battery no effect."""
+
+    def battery(self, robot: str) -> float | None:
+        """Return the charge of the robot's battery, 0 to 1; None: not simulated."""
+
+    def speed(self, robot: str) -> float:
+        """Return the robot's true speed, m/s."""
+
+    def give(self, robot: str, items: Sequence[Any]) -> None:
+        """Send further items to the robot with its next SensorData, and again after each restart."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JudgeSetup:
+    """Initial data of a judge."""
+
+    robots: tuple[str, ...]
+    """In scenario order."""
+    items: Mapping[str, tuple[Any, ...]]
+    """Initial items of each robot, of the task's item type."""
+    settings: Any = None
+    """The task's table, of type `Task.settings`."""
+    grid: OccupancyGrid | None = None
+    """The robots' map; None if it is unknown."""
+    seed: int = 0
+    """Seed for `actors.randomness.generator(seed, "task", ...)`, the only allowed randomness."""
+    duration_us: int = 0
+    """Longest duration of the run."""
+    world: TaskWorld | None = None
+    """None on hardware, where there is no ground truth either."""
+
+
+class Judge:
+    """Judge of a run: follows ground truth and reports, and determines the outcome.
+
+    The world calls the methods of every step in a fixed order. A judge must be a function of these calls: no
+    clock, no randomness but that of its seed. An exception ends the run.
     """
+
+    def __init__(self) -> None:
+        self._marks: dict[ItemKey, ItemMark] = {}
+        self._events: list[TaskEvent] = []
 
     @property
     def settled(self) -> bool:
-        """True once the task is finished, which ends the run; False for an empty task."""
+        """True once the task is finished, which ends the run."""
+        return False
 
     def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
-        """Process the robots' true positions, (n, 2) m, in the order of the set-up."""
+        """Process the true positions, (n, 2) m, in the order of the robots, at the start of a step."""
 
-    def take(self, robot: str, answer: TaskReports) -> str | None:
-        """Process a robot's reports of a step, whose form has been checked (`task_reports_fault`).
+    def take(self, robot: str, answer: TaskReports, begin: int, end: int) -> str | None:
+        """Process a robot's reports of the step from `begin` to `end`, µs.
 
-        Return an error that continues the robot's name, such as for an unknown place; None if valid.
+        Form and number have been checked (`task_reports_fault`). Return an error that continues the robot's
+        name, such as for an unknown item; None if valid.
         """
+        raise NotImplementedError
 
     def restart(self, robot: str) -> None:
-        """Process the restart of a robot, which loses its state except the places given to it."""
+        """Process the restart of a robot, which loses its state and receives all its items again."""
 
-    def give(self, instant: Instant, robot: str, places: Sequence[tuple[float, float]]) -> None:
-        """Give further places, m, to a robot during the run."""
+    def give(self, instant: Instant, robot: str, items: Sequence[Any]) -> str | None:
+        """Process an order that gives further items to a robot; return an error, None if valid."""
+        return "this task takes no further items"
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Return the progress; `present`: robots with a process."""
+        raise NotImplementedError
 
-    def outcome(self, present: Collection[str]) -> Mapping[str, object]:
-        """Return the results by subject, for the final record; `present`: robots with a process."""
+    def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
+        """Return the outcome at the instant `end`; `present`: robots with a process."""
+        raise NotImplementedError
 
+    def mark(self, key: ItemKey, point: tuple[float, float], state: str, by: str = "") -> None:
+        """Show an item in a state at a point, m; `by`: the robot that is responsible for the state."""
+        self._marks[key] = ItemMark(key.owner, key.number, point[0], point[1], state, by)
 
-@dataclass(frozen=True)
-class TaskLimits:
-    """Limits of a robot's task reports in one step; own choices, far above what a strategy needs."""
+    def note(self, robot: str, instant: int, kind: str, key: ItemKey | None = None, text: str = "") -> None:
+        """Show an event of a robot; `kind`: one of the declared events."""
+        owner, number = ("", 0) if key is None else (key.owner, key.number)
+        self._events.append(TaskEvent(robot, instant, kind, owner, number, text))
 
-    reports: int = 1000
-    """Places reported as visited."""
-    given_up: int = 1000
-    """Places given up; the scenario file's limit of places per robot."""
-    route: int = 10_000
-    """Places in a route: its own and adopted ones."""
-
-
-def task_reports_fault(answer: TaskReports, begin: int, end: int, limits: TaskLimits) -> str | None:
-    """Return the first fault of the task reports of the step from `begin` to `end`, µs; None if valid."""
-    if answer.reports and (fault := _reports_fault(answer.reports, begin, end, limits)):
-        return fault
-    if answer.given_up and (fault := _given_up_fault(answer.given_up, begin, end, limits)):
-        return fault
-    return None if answer.route is None else _route_fault(answer.route, limits)
+    def take_changes(self) -> tuple[tuple[ItemMark, ...], tuple[TaskEvent, ...]]:
+        """Remove and return the marks and events since the last call."""
+        if not self._marks and not self._events:
+            return (), ()
+        marks, events = tuple(self._marks.values()), tuple(self._events)
+        self._marks, self._events = {}, []
+        return marks, events
 
 
-def _reports_fault(reports: Sequence[object], begin: int, end: int, limits: TaskLimits) -> str | None:
-    if len(reports) > limits.reports:
-        return f"reports {len(reports)} places in one step; the limit is {limits.reports}"
-    for report in reports:
-        if not isinstance(report, PlaceReport):
-            return f"reports {short_repr(report)}; must be a PlaceReport"
-        if fault := _instant_fault("reports a place", report.instant, begin, end):
-            return fault
-    return None
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Placing:
+    """What a task may use to draw a robot's items."""
+
+    robot: str
+    index: int
+    """Index of the robot in the scenario."""
+    start: Pose
+    radius: float
+    """Radius of its body, m."""
+    grid: OccupancyGrid
+    map: str
+    """The map's name in the scenario, for errors."""
+    areas: tuple[Area, ...]
+    """Named areas of the scenario."""
+    generator: Callable[..., Generator]
+    """Returns the random stream of some names: strings and numbers."""
 
 
-def _given_up_fault(given_up: Sequence[object], begin: int, end: int, limits: TaskLimits) -> str | None:
-    if len(given_up) > limits.given_up:
-        return f"gives up {len(given_up)} places in one step; the limit is {limits.given_up}"
-    for place in given_up:
-        if not isinstance(place, PlaceGivenUp) or not isinstance(place.reason, str):
-            return f"gives up {short_repr(place)}; must be a PlaceGivenUp with a text as reason"
-        if not 0 < len(place.reason) <= REASON_LIMIT:
-            return (
-                f"gives up a place for a reason of {len(place.reason)} characters; "
-                f"must have 1 to {REASON_LIMIT}"
-            )
-        if fault := _instant_fault("gives up a place", place.instant, begin, end):
-            return fault
-    return None
+class Task:
+    """A model problem. All methods are functions of their arguments."""
 
+    declaration: ClassVar[TaskDeclaration]
+    settings: ClassVar[type[Settings]] = Settings
+    """Type of its table in the scenario file."""
+    item: ClassVar[Any] = tuple[float, float]
+    """Type of an item in scenario files and messages; at most ITEM_LIMIT bytes."""
+    report: ClassVar[Any] = None
+    """Type of a report, a subclass of MessagePart or a union of tagged ones; None: there are no reports."""
+    reach: ClassVar[float] = 0.5
+    """Distance from which a robot can do an item, m."""
+    kernels: ClassVar[tuple[ModuleType, ...]] = ()
+    """Modules with numeric kernels that the judge uses."""
 
-def _instant_fault(action: str, instant: object, begin: int, end: int) -> str | None:
-    if type(instant) is not int:
-        return f"{action} at {short_repr(instant)} µs; must be a whole number"
-    if not begin <= instant < end:
-        return f"{action} at {instant} µs; must be from {begin} to {end - 1} µs"
-    return None
+    def judge(self, setup: JudgeSetup) -> Judge:
+        """Return the judge of a run."""
+        raise NotImplementedError
 
+    def draw(self, settings: Any, placing: Placing) -> tuple[Any, ...]:
+        """Return the initial items of a robot without listed ones. Raises AcrcError without room."""
+        return ()
 
-def _route_fault(route: object, limits: TaskLimits) -> str | None:
-    if not isinstance(route, tuple):
-        return f"has the route {short_repr(route)}; must be a tuple of PlaceKey, or None"
-    if len(route) > limits.route:
-        return f"has a route of {len(route)} places; the limit is {limits.route}"
-    seen: set[tuple[str, int]] = set()
-    for place in route:
-        if not isinstance(place, PlaceKey):
-            return f"has {short_repr(place)} in its route; must be a PlaceKey"
-        if (place.owner, place.place) in seen:
-            return f"has place {place.place} of {short_repr(place.owner)} twice in its route; must be unique"
-        seen.add((place.owner, place.place))
-    return None
+    def check(self, item: Any, grid: OccupancyGrid) -> str | None:
+        """Return the fault of a listed item, as text that continues "must"; None if valid."""
+        return None
+
+    def point(self, item: Any) -> Point | None:
+        """Return the point to which a robot must drive for an item, m; None: there is none."""
+        return None
+
+    def listed(self, settings: Any) -> Any:
+        """Return the settings that apply once every robot has listed items."""
+        return settings
+
+    def settings_fault(
+        self, settings: Any, robots: Sequence[str], listed: Collection[str], areas: Sequence[str]
+    ) -> str | None:
+        """Return the first fault of the settings with respect to other tables; None if valid.
+
+        `listed`: robots with listed items; `areas`: names of the scenario's areas.
+        """
+        return None
+
+    def map_keys(self, settings: Any) -> Mapping[str, str]:
+        """Return settings that belong to the scenario's map: their keys, and the text of `--set` to reset."""
+        return {}
+
+    def areas(self, settings: Any, areas: Sequence[tuple[str, T]]) -> Sequence[tuple[str, T]]:
+        """Return those named areas in which items are drawn; empty: on all free floor."""
+        return areas

@@ -13,6 +13,7 @@ from actors.runtime.linux import die_with_parent, enable_stack_dumps, exit_on_si
 from actors.runtime.process import run_actor
 from actors.runtime.process_setup import setup_parser
 from actors.runtime.recording import Recorder
+from actors.user_code import set_task_folders
 from actors.world.program import Conductor, actor_process, build, load_setup, world_note
 
 
@@ -26,6 +27,7 @@ def main(argv: Sequence[str]) -> int:
         process = program.process
         if process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
+        set_task_folders([folder / path for path in process.modules])
         core = build(program.actor.resolve_paths(folder))
         conductor = Conductor(core, process.speed)
         note = world_note(program.actor, process.commit)

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, OCCUPIED, outline
 from actors.floor.map_file import load_map
-from actors.floor.placement import PlacementError, check_pose
+from actors.floor.placement import check_pose
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
 from actors.messages import Drive, FloorChanged, PersonTruth, Scan, SensorData, UnmappedObstacle
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
+from actors.task.loading import decode_items, load_task
 from actors.world.battery import Batteries
 from actors.world.odometry import Odometers
 from actors.world.people import Pedestrians
@@ -34,7 +35,6 @@ POST_RADIUS: Final = 0.05
 """Radius of the posts that make up an added wall, m; own choice: as thick as a partition."""
 _POST_SPACING: Final = 0.075
 """Maximum spacing of posts, m; the seams of overlapping posts are 66 mm thick."""
-Places = tuple[tuple[float, float], ...]
 
 
 class FloorRecord:
@@ -143,7 +143,8 @@ class Bodies:
             raise AcrcError(f"step_us is {setup.step_us} µs; must be a multiple of {SUBSTEP} µs")
         self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
         floor = real_floor(setup, self._models)
-        self._grid = floor.solid
+        self.grid = floor.solid
+        """The real floor, with what is missing on the map."""
         self.floor_record = FloorRecord()
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
@@ -210,9 +211,9 @@ class Bodies:
         return (*self._poses[index], *self._velocities[index])
 
     def senses(
-        self, index: int, step: int, instant: Instant, events: int, halt: bool, places: Places = ()
+        self, index: int, step: int, instant: Instant, events: int, halt: bool, items: tuple[Any, ...] = ()
     ) -> SensorData:
-        """Return the base's report, with new places. Each scan is returned once."""
+        """Return the base's report, with new items of the task. Each scan is returned once."""
         scans = self._scans[index]
         scan = scans.pop() if scans else None
         bumper, self._bumpers[index] = int(self._bumpers[index]), 0
@@ -228,7 +229,7 @@ class Bodies:
             scan,
             halt=halt,
             earlier_scans=earlier,
-            places=places,
+            items=items,
             battery=self.batteries.charges[index],
         )
 
@@ -255,7 +256,7 @@ class Bodies:
 
     def place(self, index: int, pose: Pose) -> None:
         """Relocate a robot."""
-        check_pose(self._grid, pose.point, self._models[index].footprint.inradius, self._names[index])
+        check_pose(self.grid, pose.point, self._models[index].footprint.inradius, self._names[index])
         self._arena.move(index, pose)
         self._odometers.relocate(index, pose)
         self._scans[index].clear()  # scans of the former position
@@ -282,12 +283,6 @@ class Bodies:
     def open_door(self, x: float, y: float) -> None:
         """Open the door at a point."""
         self._doors.open(Point(x, y))
-
-    def check_places(self, places: Places) -> None:
-        """Raise PlacementError for a place that is not on free floor."""
-        for x, y in places:
-            if not self._grid.is_free(Point(x, y)):
-                raise PlacementError(f"({x:g}, {y:g}) is not on free floor; choose another place")
 
     def _next_scan(self, now: int) -> int:
         """Return the instant of the next scan of any sensor, rounded up to a sub-step."""
@@ -323,7 +318,9 @@ def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
 def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
     """Return the real floor of a run. Raises MapError, PlacementError if a robot's start is not free."""
     keep_off = [Point(*robot.start[:2]) for robot in setup.robots]
-    keep_off += [Point(*place) for robot in setup.robots for place in robot.places]
+    task = load_task(setup.task.use)
+    points = (task.point(item) for robot in setup.robots for item in decode_items(task, robot.items))
+    keep_off += [point for point in points if point is not None]
     rng = generator(setup.world_seed, "uncertainty", "world")
     real = draw_floor(load_map(Path(setup.map)), setup.uncertainty, rng, keep_off)
     for robot, model in zip(setup.robots, models, strict=True):

@@ -5,9 +5,9 @@ has answered, send Truth. MOVE: run the physics to the end of the step. A roll c
 and each restart.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from enum import Enum
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -24,6 +24,8 @@ from actors.messages import (
     RADIO_READY,
     READY,
     ROSTER,
+    TASK_CHANGED,
+    TASK_NEWS,
     TRUTH,
     Control,
     Drive,
@@ -34,18 +36,22 @@ from actors.messages import (
     Ready,
     RobotTruth,
     Roster,
+    TaskChanged,
     Truth,
 )
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.processor import differing_kernels, first_names, parse_fingerprints
-from actors.task.task import Task
+from actors.task.loading import decode_reports
+from actors.task.task import Judge, Task, TaskError, TaskOutcome
 from actors.wording import short_repr
-from actors.world.body import Bodies, Places
+from actors.world.body import Bodies
 from actors.world.order_execution import OrderEffects, Orders
 from actors.world.sensing import PoseErrorSum, WorldReport
 from actors.world.world_setup import BarrierState, Member, Participants, WorldSetup
 
+_MOST_CHANGES: Final = 200
+"""Most marks and most events of the task in one message."""
 _MAX_NAME: Final = 32
 """Maximum length of a received name in a message; names of this software are shorter."""
 
@@ -63,13 +69,16 @@ class WorldPhase(Enum):
 class WorldCore:
     """Conducts the steps; the module describes the phases."""
 
-    def __init__(self, setup: WorldSetup, bodies: Bodies, task: Task) -> None:
+    def __init__(
+        self, setup: WorldSetup, bodies: Bodies, participants: Participants, task: Task, judge: Judge
+    ) -> None:
         self._setup = setup
         self._bodies = bodies
-        self._participants = Participants(setup.robots)
+        self._participants = participants
         self._task = task
+        self._judge = judge
         self._pose_errors = [PoseErrorSum() for _ in setup.robots]
-        self._orders = Orders(setup.events, self._participants, bodies, task)
+        self._orders = Orders(setup.events, participants, bodies, task, judge)
         self._step = 0
         self._phase = WorldPhase.ROLL_CALL
         self._finished = False
@@ -110,9 +119,9 @@ class WorldCore:
         return self._phase is WorldPhase.OPEN
 
     @property
-    def task_outcome(self) -> Mapping[str, object]:
-        """Outcome of the task so far, by subject."""
-        return self._task.outcome(self._participants.present)
+    def task_outcome(self) -> TaskOutcome:
+        """Outcome of the task so far."""
+        return self._judge.outcome(self._participants.present, self.instant)
 
     def report(self) -> WorldReport:
         """Return the ground truth so far."""
@@ -176,8 +185,8 @@ class WorldCore:
             self._restarting = False
             return self._send_senses()
         self._phase = WorldPhase.OPEN
-        self._task.watch(self.instant, self._bodies.positions)
-        return [to(FLOOR_CHANGED, FloorChanged(self._step))]
+        self._judge.watch(self.instant, self._bodies.positions)
+        return [to(FLOOR_CHANGED, FloorChanged(self._step)), *self._task_changes()]
 
     def _admit(self, member: Member, ready: Ready) -> None:
         if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
@@ -205,13 +214,13 @@ class WorldCore:
             effects = self._orders.effects
             if self._pause_at == self._step:
                 effects.paused, effects.steps = True, 0
-        outputs = self._take_orders(inputs) + self._floor_changes()
+        outputs = self._take_orders(inputs) + self._floor_changes() + self._task_changes()
         if effects.speed is not None:
             self._speed = effects.speed
         if effects.steps is not None:
             self._pause_at = self._step + effects.steps if effects.steps else None
         for start in effects.starts:
-            self._task.restart(start.robot)
+            self._judge.restart(start.robot)
             self._bodies.batteries.replace_empty(self._participants[start.robot].index)
         if effects.paused and not effects.stop:
             self._phase = WorldPhase.PAUSED
@@ -253,12 +262,14 @@ class WorldCore:
     def _is_over(self, effects: OrderEffects) -> bool:
         if effects.stop or self.instant >= self._setup.duration_us:
             return True
-        return self._task.settled and not self._orders.pending and not effects.starts
+        return self._judge.settled and not self._orders.pending and not effects.starts
 
     def _halt(self) -> list[Output]:
         running = self._participants.members_in(BarrierState.STEPPING, BarrierState.FROZEN)
         outputs = [self._senses(member, self.instant, halt=True) for member in running]
         self._finished = True
+        self._judge.outcome(self._participants.present, self.instant)  # may show final marks
+        outputs += self._task_changes()
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         outputs.append(to(PROGRESS, self._progress()))
         return outputs
@@ -272,10 +283,10 @@ class WorldCore:
 
     def _senses(self, member: Member, instant: Instant, halt: bool = False) -> Output:
         events, member.events = member.events, 0
-        places: Places = ()
-        if member.added_places and not halt:  # a restarted process gets them all
-            places, member.sent_places = member.added_places[member.sent_places :], len(member.added_places)
-        senses = self._bodies.senses(member.index, self._step, instant, events, halt, places)
+        items: tuple[Any, ...] = ()
+        if member.given_items and not halt:  # a restarted process gets them all
+            items, member.sent_items = member.given_items[member.sent_items :], len(member.given_items)
+        senses = self._bodies.senses(member.index, self._step, instant, events, halt, items)
         return Output(member.senses, senses)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
@@ -287,8 +298,8 @@ class WorldCore:
             if wrong := drive_fault(drive, self._step, begin, end):
                 raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, begin)
-            if wrong := self._task.take(member.id, drive):
-                raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
+            if drive.reports or drive.given_up or drive.route is not None:
+                self._take_reports(member, drive, begin, end)
             if drive.pose is not None:
                 estimates[member.index] = drive.pose
             transmits[member.id] = drive.transmits
@@ -313,6 +324,14 @@ class WorldCore:
         )
         return (to(TRUTH, truth),)
 
+    def _take_reports(self, member: Member, drive: Drive, begin: int, end: int) -> None:
+        try:
+            wrong = self._judge.take(member.id, decode_reports(self._task, drive), begin, end)
+        except TaskError as error:
+            wrong = str(error)
+        if wrong:
+            raise AcrcError(f"{self._time_text()}: {member.id} {wrong}")
+
     def _time_text(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"
 
@@ -327,7 +346,7 @@ class WorldCore:
         outputs = self._floor_changes()
         self._step += 1
         self._phase = WorldPhase.OPEN
-        self._task.watch(self.instant, self._bodies.positions)
+        self._judge.watch(self.instant, self._bodies.positions)
         is_new_second = self.instant % 1_000_000 < self._setup.step_us
         return [*outputs, to(PROGRESS, self._progress())] if is_new_second else outputs
 
@@ -335,8 +354,18 @@ class WorldCore:
         changed = self._bodies.floor_record.take(self._step)
         return [] if changed is None else [to(FLOOR_CHANGED, changed), to(FLOOR_NEWS, changed)]
 
+    def _task_changes(self) -> list[Output]:
+        """Return the changes of the task since the last call, in messages of bounded size."""
+        marks, events = self._judge.take_changes()
+        outputs = []
+        for first in range(0, max(len(marks), len(events)), _MOST_CHANGES):
+            part = slice(first, first + _MOST_CHANGES)
+            changed = TaskChanged(self._step, marks[part], events[part])
+            outputs += [to(TASK_CHANGED, changed), to(TASK_NEWS, changed)]
+        return outputs
+
     def _progress(self) -> Progress:
-        left, done = self._task.progress(self._participants.present)
+        left, done = self._judge.progress(self._participants.present)
         return Progress(self._step, self.instant, left, done, self._finished, self.paused)
 
     def waiting(self, addresses: Sequence[Address]) -> Progress:

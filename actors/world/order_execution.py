@@ -1,16 +1,16 @@
 """Carries out the scenario's events and operators' orders at a step boundary."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
 from actors.message_limits import OrderLimits, order_fault
 from actors.messages import Drive, Jam, Loss, ProcessOrder
 from actors.orders import (
-    AssignPlaces,
+    AssignItems,
     CloseDoor,
     Freeze,
     Kill,
@@ -30,7 +30,8 @@ from actors.orders import (
     Wall,
 )
 from actors.runtime.errors import AcrcError
-from actors.task.task import Task
+from actors.task.loading import decode_items
+from actors.task.task import Judge, Task
 from actors.world.body import Bodies, wall_posts
 from actors.world.world_setup import BarrierState, Member, Participants, TimedOrder
 
@@ -62,13 +63,19 @@ class Orders:
     """Carries out orders and keeps the effects of the current boundary."""
 
     def __init__(
-        self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies, task: Task
+        self,
+        events: tuple[TimedOrder, ...],
+        roster: Participants,
+        bodies: Bodies,
+        task: Task,
+        judge: Judge,
     ) -> None:
         self.effects = OrderEffects()
         self._events = deque(events)
         self._roster = roster
         self._bodies = bodies
         self._task = task
+        self._judge = judge
         self._now = Instant(0)
         self._limits = OrderLimits()
         self._obstacles = 0
@@ -116,7 +123,7 @@ class Orders:
         if fault := order_fault(order, self._limits):
             raise AcrcError(fault)
         match order:
-            case Kill() | Freeze() | Thaw() | Restart() | Move() | AssignPlaces():
+            case Kill() | Freeze() | Thaw() | Restart() | Move() | AssignItems():
                 self._apply_to_robot(order)
             case StartJam() | LoseFrame():
                 self._apply_to_radio(order)
@@ -125,7 +132,7 @@ class Orders:
             case Pause() | Resume() | Step() | Speed() | Stop():
                 self._apply_to_run(order)
 
-    def _apply_to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | AssignPlaces) -> None:
+    def _apply_to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | AssignItems) -> None:
         if order.robot not in self._roster:
             raise AcrcError(f"cannot {_verb(order)} {order.robot!r}: no such robot")
         member = self._roster[order.robot]
@@ -142,8 +149,8 @@ class Orders:
                 self.effects.starts.append(ProcessOrder(member.id, member.epoch))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
-            case AssignPlaces():
-                self._assign_places(member, order)
+            case AssignItems():
+                self._give(member, order)
             case _:
                 raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.state.value}")
 
@@ -155,16 +162,13 @@ class Orders:
             effects.ends.append(member.id)
         member.state = BarrierState.ENDED
 
-    def _assign_places(self, member: Member, order: AssignPlaces) -> None:
-        """Add places; the robot's process receives them with its next SensorData."""
-        if len(member.added_places) + len(order.places) > self._limits.places:
-            raise AcrcError(
-                f"{member.id} has been given {len(member.added_places)} places since the start; "
-                f"the limit is {self._limits.places}"
-            )
-        self._bodies.check_places(order.places)
-        member.added_places += order.places
-        self._task.give(self._now, member.id, order.places)
+    def _give(self, member: Member, order: AssignItems) -> None:
+        """Give items; the robot's process receives them with its next SensorData."""
+        items = decode_items(self._task, order.items)
+        check_room(member, items, self._limits)
+        if fault := self._judge.give(self._now, member.id, items):
+            raise AcrcError(fault)
+        member.given_items += items
 
     def _apply_to_radio(self, order: StartJam | LoseFrame) -> None:
         if isinstance(order, StartJam):
@@ -215,6 +219,15 @@ class Orders:
 
     def _time_text(self) -> str:
         return f"at {in_seconds(self._now):g} s"
+
+
+def check_room(member: Member, items: Sequence[Any], limits: OrderLimits) -> None:
+    """Raise AcrcError if a robot cannot be given so many further items."""
+    if len(member.given_items) + len(items) > limits.items:
+        raise AcrcError(
+            f"{member.id} has been given {len(member.given_items)} items since the start; "
+            f"the limit is {limits.items}"
+        )
 
 
 def _verb(order: Order) -> str:

@@ -1,28 +1,31 @@
 """Process of the world: set-up, core and router."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
 from actors.floor import raster
+from actors.message_limits import OrderLimits
 from actors.messages import PROGRESS
-from actors.portable import arrays, draws, foundations
+from actors.portable import arrays, draws, foundations, hypot
 from actors.runtime.core import Bus, Pace, interval_timer, to
 from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.processor import fingerprints
 from actors.runtime.shell import Shell, run_shell
-from actors.task import visits
-from actors.task.referee import Referee
+from actors.settings import decode
+from actors.task.loading import decode_items, load_task
+from actors.task.task import JudgeSetup
 from actors.world import drive, odometry, physics, rays, social_force
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
-from actors.world.world_setup import WorldProgram, WorldSetup
+from actors.world.order_execution import check_room
+from actors.world.world_setup import Participants, WorldProgram, WorldSetup
 
-KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, visits, raster)
+KERNELS: Final = (foundations, arrays, draws, odometry, drive, physics, rays, raster)
 """Modules with the numeric kernels of every world."""
 PEOPLE_KERNELS: Final = (social_force,)
 """Further ones of a world with people."""
@@ -34,8 +37,47 @@ def load_setup(path: Path) -> WorldProgram:
 
 
 def build(setup: WorldSetup) -> WorldCore:
-    """Return the core of a world whose task is to visit places."""
-    return WorldCore(setup, Bodies(setup), Referee(setup.robots, setup.reach))
+    """Return the core of a world and its judge."""
+    task, bodies, participants = load_task(setup.task.use), Bodies(setup), Participants(setup.robots)
+    judge = task.judge(
+        JudgeSetup(
+            robots=tuple(robot.id for robot in setup.robots),
+            items={robot.id: decode_items(task, robot.items) for robot in setup.robots},
+            settings=decode(task.settings, setup.task.settings, setup.task.declaration.table),
+            grid=bodies.grid,
+            seed=setup.world_seed,
+            duration_us=setup.duration_us,
+            world=JudgedWorld(bodies, participants),
+        )
+    )
+    return WorldCore(setup, bodies, participants, task, judge)
+
+
+class JudgedWorld:
+    """The world as its judge may use it, implementing `TaskWorld`."""
+
+    def __init__(self, bodies: Bodies, participants: Participants) -> None:
+        self._bodies = bodies
+        self._participants = participants
+
+    def charge(self, robot: str, watts: float) -> None:
+        """Charge the robot's battery during the next step."""
+        self._bodies.batteries.charge(self._participants[robot].index, watts)
+
+    def battery(self, robot: str) -> float | None:
+        """Return the charge of the robot's battery, 0 to 1; None: not simulated."""
+        return self._bodies.batteries.charges[self._participants[robot].index]
+
+    def speed(self, robot: str) -> float:
+        """Return the robot's true speed, m/s."""
+        _, _, _, vx, vy, _ = self._bodies.truth(self._participants[robot].index)
+        return hypot(vx, vy)
+
+    def give(self, robot: str, items: Sequence[Any]) -> None:
+        """Send further items to the robot with its next SensorData."""
+        member = self._participants[robot]
+        check_room(member, items, OrderLimits())
+        member.given_items += tuple(items)
 
 
 def actor_process_of(setup: WorldSetup, folder: Path, commit: str) -> ActorProcess:
@@ -64,12 +106,12 @@ def outcome_of(core: WorldCore) -> dict[str, object]:
     report = msgspec.to_builtins(core.report())
     if not report["energy"]:
         del report["energy"]
-    return {**core.task_outcome, **report}
+    return {"task": core.task_outcome, **report}
 
 
 def world_note(setup: WorldSetup, commit: str) -> RunNote:
     """Return the first record of the world's recording."""
-    kernels = (*KERNELS, *PEOPLE_KERNELS) if setup.has_people else KERNELS
+    kernels = (*KERNELS, *load_task(setup.task.use).kernels, *(PEOPLE_KERNELS if setup.has_people else ()))
     return run_note("world", setup, commit, seed=setup.seed, kernels=fingerprints(kernels))
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import msgspec
 
@@ -14,12 +14,13 @@ from actors.robot_model import OdometryKind, RobotDescription
 from actors.runtime.core import Address, at
 from actors.runtime.process_setup import ActorSetup, ProcessSetup, RecordDetail, resolve_model
 from actors.settings import Share
+from actors.task.loading import TaskSetup
 from actors.world.people import PeopleSetup
 from actors.world.uncertainty import Uncertainty
 
 
 class BodySetup(RobotDescription, frozen=True, kw_only=True, omit_defaults=True):
-    """One robot's body and its start; places are used for measurements only."""
+    """One robot's body and its start; its items are for the task's judge."""
 
     odometry: OdometryKind
     """Kind of odometry errors."""
@@ -47,13 +48,11 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Length of a step, µs; a multiple of the physics sub-step, 10 000 µs."""
     duration_us: int
     robots: tuple[BodySetup, ...]
+    task: TaskSetup
     events: tuple[TimedOrder, ...] = ()
     """Orders sorted by instant."""
     uncertainty: Uncertainty = Uncertainty()
     """Differences between floor and map, and odometry drift."""
-    reach: float = 0.7
-    """A place counts as visited if ground truth was this near, m: the 0.5 m at which robots report it
-    (d3scomp's testbed) plus 0.2 m of localisation error."""
     key: str = ""
     """Hexadecimal key that enters all random draws beside `seed`; empty for none."""
     detail: RecordDetail = "lean"
@@ -88,6 +87,8 @@ class WorldProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
 
     speed: float | None = None
     """Simulated seconds per second; None: as fast as possible."""
+    modules: tuple[str, ...] = ()
+    """Folders from which the task may be loaded, which the user has named on the command line."""
 
 
 WorldProgram = ActorSetup[WorldSetup, WorldProcess]
@@ -115,9 +116,9 @@ class Member:
     kernels: str = ""
     events: int = 0
     """Radio events pending for the robot's next step."""
-    added_places: tuple[tuple[float, float], ...] = ()
-    """Places added since the start of the run, m."""
-    sent_places: int = 0
+    given_items: tuple[Any, ...] = ()
+    """Items given since the start of the run."""
+    sent_items: int = 0
     """Number of these sent to the current process."""
     senses: Address = field(init=False)
     """Address of its SensorData."""
@@ -133,9 +134,9 @@ class Member:
         return self.state is not BarrierState.ENDED
 
     def restart(self) -> None:
-        """Expect a new process, which has not received the added places."""
+        """Expect a new process, which has not received the items given since the start."""
         self.epoch += 1
-        self.sent_places = 0
+        self.sent_items = 0
         self.state = BarrierState.AWAITED
 
 

@@ -9,8 +9,8 @@ only; the auction balances loads and does not predict encounters; a killed robot
 from dataclasses import dataclass
 from typing import Annotated, Self
 
-from actors.robot.behaviour import Behaviour, FloorPlan, PlaceMonitor, Start, host
-from actors.task.task import PlaceKey
+from actors.items import ItemKey
+from actors.robot.behaviour import Behaviour, FloorPlan, Start, TaskMonitor, host
 from cleaning.cleaner import Cleaner
 from cleaning.place import Assignment
 from cleaning.strategies.tour import PathCosts
@@ -69,7 +69,7 @@ class BiddingRobot(YieldingRobot, Bidder):
     stuck_for: int = 0
     """Time of being blocked since the last visit of a place, s."""
 
-    def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
+    def set_destination(self, monitor: TaskMonitor, now: Instant) -> Self:
         """Set the destination; a visit resets `stuck_for`."""
         robot = super().set_destination(monitor, now)
         return robot if len(robot.settled) == len(self.settled) else replace(robot, stuck_for=0)
@@ -83,7 +83,7 @@ class BiddingRobot(YieldingRobot, Bidder):
         costs = PathCosts(floor, self.parameters.door_charge)
         return robot._in_tour_order(costs)._with_bids(costs)
 
-    def places_taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
+    def places_taken_by(self, peer: Cleaner) -> frozenset[ItemKey]:
         """Return also places that the peer holds, by its bids, with a higher term."""
         gone = super().places_taken_by(peer)
         if not isinstance(peer, Bidder):

@@ -18,13 +18,13 @@ from acrc_testbed.run_model.simulated_runs import run_model
 from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
+from actors.items import ItemKey
 from actors.messages import Control, FloorChanged, Jam, OrderOutcomes, Progress, Truth, UnmappedObstacle
 from actors.observer import glyphs
 from actors.observer.glyphs import ACTIVITY_GLYPHS, MARKS, Mark, contrast, hexadecimal
-from actors.orders import AssignPlaces, Freeze, Kill, Move, Order, Restart, Speed, Thaw
+from actors.orders import AssignItems, Freeze, Kill, Move, Order, Restart, Speed, Thaw
 from actors.radio.radio_model import RadioSetup
 from actors.robot_model import load_model
-from actors.task.task import PlaceKey
 from actors.topic import Message
 from actors.world.world_setup import WorldSetup
 
@@ -97,8 +97,8 @@ class Scene:
         self._model = run_model(Path(), setup, radio)
         self._own = self._model.description.own_places
         self._floor, self._speed = floor_message(setup, self._model.description.grid), speed
-        self._places = {PlaceKey(one, n): at for one, own in self._own.items() for n, at in enumerate(own)}
-        self._reported: dict[PlaceKey, str] = {}
+        self._places = {ItemKey(one, n): at for one, own in self._own.items() for n, at in enumerate(own)}
+        self._reported: dict[ItemKey, str] = {}
         """Reported state of places: done or given up."""
         self._routes = {robot: [key for key in self._places if key.owner == robot] for robot in self._own}
         self._poses: dict[str, tuple[float, ...]] = {one.id: one.start for one in setup.robots}
@@ -146,7 +146,7 @@ class Scene:
                     self._apply_run(self._model.advance(message.step))
 
     def _apply_run(self, run: RunData) -> None:
-        self._apply(one.order for one in run.orders if isinstance(one.order, AssignPlaces | Speed))
+        self._apply(one.order for one in run.orders if isinstance(one.order, AssignItems | Speed))
         self._routes |= {route.robot: list(route.places) for route in run.routes}
         for what, events in (("given up", run.given_up), ("done", run.reported)):
             for event in events:
@@ -173,9 +173,9 @@ class Scene:
                     self._states[robot] = "off" if isinstance(order, Kill) else "frozen"
                 case Thaw(robot) | Restart(robot):
                     self._states[robot] = "driving"
-                case AssignPlaces(robot, places):
+                case AssignItems(robot, places):
                     begin = sum(key.owner == robot for key in self._places)
-                    self._places |= {PlaceKey(robot, n): at for n, at in enumerate(places, begin)}
+                    self._places |= {ItemKey(robot, n): at for n, at in enumerate(places, begin)}
                 case Speed(factor):
                     self._speed = factor
 
@@ -203,7 +203,7 @@ class Scene:
             "things": things, "people": self._people,
         }  # fmt: skip
 
-    def _place_state(self, key: PlaceKey) -> str:
+    def _place_state(self, key: ItemKey) -> str:
         return self._reported.get(key) or ("open" if key.place < len(self._own[key.owner]) else "given")
 
     def _robot(self, robot: str) -> tuple[Any, ...]:

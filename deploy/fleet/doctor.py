@@ -32,11 +32,11 @@ from actors.installation.usage import OptionError
 from actors.kernels import cache_folder
 from actors.robot import assembly
 from actors.robot.behaviour.code_permit import INSTALLED, Permit
-from actors.robot.behaviour.loading import set_folders
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import sandbox
 from actors.runtime.isolation.tls import load_keys
+from actors.user_code import set_folders
 from deploy.fleet import units
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet, user_code_folders
 from deploy.fleet.units import GROUP

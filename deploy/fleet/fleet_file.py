@@ -21,10 +21,11 @@ from actors.robot_model import Model, RobotDescription, SensorName, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import resolve_model
 from actors.settings import ParameterError, Settings, Text
+from actors.task.loading import task_setup
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.resolve import Swarm
-from deploy.scenario.tables import ConductTable, RobotId, Seed, StepMs, SwarmFile
+from deploy.scenario.tables import ConductTable, RobotId, Seed, StepMs, SwarmFile, decode_swarm_file
 from firmware_bridge.beeclick.answer_decoder import power_setting
 from firmware_bridge.onboard.device_loop import OPENNI
 
@@ -153,10 +154,12 @@ class Fleet(_FleetFile, frozen=True, kw_only=True):
         """Return a swarm whose world has this robot alone."""
         model, step_us = load_model(robot.model, robot.sensor), milliseconds(self.step_ms)
         body = BodySetup(
-            robot.id, robot.model, model.default_sensor, robot.start, robot.places, odometry=model.odometry
+            robot.id, robot.model, model.default_sensor, robot.start, robot.items, odometry=model.odometry
         )
         return Swarm(
-            world=WorldSetup(self.map, self.seed, step_us, UNLIMITED_US, (body,)),
+            world=WorldSetup(
+                self.map, self.seed, step_us, UNLIMITED_US, (body,), task_setup(self.task.use, self.task_settings)
+            ),
             radio=RadioSetup(
                 "beeclick",
                 seed=self.seed,
@@ -180,12 +183,13 @@ def load_fleet(path: Path) -> Fleet:
 
 def parse_fleet(text: str, path: Path) -> Fleet:
     """Parse the text of the fleet file `path`. Raises AcrcError."""
-    file = settings.parse(text, _FleetFile, str(path))
+    content = settings.toml_tables(text, path)
     try:
+        file = decode_swarm_file(_FleetFile, content)
         fault = _fault(file)
         _ = file.stack
     except AcrcError as error:
-        fault = str(error)
+        raise AcrcError(f"{path}: {error}") from None
     if fault:
         raise AcrcError(f"{path}: {fault}")
     return _with_absolute_paths(file, Path(os.path.realpath(path)))

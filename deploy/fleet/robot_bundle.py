@@ -15,12 +15,12 @@ from actors.installation.usage import OptionError, wrong_value
 from actors.installation.version import COMMIT, MINORS, requirements, software_version
 from actors.processes.launcher import scratch_folder
 from actors.robot.behaviour.code_permit import Permit
-from actors.robot.behaviour.loading import FINDER
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.isolation.credentials import PRIVATE_KEY_FILE
 from actors.runtime.isolation.tls import AUTHORITY_FILE, CERTIFICATE_FILE
 from actors.settings import read_text, toml_tables
+from actors.user_code import FINDER
 from deploy.fleet import doctor
 from deploy.fleet.fleet_file import Fleet, FleetRobot, user_code_folders
 from deploy.scenario.scenario_file import map_files, strategy_files

@@ -11,9 +11,9 @@ from typing import Literal, get_args
 
 from actors.installation.usage import OptionError, check_choice, wrong_value
 from actors.processes.monitor import Timeout
-from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import RecordDetail
+from actors.user_code import RecordedModules
 from deploy.run import out_folder
 
 MIN_SPEED = 0.01

@@ -57,7 +57,7 @@ def _parse_move(words: Sequence[str]) -> Order:
 
 def _parse_give(words: Sequence[str]) -> Order:
     robot, *place = words
-    return _number_parser(lambda x, y: orders.AssignPlaces(robot, ((x, y),)), 2)(place)
+    return _number_parser(lambda x, y: orders.AssignItems(robot, ((x, y),)), 2)(place)
 
 
 _VERB_SYNTAX: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({

@@ -32,6 +32,7 @@ from actors.runtime.isolation.sandbox import (
     own_folder,
 )
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, resolve_model
+from actors.user_code import FINDER
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.run.options import RunOptions
@@ -209,6 +210,7 @@ def world_program(plan: RunPlan) -> Program:
         commit=plan.commit,
         with_parent=True,
         speed=None if plan.options.speed == "max" else float(plan.options.speed),
+        modules=tuple(str(folder) for folder in FINDER.task_folders),
     )
     world = relative_world_setup(plan, lambda robot: f"../{robot.id}/{MODEL}")
     return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))

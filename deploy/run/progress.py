@@ -11,6 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from actors.console import create_console
 from actors.instant import in_seconds
 from actors.messages import Progress as ProgressMessage
+from actors.task.task import TaskDeclaration
 
 LINE_INTERVAL_S: Final = 10.0
 """Wall time between two lines, s."""
@@ -31,9 +32,12 @@ def line_printer(console: Console) -> Callable[[str], None]:
 
 @contextmanager
 def show_progress(
-    duration_us: int, places: int, *, quiet: bool
+    duration_us: int, items: int, task: TaskDeclaration, *, quiet: bool
 ) -> Iterator[Callable[[ProgressMessage], None]]:
-    """Yield a function that shows a Progress message on standard error; `quiet`: it shows nothing."""
+    """Yield a function that shows a Progress message on standard error; `quiet`: it shows nothing.
+
+    `items`: number of items that are known before the run.
+    """
     console, total = create_console(stderr=True, soft_wrap=False), in_seconds(duration_us)
     if quiet:
         yield lambda message: None
@@ -41,26 +45,31 @@ def show_progress(
     if not console.is_terminal:
         print_line = line_printer(console)
         yield lambda message: print_line(
-            f"{in_seconds(message.instant):.0f} of {total:.0f} s simulated, "
-            f"{message.reports} of {places} places"
+            f"{in_seconds(message.instant):.0f} of {total:.0f} s simulated, {_done_text(message, items, task)}"
         )
         return
     columns = (
         TextColumn("{task.fields[what]}"),
         BarColumn(),
         TextColumn("{task.completed:.0f} of {task.total:.0f} s simulated"),
-        TextColumn("{task.fields[places]}"),
+        TextColumn("{task.fields[items]}"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=total, what="starting", places="")
+        shown = bar.add_task("", total=total, what="starting", items="")
 
         def follow(message: ProgressMessage) -> None:
             bar.update(
-                task,
+                shown,
                 completed=in_seconds(message.instant),
                 what="running",
-                places=f"{message.reports} of {places} places",
+                items=_done_text(message, items, task),
             )
 
         yield follow
+
+
+def _done_text(message: ProgressMessage, items: int, task: TaskDeclaration) -> str:
+    """Return the number of items done, of those known."""
+    known = max(items, message.done + message.left)
+    return f"{message.done} of {known} {task.items}"

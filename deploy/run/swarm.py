@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from acrc_testbed.results import summary
-from acrc_testbed.results.outcome import write_places
+from acrc_testbed.results.outcome import write_items
 from acrc_testbed.results.result import RunResult, gather_result
 from acrc_testbed.results.seal import remote_recordings, seal
 from actors.floor.map_file import load_map
 from actors.installation.usage import wrong_value
 from actors.installation.version import software_version
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
-from actors.orders import AssignPlaces
+from actors.orders import AssignItems
 from actors.processes import monitor
 from actors.processes.launcher import ChildProcess, Launcher, Program, create_launcher, scratch_folder
 from actors.processes.monitor import ResourceMonitor, StepDelays, Timeout
@@ -32,7 +32,6 @@ from actors.processes.signals import Interruption, signals_as_interrupts
 from actors.processes.watchdog import run_watchdog
 from actors.robot import assembly
 from actors.robot.behaviour.handover import dry_run
-from actors.robot.behaviour.loading import expect_hashes, set_folders
 from actors.robot_model import load_model
 from actors.runtime import typed_json
 from actors.runtime.captured_output import captured_by
@@ -45,6 +44,7 @@ from actors.runtime.isolation.sandbox import IsolationChoice, choose_isolation, 
 from actors.runtime.recording import RecordingError, read_notes
 from actors.runtime.shell import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
+from actors.user_code import expect_hashes, set_folders
 from deploy.hosts.address import parse_listen
 from deploy.run import progress
 from deploy.run.memory_swarm import MemorySwarm, raise_on_hard_exit
@@ -249,7 +249,7 @@ OnProgress = Callable[[Progress], None]
 
 
 def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = None) -> RunResult:
-    """Run the scenario; write run.json and places.csv, and seal the folder. Raises AcrcError.
+    """Run the scenario; write run.json and the table of items, and seal the folder. Raises AcrcError.
 
     `launcher`: if already started.
     """
@@ -257,13 +257,14 @@ def run(scenario: Scenario, options: RunOptions, launcher: Launcher | None = Non
         prepared = plan(scenario, options, None if pool is None else pool.isolation_fault)
         for sentence in (prepared.warning, *(() if options.json else prepared.warnings)):
             print_warning(sentence)
-        places = sum(len(robot.places) for robot in prepared.world.robots)
+        items = sum(len(robot.items) for robot in prepared.world.robots)
         given = (timed.order for timed in prepared.world.events)
-        places += sum(len(order.places) for order in given if isinstance(order, AssignPlaces))
+        items += sum(len(order.items) for order in given if isinstance(order, AssignItems))
+        words = prepared.world.task.declaration
         quiet = options.json or prepared.debug is not None  # the debugger uses the terminal
         check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
         with (
-            progress.show_progress(prepared.world.duration_us, places, quiet=quiet) as follow,
+            progress.show_progress(prepared.world.duration_us, items, words, quiet=quiet) as follow,
             printing_new_lines(options.out, options.log) as look,
         ):
 
@@ -429,12 +430,13 @@ def _write_result(
     isolation = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
     )
-    result, places = gather_result(
+    result, items = gather_result(
         swarm.programs,
         swarm.notes if isinstance(swarm, RunSupervisor) else {},
         step_us=plan.world.step_us,
         began_s=started,
         rosters=swarm.rosters,
+        declaration=plan.world.task.declaration,
         seed=plan.world.seed,
         cpu_s=round(cpu_s, 3),
         isolation=isolation,
@@ -444,6 +446,7 @@ def _write_result(
         warnings=plan.warnings,
         held_up=dict(swarm.held_up),
     )
-    write_places(places, plan.out / "places.csv")
+    declaration = plan.world.task.declaration
+    write_items(items, declaration.columns, plan.out / f"{declaration.table}.csv")
     (plan.out / "run.json").write_bytes(typed_json.dump(result))
     return result

@@ -19,11 +19,11 @@ from actors.processes.launcher import scratch_folder
 from actors.processes.robot_logs import ALL_ROBOTS, printing_new_lines
 from actors.radio.radio_model import RadioSetup
 from actors.robot.behaviour.code_permit import Permit, permitted_folders
-from actors.robot.behaviour.loading import RecordedModules
 from actors.runtime.codec import decode
 from actors.runtime.recording import Entry, read_recording
 from actors.runtime.replay_bus import ReplayError, first_difference, topic_of
 from actors.topic import Message, sender
+from actors.user_code import RecordedModules
 from actors.wording import short_repr
 from cleaning.strategies import entry
 from deploy.run import swarm

@@ -3,7 +3,7 @@
 import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 from actors import orders
 from actors.floor.grid import OccupancyGrid
@@ -12,14 +12,17 @@ from actors.geometry import wrap
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.orders import Order
 from actors.runtime.errors import AcrcError
+from actors.settings import decode
+from actors.task.loading import load_task
+from actors.task.task import Task
 from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
 from deploy.scenario.tables import AreaTable, EventTable, PeopleTable, Scenario
 
 
 def robot_fault(scenario: Scenario) -> str | None:
-    """Return an error in the [[robot]] and [places] tables, without a full stop; None if valid."""
-    return _id_fault(scenario) or _place_fault(scenario)
+    """Return an error in the [[robot]] tables and the task's table, without a full stop; None if valid."""
+    return _id_fault(scenario) or _task_fault(scenario)
 
 
 def _id_fault(scenario: Scenario) -> str | None:
@@ -33,18 +36,16 @@ def _id_fault(scenario: Scenario) -> str | None:
     return None
 
 
-def _place_fault(scenario: Scenario) -> str | None:
-    if scenario.places.preset != "listed":
-        return None
-    if scenario.places.per_robot is not None:
-        return (
-            f'places.per_robot is {scenario.places.per_robot}, but must be absent with places.preset "listed"'
-        )
-    listed = {robot.id for robot in scenario.robot if robot.places is not None}
-    for robot in scenario.ids:
-        if robot not in listed:
-            return f'places.preset is "listed", but {robot} has no places; list them in its [[robot]] table'
-    return None
+def _task_fault(scenario: Scenario) -> str | None:
+    task, settings = scenario_task(scenario)
+    listed = [robot.id for robot in scenario.robot if robot.items is not None]
+    return task.settings_fault(settings, scenario.ids, listed, [area.name for area in scenario.area])
+
+
+def scenario_task(scenario: Scenario) -> tuple[Task, Any]:
+    """Return the scenario's task and its settings. Raises AcrcError."""
+    task = load_task(scenario.task.use)
+    return task, decode(task.settings, scenario.task_settings, scenario.table)
 
 
 def known_robots(scenario: Scenario) -> str:
@@ -60,8 +61,7 @@ def area_fault(scenario: Scenario) -> str | None:
             [area.name for area in scenario.area], "area[{}].name", "each area must have its own name"
         )
         or _area_name_fault(scenario.robots.areas, "robots.areas", scenario)
-        or _preset_fault(scenario)
-        or _area_name_fault(scenario.places.areas, "places.areas", scenario)
+        or _area_name_fault(_task_area_names(scenario), f"{scenario.table}.areas", scenario)
         or (_people_fault(scenario, scenario.people) if scenario.people is not None else None)
     )
 
@@ -89,19 +89,15 @@ def start_areas(scenario: Scenario) -> tuple[Area, ...] | None:
     return None if names is None else areas_named(tuple(table.area for table in scenario.area), names)
 
 
-def place_areas(scenario: Scenario) -> tuple[Area, ...] | None:
-    """Return the areas in which places are drawn; None: on all free floor."""
-    return tuple(table.area for table in place_area_tables(scenario)) or None
+def _task_area_names(scenario: Scenario) -> Sequence[str] | None:
+    """Return the areas that the task's settings name under `areas`."""
+    return getattr(scenario_task(scenario)[1], "areas", None)
 
 
-def place_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
-    """Return the tables of the areas in which places are drawn; empty: on all free floor."""
-    if scenario.places.preset == "free":
-        return ()
-    if scenario.places.areas is None:
-        return scenario.area
-    tables = {table.name: table for table in scenario.area}
-    return tuple(tables[name] for name in scenario.places.areas)
+def item_area_tables(scenario: Scenario) -> tuple[AreaTable, ...]:
+    """Return the tables of the areas in which the task draws items; empty: on all free floor."""
+    task, settings = scenario_task(scenario)
+    return tuple(table for _, table in task.areas(settings, [(one.name, one) for one in scenario.area]))
 
 
 def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
@@ -112,15 +108,6 @@ def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
                 f"area[{index}] {toml_text(area.name)} spans x {area.x0:g} to {area.x1:g} and"
                 f" y {area.y0:g} to {area.y1:g} m, where nothing is free; it must cover free floor"
             )
-
-
-def _preset_fault(scenario: Scenario) -> str | None:
-    preset, names = scenario.places.preset, scenario.places.areas
-    if names is not None and preset in ("free", "listed"):
-        return f'places.areas must be absent with places.preset "{preset}"'
-    if preset == "areas" and not scenario.area:
-        return 'places.preset is "areas", but the scenario has no [[area]] table'
-    return None
 
 
 def _area_name_fault(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | None:
@@ -155,19 +142,19 @@ _ACTIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
     "jam": (("radius", "duration"), lambda at, radius, s: orders.StartJam(at[0], at[1], radius, seconds(s))),
     "lose": (("of",), orders.LoseFrame),
     "obstacle": (("radius",), lambda at, radius: orders.Obstacle(at[0], at[1], radius)),
-    "give": (("places",), orders.AssignPlaces),
+    "give": (("items",), orders.AssignItems),
     "close": ((), lambda at: orders.CloseDoor(*at)),
     "open": ((), lambda at: orders.OpenDoor(*at)),
 }
 """Further keys that each action requires, and the constructor of its order."""
-_FURTHER_KEYS: Final = ("to", "radius", "duration", "of", "places")
+_FURTHER_KEYS: Final = ("to", "radius", "duration", "of", "items")
 _ROBOT_ACTIONS: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "give")
 
 
 def event_fault(scenario: Scenario) -> str | None:
     """Return the first error in the events, without a full stop; None if valid."""
     for index, event in enumerate(scenario.event):
-        fault = _action_fault(event) or _robot_fault(event, scenario) or _instant_fault(event, scenario)
+        fault = _action_fault(event, scenario.table) or _robot_fault(event, scenario) or _instant_fault(event, scenario)
         if fault:
             return f"event[{index}]{fault}"
     return _sequence_fault(scenario)
@@ -187,16 +174,20 @@ def action_of(event: EventTable) -> str:
     return next(name for name in _ACTIONS if getattr(event, name) is not None)
 
 
-def _action_fault(event: EventTable) -> str | None:
-    """Return an error unless the event has one action and exactly the keys of that action."""
+def _action_fault(event: EventTable, items: str) -> str | None:
+    """Return an error unless the event has one action and exactly the keys of that action.
+
+    `items`: key of items in the file.
+    """
     actions = [name for name in _ACTIONS if getattr(event, name) is not None]
     if len(actions) != 1:
         has = " and ".join(actions) or "no action"
         return f" has {has}, but must have exactly one of {', '.join(_ACTIONS)}"
     (action,) = actions
-    needed, _ = _ACTIONS[action]
-    for name in _FURTHER_KEYS:
-        is_present, is_allowed = getattr(event, name) is not None, name in needed
+    needed = [items if name == "items" else name for name in _ACTIONS[action][0]]
+    for key in _FURTHER_KEYS:
+        name = items if key == "items" else key
+        is_present, is_allowed = getattr(event, key) is not None, name in needed
         if is_allowed and not is_present:
             return f".{name} is missing; {action} requires {' and '.join(needed)}"
         if is_present and not is_allowed:

@@ -1,8 +1,9 @@
-"""Resolution of scenarios: robots, starts, places and all random draws."""
+"""Resolution of scenarios: robots, starts, items of the task and all random draws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
 from msgspec import UNSET, UnsetType
 from msgspec.structs import asdict, replace
@@ -12,7 +13,7 @@ from actors.floor.doors import DoorError, Doorways
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose, draw_points
-from actors.geometry import Point, wrap
+from actors.geometry import Point, Pose, wrap
 from actors.instant import milliseconds, seconds
 from actors.radio import radio_model
 from actors.radio.radio_model import RadioSetup
@@ -22,36 +23,36 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.stack import Adaptation, Stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
+from actors.settings import plain
+from actors.task.loading import decode_items, load_task, task_setup
+from actors.task.task import Placing
 from actors.world.people import PeopleParameters, PeopleSetup
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
-from cleaning.place import GOLDEN
 from cleaning.strategies import entry
 from deploy.scenario.events import (
     check_areas,
+    item_area_tables,
     people_area_tables,
-    place_area_tables,
-    place_areas,
+    scenario_task,
     start_areas,
     timed_orders,
 )
-from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
+from deploy.scenario.tables import RobotTable, Scenario
 
 
 class LayoutError(AcrcError):
-    """A start, place or event that does not fit the floor plan."""
+    """A start, item or event that does not fit the floor plan."""
 
 
 _SPACING: Final = 0.6
-"""Minimum distance of drawn starts, and of one robot's places, from walls and each other, m. A robot can
-pass between such a point and the wall."""
-_DEFAULT_PLACES: Final = 10
-"""Default number of places of a robot (d3scomp/deeco-adaptation-testbed, GARBAGE_PER_ROBOT)."""
+"""Minimum distance of drawn starts from walls and each other, m. A robot can pass between such a point and
+the wall."""
 
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """One robot before its start and places are drawn."""
+    """One robot before its start and items are drawn."""
 
     table: RobotTable
     """Its table, completed with the values of all robots and of its model."""
@@ -88,6 +89,12 @@ class ResolvedScenario(Swarm):
     grid: OccupancyGrid = field(compare=False)
     """The floor plan."""
 
+    def points(self, robot: BodySetup) -> list[tuple[int, Point]]:
+        """Return the points of a robot's items, m, with their indices; items without point are left out."""
+        task = load_task(self.world.task.use)
+        points = enumerate(map(task.point, decode_items(task, robot.items)))
+        return [(index, point) for index, point in points if point is not None]
+
 
 def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
     """Return the set-up of a robot at its first start."""
@@ -100,7 +107,7 @@ def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
         address=dict(swarm.radio.robots)[robot.id],
         members=swarm.radio.robots,
         start=robot.start,
-        places=tuple(Point(*place) for place in robot.places),
+        items=robot.items,
         behaviour=swarm.behaviour,
         model=robot.model,
         sensor=robot.sensor,
@@ -110,7 +117,7 @@ def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
 
 
 def resolve(scenario: Scenario) -> ResolvedScenario:
-    """Resolve names and draw all random starts and places of a scenario, from its seed.
+    """Resolve names and draw all random starts and items of a scenario, from its seed.
 
     A robot's draws depend on earlier robots only, so a larger count does not change them. Raises AcrcError.
     """
@@ -124,7 +131,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     check_events(grid, specs, scenario)
     check_doors(grid, specs, scenario)
     robots = tuple(
-        BodySetup(**asdict(spec.table) | {"start": start, "places": places(grid, spec, start, scenario)})
+        BodySetup(**asdict(spec.table) | {"start": start, "items": _items(grid, spec, start, scenario)})
         for spec, start in zip(specs, start_poses, strict=True)
     )
     run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
@@ -135,6 +142,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         step_us=step_us,
         duration_us=seconds(run.duration),
         robots=robots,
+        task=task_setup(scenario.task.use, scenario.task_settings),
         events=timed_orders(scenario),
         uncertainty=scenario.uncertainty,
         people=_people_setup(scenario),
@@ -213,21 +221,21 @@ def _robot_spec(robot: str, scenario: Scenario) -> RobotSpec:
 
 
 def _explicit_scenario(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
-    """Return the scenario with every start and place listed in [[robot]] tables.
+    """Return the scenario with every start and item listed in [[robot]] tables.
 
-    Areas of places are kept: robots may request random points in them. Those of people become their own.
+    Areas of items are kept: robots may request random points in them. Those of people become their own.
     """
     tables = tuple(RobotTable(**asdict(robot)) for robot in robots)
     presets = {name: {"preset": one, **getattr(scenario, name)} for name, one in scenario.presets.items()}
-    people = scenario.people
+    people, (task, settings) = scenario.people, scenario_task(scenario)
     if people is not None:
         people = replace(people, areas=None, area=people_area_tables(scenario))
     return replace(
         scenario,
         people=people,
         robots=replace(scenario.robots, start=(), areas=None),
-        places=PlacesTable(preset="listed"),
-        area=place_area_tables(scenario),
+        task_settings=plain(task.listed(settings)),
+        area=item_area_tables(scenario),
         robot=tables,
         **presets,
     )
@@ -293,14 +301,16 @@ def _check_distances(specs: Sequence[RobotSpec], poses: dict[str, tuple[float, f
 
 
 def check_events(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> None:
-    """Raise AcrcError if an event puts a robot or a place into a wall."""
-    radius = {spec.id: spec.radius for spec in specs}
+    """Raise AcrcError if an event puts a robot or an item into a wall."""
+    radius, (task, _) = {spec.id: spec.radius for spec in specs}, scenario_task(scenario)
     for index, event in enumerate(scenario.event):
         if event.move is not None and event.to is not None:
             check_pose(grid, Point(*event.to[:2]), radius[event.move], event.move)
-        for x, y in event.places or ():
-            if not grid.is_free(Point(x, y)):
-                raise LayoutError(f"event[{index}].places has ({x:g}, {y:g}), but must be on free floor")
+        for item in decode_items(task, event.items or ()):
+            if fault := task.check(item, grid):
+                raise LayoutError(
+                    f"event[{index}].{scenario.table} has {wording.toml_text(item)}, but must {fault}"
+                )
 
 
 def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scenario) -> None:
@@ -322,58 +332,33 @@ def check_doors(grid: OccupancyGrid, specs: Sequence[RobotSpec], scenario: Scena
         closed ^= {door.index}
 
 
-def places(
+def _items(
     grid: OccupancyGrid, spec: RobotSpec, start: tuple[float, float, float], scenario: Scenario
-) -> tuple[tuple[float, float], ...]:
-    """Return the robot's places: listed in its table, or by preset."""
-    if spec.table.places is not None:
-        return _require_free(grid, spec, spec.table.places, f"of {scenario.map}")
-    index = scenario.ids.index(spec.id)
-    count = _DEFAULT_PLACES if scenario.places.per_robot is None else scenario.places.per_robot
-    if scenario.places.preset == "golden" and index < len(GOLDEN):
-        where = f'of {scenario.map}; places.preset "golden" is made for the map corridor'
-        return _require_free(grid, spec, _golden_places(index, count), where)
-    if count == 0:
-        return ()
-    areas = place_areas(scenario)
-    try:
-        points = draw_points(
-            grid,
-            count,
-            rng=generator(scenario.run.seed_of("placement"), "places", spec.id),
-            clearance=_SPACING,
-            apart=_SPACING,
-            start=Point(*start[:2]),
-            passage=spec.radius,
-            areas=areas,
-        )
-    except PlacementError as error:
-        where = "on all free floor" if areas is None else "in places.areas"
-        raise LayoutError(f"cannot draw {count} places for robot {spec.id} {where}: {error}") from error
-    return tuple(map(_rounded_to_mm, points))
+) -> tuple[Any, ...]:
+    """Return the robot's items: listed in its table, or drawn by the task."""
+    task, settings = scenario_task(scenario)
+    if spec.table.items is not None:
+        items = decode_items(task, spec.table.items)
+        for index, item in enumerate(items):
+            if fault := task.check(item, grid):
+                raise LayoutError(
+                    f"{task.declaration.item} {index} of robot {spec.id} is {wording.toml_text(item)}, "
+                    f"but must {fault} of {scenario.map}"
+                )
+        return items
+    placing = Placing(
+        robot=spec.id,
+        index=scenario.ids.index(spec.id),
+        start=Pose(*start),
+        radius=spec.radius,
+        grid=grid,
+        map=scenario.map,
+        areas=tuple(table.area for table in scenario.area),
+        generator=partial(generator, scenario.run.seed_of("placement")),
+    )
+    return task.draw(settings, placing)
 
 
 def _rounded_to_mm(point: Point) -> tuple[float, float]:
     """Round to mm, for a readable scenario file."""
     return round(point.x, 3), round(point.y, 3)
-
-
-def _golden_places(index: int, count: int) -> Sequence[tuple[float, float]]:
-    points = GOLDEN[index]
-    if count > len(points):
-        raise LayoutError(
-            f'places.per_robot is {count}, but must be at most {len(points)} where places.preset is "golden"'
-        )
-    return points[:count]
-
-
-def _require_free(
-    grid: OccupancyGrid, spec: RobotSpec, points: Sequence[tuple[float, float]], where: str
-) -> tuple[tuple[float, float], ...]:
-    """Return the points. Raises LayoutError if one is not on free floor; `where`: end of the message."""
-    for index, (x, y) in enumerate(points):
-        if not grid.is_free(Point(x, y)):
-            raise LayoutError(
-                f"place {index} of robot {spec.id} is at ({x:g}, {y:g}), but must be on free floor {where}"
-            )
-    return tuple((x, y) for x, y in points)

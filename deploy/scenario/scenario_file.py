@@ -16,15 +16,14 @@ from actors.floor.offices import OfficesError
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, command_line, wrong_value
 from actors.robot.behaviour import handover
-from actors.robot.behaviour.code_permit import is_installed
-from actors.robot.behaviour.loading import module_file
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.robot.stack import IMPROVED_REMOVED
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import resolve_model
-from actors.settings import ParameterError, decode, loads, read_text, toml_tables
-from deploy.scenario.events import area_fault, event_fault, robot_fault
-from deploy.scenario.tables import AreaTable, Scenario
+from actors.settings import ParameterError, loads, read_text, toml_tables
+from actors.user_code import is_installed, module_file
+from deploy.scenario.events import area_fault, event_fault, robot_fault, scenario_task
+from deploy.scenario.tables import AreaTable, Scenario, decode_swarm_file
 
 DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
@@ -82,7 +81,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     own_map = content.get("map")
     options = _apply_overrides(content, overrides)
     try:
-        scenario = decode(Scenario, content)
+        scenario = decode_swarm_file(Scenario, content)
     except ParameterError as error:
         option = options.get(tuple(error.key.split(".")))
         if option is not None and error.expected:
@@ -220,10 +219,11 @@ def map_conflict(scenario: Scenario, own_map: str, overridden: Collection[tuple[
 
     `overridden`: keys set by the command line.
     """
-    robots = any(robot.start is not None or robot.places is not None for robot in scenario.robot)
-    conflicts = {
+    robots = any(robot.start is not None or robot.items is not None for robot in scenario.robot)
+    task, settings = scenario_task(scenario)
+    conflicts: dict[tuple[str, ...], tuple[str, bool]] = {
         ("robots", "start"): ("robots.start=[]", bool(scenario.robots.start)),
-        ("places", "preset"): ("places.preset=free", scenario.places.preset == "golden"),
+        **{(scenario.table, key): (words, True) for key, words in task.map_keys(settings).items()},
         ("robot",): ("robot=[]", robots),
     }
     required = [words for key, (words, is_set) in conflicts.items() if is_set and key not in overridden]

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from acrc_testbed.picture import floor_picture, style
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
+from actors.items import ItemKey
 from actors.observer import glyphs
 from actors.radio.radio_model import radio_model, required_dbm
 from actors.robot_model import RobotModel
-from actors.task.task import PlaceKey
 from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.survey import MapSurvey, ScenarioSurvey
 
@@ -44,12 +44,12 @@ def draw_scenario(found: ScenarioSurvey) -> Figure:
                 body.id, (x, y), xytext=(6, 6), textcoords="offset points", color=colour, zorder=9,
                 fontweight="bold",
             )  # fmt: skip
-        for number, (px, py) in enumerate(body.places):
-            unreachable = PlaceKey(body.id, number) in found.out_of_reach
+        for number, (px, py) in found.resolved.points(body):
+            unreachable = ItemKey(body.id, number) in found.out_of_reach
             marker = {"marker": "X", "ms": 8.0} if unreachable else {"marker": "o", "ms": 4.6 if few else 2.6}
             axes.plot(px, py, mfc="w", mec=colour, mew=1.3, zorder=5, **marker)  # type: ignore[arg-type]
-    places = sum(len(body.places) for body in world.robots)
-    _set_title(axes, f"{found.name}: {len(world.robots)} robots, {places} places, seed {world.seed}")
+    items, words = sum(len(body.items) for body in world.robots), world.task.declaration
+    _set_title(axes, f"{found.name}: {len(world.robots)} robots, {items} {words.items}, seed {world.seed}")
     _add_legend(figure, _legend(found, few=few), 3)
     return figure
 

@@ -27,6 +27,7 @@ from actors.floor.grid import (
 from actors.floor.map_file import load_map, map_warnings
 from actors.geometry import STILL, Point, Pose
 from actors.instant import Instant
+from actors.items import ItemKey
 from actors.radio.radio_model import radio_model, reach, required_dbm
 from actors.robot.assembly import navigator, shared_map_data
 from actors.robot.behaviour.ports import GoalStatus
@@ -38,10 +39,9 @@ from actors.robot.sweep import Sweep
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.settings import read_text, toml_tables
-from actors.task.task import PlaceKey
+from actors.task.loading import load_task
 from actors.world.sensing import RangeSensors
 from actors.world.world_setup import BodySetup
-from cleaning.parameters import CleaningParameters
 from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.scenario_file import map_title
 
@@ -66,7 +66,7 @@ def scenario_warnings(resolved: ResolvedScenario, floor: "_Floor | None" = None)
     return (
         *map_warnings(resolved.world.map),
         *_start_warnings(floor),
-        *_place_warnings(floor),
+        *_item_warnings(floor),
         *_door_warnings(floor),
         *_connection_warnings(floor),
     )
@@ -93,11 +93,11 @@ class _Floor:
         self.preset = f"navigation `{resolved.scenario.presets['navigation']}`"
         self.model, self._room = cache(load_model), cache(self._compute_room)
         reach = resolved.adaptation.settings.get("reach")
-        self.reach = float(reach) if isinstance(reach, int | float) else CleaningParameters().reach
+        self.reach = float(reach) if isinstance(reach, int | float) else load_task(resolved.world.task.use).reach
         self.starts = {robot.id: self.part(robot, self.room(robot)) for robot in self.robots}
         """Label of the part of the floor in which each robot starts; 0: none."""
         self.unreached = dict(self._unreached())
-        """Places that their owners cannot reach, with a cell from which each could be visited, if any."""
+        """Items that their owners cannot reach, with a cell from which each could be reached, if any."""
 
     def radius(self, robot: BodySetup) -> float:
         """Return the radius of the robot's body, m."""
@@ -133,15 +133,14 @@ class _Floor:
         cell = nearest_cell(self.grid, room.parts > 0, at, room.clearance)
         return 0 if cell is None else int(room.parts[cell])
 
-    def _unreached(self) -> Iterator[tuple[PlaceKey, Cell | None]]:
+    def _unreached(self) -> Iterator[tuple[ItemKey, Cell | None]]:
         for robot in self.robots:
             parts, start = self.room(robot).parts, self.starts[robot.id]
-            for index, place in enumerate(robot.places):
-                here = Point(*place)
+            for index, here in self.resolved.points(robot):
                 if start and parts[self.grid.cell(here)] == start:
                     continue
                 if not start or nearest_cell(self.grid, parts == start, here, self.reach) is None:
-                    yield PlaceKey(robot.id, index), nearest_cell(self.grid, parts > 0, here, self.reach)
+                    yield ItemKey(robot.id, index), nearest_cell(self.grid, parts > 0, here, self.reach)
 
 
 def _floor(resolved: ResolvedScenario, grid: OccupancyGrid) -> _Floor:
@@ -160,7 +159,7 @@ def _start_warnings(floor: _Floor) -> Iterator[str]:
     for robot in floor.robots:
         clearance, at = floor.room(robot).clearance, Point(*robot.start[:2])
         gap = floor.grid.clearance_at(at, clearance)
-        if gap < clearance and robot.places and not _can_drive_off(floor, robot, robot.start):
+        if gap < clearance and floor.resolved.points(robot) and not _can_drive_off(floor, robot, robot.start):
             needed = _required_distance(floor, robot, gap, clearance)
             yield (
                 f"robot {robot.id} starts {gap:.2f} m from a wall, at ({at.x:.2f}, {at.y:.2f}); the local "
@@ -182,7 +181,7 @@ def _required_distance(floor: _Floor, robot: BodySetup, gap: float, max_distance
 
 
 def _can_drive_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, float]) -> bool:
-    """Return whether the robot's navigation finds a first command towards its first place."""
+    """Return whether the robot's navigation finds a first command towards its first item."""
     model, grid = floor.model(robot.model, robot.sensor), floor.resolved.grid
     stack = msgspec.structs.replace(floor.resolved.stack, localisation=None)
     navigation = navigator(shared_map_data(grid, model, stack), model, stack)
@@ -190,7 +189,8 @@ def _can_drive_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, f
     (ranges,) = sensors.scan([0], np.array([start]), np.zeros((0, 3)))
     ranges.setflags(write=False)
     here = Pose(0.0, 0.0, 0.0)
-    navigation.take(Point(*robot.places[0]))
+    (_, first), *_ = floor.resolved.points(robot)
+    navigation.take(first)
     for instant in range(0, _TRIAL_US, _CYCLE_US):
         navigation.sense(Instant(instant), here, Sweep(ranges, here))
         if navigation.advance(Instant(instant), here, Pose(*start), STILL) != STILL:
@@ -200,16 +200,16 @@ def _can_drive_off(floor: _Floor, robot: BodySetup, start: tuple[float, float, f
     return False
 
 
-def _place_warnings(floor: _Floor) -> Iterator[str]:
-    """Yield a warning per reason for which places are unreachable, such as a narrow door."""
+def _item_warnings(floor: _Floor) -> Iterator[str]:
+    """Yield a warning per reason for which items are unreachable, such as a narrow door."""
     obstacles: dict[tuple[float, str | int, int], str] = {}
-    places_by_reason: dict[str, list[str]] = {}
+    items_by_reason: dict[str, list[str]] = {}
     for robot in floor.robots:
         needed = floor.room(robot).clearance
-        for index, place in enumerate(robot.places):
-            key, at = PlaceKey(robot.id, index), Point(*place)
+        for index, at in floor.resolved.points(robot):
+            key, noun = ItemKey(robot.id, index), floor.resolved.world.task.declaration.item
             gap, name = floor.grid.clearance_at(at, needed), f"{robot.id}/{index}"
-            wall = f"place {name} is {gap:.2f} m from a wall; {floor.preset} needs {_rounded_up(needed)} m"
+            wall = f"{noun} {name} is {gap:.2f} m from a wall; {floor.preset} needs {_rounded_up(needed)} m"
             if key not in floor.unreached:
                 if gap < floor.radius(robot):
                     yield (
@@ -222,9 +222,9 @@ def _place_warnings(floor: _Floor) -> Iterator[str]:
                 part = int(floor.room(robot).parts[cell])
                 path = floor.radius(robot), floor.starts[robot.id] or robot.id, part
                 reason = obstacles.get(path) or obstacles.setdefault(path, _bottleneck(floor, robot, cell))
-                places_by_reason.setdefault(reason, []).append(name)
-    for reason, names in places_by_reason.items():
-        yield f"{reason} to {_place_names(names)}"
+                items_by_reason.setdefault(reason, []).append(name)
+    for reason, names in items_by_reason.items():
+        yield f"{reason} to {_item_names(floor.resolved, names)}"
 
 
 def _bottleneck(floor: _Floor, robot: BodySetup, goal: Cell) -> str:
@@ -263,7 +263,7 @@ def _width(grid: OccupancyGrid, row: int, column: int) -> float:
 
 
 def _door_warnings(floor: _Floor) -> Iterator[str]:
-    """Yield a warning if places are unreachable behind doors that no event reopens."""
+    """Yield a warning if items are unreachable behind doors that no event reopens."""
     grid = floor.resolved.grid
     doors = Doorways(grid, max(map(floor.radius, floor.robots)))
     closed: dict[int, float] = {}
@@ -278,11 +278,11 @@ def _door_warnings(floor: _Floor) -> Iterator[str]:
     if closed:
         floor_after = _floor(floor.resolved, OccupancyGrid(cells, grid.resolution, grid.origin))
         if names := [
-            f"{key.owner}/{key.place}" for key in floor_after.unreached if key not in floor.unreached
+            str(key) for key in floor_after.unreached if key not in floor.unreached
         ]:
             yield (
                 f"no event reopens the doors closed by {max(closed.values()):g} s: no path then "
-                f"leads to {_place_names(names)}"
+                f"leads to {_item_names(floor.resolved, names)}"
             )
 
 
@@ -323,8 +323,9 @@ def _rounded_up(length: float) -> str:
     return f"{math.ceil(length * 100 - 1e-6) / 100:.2f}"
 
 
-def _place_names(names: list[str]) -> str:
-    return f"place{'s' if len(names) > 1 else ''} {_name_list(names)}"
+def _item_names(resolved: ResolvedScenario, names: list[str]) -> str:
+    words = resolved.world.task.declaration
+    return f"{words.items if len(names) > 1 else words.item} {_name_list(names)}"
 
 
 def _name_list(names: list[str]) -> str:
@@ -362,10 +363,10 @@ class ScenarioSurvey(MapSurvey):
     """Properties of a scenario."""
 
     resolved: ResolvedScenario
-    out_of_reach: tuple[PlaceKey, ...]
-    """Places that their owner's navigation cannot reach."""
-    close: tuple[tuple[PlaceKey, PlaceKey, float], ...]
-    """Pairs of one robot's places, and their distance in m, so close that one visit may clean both."""
+    out_of_reach: tuple[ItemKey, ...]
+    """Items that their owner's navigation cannot reach."""
+    close: tuple[tuple[ItemKey, ItemKey, float], ...]
+    """Pairs of one robot's items, and their distance in m, so close that one visit may do both."""
     radio_reach: float
     """Distance in line of sight at which half of the longest frames arrive, m."""
 
@@ -385,16 +386,16 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
         parts=regions(grid, passable(grid, radius), grid.clearance),
         out_of_reach=tuple(floor.unreached),
         warnings=scenario_warnings(resolved, floor),
-        close=tuple(_close_pairs(resolved, CleaningParameters().reach)),
+        close=tuple(_close_pairs(resolved, load_task(world.task.use).reach)),
         radio_reach=reach(radio_model(resolved.radio).parameters),
     )
 
 
-def _close_pairs(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, PlaceKey, float]]:
+def _close_pairs(resolved: ResolvedScenario, near: float) -> list[tuple[ItemKey, ItemKey, float]]:
     return [
-        (PlaceKey(body.id, one), PlaceKey(body.id, other), apart)
+        (ItemKey(body.id, one), ItemKey(body.id, other), apart)
         for body in resolved.world.robots
-        for (one, here), (other, there) in combinations(enumerate(body.places), 2)
+        for (one, here), (other, there) in combinations(resolved.points(body), 2)
         if (apart := math.dist(here, there)) < near
     ]
 
@@ -417,9 +418,9 @@ def json_content(found: MapSurvey | RobotModel) -> dict[str, Any]:
 
 def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
     facts = _scenario_json(found)
-    floor, count = facts["floor"], facts["robots"]
+    floor, count, words = facts["floor"], facts["robots"], found.resolved.world.task.declaration
     lines = [
-        f"{count} robot{'s' * (count > 1)}, {facts['places']} places, {facts['duration_s']:g} s at most, "
+        f"{count} robot{'s' * (count > 1)}, {facts['items']} {words.items}, {facts['duration_s']:g} s at most, "
         f"strategy {facts['strategy']}, seed {facts['seed']}",
         f"floor: {floor['width_m']:.1f} m by {floor['depth_m']:.1f} m, of which a robot's centre can reach "
         f"{floor['reached_m2']:.0f} m²; {facts['regions']} regions, {_narrow_places(floor['narrow_places'])}",
@@ -430,7 +431,7 @@ def _scenario_sentences(found: ScenarioSurvey) -> Sequence[str]:
     if people is not None and people.count:
         lines.append(f"people: {people.count}, walking between {people.between}")
     lines += [
-        f"places {one} and {other} are {apart:.2f} m apart: one visit cleans both"
+        f"{words.items} {one} and {other} are {apart:.2f} m apart: one visit may do both"
         for one, other, apart in (pair.values() for pair in facts["close"])
     ]
     return [*lines, *(f"warning: {sentence}" for sentence in found.warnings)]
@@ -441,7 +442,8 @@ def _scenario_json(found: ScenarioSurvey) -> dict[str, Any]:
     return {
         "is": "scenario",
         "robots": len(world.robots),
-        "places": sum(len(body.places) for body in world.robots),
+        "task": found.resolved.scenario.task.use,
+        "items": sum(len(body.items) for body in world.robots),
         "duration_s": world.duration_us / 1e6,
         "strategy": found.resolved.scenario.run.strategy,
         "seed": world.seed,
@@ -450,9 +452,9 @@ def _scenario_json(found: ScenarioSurvey) -> dict[str, Any]:
         "radio_reach_m": found.radio_reach,
         "warnings": found.warnings,
         **found.resolved.scenario.presets,
-        "out_of_reach": [_place_name(key) for key in found.out_of_reach],
+        "out_of_reach": [str(key) for key in found.out_of_reach],
         "close": [
-            {"one": _place_name(one), "other": _place_name(other), "apart_m": apart}
+            {"one": str(one), "other": str(other), "apart_m": apart}
             for one, other, apart in found.close
         ],
     }
@@ -464,10 +466,6 @@ def _size(grid: OccupancyGrid) -> dict[str, float]:
 
 def _narrow_places(count: int) -> str:
     return "1 narrow place" if count == 1 else f"{count or 'no'} narrow place{'s' * (count > 1)}"
-
-
-def _place_name(key: PlaceKey) -> str:
-    return f"{key.owner}/{key.place}"
 
 
 def survey_map(path: Path) -> MapSurvey:

@@ -2,8 +2,8 @@
 
 import json
 import re
-from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, TypeVar
 
 from msgspec import Meta, field
 
@@ -13,8 +13,22 @@ from actors.radio.walls import WallPatch
 from actors.randomness import keyed_seed
 from actors.robot.behaviour.ports import ExchangeSettings, Scalar
 from actors.robot.stack import TABLES, Adaptation, Stack, presets, stack
-from actors.robot_model import MOST_PLACES, Model, OdometryKind, Places, SensorName
-from actors.settings import Place, Settings, Share, Span, StartPose, Text, check_spans, plain
+from actors.robot_model import MOST_ITEMS as MOST_TASK_ITEMS
+from actors.robot_model import Items, Model, OdometryKind, SensorName
+from actors.settings import (
+    Names,
+    ParameterError,
+    Place,
+    Settings,
+    Share,
+    Span,
+    StartPose,
+    Text,
+    check_spans,
+    decode,
+    plain,
+)
+from actors.task.loading import DEFAULT, load_task
 from actors.world.people import PeopleParameters
 from actors.world.uncertainty import Uncertainty
 
@@ -25,10 +39,6 @@ MOST_ITEMS: Final = 1000
 ROBOT_ID: Final = re.compile(r"r[1-9][0-9]{0,3}")
 RobotId = Annotated[
     str, Meta(pattern=rf"\A{ROBOT_ID.pattern}\Z", description='the id of a robot, such as "r2"')
-]
-Names = Annotated[
-    tuple[Annotated[Text, Meta(description='the name of an area, such as "hall"')], ...],
-    Meta(min_length=1, description='a list of names of areas, such as ["hall"]'),
 ]
 Seconds = Annotated[float, Meta(gt=0, le=1_000_000, extra={"unit": "seconds"})]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -110,17 +120,11 @@ class RobotsTable(Settings, frozen=True):
     """Areas of random starts; absent: all free floor."""
 
 
-class PlacesTable(Settings, frozen=True):
-    """[places]: the places to be cleaned."""
+class TaskTable(Settings, frozen=True):
+    """[task]: the task of the run; its settings are in a table of the task's own."""
 
-    preset: Literal["golden", "areas", "free", "listed"] | None = None
-    """areas: random in `areas`; free: random on all reachable floor; listed: in [[robot]] tables; golden:
-    those of the original testbed for r1 to r4, for others as if absent. Absent: areas if the scenario has
-    any, else free."""
-    areas: Names | None = None
-    """Areas of random places, weighted by surface; absent: all of the scenario."""
-    per_robot: Annotated[int, Meta(ge=0, le=MOST_PLACES)] | None = None
-    """Places of each robot; absent: 10, as in the original testbed."""
+    use: Annotated[Text, Meta(description='the name of a task, such as "cleaning"')] = DEFAULT
+    """Name of the task, or the entry "module:Class" of a user's one."""
 
 
 class RobotTable(Settings, frozen=True):
@@ -133,8 +137,8 @@ class RobotTable(Settings, frozen=True):
     odometry: OdometryKind | None = None
     battery: Share | None = None
     start: StartPose | None = None
-    places: Places | None = None
-    """The robot's places, in initial order."""
+    items: Items | None = None
+    """The robot's initial items; in files, the key has the name of the task's table."""
 
 
 class EventTable(Settings, frozen=True):
@@ -163,18 +167,19 @@ class EventTable(Settings, frozen=True):
     obstacle: Place | None = None
     """Put a round obstacle on the floor, with `radius`."""
     give: RobotId | None = None
-    """Give the robot further `places`."""
-    places: (
+    """Give the robot further `items`."""
+    items: (
         Annotated[
-            tuple[Place, ...],
+            tuple[Any, ...],
             Meta(
                 min_length=1,
-                max_length=MOST_PLACES,
-                description=f"a list of 1 to {MOST_PLACES} points [x, y] in m",
+                max_length=MOST_TASK_ITEMS,
+                description=f"a list of 1 to {MOST_TASK_ITEMS} items of the task",
             ),
         ]
         | None
     ) = None
+    """In files, the key has the name of the task's table."""
     close: Place | None = None
     """Close the door at this point, once it is empty."""
     open: Place | None = None
@@ -233,6 +238,14 @@ class SwarmFile(Settings, frozen=True, kw_only=True):
     local_map: Parameters = field(default_factory=dict)
     dwa: Parameters = field(default_factory=dict)
     area: tuple[AreaTable, ...] = ()
+    task: TaskTable = TaskTable()
+    task_settings: Parameters = field(default_factory=dict)
+    """The task's table, whose key in files is `TaskDeclaration.table`; content as in the file."""
+
+    @property
+    def table(self) -> str:
+        """Key of the task's table in files."""
+        return load_task(self.task.use).declaration.table
 
     @property
     def adaptation(self) -> Adaptation:
@@ -255,7 +268,6 @@ class Scenario(SwarmFile, frozen=True, kw_only=True):
 
     run: RunTable = RunTable()
     robots: RobotsTable = RobotsTable()
-    places: PlacesTable = PlacesTable()
     radio: RadioTable = RadioTable()
     uncertainty: Uncertainty = Uncertainty()
     people: PeopleTable | None = None
@@ -326,6 +338,57 @@ def _value(value: object) -> str:
     return inline_toml(value)
 
 
+_F = TypeVar("_F", bound=SwarmFile)
+_TASK_KEYS: Final = ("task_settings", "items")
+"""Names of the task's table, and of a robot's or an event's items, in this program."""
+
+
+def decode_swarm_file(kind: type[_F], content: Mapping[str, Any]) -> _F:
+    """Return a file's content as a struct; keys of the task have the name of its table.
+
+    Raises ParameterError with the file's key, or AcrcError.
+    """
+    task = decode(TaskTable, content.get("task", {}), "task")
+    table = load_task(task.use).declaration.table
+    _refuse_internal_keys(content, table)
+    try:
+        return decode(kind, _with_keys(content, (table, table), _TASK_KEYS))
+    except ParameterError as error:
+        names = re.compile(r"task_settings|(?<=\]\.)items")
+        key, sentence = (names.sub(table, text) for text in (error.key, str(error)))
+        raise ParameterError(key, error.value, error.expected, sentence) from None
+
+
+def _refuse_internal_keys(content: Mapping[str, Any], table: str) -> None:
+    tables = [("", content), *((f"{key}[{n}].", one) for key, n, one in _item_tables(content))]
+    for where, one in tables:
+        for name in _TASK_KEYS:
+            if name in one and name != table:
+                sentence = f"{where}{name} is not a key; the task's key is {table}"
+                raise ParameterError(f"{where}{name}", one[name], "", sentence)
+
+
+def _item_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
+    """Yield the tables that may have items, with their key and index."""
+    for key in ("robot", "event"):
+        tables = content.get(key)
+        for index, one in enumerate(tables if isinstance(tables, list | tuple) else ()):
+            if isinstance(one, Mapping):
+                yield key, index, one
+
+
+def _with_keys(content: Mapping[str, Any], old: tuple[str, str], new: tuple[str, str]) -> dict[str, Any]:
+    """Return content with the keys of the task's table and of items renamed."""
+    found = {new[0] if key == old[0] else key: value for key, value in content.items()}
+    for key, index, one in _item_tables(content):
+        found[key] = [*found[key]]
+        found[key][index] = {new[1] if name == old[1] else name: value for name, value in one.items()}
+    return found
+
+
 def to_toml(scenario: Scenario) -> str:
     """Return the scenario file's text, which loads as an equal scenario."""
-    return toml_document(plain(scenario))
+    content = plain(scenario)
+    if scenario.task == TaskTable():
+        del content["task"]
+    return toml_document(_with_keys(content, _TASK_KEYS, (scenario.table, scenario.table)))

@@ -28,9 +28,9 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.linux import die_with_parent
 from actors.runtime.process_setup import ArgumentParser
 from actors.runtime.processor import fingerprints
-from actors.task import visits
 from actors.world import drive, odometry, rays
 from actors.world.physics import SUBSTEP
+from cleaning import visits
 from firmware_bridge.beeclick.answer_decoder import FIRST_CHANNEL
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.device_lines import DEVICES, DevicePort, EmulatedLines, SimulatedTransceiver

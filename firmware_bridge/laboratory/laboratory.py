@@ -20,7 +20,6 @@ from actors.randomness import generator
 from actors.robot_model import RobotModel, interpolate, load_model
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
-from actors.task.referee import PlaceOutcome, Referee
 from actors.world.battery import Batteries
 from actors.world.body import Bodies, real_floor
 from actors.world.order_execution import Orders
@@ -28,6 +27,7 @@ from actors.world.physics import SUBSTEP
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import with_drift
 from actors.world.world_setup import Participants, WorldSetup
+from cleaning.referee import PlaceOutcome, Referee
 from firmware_bridge.beeclick.answer_decoder import BoardSettings
 from firmware_bridge.beeclick.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulated_medium import create_medium

@@ -7,7 +7,7 @@ from typing import Any, Generic, NamedTuple, Self, TypeVar
 from acrc_testbed.testing import floor
 from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
-from actors.task.task import PlaceKey
+from actors.items import ItemKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Assignment
 from cleaning.robot import CleaningRobot
@@ -23,18 +23,18 @@ HERE = Pose(0.0, 0.0, 0.0)
 class FakePlaceMonitor:
     """A place monitor that records reports."""
 
-    visits: list[PlaceKey] = field(default_factory=list)
-    gone: list[tuple[PlaceKey, str]] = field(default_factory=list)
-    left: tuple[PlaceKey, ...] | None = None
+    visits: list[ItemKey] = field(default_factory=list)
+    gone: list[tuple[ItemKey, str]] = field(default_factory=list)
+    left: tuple[ItemKey, ...] | None = None
 
-    def visited(self, place: PlaceKey, now: Instant) -> None:
+    def visited(self, place: ItemKey, now: Instant) -> None:
         self.visits.append(place)
 
-    def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
+    def given_up(self, place: ItemKey, reason: str, now: Instant) -> None:
         assert 0 < len(reason) <= 100
         self.gone.append((place, reason))
 
-    def remaining(self, route: Sequence[PlaceKey]) -> None:
+    def remaining(self, route: Sequence[ItemKey]) -> None:
         self.left = tuple(route)
 
 
@@ -119,12 +119,12 @@ class ScriptedSwarm(Generic[Robot]):
         others = [role for role in reversed(self.published) if role.id != robot.id]
         return others[number % len(others)] if others else None
 
-    def open_places(self) -> list[PlaceKey]:
+    def open_places(self) -> list[ItemKey]:
         """Return the places that no robot has visited or given up."""
         over = {*self.monitor.visits, *(key for key, _ in self.monitor.gone)}
         return [key for key in self.places if key not in over]
 
-    def held(self) -> list[PlaceKey]:
+    def held(self) -> list[ItemKey]:
         return [assignment.key for robot in self.robots for assignment in robot.route]
 
     def check(self) -> None:

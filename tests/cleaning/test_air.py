@@ -10,6 +10,7 @@ from acrc_testbed.testing import LossyMedium, VirtualSwarm
 from actors import robot as robots
 from actors.geometry import Point
 from actors.installation.repository import REPOSITORY
+from actors.items import REASON_LIMIT, ItemGivenUp, ItemKey
 from actors.messages import FRAME_DATA_LIMIT, OutgoingFrame
 from actors.robot.behaviour import (
     BatteryMeter,
@@ -20,20 +21,19 @@ from actors.robot.behaviour import (
     FloorPlan,
     Goal,
     Navigation,
-    PlaceMonitor,
     Plan,
     Positioning,
     Start,
+    TaskMonitor,
     View,
     host,
 )
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.ports import AbortReason, GoalOrder, GoalPhase, GoalStatus
-from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import RESTART_TERM, Assignment, Takeover, assignments
+from cleaning.place import RESTART_TERM, Assignment, Takeover, VisitReport, assignments
 from cleaning.robot import CleaningRobot
 from cleaning.strategies.chapter import behaviour
 from deeco import in_seconds, seconds
@@ -50,7 +50,7 @@ from tests.recorded_runs import record
 def test_two_robots_head_on_turn_around_and_exchange_destinations() -> None:
     west, east = Point(-5.0, 0.0), Point(5.0, 0.0)
     swarm = VirtualSwarm(behaviour, OPEN, {"r1": [Point(0.0, 0.0), east], "r2": [Point(1.0, 0.0), west]})
-    exchanged = ((PlaceKey("r2", 0),), (PlaceKey("r1", 0),))
+    exchanged = ((ItemKey("r2", 0),), (ItemKey("r1", 0),))
     swarm.advance_until(lambda: (swarm["r1"].route, swarm["r2"].route) == exchanged, timeout=seconds(13))
     assert swarm["r1"].navigation.goals == [east, west] and swarm["r2"].navigation.goals == [west, east]
 
@@ -75,7 +75,7 @@ def test_old_replicas_take_no_part_in_adoptions(loss: float, owner: str) -> None
     swarm.advance(seconds(6))
     knowledge = swarm["r1"].knowledge
     assert isinstance(knowledge, Cleaner) and knowledge.destination is not None
-    assert knowledge.destination.key == PlaceKey(owner, 0)
+    assert knowledge.destination.key == ItemKey(owner, 0)
     assert [one.id for one in node.replicas] == ["r2"], "the node still has its replica"
 
 
@@ -151,7 +151,7 @@ def said() -> set[str]:
     return {word for quoted in re.findall(r"`([^`]+)`", text) for word in re.findall(r"\w+", quoted)}
 
 
-@pytest.mark.parametrize("port", [Positioning, Navigation, BatteryMeter, PlaceMonitor, FloorPlan, Plan, Door])
+@pytest.mark.parametrize("port", [Positioning, Navigation, BatteryMeter, TaskMonitor, FloorPlan, Plan, Door])
 def test_every_name_of_a_port_is_on_the_page(port: type) -> None:
     names = {
         name for name in (*vars(port), *getattr(port, "__annotations__", ())) if not name.startswith("_")
@@ -163,7 +163,7 @@ def test_every_field_and_every_public_name_is_on_the_page() -> None:
     wanted = {one.name for kind in (Start, Decision) for one in fields(kind)} | {
         *ExchangeSettings.__struct_fields__
     }
-    wanted |= {one for kind in (PlaceKey, PlaceReport, PlaceGivenUp) for one in kind.__struct_fields__}
+    wanted |= {one for kind in (ItemKey, VisitReport, ItemGivenUp) for one in kind.__struct_fields__}
     wanted |= {"PlaceReport", "PlaceGivenUp", *View._fields, *Goal._fields, *robots.behaviour.__all__}
     wanted |= {one.name for kind in (GoalStatus, AbortReason, GoalPhase) for one in kind}
     assert wanted - {GoalOrder.__name__, "BehaviourError"} - said() == set()

@@ -9,10 +9,10 @@ import pytest
 from acrc_testbed.testing import LoggedNavigation, ScriptedPositioning
 from actors.geometry import Point, Pose
 from actors.instant import Instant, seconds
+from actors.items import ItemKey
 from actors.randomness import generator
 from actors.robot.behaviour import AbortReason
 from actors.robot.behaviour.node_host import RobotTaskList
-from actors.task.task import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot, PeerPosition
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption, MakingWay, PeerMask
 from cleaning.cleaner import Cleaner, State
@@ -34,8 +34,8 @@ from tests.cleaning.fakes import (
 AWAY = Point(20.0, 7.0)
 
 
-def keys(*places: int) -> list[PlaceKey]:
-    return [PlaceKey("r1", place) for place in places]
+def keys(*places: int) -> list[ItemKey]:
+    return [ItemKey("r1", place) for place in places]
 
 
 def at(robot: CleaningRobot, x: float) -> CleaningRobot:
@@ -51,7 +51,7 @@ def test_places_are_visited_in_order() -> None:
     assert at(robot, 4.5).set_destination(monitor, NOW) == at(robot, 4.5), "0.5 m is not within reach"
     robot = at(robot, 4.51).set_destination(monitor, NOW)
     assert robot.destination == assignment(10.0, 1) and monitor.visits == keys(0)
-    assert robot.route == (assignment(10.0, 1),) and robot.has_settled(PlaceKey("r1", 0))
+    assert robot.route == (assignment(10.0, 1),) and robot.has_settled(ItemKey("r1", 0))
     robot = at(robot, 10.49).set_destination(monitor, NOW)
     assert (robot.destination, robot.route, monitor.visits) == (None, (), keys(0, 1))
 
@@ -124,9 +124,9 @@ def test_a_place_given_up_leaves_the_route_and_is_never_a_destination_again() ->
     monitor = FakePlaceMonitor()
     robot = plain(5.0, 10.0).set_destination(monitor, NOW)
     robot = robot.given_up(robot.route[0], "the door is shut", monitor, NOW)
-    assert monitor.gone == [(PlaceKey("r1", 0), "the door is shut")]
+    assert monitor.gone == [(ItemKey("r1", 0), "the door is shut")]
     assert robot.destination is None and robot.route == (assignment(10.0, 1),)
-    assert robot.has_settled(PlaceKey("r1", 0)) and not robot.holds(PlaceKey("r1", 0))
+    assert robot.has_settled(ItemKey("r1", 0)) and not robot.holds(ItemKey("r1", 0))
     other = plain(5.0, 10.0).set_destination(monitor, NOW)
     other = other.given_up(other.route[1], "the door is shut", monitor, NOW)
     assert other.destination == assignment(5.0) and other.attempt == 0
@@ -148,7 +148,7 @@ def test_an_unreachable_place_is_given_up_after_the_limit(attempts: int) -> None
             navigation.abort(AbortReason.NO_PLAN)
         robot = robot.set_destination(monitor, NOW).drive(navigation, monitor, NOW)
     tries = {0: "", 1: "1 times in a row", 3: "3 times in a row"}[attempts]
-    expected = [(PlaceKey("r1", 0), f"navigation found no way to it, {tries}")] if attempts else []
+    expected = [(ItemKey("r1", 0), f"navigation found no way to it, {tries}")] if attempts else []
     assert monitor.gone == expected
     assert len(navigation.goals) == (attempts or 6)
 
@@ -259,7 +259,7 @@ def test_a_place_is_given_up_after_the_limit_of_attempts() -> None:
     robot = replace(adaptive("r1", 0.0, 5.0), parameters=AdaptationParameters(attempts=3))
     robot = checked(robot, 40, monitor)
     assert monitor.gone == [
-        (PlaceKey("r1", 0), "blocked on the way to it, 3 times without visiting any place meanwhile")
+        (ItemKey("r1", 0), "blocked on the way to it, 3 times without visiting any place meanwhile")
     ]
     assert (robot.route, robot.destination, robot.state) == ((), None, State.FREE)
 
@@ -270,7 +270,7 @@ def test_visiting_a_place_resets_attempts() -> None:
     robot = checked(robot, 1, monitor)
     assert len(robot.tried) == 1
     robot = replace(robot, position=Point(9.0, 0.0)).set_destination(monitor, NOW)
-    assert robot.tried == () and monitor.visits == [PlaceKey("r1", 1)]
+    assert robot.tried == () and monitor.visits == [ItemKey("r1", 1)]
 
 
 seen = partial(published, role=Cleaner)
@@ -382,7 +382,7 @@ def test_a_place_adopted_back_is_not_lost() -> None:
     r2 = removes(r2, seen(r1))
     for _ in range(3):
         r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
-    assert r1.holds(PlaceKey("r1", 0)) and not r2.holds(PlaceKey("r1", 0))
+    assert r1.holds(ItemKey("r1", 0)) and not r2.holds(ItemKey("r1", 0))
 
 
 def test_settled_places_are_not_adopted() -> None:

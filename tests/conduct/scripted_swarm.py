@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import (
     DRIVE,
     FLOOR_CHANGED,
@@ -33,11 +34,12 @@ from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Delivery, Inputs, Output, at, read, to
 from actors.runtime.recording import NullJournal
 from actors.runtime.shell import MemoryBus, Shell, run_digest, run_shells
-from actors.task.referee import PlaceOutcome, Referee
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, Task
+from actors.task.task import Task
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
+from cleaning.place import VisitReport
+from cleaning.referee import PlaceOutcome, Referee
 
 M = TypeVar("M")
 STEP = 100_000
@@ -46,9 +48,9 @@ STARTS = {"r1": (12.0, 13.0, 0.0), "r2": (17.0, 13.0, 0.0), "r3": (20.0, 11.0, 0
 
 @dataclass(frozen=True)
 class ScriptedAnswer:
-    reports: tuple[PlaceReport, ...] = ()
-    given_up: tuple[PlaceGivenUp, ...] = ()
-    route: tuple[PlaceKey, ...] | None = None
+    reports: tuple[VisitReport, ...] = ()
+    given_up: tuple[ItemGivenUp, ...] = ()
+    route: tuple[ItemKey, ...] | None = None
 
 
 class ScriptedRobot:

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import AIRED, DRIVE, Drive, EventCount, RadioAdvanced
 from actors.orders import CloseDoor, Move, Obstacle, OpenDoor, Wall
 from actors.runtime.codec import encode
 from actors.runtime.errors import AcrcError
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.sensing import PoseError
+from cleaning.place import VisitReport
 from tests.conduct.scripted_swarm import ScriptedSwarm
 from tests.refusals import refused
 
@@ -85,16 +86,16 @@ IN_STEP = "must be from 700000 to 799999 µs"
     ("changes", "sentence"),
     [
         ({"step": 3}, "sent a Drive of step 3, expected step 7"),
-        ({"reports": (PlaceReport("r1", 0, -1),)}, f"reports a place at -1 µs; {IN_STEP}"),
-        ({"reports": (PlaceReport("r1", 0, 700_000),) * 1001},
+        ({"reports": (VisitReport("r1", 0, -1),)}, f"reports a place at -1 µs; {IN_STEP}"),
+        ({"reports": (VisitReport("r1", 0, 700_000),) * 1001},
          "reports 1001 places in one step; the limit is 1000"),
-        ({"given_up": (PlaceGivenUp("r1", 0, 700_000, "x" * 10_000),)},
+        ({"given_up": (ItemGivenUp("r1", 0, 700_000, "x" * 10_000),)},
          "gives up a place for a reason of 10000 characters; must have 1 to 100"),
-        ({"given_up": (PlaceGivenUp("r1", 0, 800_000, "-"),)}, f"gives up a place at 800000 µs; {IN_STEP}"),
-        ({"route": (PlaceKey("r1", 0),) * 10_001}, "has a route of 10001 places; the limit is 10000"),
-        ({"route": (PlaceKey("r1", 0),) * 2},
+        ({"given_up": (ItemGivenUp("r1", 0, 800_000, "-"),)}, f"gives up a place at 800000 µs; {IN_STEP}"),
+        ({"route": (ItemKey("r1", 0),) * 10_001}, "has a route of 10001 places; the limit is 10000"),
+        ({"route": (ItemKey("r1", 0),) * 2},
          "has place 0 of 'r1' twice in its route; must be unique"),
-        ({"route": (PlaceKey("x" * 100, 0),)},
+        ({"route": (ItemKey("x" * 100, 0),)},
          f"has in its route place 0 of '{'x' * 99}…, which does not exist"),
     ],
 )  # fmt: skip
@@ -134,9 +135,9 @@ numbers = st.just(0) | any_whole
 instants = st.integers(100_000, 199_999) | any_whole
 velocities = st.floats(-1.0, 1.0) | any_float
 poses = st.tuples(velocities, velocities, velocities)
-reports = st.builds(PlaceReport, owners, numbers, instants)
-given_up = st.builds(PlaceGivenUp, owners, numbers, instants, st.text(max_size=120))
-routes = st.lists(st.builds(PlaceKey, owners, numbers), max_size=4).map(tuple)
+reports = st.builds(VisitReport, owners, numbers, instants)
+given_up = st.builds(ItemGivenUp, owners, numbers, instants, st.text(max_size=120))
+routes = st.lists(st.builds(ItemKey, owners, numbers), max_size=4).map(tuple)
 drives = st.builds(
     Drive,
     step=st.just(STEP) | any_whole,

@@ -7,24 +7,26 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.instant import Instant
+from actors.items import ItemGivenUp, ItemKey, TaskReports
 from actors.message_limits import OrderLimits
 from actors.messages import SensorData
-from actors.orders import AssignPlaces, Freeze, Kill, Obstacle, Order, Restart, Thaw
+from actors.orders import AssignItems, Freeze, Kill, Obstacle, Order, Restart, Thaw
 from actors.runtime.errors import AcrcError
-from actors.task.referee import PlaceVerdict
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport, TaskProgress, TaskReports
+from actors.task.task import TaskProgress
+from cleaning.place import VisitReport
+from cleaning.referee import PlaceVerdict
 from tests.conduct.scripted_swarm import ScriptedAnswer, ScriptedSwarm
 from tests.refusals import refused
 
-R1, R2 = PlaceKey("r1", 0), PlaceKey("r2", 0)
+R1, R2 = ItemKey("r1", 0), ItemKey("r2", 0)
 
 
-def reported(key: PlaceKey, instant: int = 700_000) -> ScriptedAnswer:
-    return ScriptedAnswer(reports=(PlaceReport(key.owner, key.place, instant),))
+def reported(key: ItemKey, instant: int = 700_000) -> ScriptedAnswer:
+    return ScriptedAnswer(reports=(VisitReport(key.owner, key.place, instant),))
 
 
-def given_up(key: PlaceKey, instant: int = 700_000) -> ScriptedAnswer:
-    return ScriptedAnswer(given_up=(PlaceGivenUp(key.owner, key.place, instant, "the door is shut"),))
+def given_up(key: ItemKey, instant: int = 700_000) -> ScriptedAnswer:
+    return ScriptedAnswer(given_up=(ItemGivenUp(key.owner, key.place, instant, "the door is shut"),))
 
 
 def test_the_run_ends_when_every_place_is_reported_or_given_up() -> None:
@@ -80,9 +82,9 @@ def test_an_adopted_place_is_not_lost() -> None:
 @pytest.mark.parametrize(
     ("says", "act"),
     [
-        (reported(PlaceKey("r2", 1)), "reports place 1 of 'r2'"),
-        (given_up(PlaceKey("r9", 0)), "gives up place 0 of 'r9'"),
-        (ScriptedAnswer(route=(R1, PlaceKey("r1", -1))), "has in its route place -1 of 'r1'"),
+        (reported(ItemKey("r2", 1)), "reports place 1 of 'r2'"),
+        (given_up(ItemKey("r9", 0)), "gives up place 0 of 'r9'"),
+        (ScriptedAnswer(route=(R1, ItemKey("r1", -1))), "has in its route place -1 of 'r1'"),
     ],
 )
 def test_an_unknown_place_ends_the_run(says: ScriptedAnswer, act: str) -> None:
@@ -101,7 +103,7 @@ def told(senses: list[SensorData]) -> dict[int, tuple[tuple[float, float], ...]]
 
 def test_only_the_owner_gets_an_added_place_once() -> None:
     play = ScriptedSwarm(
-        2.0, [(0.55, AssignPlaces("r1", (HERE, THERE))), (1.0, AssignPlaces("r1", (HERE,)))]
+        2.0, [(0.55, AssignItems("r1", (HERE, THERE))), (1.0, AssignItems("r1", (HERE,)))]
     ).run()
     assert told(play.acts["r1"].senses) == {6: (HERE, THERE), 10: (HERE,)}
     assert told(play.acts["r2"].senses) == {}
@@ -114,10 +116,10 @@ def test_only_the_owner_gets_an_added_place_once() -> None:
 
 
 def test_the_run_waits_for_added_places() -> None:
-    play = ScriptedSwarm(9.0, [(2.0, AssignPlaces("r2", (HERE,)))])
+    play = ScriptedSwarm(9.0, [(2.0, AssignItems("r2", (HERE,)))])
     play.acts["r1"].says = {
-        3: ScriptedAnswer(reports=(PlaceReport("r1", 0, 300_000), PlaceReport("r2", 0, 300_000)), route=()),
-        29: ScriptedAnswer(reports=(PlaceReport("r2", 1, 2_900_000),)),
+        3: ScriptedAnswer(reports=(VisitReport("r1", 0, 300_000), VisitReport("r2", 0, 300_000)), route=()),
+        29: ScriptedAnswer(reports=(VisitReport("r2", 1, 2_900_000),)),
     }
     play.acts["r2"].says = {3: ScriptedAnswer(route=())}
     play.run()
@@ -129,12 +131,12 @@ def test_the_run_waits_for_added_places() -> None:
 
 def test_a_place_is_reached_only_after_it_was_added() -> None:
     passed = ScriptedSwarm(
-        9.0, [(8.0, AssignPlaces("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
+        9.0, [(8.0, AssignItems("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
     ).run()
     (place,) = [one for one in passed.places if one.place == 1]
     assert (place.reached_at, place.given_at) == (None, 8_000_000)
     before = ScriptedSwarm(
-        9.0, [(0.0, AssignPlaces("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
+        9.0, [(0.0, AssignItems("r1", ((12.5, 13.0),)))], drive=lambda senses: (0.5, 0.0)
     ).run()
     (place,) = [one for one in before.places if one.place == 1]
     assert place.reached_by == "r1"
@@ -142,19 +144,19 @@ def test_a_place_is_reached_only_after_it_was_added() -> None:
 
 def test_a_frozen_robot_gets_an_added_place_later_and_a_dead_one_never() -> None:
     play = ScriptedSwarm(
-        2.0, [(0.5, Freeze("r1")), (0.8, AssignPlaces("r1", (HERE,))), (1.2, Thaw("r1"))]
+        2.0, [(0.5, Freeze("r1")), (0.8, AssignItems("r1", (HERE,))), (1.2, Thaw("r1"))]
     ).run()
     assert told(play.acts["r1"].senses) == {12: (HERE,)}
-    play = ScriptedSwarm(2.0, [(0.5, Kill("r1")), (0.8, AssignPlaces("r1", (HERE,)))]).run()
+    play = ScriptedSwarm(2.0, [(0.5, Kill("r1")), (0.8, AssignItems("r1", (HERE,)))]).run()
     (place,) = [one for one in play.places if one.place == 1]
     assert (place.verdict, place.in_route_of) == (PlaceVerdict.LOST, ())
 
 
 def test_a_restarted_robot_gets_all_added_places_again() -> None:
     events: list[tuple[float, Order]] = [
-        (0.5, AssignPlaces("r2", (HERE,))),
+        (0.5, AssignItems("r2", (HERE,))),
         (1.0, Restart("r2")),
-        (1.4, AssignPlaces("r2", (THERE,))),
+        (1.4, AssignItems("r2", (THERE,))),
     ]
     play = ScriptedSwarm(2.0, events)
     play.acts["r2"].says = {7: ScriptedAnswer(route=())}
@@ -165,18 +167,18 @@ def test_a_restarted_robot_gets_all_added_places_again() -> None:
 
 
 def test_a_robot_may_report_and_keep_an_added_place() -> None:
-    play = ScriptedSwarm(2.0, [(0.5, AssignPlaces("r1", (HERE,)))])
-    play.acts["r2"].says = {8: ScriptedAnswer(route=(PlaceKey("r1", 1),))}
+    play = ScriptedSwarm(2.0, [(0.5, AssignItems("r1", (HERE,)))])
+    play.acts["r2"].says = {8: ScriptedAnswer(route=(ItemKey("r1", 1),))}
     assert play.run().places[1].in_route_of == ("r1", "r2")
 
 
 def test_the_limit_of_places_fits_one_message() -> None:
     most = OrderLimits().places
     crowd = (HERE,) * most
-    play = ScriptedSwarm(1.0, [(0.2, AssignPlaces("r1", crowd)), (0.5, Restart("r1"))]).run()
+    play = ScriptedSwarm(1.0, [(0.2, AssignItems("r1", crowd)), (0.5, Restart("r1"))]).run()
     assert told(play.acts["r1.1"].senses) == {5: crowd}
     with pytest.raises(AcrcError, match="the limit is 1000"):
-        ScriptedSwarm(1.0, [(0.2, AssignPlaces("r1", crowd)), (0.5, AssignPlaces("r1", (HERE,)))]).run()
+        ScriptedSwarm(1.0, [(0.2, AssignItems("r1", crowd)), (0.5, AssignItems("r1", (HERE,)))]).run()
 
 
 class DistanceTask:
@@ -230,5 +232,5 @@ def test_a_task_receives_restarts_and_places_and_can_end_the_run() -> None:
     with refused("step 0 (0 s): r2 says that it is a fish"):
         ScriptedSwarm(1.0, task=DistanceTask(1000.0, "says that it is a fish")).run()
     task = DistanceTask(distance=1000.0)
-    ScriptedSwarm(1.0, [(0.5, Restart("r2")), (0.6, AssignPlaces("r1", ((15.5, 12.5),)))], task=task).run()
+    ScriptedSwarm(1.0, [(0.5, Restart("r2")), (0.6, AssignItems("r1", ((15.5, 12.5),)))], task=task).run()
     assert (task.restarted, task.given) == (["r2"], [("r1", (15.5, 12.5))])

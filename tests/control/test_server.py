@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from actors.installation.repository import REPOSITORY
+from actors.items import ItemKey
 from actors.messages import (
     ANSWERED,
     CONTROL,
@@ -25,13 +26,13 @@ from actors.messages import (
     UnmappedObstacle,
 )
 from actors.observer.glyphs import contrast
-from actors.orders import AssignPlaces, Freeze, Move, Speed
+from actors.orders import AssignItems, Freeze, Move, Speed
 from actors.radio.radio_model import RadioSetup
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Delivery, at
-from actors.task.task import PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
+from cleaning.place import VisitReport
 from deploy.control.scene import STATES, Scene, state_colours
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
@@ -101,9 +102,9 @@ def truth(step: int, *robots: RobotTruth, jams: tuple[Jam, ...] = ()) -> Truth:
 
 
 def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
-    stage = scene(TimedOrder(200_000, AssignPlaces("r2", ((5.0, 5.0),))))
+    stage = scene(TimedOrder(200_000, AssignItems("r2", ((5.0, 5.0),))))
     assert len(stage.floor()["doors"]) == 5
-    said(stage, Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))))
+    said(stage, Drive(0, 0.0, 0.0, 0.0, 0, (VisitReport("r1", 1, 0), VisitReport("r9", 5, 0))))
     said(stage, RadioEvents(0, (FrameReceived(0, 2, -70.0, 255, b""),)))
     said(stage, truth(0, jams=(Jam(1.0, 1.0, 3.0, 250_000),)))
     said(stage, Control(0, (Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
@@ -131,9 +132,9 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     assert [one[0] for one in state["things"]] == ["wall"] and state["missed"] == 2
     assert (state["paused"], state["t"], state["over"]) == (False, 0.3, False)
     assert state["places"][2] == ("r2", 5.0, 5.0, "given")
-    said(stage, Control(0, (AssignPlaces("r1", ((7.0, 7.0),)),), "c"))
+    said(stage, Control(0, (AssignItems("r1", ((7.0, 7.0),)),), "c"))
     said(stage, OrderOutcomes(3, "c", ()))
-    said(stage, Drive(4, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),), (), (PlaceKey("r1", 2),)))
+    said(stage, Drive(4, 0.0, 0.0, 0.0, 0, (VisitReport("r1", 2, 0),), (), (ItemKey("r1", 2),)))
     said(stage, truth(4))
     state = stage.state()
     assert state["places"][3] == ("r1", 7.0, 7.0, "done") and state["robots"][0][5] == (7.0, 7.0)

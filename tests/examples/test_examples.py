@@ -9,8 +9,8 @@ import pytest
 from acrc_testbed.testing import LoggedNavigation
 from actors.geometry import Point
 from actors.instant import START, Instant, seconds
+from actors.items import ItemKey
 from actors.randomness import generator
-from actors.task.task import PlaceKey
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner, State
 from deeco.knowledge import role_view
@@ -118,12 +118,12 @@ def test_it_hands_a_place_over_to_a_finished_robot() -> None:
     offering = role_view(r1, OfferingCleaner)
     assert isinstance(offering, OfferingCleaner) and hand_over.membership(offering, r2)
     r2 = hand_over.at_member(offering, r2, NOW)
-    assert r2.destination == assignment(9.0, term=1) and r1.holds(PlaceKey("r1", 0))
+    assert r2.destination == assignment(9.0, term=1) and r1.holds(ItemKey("r1", 0))
     assert not hand_over.membership(offering, r2), "it has one now"
     heard = role_view(r2, OfferingCleaner)
     assert isinstance(heard, OfferingCleaner) and remove.membership(heard, r1)
     left = remove.at_member(heard, r1, NOW)
-    assert not left.holds(PlaceKey("r1", 0)) and left.destination == assignment(2.0, 1)
+    assert not left.holds(ItemKey("r1", 0)) and left.destination == assignment(2.0, 1)
 
 
 def test_remaining_places_are_given_up_at_closing_time() -> None:
@@ -131,5 +131,5 @@ def test_remaining_places_are_given_up_at_closing_time() -> None:
     r1 = robot("r1", 0.0, 5.0, 9.0)
     assert r1.close(monitor, Instant(START + seconds(579))) == r1
     r1 = r1.close(monitor, Instant(START + seconds(580)))
-    assert monitor.gone == [(PlaceKey("r1", index), "it was closing time") for index in (0, 1)]
+    assert monitor.gone == [(ItemKey("r1", index), "it was closing time") for index in (0, 1)]
     assert (r1.route, r1.destination) == ((), None)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Self
 
 from actors.geometry import Point
-from actors.robot.behaviour import Behaviour, Navigation, PlaceMonitor, Positioning, Start, host
-from actors.task.task import PlaceKey
+from actors.items import ItemKey
+from actors.robot.behaviour import Behaviour, Navigation, Positioning, Start, TaskMonitor, host
 from deeco import Instant, Knowledge, adaptation, component, ensemble, milliseconds, periodic, role, seconds
 
 WISHES = {3: Point(5.0, 12.5), 6: Point(4.0, 12.0)}
@@ -74,10 +74,10 @@ class Planted(Wishing):
         return replace(self, lost=True)
 
     @periodic(every=seconds(1), order=6)
-    def leave(self, monitor: PlaceMonitor, now: Instant) -> Self:
+    def leave(self, monitor: TaskMonitor, now: Instant) -> Self:
         if self.number < 11 or self.place_left:
             return self
-        monitor.given_up(PlaceKey(self.id, 0), "eleven", now)
+        monitor.given_up(ItemKey(self.id, 0), "eleven", now)
         return replace(self, place_left=True)
 
     @adaptation

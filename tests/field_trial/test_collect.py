@@ -16,7 +16,7 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_notes, read_recording, recorder
-from actors.task.referee import PlaceOutcome
+from cleaning.referee import PlaceOutcome
 from deploy.fleet.collect import collect
 from firmware_bridge.laboratory.laboratory import LaboratoryResult
 from tests.field_trial.conftest import Run

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 import acrc_testbed as acrc
-from actors.task.referee import Referee
+from cleaning.referee import Referee
 
 _PURE = """
 from actors.robot.behaviour import Behaviour, Start, host

@@ -34,7 +34,7 @@ def test_a_drawn_floor_is_in_metres_with_its_south_west_corner_at_the_origin() -
         (13.0, 2.0),
         (17.0, 0.0),
     ]
-    assert all(drawn.is_free(drawn.random_place()) for _ in range(9))
+    assert all(drawn.is_free(drawn.random_point()) for _ in range(9))
     assert drawn.path(drawn["a"], Point(99.0, 0.0)) is None
 
 
@@ -102,7 +102,7 @@ def test_starts_name_all_members_and_equal_seeds_draw_equal_numbers() -> None:
     r1, r2 = (swarm[name].start for name in ("r1", "r2"))
     assert (r1.address, r2.address, r1.members) == (1, 2, {"r1": 1, "r2": 2})
     assert (r1.pose.point, r1.places, r2.places) == (DOORWAY["a"], (Point(3.0, 0.0),), ())
-    assert r1.floor.random_place() == again["r1"].start.floor.random_place() != r2.floor.random_place()
+    assert r1.floor.random_point() == again["r1"].start.floor.random_point() != r2.floor.random_point()
 
 
 def test_decisions_become_commands_and_the_test_ends_goals() -> None:

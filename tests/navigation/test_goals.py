@@ -11,10 +11,11 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
 from actors.installation.repository import REPOSITORY
 from actors.instant import Instant
+from actors.items import ItemGivenUp
 from actors.randomness import generator
 from actors.robot.behaviour import Decision, GoalStatus, Start, View
 from actors.robot_model import load_model
-from actors.task.task import PlaceGivenUp, PlaceReport
+from cleaning.place import VisitReport
 from deploy.scenario.scenario_file import Overrides, parse
 from deploy.scenario.tables import Scenario, toml_document
 from tests.recorded_runs import record
@@ -42,13 +43,13 @@ class GoalSequence:
         if place >= len(self._start.places):
             return self._next(())
         if view.goal.status is GoalStatus.SUCCEEDED:
-            return self._next((PlaceReport(self._start.robot, place, view.instant),))
+            return self._next((VisitReport(self._start.robot, place, view.instant),))
         reason = "" if view.goal.reason is None else view.goal.reason.value
         return self._next(
-            (), (PlaceGivenUp(self._start.robot, place, view.instant, f"navigation: {reason}"),)
+            (), (ItemGivenUp(self._start.robot, place, view.instant, f"navigation: {reason}"),)
         )
 
-    def _next(self, reports: tuple[PlaceReport, ...], given_up: tuple[PlaceGivenUp, ...] = ()) -> Decision:
+    def _next(self, reports: tuple[VisitReport, ...], given_up: tuple[ItemGivenUp, ...] = ()) -> Decision:
         goal = self._start.places[self._taken % len(self._start.places)]
         self._taken += 1
         return Decision(goal=goal, reports=reports, given_up=given_up)

@@ -39,7 +39,7 @@ def test_the_length_is_that_of_the_path_and_at_most_eight_percent_too_long() -> 
 def test_lengths_are_symmetric() -> None:
     on, numbers = routes(CORRIDOR), generator(3, "test", "ways")
     floor = ReachableFloor(CORRIDOR, RADIUS, Point(12.0, 5.0), (), numbers)
-    points = [floor.random_place() for _ in range(12)]
+    points = [floor.random_point() for _ in range(12)]
     for a in points:
         for b in points:
             assert on.length(a, b) == on.length(b, a)
@@ -113,7 +113,7 @@ def floor(
 
 
 def draws(of: ReachableFloor, count: int) -> list[Point]:
-    return [of.random_place() for _ in range(count)]
+    return [of.random_point() for _ in range(count)]
 
 
 def within(area: Area, point: Point) -> bool:
@@ -163,7 +163,7 @@ def test_without_areas_all_reachable_floor_counts_and_no_more() -> None:
 def test_unreachable_areas_give_one_sentence() -> None:
     wall = Area("wall", 0.0, 0.0, 0.4, 0.4)
     with pytest.raises(PlacementError) as caught:
-        floor(TWO_ROOMS, wall).random_place()
+        floor(TWO_ROOMS, wall).random_point()
     assert str(caught.value) == (
         "a robot that starts at (1.00, 1.00) can reach no point of 'wall' at least 0.177 m from walls;"
         " change its start or the areas"

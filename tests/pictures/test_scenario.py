@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from actors.installation.repository import REPOSITORY as ROOT
-from actors.task.task import PlaceKey
+from actors.items import ItemKey
 from deploy.scenario import scenario_picture, survey
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -57,7 +57,7 @@ def test_the_chapters_scenario_in_words_and_as_a_picture(tmp_path: Path) -> None
 def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
     file = two_rooms(tmp_path)
     found = survey.survey(resolve(load_scenario(file)))
-    assert found.out_of_reach == (PlaceKey("r1", 1),)
+    assert found.out_of_reach == (ItemKey("r1", 1),)
     assert found.parts.doors == ()
     done = acrc("scenario", file)
     assert "warning: no path leads from the start of robot r1 at (1.00, 1.00) to place r1/1" in done.stdout

@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 
 from actors.instant import Instant, seconds
+from actors.items import ItemGivenUp
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
-from actors.task.task import PlaceGivenUp
 
 LETTERS = [f"{letter}{letter}" for letter in "abcdefghijklmnopqrstuvwxyz"]
 WAYS: dict[str, Callable[[], str]] = {
@@ -30,7 +30,7 @@ class Fickle:
             return Decision()
         self._said = True
         robot = self._start.robot
-        return Decision(given_up=(PlaceGivenUp(robot, 0, view.instant, WAYS[robot]()),))
+        return Decision(given_up=(ItemGivenUp(robot, 0, view.instant, WAYS[robot]()),))
 
 
 def behaviour(start: Start) -> Behaviour:

@@ -25,7 +25,7 @@ from actors.robot.behaviour.decisions import NodeReport
 from actors.robot.navigation.navigation_counts import NavigationReport
 from actors.runtime.process import FinalNote
 from actors.runtime.shell import MessageHash
-from actors.task.referee import PlaceOutcome
+from cleaning.referee import PlaceOutcome
 from deeco.instant import Instant, in_seconds, milliseconds
 from deeco.statistics import Statistics
 

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import (
     DRIVE,
     FRAME_DATA_LIMIT,
@@ -30,8 +31,8 @@ from actors.robot.behaviour.loading import BehaviourError
 from actors.robot.behaviour.ports import Decision, Goal, GoalOrder, GoalPhase, GoalStatus, View
 from actors.robot.sweep import OdometryBuffer
 from actors.runtime.core import Output, at, to
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message
+from cleaning.place import VisitReport
 from tests.refusals import refused
 from tests.robot.base import model
 from tests.robot.rig import HEARD, START, Robot, ScriptedBehaviour, refusal
@@ -56,9 +57,9 @@ def test_a_step_without_frames_outputs_one_drive() -> None:
 
 def test_frames_precede_drive_which_counts_them_and_carries_reports() -> None:
     frames = (OutgoingFrame(5, 0, b"a"), OutgoingFrame(6, 99_999, bytes(FRAME_DATA_LIMIT)))
-    reports = (PlaceReport("r1", 4, 50_000),)
-    given_up = (PlaceGivenUp("r1", 3, 60_000, "door shut"),)
-    route = (PlaceKey("r2", 7), PlaceKey("r1", 0))
+    reports = (VisitReport("r1", 4, 50_000),)
+    given_up = (ItemGivenUp("r1", 3, 60_000, "door shut"),)
+    route = (ItemKey("r2", 7), ItemKey("r1", 0))
     robot = Robot(Decision(frames=frames, reports=reports, given_up=given_up, route=route))
     assert robot.take_step() == (
         to(TRANSMIT, Transmit(0, frames), "r1"),
@@ -215,9 +216,9 @@ ANY: Any = Decision
 GOAL = "it should be a Point of finite numbers or a GoalOrder"
 WITHIN = "from 400000 to 499999 µs"
 DATA = OutgoingFrame(0, 450_000, b"x")
-SHUT = PlaceGivenUp("r1", 0, 400_000, "shut")
+SHUT = ItemGivenUp("r1", 0, 400_000, "shut")
 NO_REASON: Any = None
-UNSAID = PlaceGivenUp("r1", 0, 400_000, NO_REASON)
+UNSAID = ItemGivenUp("r1", 0, 400_000, NO_REASON)
 
 
 def frame(**changed: object) -> Decision:
@@ -238,8 +239,8 @@ def frame(**changed: object) -> Decision:
         (ANY(frames=(DATA, replace(DATA, instant=449_999))),
          "sends a frame at 449999 µs; the instant must be from 450000 to 499999 µs"),
         (ANY(frames=(DATA,) * 4), "sends 4 frames in one step; the limit is 3"),
-        (ANY(reports=(PlaceReport("r1", 0, 400000),) * 3), "reports 3 places in one step; the limit is 2"),
-        (ANY(reports=(PlaceReport("r1", 0, 399_999),)),
+        (ANY(reports=(VisitReport("r1", 0, 400000),) * 3), "reports 3 places in one step; the limit is 2"),
+        (ANY(reports=(VisitReport("r1", 0, 399_999),)),
          f"reports a place at 399999 µs; must be {WITHIN}"),
         (ANY(given_up=("all",)), "gives up 'all'; must be a PlaceGivenUp with a text as reason"),
         (ANY(given_up=(UNSAID,)), f"gives up {UNSAID}; must be a PlaceGivenUp with a text as reason"),
@@ -253,12 +254,12 @@ def frame(**changed: object) -> Decision:
         (ANY(given_up=(replace(SHUT, instant=500_000),)),
          f"gives up a place at 500000 µs; must be {WITHIN}"),
         (ANY(given_up=(SHUT,) * 3), "gives up 3 places in one step; the limit is 2"),
-        (ANY(route=[PlaceKey("r1", 0)]),
+        (ANY(route=[ItemKey("r1", 0)]),
          "has the route [PlaceKey(owner='r1', place=0)]; must be a tuple of PlaceKey, or None"),
         (ANY(route=(0,)), "has 0 in its route; must be a PlaceKey"),
-        (ANY(route=(PlaceKey("r2", 1), PlaceKey("r1", 1), PlaceKey("r2", 1))),
+        (ANY(route=(ItemKey("r2", 1), ItemKey("r1", 1), ItemKey("r2", 1))),
          "has place 1 of 'r2' twice in its route; must be unique"),
-        (ANY(route=tuple(PlaceKey("r1", n) for n in range(5))), "has a route of 5 places; the limit is 4"),
+        (ANY(route=tuple(ItemKey("r1", n) for n in range(5))), "has a route of 5 places; the limit is 4"),
         (ANY(paused="yes"), "returned paused='yes'; it should be True, False or None"),
         *[
             (ANY(back_out=far), f"returned back_out={far}; it should be above 0 and at most 3 m")

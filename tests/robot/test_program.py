@@ -19,7 +19,7 @@ from actors.messages import READY, SENSES, Ready
 from actors.randomness import derived_seed, generator
 from actors.robot import __main__ as robot_program
 from actors.robot.assembly import RobotSetup, kernels
-from actors.robot.behaviour.loading import FINDER, BehaviourError, load_behaviour
+from actors.robot.behaviour.loading import BehaviourError, load_behaviour
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot.localisation import PRESETS
 from actors.robot.program import RobotProcess, RobotProgram, actor_process, build, load_setup
@@ -30,6 +30,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup
 from actors.runtime.processor import combine_fingerprints
+from actors.user_code import FINDER
 from tests.refusals import refused
 from tests.robot.rig import ScriptedBehaviour
 
@@ -134,7 +135,7 @@ def test_a_faulty_setup_gives_one_sentence(
 START = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 2.0),), generator(1, "behaviour", "r1"))
 
 
-FORM = "is not an entry; it should look like 'package.module:function'"
+FORM = "is not an entry; it should look like 'package.module:behaviour'"
 
 
 @pytest.mark.parametrize(
@@ -221,7 +222,7 @@ from actors.robot import assembly
 from actors.robot.behaviour.ports import Decision
 from actors.robot_model import load_model
 from actors.runtime.processor import fingerprints
-from actors.task.referee import Referee
+from cleaning.referee import Referee
 from actors.world.body import Bodies
 from actors.world.program import KERNELS
 from actors.world.uncertainty import Uncertainty

@@ -12,8 +12,8 @@ from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import code_permit
 from actors.robot.behaviour.code_permit import INSTALLED, Permit, permitted_folders
-from actors.robot.behaviour.loading import FINDER, RecordedModules, expect_hashes, module_file, set_folders
 from actors.runtime.errors import AcrcError
+from actors.user_code import FINDER, RecordedModules, expect_hashes, module_file, set_folders
 
 SOURCE = Path("bold.toml")
 RECORDED, CHANGED, GROWN = "import json\n", "raise AssertionError\n", "from package import more\n"

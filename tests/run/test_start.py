@@ -25,7 +25,7 @@ from actors.processes.monitor import Timeout
 from actors.robot import assembly
 from actors.robot.stack import Stack
 from actors.runtime.recording import scans
-from actors.task import visits
+from cleaning import visits
 from deploy.run import progress
 from deploy.run.options import RunOptions
 from deploy.run.plan import shared_arguments

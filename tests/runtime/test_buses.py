@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
+from actors.items import REASON_LIMIT, ItemGivenUp, ItemKey
 from actors.messages import DRIVE, Drive
 from actors.runtime.codec import MESSAGE_LIMIT, encode
 from actors.runtime.core import Address, Inputs, Outlet, Output, at, to
@@ -20,7 +21,7 @@ from actors.runtime.recording import Journal, NullJournal, Recorder
 from actors.runtime.replay_bus import ReplayBus
 from actors.runtime.shell import MemoryBus, Shell
 from actors.runtime.zenoh_bus import open_mesh
-from actors.task.task import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
+from cleaning.place import VisitReport
 
 ROBOT = "r" * 32
 KEY = DRIVE.key(ROBOT)
@@ -117,9 +118,9 @@ DRIVES = some.builds(
     FLOATS,
     FLOATS,
     NUMBERS,
-    several(some.builds(PlaceReport, NAMES, NUMBERS, NUMBERS), 1000),
-    several(some.builds(PlaceGivenUp, NAMES, NUMBERS, NUMBERS, REASONS), 1000),
-    some.none() | several(some.builds(PlaceKey, NAMES, NUMBERS), 10_000),
+    several(some.builds(VisitReport, NAMES, NUMBERS, NUMBERS), 1000),
+    several(some.builds(ItemGivenUp, NAMES, NUMBERS, NUMBERS, REASONS), 1000),
+    some.none() | several(some.builds(ItemKey, NAMES, NUMBERS), 10_000),
 )
 
 
@@ -138,7 +139,7 @@ def of_size(size: int) -> Drive:
     """Return a message with this number of bytes."""
 
     def worded(letters: int) -> Drive:
-        return Drive(0, 0.0, 0.0, 0.0, 0, given_up=(PlaceGivenUp(ROBOT, 0, 0, "x" * letters),))
+        return Drive(0, 0.0, 0.0, 0.0, 0, given_up=(ItemGivenUp(ROBOT, 0, 0, "x" * letters),))
 
     about = 60_000
     spare = size - len(encode(worded(about)))
@@ -153,7 +154,7 @@ def test_the_limit_is_a_byte_wide_and_holds_on_every_bus(over_zenoh: Send, tmp_p
 
 
 def test_value_of_wrong_type_is_named_by_its_path() -> None:
-    report = PlaceReport("r1", np.int64(3), 5)  # type: ignore[arg-type]
+    report = VisitReport("r1", np.int64(3), 5)  # type: ignore[arg-type]
     assert over_memory(Drive(7, 0.0, 0.0, 0.0, 0, reports=(report,))) == (
         f"step 7: Drive on {KEY} has np.int64(3) of type numpy.int64 in reports[0].place; it must be a "
         "plain value (Encoding objects of type numpy.int64 is unsupported)"

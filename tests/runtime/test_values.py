@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import (
     DRIVE,
     MESSAGE_VERSION,
@@ -41,14 +42,14 @@ from actors.runtime.processor import (
     processor,
 )
 from actors.runtime.replay_bus import first_difference
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, Topic
+from cleaning.place import VisitReport
 
 REALS = st.floats(-1e5, 1e5)
 COUNTS = st.integers(min_value=0, max_value=2**40)
-REPORTS = st.builds(PlaceReport, st.text(max_size=5), COUNTS, COUNTS)
-GIVEN_UP = st.builds(PlaceGivenUp, st.text(max_size=5), COUNTS, COUNTS, st.text(max_size=9))
-KEYS = st.builds(PlaceKey, st.text(max_size=5), COUNTS)
+REPORTS = st.builds(VisitReport, st.text(max_size=5), COUNTS, COUNTS)
+GIVEN_UP = st.builds(ItemGivenUp, st.text(max_size=5), COUNTS, COUNTS, st.text(max_size=9))
+KEYS = st.builds(ItemKey, st.text(max_size=5), COUNTS)
 DRIVES = st.builds(
     Drive,
     COUNTS,

@@ -131,7 +131,7 @@ def test_the_start_of_a_behaviour() -> None:
     assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}
     assert start.exchange.hop_limit == 15
     assert dict(start.members) == {"r1": 1, "r2": 2}
-    place = start.floor.random_place()
+    place = start.floor.random_point()
     assert 11.5 <= place.x <= 13.5 and 1.0 <= place.y <= 7.0
     twin = generator(7, "behaviour", "r1", 0)
     twin.random(3)

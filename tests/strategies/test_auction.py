@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from acrc_testbed.testing import TextFloor
 from actors.geometry import Point
+from actors.items import ItemKey
 from actors.messages import FRAME_DATA_LIMIT
-from actors.task.task import PlaceKey
 from cleaning.cleaner import State
 from cleaning.place import Assignment
 from cleaning.strategies.auction import Auction, Bidder, BiddingParameters, BiddingRobot, HigherBid
@@ -44,7 +44,7 @@ def hears(member: BiddingRobot, peer: Bidder, floor: TextFloor = OPEN) -> Biddin
     return OUTBID.at_member(peer, member, NOW) if OUTBID.membership(peer, member) else member
 
 
-def keys(robot: BiddingRobot) -> set[PlaceKey]:
+def keys(robot: BiddingRobot) -> set[ItemKey]:
     return {place.key for place in robot.route}
 
 
@@ -52,16 +52,16 @@ def test_a_place_goes_to_the_cheapest_robot_without_changing_destinations() -> N
     r1, r2 = bidder("r1", 0.0, 1.0, 20.0), bidder("r2", 21.0, 22.0)
     r2 = r2.set_destination(FakePlaceMonitor(), NOW)
     taken = hears(r2, seen(r1))
-    assert keys(taken) == {PlaceKey("r2", 0), PlaceKey("r1", 1)} and taken.destination == r2.destination
-    assert taken.adopted[-1].key == PlaceKey("r1", 1)
-    assert keys(hears(r1, seen(taken.plan(OPEN)))) == {PlaceKey("r1", 0)}
+    assert keys(taken) == {ItemKey("r2", 0), ItemKey("r1", 1)} and taken.destination == r2.destination
+    assert taken.adopted[-1].key == ItemKey("r1", 1)
+    assert keys(hears(r1, seen(taken.plan(OPEN)))) == {ItemKey("r1", 0)}
     r1, r2 = bidder("r1", 0.0, 1.0, 2.0), bidder("r2", 21.0, 22.0)
     assert hears(r2, seen(r1)) == r2 and hears(r1, seen(r2)) == r1, "nothing is worth it"
 
 
 def test_a_door_raises_the_cost_of_a_place() -> None:
     r1, r2 = bidder("r1", 7.0, 2.0), bidder("r2", -1.0)
-    assert keys(hears(r2, seen(r1))) == {PlaceKey("r1", 0)}
+    assert keys(hears(r2, seen(r1))) == {ItemKey("r1", 0)}
     assert not hears(r2, seen(r1), DOORWAY).route
 
 
@@ -69,19 +69,19 @@ def test_places_of_a_blocked_robot_are_adopted() -> None:
     r1, r2 = bidder("r1", 0.0, 1.0), bidder("r2", 8.0)
     assert not hears(r2, seen(r1)).route
     stuck = replace(r1, state=State.BLOCKED, stuck_for=20).plan(OPEN)
-    assert keys(hears(r2, seen(stuck))) == {PlaceKey("r1", 0)}
+    assert keys(hears(r2, seen(stuck))) == {ItemKey("r1", 0)}
     assert not hears(replace(r2, state=State.BLOCKED), seen(stuck)).route, "a blocked robot adopts nothing"
 
 
 def test_of_two_robots_that_adopt_a_place_the_greater_id_keeps_it() -> None:
     r1 = bidder("r1", 0.0, 1.0, 20.0)
     r2, r3 = (hears(bidder(name, 21.0), seen(r1)).plan(OPEN) for name in ("r2", "r3"))
-    assert keys(r2) == keys(r3) == {PlaceKey("r1", 1)}
+    assert keys(r2) == keys(r3) == {ItemKey("r1", 1)}
     assert not hears(r2, seen(r3)).route and keys(hears(r3, seen(r2))) == keys(r3)
 
 
 def test_all_places_are_published_in_rotation() -> None:
-    robot, told = bidder("r1", 0.0, *(float(x) for x in range(8))), set[PlaceKey]()
+    robot, told = bidder("r1", 0.0, *(float(x) for x in range(8))), set[ItemKey]()
     for _ in range(3):
         told |= {bid.assignment.key for bid in robot.bids}
         robot = robot.plan(OPEN)

@@ -8,7 +8,7 @@ import pytest
 
 from acrc_testbed.command_line.app import app
 from actors.installation.repository import REPOSITORY
-from actors.robot.behaviour.loading import set_folders
+from actors.user_code import set_folders
 from cleaning.strategies import STRATEGIES
 
 EXAMPLE = "examples.courteous:behaviour"

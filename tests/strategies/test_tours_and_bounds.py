@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from acrc_testbed.testing import LoggedNavigation, ScriptedPositioning, VirtualSwarm
 from actors.geometry import Point
 from actors.instant import Instant, seconds
+from actors.items import ItemKey
 from actors.runtime.errors import AcrcError
-from actors.task.task import PlaceKey
 from cleaning.place import Assignment
 from cleaning.strategies.careful import CarefulRobot
 from cleaning.strategies.oracle import behaviour
@@ -27,7 +27,7 @@ def test_the_oracle_assigns_places_without_frames_and_runs_do_not_mix() -> None:
         pair = swarm(r1=(0.0, 1.0, 20.0), r2=(21.0,))
         pair.advance(seconds(4))
         assert pair.medium.sent == []
-        assert (pair["r1"].route, pair["r2"].route) == ((PlaceKey("r1", 0),), (PlaceKey("r1", 1),))
+        assert (pair["r1"].route, pair["r2"].route) == ((ItemKey("r1", 0),), (ItemKey("r1", 1),))
 
 
 def test_the_oracle_needs_two_robots() -> None:

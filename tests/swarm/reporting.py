@@ -1,8 +1,9 @@
 """Behaviours that report places and counters, for strategies by entry string."""
 
 from actors.instant import Instant
+from actors.items import ItemGivenUp, ItemKey
 from actors.robot.behaviour import Behaviour, Decision, Start, View
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
+from cleaning.place import VisitReport
 
 REPORT_STEP = 30
 """Step in which r1 gives up its places and r2 reports one of its own."""
@@ -20,11 +21,11 @@ class ReportingRobot:
         robot, step = self._start.robot, view.instant // (until - view.instant)
         if step != REPORT_STEP:
             return Decision()
-        keys = tuple(PlaceKey(robot, place) for place in range(len(self._start.places)))
+        keys = tuple(ItemKey(robot, place) for place in range(len(self._start.places)))
         if robot == "r1":
-            given_up = tuple(PlaceGivenUp(k.owner, k.place, view.instant, "stands still") for k in keys)
+            given_up = tuple(ItemGivenUp(k.owner, k.place, view.instant, "stands still") for k in keys)
             return Decision(given_up=given_up, route=())
-        return Decision(reports=(PlaceReport(robot, 0, view.instant),), route=keys[1:-1])
+        return Decision(reports=(VisitReport(robot, 0, view.instant),), route=keys[1:-1])
 
     def outcome(self) -> dict[str, object]:
         counters = {"activations": self._steps, "published": 1}

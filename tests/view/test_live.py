@@ -20,9 +20,10 @@ from acrc_testbed.view.run_drawing import RunDrawing
 from acrc_testbed.view.run_view import LiveView, save_view
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
+from actors.items import ItemKey
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, FrameReceived, Progress, RadioEvents
 from actors.observer.layout import ViewerContents, ViewFile
-from actors.task.task import PlaceKey, PlaceReport
+from cleaning.place import VisitReport
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.fleet_view import FleetView, ReceivedMessage
 from tests.view.conftest import rows
@@ -153,11 +154,11 @@ def test_watched_robots_are_drawn_at_their_estimates_and_timeouts_are_shown(tmp_
             said("r1", 0.2, DRIVE, Drive(5, 0.3, 0.0, 0.0, 0, pose=(12.0, 13.0, 0.0))),
             said("r1", 0.3, DRIVE, Drive(6, 0.3, 0.0, 0.0, 0, pose=(12.1, 13.0, 0.0))),
             said("r1", 0.3, PROGRESS, Progress(6, 0, 2, 0, False, held=("bumper pressed",))),
-            said("r2", 0.4, DRIVE, Drive(9, 0.0, 0.0, 0.0, 0, reports=(PlaceReport("r2", 0, 10**15),))),
+            said("r2", 0.4, DRIVE, Drive(9, 0.0, 0.0, 0.0, 0, reports=(VisitReport("r2", 0, 10**15),))),
             said("r2", 0.4, RECEIVED, RadioEvents(9, (FrameReceived(10**15, 1, -71.0, 200, b"x"),))),
         ]
         view.draw(words, 0.5, 0)
-        view.draw([said("r1", 2.9, DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, route=(PlaceKey("r2", 0),)))], 3.0, 4)
+        view.draw([said("r1", 2.9, DRIVE, Drive(7, 0.0, 0.0, 0.0, 0, route=(ItemKey("r2", 0),)))], 3.0, 4)
         view.draw((), 6.0, 4)
     found = {
         entity: [row for row in some if "sim_time" in row]

@@ -21,13 +21,13 @@ from acrc_testbed.view import run_view
 from acrc_testbed.view.run_drawing import RunDrawing
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
+from actors.items import ItemKey
 from actors.observer import glyphs, viewer
 from actors.observer.canvas import Canvas
 from actors.observer.glyphs import Colour
 from actors.observer.layout import ViewerContents, ViewFile
 from actors.orders import Wall
 from actors.robot.introspector import ACTIVITIES
-from actors.task.task import PlaceKey
 from tests.run_data import run_data
 from tests.view.conftest import Rows, rows
 
@@ -103,12 +103,12 @@ def test_people_are_discs_at_their_positions(tmp_path: Path) -> None:
 
 
 def test_places_show_their_outcomes_and_holders_part_by_part(tmp_path: Path) -> None:
-    done = run(range(3), reported=(PlaceEvent("r2", 0.2, PlaceKey("r1", 1)),))
-    gone = run(range(3, 5), given_up=(PlaceEvent("r2", 0.4, PlaceKey("r2", 0)),))
-    taken = PlaceKey("r1", 0)
+    done = run(range(3), reported=(PlaceEvent("r2", 0.2, ItemKey("r1", 1)),))
+    gone = run(range(3, 5), given_up=(PlaceEvent("r2", 0.4, ItemKey("r2", 0)),))
+    taken = ItemKey("r1", 0)
     route = run(
         range(5, 7),
-        routes=(Route("r2", 0.5, (taken, PlaceKey("r2", 0))),),
+        routes=(Route("r2", 0.5, (taken, ItemKey("r2", 0))),),
         taken_over=(PlaceEvent("r2", 0.5, taken),),
     )
     found = painted(tmp_path / "view.rrd", done, gone, route)

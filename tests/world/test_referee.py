@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from actors import geometry
 from actors.instant import Instant
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import RobotTruth
 from actors.robot_model import load_model, scan_angles
 from actors.runtime.errors import AcrcError
-from actors.task.referee import PlaceOutcome, PlaceVerdict, Referee
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.task.visits import find_visits
 from actors.world.sensing import PoseError, PoseErrorSum
 from actors.world.world_setup import BodySetup
+from cleaning.place import VisitReport
+from cleaning.referee import PlaceOutcome, PlaceVerdict, Referee
+from cleaning.visits import find_visits
 from tests.refusals import refused
 
 
@@ -46,7 +47,7 @@ def test_a_place_is_reached_once_and_by_the_first(referee: Referee) -> None:
     referee.watch(Instant(0), at((0.6, 0.0), (9.0, 9.0)))
     referee.watch(Instant(100), at((0.4, 0.0), (0.0, 0.1)))
     referee.watch(Instant(200), at((0.0, 0.0), (6.0, 0.2)))
-    routes = {"r1": (PlaceKey("r2", 0),), "r2": (PlaceKey("r2", 0), PlaceKey("r1", 1))}
+    routes = {"r1": (ItemKey("r2", 0),), "r2": (ItemKey("r2", 0), ItemKey("r1", 1))}
     assert referee.outcomes(routes) == (
         PlaceOutcome("r1", 0, 0.0, 0.0, 100, "r1", None, None, None, None, None, ()),
         PlaceOutcome("r1", 1, 3.0, 0.0, None, None, None, None, None, None, None, ("r2",)),
@@ -56,9 +57,9 @@ def test_a_place_is_reached_once_and_by_the_first(referee: Referee) -> None:
 
 def test_done_is_reported_and_true_by_then(referee: Referee) -> None:
     referee.watch(Instant(100), at((0.0, 0.0), (9.0, 9.0)))
-    referee.report("r1", PlaceReport("r1", 0, 150))  # true
-    referee.report("r2", PlaceReport("r1", 1, 150))  # claimed, and nobody had been there
-    referee.report("r2", PlaceReport("r2", 0, 150))  # claimed too early
+    referee.report("r1", VisitReport("r1", 0, 150))  # true
+    referee.report("r2", VisitReport("r1", 1, 150))  # claimed, and nobody had been there
+    referee.report("r2", VisitReport("r2", 0, 150))  # claimed too early
     referee.watch(Instant(200), at((6.0, 0.0), (9.0, 9.0)))
     assert verdicts(referee) == [PlaceVerdict.DONE, PlaceVerdict.MISTAKEN, PlaceVerdict.MISTAKEN]
     assert [outcome.done for outcome in referee.outcomes({})] == [True, False, False]
@@ -66,10 +67,10 @@ def test_done_is_reported_and_true_by_then(referee: Referee) -> None:
 
 
 def test_the_first_report_and_the_first_giving_up_count(referee: Referee) -> None:
-    referee.report("r2", PlaceReport("r1", 0, 10))
-    referee.report("r1", PlaceReport("r1", 0, 20))
-    referee.give_up("r2", PlaceGivenUp("r1", 1, 30, "blocked"))
-    referee.give_up("r1", PlaceGivenUp("r1", 1, 40, "no plan"))
+    referee.report("r2", VisitReport("r1", 0, 10))
+    referee.report("r1", VisitReport("r1", 0, 20))
+    referee.give_up("r2", ItemGivenUp("r1", 1, 30, "blocked"))
+    referee.give_up("r1", ItemGivenUp("r1", 1, 40, "no plan"))
     reported, given_up, _ = referee.outcomes({})
     assert (reported.reported_at, reported.reported_by) == (10, "r2")
     assert (given_up.given_up_at, given_up.given_up_by, given_up.reason) == (30, "r2", "blocked")
@@ -78,18 +79,18 @@ def test_the_first_report_and_the_first_giving_up_count(referee: Referee) -> Non
 
 def test_a_place_reported_and_given_up_counts_as_reported(referee: Referee) -> None:
     referee.watch(Instant(0), at((0.0, 0.0), (3.0, 0.0)))
-    referee.give_up("r2", PlaceGivenUp("r1", 0, 10, "blocked"))
-    referee.report("r1", PlaceReport("r1", 0, 20))
-    referee.report("r1", PlaceReport("r1", 1, 30))
-    referee.give_up("r2", PlaceGivenUp("r1", 1, 40, "blocked"))
+    referee.give_up("r2", ItemGivenUp("r1", 0, 10, "blocked"))
+    referee.report("r1", VisitReport("r1", 0, 20))
+    referee.report("r1", VisitReport("r1", 1, 30))
+    referee.give_up("r2", ItemGivenUp("r1", 1, 40, "blocked"))
     assert verdicts(referee) == [PlaceVerdict.DONE, PlaceVerdict.DONE, PlaceVerdict.LOST]
     assert [outcome.settled_at for outcome in referee.outcomes({})] == [10, 30, None]
     assert [outcome.given_up_at for outcome in referee.outcomes({})] == [10, 40, None]
 
 
 def test_a_place_without_owner_is_lost(referee: Referee) -> None:
-    referee.give_up("r1", PlaceGivenUp("r1", 0, 10, "blocked"))
-    outcomes = referee.outcomes({"r1": (PlaceKey("r1", 1),), "r2": ()})
+    referee.give_up("r1", ItemGivenUp("r1", 0, 10, "blocked"))
+    outcomes = referee.outcomes({"r1": (ItemKey("r1", 1),), "r2": ()})
     assert [outcome.verdict for outcome in outcomes] == [
         PlaceVerdict.GIVEN_UP,
         PlaceVerdict.OPEN,
@@ -98,20 +99,20 @@ def test_a_place_without_owner_is_lost(referee: Referee) -> None:
 
 
 def test_all_is_settled_when_every_place_is_reported_or_given_up(referee: Referee) -> None:
-    referee.report("r1", PlaceReport("r1", 0, 10))
-    referee.report("r1", PlaceReport("r1", 0, 10))
-    referee.give_up("r1", PlaceGivenUp("r1", 0, 10, "blocked"))
-    referee.give_up("r2", PlaceGivenUp("r2", 0, 10, "blocked"))
+    referee.report("r1", VisitReport("r1", 0, 10))
+    referee.report("r1", VisitReport("r1", 0, 10))
+    referee.give_up("r1", ItemGivenUp("r1", 0, 10, "blocked"))
+    referee.give_up("r2", ItemGivenUp("r2", 0, 10, "blocked"))
     assert not referee.settled
-    referee.report("r1", PlaceReport("r1", 1, 10))
+    referee.report("r1", VisitReport("r1", 1, 10))
     assert referee.settled
     assert not Referee((robot("r1"),), reach=0.5).settled
 
 
 @pytest.mark.parametrize(("owner", "place"), [("r1", 2), ("r1", -1), ("r2", 1), ("r9", 0)])
 def test_unassigned_places_are_unknown(referee: Referee, owner: str, place: int) -> None:
-    assert referee.has_place(PlaceReport("r1", 1, 10)) and referee.has_place(PlaceKey("r2", 0))
-    assert not referee.has_place(PlaceKey(owner, place))
+    assert referee.has_place(VisitReport("r1", 1, 10)) and referee.has_place(ItemKey("r2", 0))
+    assert not referee.has_place(ItemKey(owner, place))
 
 
 def test_the_threshold_itself_is_outside() -> None:

@@ -18,12 +18,12 @@ from actors.robot.behaviour.ports import (
     GoalPhase,
     GoalStatus,
     Navigation,
-    PlaceMonitor,
     Plan,
     Positioning,
     Setting,
     Start,
     TaskList,
+    TaskMonitor,
     View,
 )
 
@@ -41,12 +41,12 @@ __all__ = [
     "GoalPhase",
     "GoalStatus",
     "Navigation",
-    "PlaceMonitor",
     "Plan",
     "Positioning",
     "Setting",
     "Start",
     "TaskList",
+    "TaskMonitor",
     "View",
     "host",
 ]

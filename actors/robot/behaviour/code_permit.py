@@ -6,18 +6,22 @@ folder that it names is only a hint for the user; modules are loaded from there 
 
 import os
 import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Final
 
-from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import handover
-from actors.robot.behaviour.loading import module_file, module_prefixes, python_spec
 from actors.runtime.errors import AcrcError
+from actors.user_code import (
+    is_home,
+    is_installed,
+    module_file,
+    module_prefixes,
+    python_spec,
+    set_task_folders,
+)
 
 
 @dataclass(frozen=True)
@@ -38,11 +42,16 @@ INSTALLED: Final = Permit()
 
 
 def permit_of(modules: Sequence[Path] | None, *, trust: bool = False, typed: str = "") -> Permit:
-    """Return the permission given by the options. Raises OptionError."""
+    """Return the permission given by the options; tasks may be loaded from these folders from now on.
+
+    Raises OptionError.
+    """
     for folder in modules or ():
         if not folder.is_dir():
             raise OptionError(f"--modules: {folder} is not a folder; give a folder of Python modules")
-    return Permit(tuple(folder.resolve() for folder in modules or ()), typed, trust)
+    folders = tuple(folder.resolve() for folder in modules or ())
+    set_task_folders(folders)
+    return Permit(folders, typed, trust)
 
 
 def permitted_folders(
@@ -72,39 +81,11 @@ def permitted_folders(
     return tuple(dict.fromkeys(used))
 
 
-def is_installed(module: str) -> bool:
-    """Return True if a module is in the standard library, an installed package or this project.
-
-    Other modules in this repository's folder do not count, although the folder may be on Python's path.
-    """
-    names = module_prefixes(module)
-    spec = python_spec(names[0]) or PathFinder.find_spec(names[0]) if names else None
-    if spec is None or not _is_home(spec):
-        return False
-    for name in names[1:]:
-        spec = PathFinder.find_spec(name, list(spec.submodule_search_locations or ()))
-        if spec is None:
-            return False
-    return spec.origin is not None
-
-
-def _is_home(spec: ModuleSpec) -> bool:
-    """Return False for a module of the repository's folder that is not its code, and for other folders."""
-    if spec.loader is None:  # a folder without `__init__.py`
-        places = [Path(one) for one in spec.submodule_search_locations or ()]
-        return all(one.is_relative_to(sys.prefix) or one.is_relative_to(sys.base_prefix) for one in places)
-    if not spec.has_location:
-        return True  # built into Python
-    place = Path(spec.origin or "").absolute()
-    home = place.parent.parent if spec.submodule_search_locations else place.parent
-    return home.resolve() != REPOSITORY or REPOSITORY.is_relative_to(sys.prefix) or spec.name in PACKAGES
-
-
 def _is_taken(module: str) -> bool:
     """Return True if an installed package has the module's top-level name."""
     names = module_prefixes(module)
     spec = python_spec(names[0]) if names else None
-    return spec is not None and _is_home(spec)
+    return spec is not None and is_home(spec)
 
 
 def _check_name(where: str, name: str, permit: Permit) -> None:

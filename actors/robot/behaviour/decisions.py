@@ -12,10 +12,10 @@ import msgspec
 
 from actors.geometry import Point
 from actors.instant import Instant
+from actors.items import task_reports_fault
 from actors.message_limits import MessageLimits, frames_fault
 from actors.robot.behaviour.ports import MAX_BACK_OUT, Decision, GoalOrder
 from actors.runtime.typed_json import BoundedList, Count, Counts, Metres, Name, Text
-from actors.task.task import task_reports_fault
 from deeco import Knowledge
 from deeco.component import processes_of
 from deeco.local import Commit

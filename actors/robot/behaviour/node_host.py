@@ -16,6 +16,7 @@ from numpy.random import Generator
 
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import START, Duration, Instant
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import (
     AccessFailure,
     FrameOverflow,
@@ -37,14 +38,14 @@ from actors.robot.behaviour.ports import (
     GoalOrder,
     GoalStatus,
     Navigation,
-    PlaceMonitor,
     Plan,
     Positioning,
     Start,
     TaskList,
+    TaskMonitor,
     View,
 )
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.topic import MessagePart
 from deeco import DeecoError, Knowledge
 from deeco.knowledge import new_tuple
 from deeco.link import Reception, Transmission
@@ -126,36 +127,36 @@ class RobotBatteryMeter:
 
 
 class RobotTaskList:
-    """Implementation of TaskList: places up to the newest view."""
+    """Implementation of TaskList: items up to the newest view."""
 
-    def __init__(self, places: tuple[Point, ...], epoch: int) -> None:
-        self.places = places
-        self.at_start = len(places)
+    def __init__(self, items: tuple[Any, ...], epoch: int) -> None:
+        self.items = items
+        self.at_start = len(items)
         self.epoch = epoch
 
 
-class RobotPlaceMonitor:
+class RobotTaskMonitor:
     """Implementation of PlaceMonitor: reports of the current step."""
 
     def __init__(self, fields: DecisionFields) -> None:
-        self.reported: tuple[PlaceKey, ...] | None = None
+        self.reported: tuple[ItemKey, ...] | None = None
         """The route reported last; None: report it again."""
         self._fields = fields
 
-    def visited(self, place: PlaceKey, now: Instant) -> None:
-        """Report that a place was cleaned."""
-        self._add("reports", PlaceReport(place.owner, place.place, now))
+    def report(self, report: MessagePart) -> None:
+        """Send a report of the task's own type."""
+        self._add("reports", report)
 
-    def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
-        """Report that no robot should try a place again, with a reason."""
-        self._add("given_up", PlaceGivenUp(place.owner, place.place, now, reason))
+    def given_up(self, item: ItemKey, reason: str, now: Instant) -> None:
+        """Report that no robot should try an item again, with a reason."""
+        self._add("given_up", ItemGivenUp(item.owner, item.number, now, reason))
 
-    def remaining(self, route: Sequence[PlaceKey]) -> None:
-        """Report the places still to be visited, in order, if they have changed."""
+    def remaining(self, route: Sequence[ItemKey]) -> None:
+        """Report the items that it still plans to do, in order, if they have changed."""
         keys = tuple(route)
         self._fields["route"] = None if keys == self.reported else keys
 
-    def _add(self, field: str, report: PlaceReport | PlaceGivenUp) -> None:
+    def _add(self, field: str, report: MessagePart) -> None:
         self._fields[field] = (*self._fields.get(field, ()), report)
 
 
@@ -234,8 +235,8 @@ class _NodeBehaviour:
         self._positioning = RobotPositioning(start.pose, fields)
         self._navigation = RobotNavigation(fields)
         self._meter = RobotBatteryMeter()
-        self._tasks = RobotTaskList(start.places, start.epoch)
-        self._monitor = RobotPlaceMonitor(fields)
+        self._tasks = RobotTaskList(start.items, start.epoch)
+        self._monitor = RobotTaskMonitor(fields)
         self._log = DecisionLog(component)
         self._frame_counts: Counter[str] = Counter()
         self._backlog: deque[Transmission] = deque()
@@ -264,9 +265,9 @@ class _NodeBehaviour:
         self._positioning.take(view)
         self._navigation.take(view)
         self._meter.charge = view.battery
-        if view.places:
-            self._tasks.places += view.places
-            self._monitor.reported = None  # the world counts new places as part of the route
+        if view.items:
+            self._tasks.items += view.items
+            self._monitor.reported = None  # the judge counts new items as part of the route
         try:
             sent = self.node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
@@ -296,7 +297,7 @@ class _NodeBehaviour:
                     Navigation: self._navigation,
                     BatteryMeter: self._meter,
                     TaskList: self._tasks,
-                    PlaceMonitor: self._monitor,
+                    TaskMonitor: self._monitor,
                     FloorPlan: start.floor,
                     Generator: start.generator,
                 },

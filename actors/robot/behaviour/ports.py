@@ -5,7 +5,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from enum import Enum
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Final, NamedTuple, NoReturn, Protocol, TypeAlias, cast
+from typing import Annotated, Any, Final, NamedTuple, NoReturn, Protocol, TypeAlias, cast
 
 from msgspec import Meta
 from numpy.random import Generator
@@ -13,9 +13,10 @@ from numpy.random import Generator
 from actors.array_types import Floats
 from actors.geometry import CERTAIN, Covariance, Door, Point, Pose
 from actors.instant import Duration, Instant, milliseconds, seconds
+from actors.items import ItemGivenUp, ItemKey
 from actors.messages import OutgoingFrame, RadioEvent
 from actors.settings import LONGEST_S, Interval, Settings
-from actors.task.task import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.topic import MessagePart
 
 
 class GoalStatus(Enum):
@@ -187,42 +188,42 @@ class BatteryMeter(Protocol):
 
 
 class TaskList(Protocol):
-    """The places assigned to the robot; places may be added during a run."""
+    """The items that the task gave to the robot; it may give further ones during a run."""
 
     @property
-    def places(self) -> Sequence[Point]:
-        """All places so far, m, map frame: first those of Start, then added ones.
+    def items(self) -> Sequence[Any]:
+        """All items so far, as plain values: first those of Start, then later ones.
 
-        The index equals that of the PlaceKey.
+        The index equals the number in the ItemKey.
         """
 
     @property
     def at_start(self) -> int:
-        """Number of places in Start."""
+        """Number of items in Start."""
 
     @property
     def epoch(self) -> int:
-        """Number of restarts of the robot; a restarted robot receives all places again."""
+        """Number of restarts of the robot; a restarted robot receives all items again."""
 
 
-class PlaceMonitor(Protocol):
-    """Receiver of the robot's reports about places; for results only."""
+class TaskMonitor(Protocol):
+    """Receiver of the robot's reports about the task; for results only."""
 
-    def visited(self, place: PlaceKey, now: Instant) -> None:
-        """Report that a place was cleaned."""
+    def report(self, report: MessagePart) -> None:
+        """Send a report of the task's own type."""
 
-    def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
-        """Report that no robot should try a place again, with a reason of at most 100 characters."""
+    def given_up(self, item: ItemKey, reason: str, now: Instant) -> None:
+        """Report that no robot should try an item again, with a reason of at most 100 characters."""
 
-    def remaining(self, route: Sequence[PlaceKey]) -> None:
-        """Report the places still to be visited, in order; initially those of Start."""
+    def remaining(self, route: Sequence[ItemKey]) -> None:
+        """Report the items that it still plans to do, in order; initially those of Start."""
 
 
 class FloorPlan(Protocol):
     """The robot's map."""
 
-    def random_place(self) -> Point:
-        """Return a uniformly random point in the areas of places where the robot can stand.
+    def random_point(self) -> Point:
+        """Return a uniformly random point in the scenario's areas where the robot can stand.
 
         Without areas: on all floor that the robot can reach. Uses the behaviour's random stream.
         """
@@ -317,8 +318,9 @@ class Start:
     """Number of restarts of this robot in the run; only the id survives a restart."""
     pose: Pose
     """Pose of the robot when its base was switched on, m and rad, map frame."""
-    places: tuple[Point, ...]
-    """Places to clean, m, in the order of the scenario; a View may add more."""
+    items: tuple[Any, ...]
+    """Items that the task gives to the robot, as plain values, in the order of the scenario; a View may add
+    more. `msgspec.convert` makes them the task's item type."""
     generator: Generator
     """The behaviour's random stream: the only randomness it may use."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
@@ -352,8 +354,8 @@ class View(NamedTuple):
     """The plan that navigation follows to the goal; None if there is none."""
     backing_out: bool = False
     """True while the robot backs out because of a decision."""
-    places: tuple[Point, ...] = ()
-    """Places added in this step; they follow those of Start and of earlier views."""
+    items: tuple[Any, ...] = ()
+    """Items given in this step; they follow those of Start and of earlier views."""
     battery: float | None = None
     """Charge of the battery, 0 to 1; None: unknown."""
 
@@ -367,12 +369,12 @@ class Decision:
     _: KW_ONLY
     frames: tuple[OutgoingFrame, ...] = ()
     """Frames to broadcast, in order of their instants, which lie within the step."""
-    reports: tuple[PlaceReport, ...] = ()
-    """Visited places, by the robot's own estimate."""
-    given_up: tuple[PlaceGivenUp, ...] = ()
-    """Places that no robot should try again."""
-    route: tuple[PlaceKey, ...] | None = None
-    """Places still to be visited, in order; None: unchanged, initially those of Start."""
+    reports: tuple[MessagePart, ...] = ()
+    """Reports of the task's own type."""
+    given_up: tuple[ItemGivenUp, ...] = ()
+    """Items that no robot should try again."""
+    route: tuple[ItemKey, ...] | None = None
+    """Items that the robot still plans to do, in order; None: unchanged, initially those of Start."""
     paused: bool | None = None
     """True: stand and keep the goal; False: continue with all timeouts reset; None: unchanged, initially
     False."""

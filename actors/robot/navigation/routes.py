@@ -151,7 +151,7 @@ class ReachableFloor:
         self._areas = tuple(areas)
         self._generator = generator
 
-    def random_place(self) -> Point:
+    def random_point(self) -> Point:
         """Return a random point that is reachable from the start and at least `radius` from walls.
 
         Uniform in the union of the areas. Uses three numbers of the generator. Raises PlacementError if no

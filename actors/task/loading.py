@@ -1,0 +1,125 @@
+"""Loading of tasks: by name, by entry string, or from a folder named on the command line.
+
+A task is trusted code: modules are loaded from installed packages and from folders given by `--modules`, never
+from a folder that a file or a recording names.
+"""
+
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+
+from actors.items import ITEM_LIMIT, TaskReports
+from actors.runtime.errors import AcrcError
+from actors.task.task import Task, TaskDeclaration, TaskError
+from actors.user_code import FINDER, entry_object, is_installed, module_file
+from actors.wording import short_repr
+
+GROUP: Final = "acrc.tasks"
+"""Entry point group in which an installed distribution registers tasks: name = "module:Class"."""
+TASKS: Final[Mapping[str, str]] = {"cleaning": "cleaning.task:Cleaning"}
+"""Entry strings of the shipped tasks by name."""
+DEFAULT: Final = "cleaning"
+
+
+class TaskSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The task of a run; recordings hold it in the world's set-up."""
+
+    use: str
+    """Entry string `module:Class`."""
+    declaration: TaskDeclaration
+    settings: dict[str, Any] = {}
+    """The task's table in the scenario."""
+
+
+def task_entry(name: str) -> str:
+    """Return the entry string of a task given by name or entry string. Raises TaskError."""
+    if ":" in name:
+        return name
+    known = dict(TASKS)
+    for point in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda one: (one.name, one.value)):
+        known.setdefault(point.name, point.value)
+    if name not in known:
+        raise TaskError(
+            f"unknown task {name!r}; choose from {', '.join(sorted(known))}, "
+            f"or give module:Class of your own, such as {name.removesuffix('.py')}:Task"
+        )
+    return known[name]
+
+
+@cache
+def load_task(name: str) -> Task:
+    """Return a task given by name or entry string. Raises TaskError."""
+    entry = task_entry(name)
+    module = entry.partition(":")[0]
+    if not is_installed(module) and not any(module_file(module, one) for one in FINDER.task_folders):
+        raise TaskError(f"task {entry!r}: its module is not installed; name its folder with --modules DIR")
+    kind = entry_object(entry, "task", TaskError, "module:Task")
+    if not (isinstance(kind, type) and issubclass(kind, Task)):
+        raise TaskError(f"task {entry!r} is {short_repr(kind)}; must be a subclass of acrc_testbed.task.Task")
+    task = kind()
+    if fault := _declaration_fault(task):
+        raise TaskError(f"task {entry!r} {fault}")
+    return task
+
+
+def _declaration_fault(task: Task) -> str | None:
+    declaration = getattr(task, "declaration", None)
+    if not isinstance(declaration, TaskDeclaration):
+        return f"declares {short_repr(declaration)}; must have a TaskDeclaration as attribute `declaration`"
+    if not any(metric.rank is not None for metric in declaration.metrics):
+        return "declares no metric with a rank; must have at least one, by which runs are compared"
+    names = [metric.name for metric in declaration.metrics]
+    if len({*names}) < len(names):
+        return f"declares the metrics {', '.join(names)}; their names must be unique"
+    try:
+        for kind in filter(None, (task.item, task.report)):
+            msgspec.json.schema(kind)
+    except TypeError as error:
+        return f"declares an item or report that cannot be sent: {error}"
+    return None
+
+
+def task_setup(name: str, settings: Mapping[str, Any]) -> TaskSetup:
+    """Return the set-up of a task with its table; raises TaskError."""
+    task = load_task(name)
+    schemas = {"item": msgspec.json.schema(task.item)}
+    if task.report is not None:
+        schemas["report"] = msgspec.json.schema(task.report)
+    declaration = msgspec.structs.replace(task.declaration, schemas=schemas)
+    return TaskSetup(task_entry(name), declaration, dict(settings))
+
+
+def decode_items(task: Task, items: Sequence[Any]) -> tuple[Any, ...]:
+    """Return plain values as items of the task. Raises TaskError for a value of another type."""
+    if too_large := next((one for one in items if len(msgspec.msgpack.encode(one)) > ITEM_LIMIT), None):
+        raise TaskError(f"item {short_repr(too_large)} has more than {ITEM_LIMIT} bytes")
+    try:
+        found: tuple[Any, ...] = msgspec.convert(list(items), tuple[task.item, ...])  # type: ignore[name-defined]
+    except msgspec.ValidationError as error:
+        raise TaskError(f"items {short_repr(list(items))}: {error}") from None
+    return found
+
+
+class _Answer:
+    """A robot's reports of one step, with the task's reports decoded."""
+
+    def __init__(self, answer: TaskReports, reports: tuple[Any, ...]) -> None:
+        self.reports = reports
+        self.given_up = answer.given_up
+        self.route = answer.route
+
+
+def decode_reports(task: Task, answer: TaskReports) -> TaskReports:
+    """Return the robot's answer with the task's reports decoded. Raises AcrcError for one of another type."""
+    if not answer.reports:
+        return answer
+    if task.report is None:
+        raise TaskError(f"reports {short_repr(answer.reports[0])}; the task has no reports")
+    try:
+        plain = msgspec.to_builtins(answer.reports)
+        return _Answer(answer, msgspec.convert(plain, tuple[task.report, ...]))  # type: ignore[name-defined]
+    except msgspec.ValidationError as error:
+        raise TaskError(f"reports {short_repr(answer.reports)}: {error}") from None

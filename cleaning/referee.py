@@ -1,0 +1,358 @@
+"""Judge of the cleaning task: compares robots' reports of visited places with ground truth."""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from enum import Enum
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.geometry import Point
+from actors.instant import Instant, in_seconds
+from actors.items import ItemGivenUp, ItemKey, TaskReports, instant_fault
+from actors.task.task import Column, Judge, JudgeSetup, TaskOutcome, TaskProgress, Value
+from actors.wording import seconds_text, short_repr
+from cleaning.place import VisitReport
+from cleaning.visits import find_visits
+
+REACH: Final = 0.7
+"""A place counts as visited if ground truth was this near, m: the 0.5 m at which robots report it (d3scomp's
+testbed) plus 0.2 m of localisation error."""
+COLUMNS: Final = (
+    Column("owner", "text", "Robot to which the place was given"),
+    Column("place", "integer", "Index in the owner's list"),
+    Column("x", "number", "m, map frame"),
+    Column("y", "number", "m"),
+    Column("verdict", "text", "Final state: `done`, `claimed`, `mistaken`, `given up`, `lost` or `open`"),
+    Column("reached_s", "number", "First true visit, s"),
+    Column("reached_by", "text", "Robot of the first true visit"),
+    Column("reported_s", "number", "First report of a visit, s"),
+    Column("reported_by", "text", "Robot that reported it"),
+    Column("given_up_s", "number", "First time that it was given up, s; it may have been reported before or after"),
+    Column("given_up_by", "text", "Robot that gave it up"),
+    Column("reason", "text", "Reason of `given_up_by`"),
+    Column("in_route_of", "text", "Robots with a process and with it in their route at the end"),
+    Column("given_s", "number", "Instant at which it was given to its owner, s; 0: at the start"),
+)
+
+
+class PlaceVerdict(Enum):
+    """Final state of a place; a report overrides giving up, whichever came first."""
+
+    DONE = "done"
+    """Reported after a robot had been within reach."""
+    CLAIMED = "claimed"
+    """Reported, without ground truth; not in simulation."""
+    MISTAKEN = "mistaken"
+    """Reported before any robot had been within reach."""
+    GIVEN_UP = "given up"
+    """Given up and never reported."""
+    LOST = "lost"
+    """Neither, and at the end in no route of a robot with a process."""
+    OPEN = "open"
+    """Neither, and at the end in the route of a robot with a process."""
+
+
+class PlaceOutcome(msgspec.Struct, frozen=True):
+    """Final state of one place; instants in µs, None = never."""
+
+    owner: str
+    number: int
+    x: float
+    y: float
+    reached_at: int | None
+    """First true visit."""
+    reached_by: str | None
+    reported_at: int | None
+    """First report of a visit."""
+    reported_by: str | None
+    given_up_at: int | None
+    """First time it was given up; it may have been reported before or after."""
+    given_up_by: str | None
+    reason: str | None
+    """Reason given by `given_up_by`."""
+    in_route_of: tuple[str, ...]
+    """Robots with a process and with this place in their route at the end, in scenario order."""
+    given_at: int = 0
+    """When it was given to its owner; 0: at the start."""
+    has_truth: bool = True
+    """False: reports are unverified."""
+
+    @property
+    def verdict(self) -> PlaceVerdict:
+        """Final state of the place."""
+        if self.reported_at is not None:
+            if not self.has_truth:
+                return PlaceVerdict.CLAIMED
+            return PlaceVerdict.DONE if self.done else PlaceVerdict.MISTAKEN
+        if self.given_up_at is not None:
+            return PlaceVerdict.GIVEN_UP
+        return PlaceVerdict.OPEN if self.in_route_of else PlaceVerdict.LOST
+
+    @property
+    def done(self) -> bool:
+        """True if reported after a robot had been within reach."""
+        return (
+            self.reported_at is not None
+            and self.reached_at is not None
+            and self.reached_at <= self.reported_at
+        )
+
+    @property
+    def settled_at(self) -> int | None:
+        """First report or giving up, µs; None: neither."""
+        instants = [instant for instant in (self.reported_at, self.given_up_at) if instant is not None]
+        return min(instants, default=None)
+
+    def row(self) -> dict[str, Value]:
+        """Return the row of the table of places, by column of COLUMNS."""
+        values = (
+            *(self.owner, self.number, self.x, self.y, self.verdict.value),
+            *(_seconds(self.reached_at), self.reached_by),
+            *(_seconds(self.reported_at), self.reported_by),
+            *(_seconds(self.given_up_at), self.given_up_by, self.reason),
+            " ".join(self.in_route_of),
+            _seconds(self.given_at),
+        )
+        return {column.name: value for column, value in zip(COLUMNS, values, strict=True)}
+
+
+def _seconds(instant: int | None) -> float | None:
+    return None if instant is None else in_seconds(instant)
+
+
+class Referee(Judge):
+    """Judge of visits, from true positions and robots' reports."""
+
+    def __init__(self, setup: JudgeSetup, reach: float = REACH) -> None:
+        super().__init__()
+        self._ids = setup.robots
+        self._grid = setup.grid
+        self._has_truth = setup.world is not None
+        self._keys = [ItemKey(robot, n) for robot in setup.robots for n in range(len(setup.items[robot]))]
+        self._number_of_key = {(key.owner, key.number): number for number, key in enumerate(self._keys)}
+        points = [place for robot in setup.robots for place in setup.items[robot]]
+        self._places: NDArray[np.float64] = np.array(points, dtype=np.float64).reshape(-1, 2)
+        self._reach = reach
+        self._unreached = np.arange(len(points))
+        self._reached: dict[int, tuple[int, str]] = {}
+        self._reported: dict[int, tuple[int, str]] = {}
+        self._given_up: dict[int, tuple[int, str, str]] = {}
+        self._unsettled = set(range(len(points)))
+        self._assigned = {
+            robot: tuple(ItemKey(robot, index) for index in range(len(setup.items[robot])))
+            for robot in setup.robots
+        }
+        self._given_at: dict[int, int] = {}
+        self._routes = dict(self._assigned)
+        for number in range(len(points)):
+            self._show(number, "open")
+
+    @property
+    def settled(self) -> bool:
+        """True once every place was reported or given up; False without places."""
+        return bool(self._keys) and not self._unsettled
+
+    def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
+        """Process the robots' true positions, (n, 2) m, in the order of the set-up."""
+        if not self._unreached.size:
+            return
+        found = find_visits(self._places, self._unreached, positions, self._reach)
+        if len(found):
+            for number, robot in found.tolist():
+                self._reached[number] = (instant, self._ids[robot])
+            self._unreached = np.setdiff1d(self._unreached, found[:, 0], assume_unique=True)
+
+    def take(self, robot: str, answer: TaskReports, begin: int, end: int) -> str | None:
+        """Process a robot's reports of a step; return an error for an unknown place, else None."""
+        for report in answer.reports:
+            if report_fault := self._report(robot, report, begin, end):
+                return report_fault
+        for given_up in answer.given_up:
+            if not self._has_place(given_up):
+                return _unknown_place("gives up", given_up)
+            self._give_up(robot, given_up)
+        if answer.route is not None:
+            for place in answer.route:
+                if not self._has_place(place):
+                    return _unknown_place("has in its route", place)
+            self._routes[robot] = answer.route
+        return None
+
+    def _has_place(self, place: ItemKey | VisitReport | ItemGivenUp) -> bool:
+        return (place.owner, place.number) in self._number_of_key
+
+    def _report(self, robot: str, report: VisitReport, begin: int, end: int) -> str | None:
+        """Record a robot's report; the first report of a place counts."""
+        if not self._has_place(report):
+            return _unknown_place("reports", report)
+        if fault := instant_fault("reports a place", report.instant, begin, end):
+            return fault
+        number = self._number_of_key[report.owner, report.number]
+        self.note(robot, report.instant, "cleaned", self._keys[number])
+        if number not in self._reported:
+            self._reported[number] = (report.instant, robot)
+            self._show(number, "done", robot)
+        self._unsettled.discard(number)
+        return None
+
+    def _give_up(self, robot: str, given_up: ItemGivenUp) -> None:
+        """Record that a robot gives up an existing place; the first time counts."""
+        number = self._number_of_key[given_up.owner, given_up.number]
+        self._given_up.setdefault(number, (given_up.instant, robot, given_up.reason))
+        if number not in self._reported:
+            self._show(number, "given up", robot)
+        self._unsettled.discard(number)
+
+    def _show(self, number: int, state: str, by: str = "") -> None:
+        x, y = self._places[number].tolist()
+        self.mark(self._keys[number], (x, y), state, by)
+
+    def restart(self, robot: str) -> None:
+        """Reset the route of a restarted robot to the places that it was given."""
+        self._routes[robot] = self._assigned[robot]
+
+    def give(self, instant: Instant, robot: str, items: Sequence[Any]) -> str | None:
+        """Give further places to a robot and append them to its route."""
+        for x, y in items:
+            if self._grid is not None and not self._grid.is_free(Point(x, y)):
+                return f"({x:g}, {y:g}) is not on free floor; choose another place"
+        first, count = len(self._keys), len(self._assigned[robot])
+        keys = tuple(ItemKey(robot, count + number) for number in range(len(items)))
+        self._keys += keys
+        numbers = range(first, first + len(keys))
+        self._number_of_key |= {
+            (key.owner, key.number): number for key, number in zip(keys, numbers, strict=True)
+        }
+        self._places = np.concatenate([self._places, np.array(items, np.float64).reshape(-1, 2)])
+        self._unreached = np.concatenate([self._unreached, np.array(numbers, self._unreached.dtype)])
+        self._unsettled.update(numbers)
+        self._given_at |= dict.fromkeys(numbers, int(instant))
+        self._assigned[robot] += keys
+        self._routes[robot] = (*self._routes[robot], *keys)
+        for number in numbers:
+            self._show(number, "given")
+        return None
+
+    def progress(self, present: Collection[str]) -> TaskProgress:
+        """Count places in routes of the robots in `present`, and reported places."""
+        routes = (self._routes[robot] for robot in present)
+        open_places = {(place.owner, place.number) for route in routes for place in route}
+        return TaskProgress(len(open_places), len(self._reported))
+
+    def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
+        """Return the state of all places, in the order of the robots and their lists."""
+        places = tuple(self.places(present))
+        values = place_values(places, has_truth=self._has_truth)
+        robots = {
+            robot: robot_values((one for one in places if one.owner == robot), has_truth=self._has_truth)
+            for robot in self._ids
+        }
+        rows = tuple(place.row() for place in places)
+        return TaskOutcome(_summary(values, end), values, robots, rows, tuple(_notes(values)))
+
+    def places(self, present: Collection[str]) -> Iterator[PlaceOutcome]:
+        """Yield the current state of every place, in the order of the robots and their lists."""
+        routes = {robot: self._routes[robot] for robot in self._assigned if robot in present}
+        holders: dict[tuple[str, int], list[str]] = {}
+        for robot, route in routes.items():
+            for key in route:
+                holders.setdefault((key.owner, key.number), []).append(robot)
+        owners = {robot: number for number, robot in enumerate(self._ids)}
+        ordered = sorted(enumerate(self._keys), key=lambda item: (owners[item[1].owner], item[1].number))
+        for number, key in ordered:
+            yield self._place_outcome(number, tuple(holders.get((key.owner, key.number), ())))
+
+    def _place_outcome(self, number: int, in_route_of: tuple[str, ...]) -> PlaceOutcome:
+        x, y = (float(value) for value in self._places[number])
+        reached_at, reached_by = self._reached.get(number, (None, None))
+        reported_at, reported_by = self._reported.get(number, (None, None))
+        given_up_at, given_up_by, reason = self._given_up.get(number, (None, None, None))
+        return PlaceOutcome(
+            owner=self._keys[number].owner,
+            number=self._keys[number].number,
+            x=x,
+            y=y,
+            reached_at=reached_at,
+            reached_by=reached_by,
+            reported_at=reported_at,
+            reported_by=reported_by,
+            given_up_at=given_up_at,
+            given_up_by=given_up_by,
+            reason=reason,
+            in_route_of=in_route_of,
+            given_at=self._given_at.get(number, 0),
+            has_truth=self._has_truth,
+        )
+
+
+def _unknown_place(verb: str, place: ItemKey | VisitReport | ItemGivenUp) -> str:
+    return f"{verb} place {place.number} of {short_repr(place.owner)}, which does not exist"
+
+
+_ROBOT_VALUES: Final = ("places_total", "places_done", "places_claimed", "places_given_up", "completion_s")
+
+
+def place_values(places: Sequence[PlaceOutcome], *, has_truth: bool = True) -> dict[str, Value]:
+    """Count places by their final state; instants in simulated s.
+
+    `has_truth`: ground truth is available.
+    """
+    verdicts = Counter(place.verdict for place in places)
+    reported = [place.reported_at for place in places if place.reported_at is not None]
+    settled = [place.settled_at for place in places if place.settled_at is not None]
+    done, last = (
+        verdicts[PlaceVerdict.DONE] if has_truth else len(reported),
+        in_seconds(max(reported, default=0)),
+    )
+    return {
+        "places_total": len(places),
+        "places_done": done if has_truth else None,
+        "places_claimed": len(reported),
+        "places_given_up": verdicts[PlaceVerdict.GIVEN_UP],
+        "places_lost": verdicts[PlaceVerdict.LOST],
+        "completion_s": last if done == len(places) else None,
+        "settled_s": in_seconds(max(settled, default=0)) if len(settled) == len(places) else None,
+        "last_reached_s": last if reported else None,
+    }
+
+
+def robot_values(places: Iterable[PlaceOutcome], *, has_truth: bool = True) -> dict[str, Value]:
+    """Count the places of one robot."""
+    counts = place_values([*places], has_truth=has_truth)
+    return {name: counts[name] for name in _ROBOT_VALUES}
+
+
+def _summary(values: Mapping[str, Any], end: Instant) -> str:
+    total, done = values["places_total"], values["places_done"]
+    if not total:
+        return "had no places to clean"
+    if done is None:
+        return f"reported {values['places_claimed']} of {total} places as cleaned"
+    if values["completion_s"] is not None:
+        return f"cleaned all {total} places in {seconds_text(values['completion_s'])} s of simulated time"
+    left = total - done
+    return (
+        f"cleaned {done} of {total} places in {seconds_text(in_seconds(end))} s of simulated time; "
+        f"{left} {'is' if left == 1 else 'are'} left"
+    )
+
+
+def _notes(values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield sentences on settled, falsely reported and lost places."""
+    done, settled, lost = values["places_done"], values["settled_s"], values["places_lost"]
+    if values["completion_s"] is None and settled is not None:
+        yield f"Every place was reported or given up by {seconds_text(settled)} s."
+    if done is not None and values["places_claimed"] > done:
+        false = values["places_claimed"] - done
+        yield f"{_places(false)} reported although no robot had visited {'it' if false == 1 else 'them'}."
+        if settled is not None:
+            yield "False reports ended the run."
+    if lost:
+        yield f"{_places(lost)} lost: neither reported nor given up, and on no robot's route."
+
+
+def _places(count: int) -> str:
+    return "1 place was" if count == 1 else f"{count} places were"
