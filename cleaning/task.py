@@ -66,6 +66,7 @@ class Cleaning(Task):
         },
         events={"cleaned": MarkStyle("tick", "place cleaned, in its owner's colour")},
         columns=COLUMNS,
+        baseline="none",
         cells={
             "places cleaned": ("places_done", "places_total"),
             "given up": ("places_given_up",),

@@ -210,8 +210,9 @@ def run(
         return
     checked, options = prepared
     if not json:
-        adapted = checked.run.strategy not in _BASELINES
-        baseline = [*_baseline_arguments(sys.argv[1:], out)] if adapted else ()
+        naive = result.declaration.baseline
+        adapted = naive and checked.run.strategy not in {naive, *_BASELINES}
+        baseline = [*_baseline_arguments(sys.argv[1:], out, naive)] if adapted else ()
         summary.print_next_commands(options.out, baseline, options.modules)
     if view:
         summary.print_observer_messages(options.out)
@@ -220,14 +221,14 @@ def run(
         _check_replay(options.out, options.modules)
 
 
-def _baseline_arguments(arguments: Iterable[str], out: Path | None) -> Iterator[str]:
-    """Yield the arguments of the same run without adaptation, in `out`-none if `out` was given."""
+def _baseline_arguments(arguments: Iterable[str], out: Path | None, naive: str) -> Iterator[str]:
+    """Yield the arguments of the same run with the strategy `naive`, in `out`-none if `out` was given."""
     remaining = iter(arguments)
     for word in remaining:
         group = (word, next(remaining)) if word in {"--set", "--strategy", "--out"} else (word,)
         if not re.match(r"--(strategy|out|set[ =]strategy\.)", " ".join(group)):
             yield from group
-    yield from ("--strategy", "none")
+    yield from ("--strategy", naive)
     if out is not None:
         yield from ("--out", f"{out}-none")
 

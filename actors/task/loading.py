@@ -95,11 +95,11 @@ def task_setup(name: str, settings: Mapping[str, Any]) -> TaskSetup:
 def decode_items(task: Task, items: Sequence[Any]) -> tuple[Any, ...]:
     """Return plain values as items of the task. Raises TaskError for a value of another type."""
     if too_large := next((one for one in items if len(msgspec.msgpack.encode(one)) > ITEM_LIMIT), None):
-        raise TaskError(f"item {short_repr(too_large)} has more than {ITEM_LIMIT} bytes")
+        raise TaskError(f"{short_repr(too_large)}, an item of more than {ITEM_LIMIT} bytes")
     try:
         found: tuple[Any, ...] = msgspec.convert(list(items), tuple[task.item, ...])  # type: ignore[name-defined]
     except msgspec.ValidationError as error:
-        raise TaskError(f"items {short_repr(list(items))}: {error}") from None
+        raise TaskError(f"{short_repr(list(items))}, which are not items of {task.declaration.name}: {error}") from None
     return found
 
 

@@ -103,6 +103,8 @@ class TaskDeclaration(msgspec.Struct, frozen=True):
     """Own causes of a robot's lost time: colour such as "#4f5a70" and hatch of matplotlib, by name."""
     cells: Mapping[str, tuple[str, ...]] = {}
     """Columns of the printed result, by title: names of `TaskOutcome.robots` values, joined by "of"."""
+    baseline: str = ""
+    """Strategy of scenarios that name none, and for comparison; empty: scenarios must name one."""
     lists_items: bool = True
     """Robots report the items that they plan to do (`Decision.route`); a robot without any is done."""
 

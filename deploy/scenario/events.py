@@ -13,8 +13,8 @@ from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.orders import Order
 from actors.runtime.errors import AcrcError
 from actors.settings import decode
-from actors.task.loading import load_task
-from actors.task.task import Task
+from actors.task.loading import decode_items, load_task
+from actors.task.task import Task, TaskError
 from actors.wording import toml_text
 from actors.world.world_setup import TimedOrder
 from deploy.scenario.tables import AreaTable, EventTable, PeopleTable, Scenario
@@ -38,6 +38,12 @@ def _id_fault(scenario: Scenario) -> str | None:
 
 def _task_fault(scenario: Scenario) -> str | None:
     task, settings = scenario_task(scenario)
+    tables = (("robot", scenario.robot), ("event", scenario.event))
+    for key, index, one in ((key, index, one) for key, all_of in tables for index, one in enumerate(all_of)):
+        try:
+            decode_items(task, one.items or ())
+        except TaskError as error:
+            return f"{key}[{index}].{scenario.table} has {error}"
     listed = [robot.id for robot in scenario.robot if robot.items is not None]
     return task.settings_fault(settings, scenario.ids, listed, [area.name for area in scenario.area])
 

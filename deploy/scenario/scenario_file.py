@@ -87,6 +87,8 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
         if option is not None and error.expected:
             raise wrong_value(option, error.value, error.expected) from None
         raise (OptionError(f"{option}: {error}") if option else AcrcError(f"{path}: {error}")) from None
+    except AcrcError as error:
+        raise AcrcError(f"{path}: {error}") from None
     scenario = _with_map(scenario, own_map, path, options)
     try:
         fault = robot_fault(scenario) or area_fault(scenario) or event_fault(scenario)

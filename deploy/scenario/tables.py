@@ -15,6 +15,7 @@ from actors.robot.behaviour.ports import ExchangeSettings, Scalar
 from actors.robot.stack import TABLES, Adaptation, Stack, presets, stack
 from actors.robot_model import MOST_ITEMS as MOST_TASK_ITEMS
 from actors.robot_model import Items, Model, OdometryKind, SensorName
+from actors.runtime.errors import AcrcError
 from actors.settings import (
     Names,
     ParameterError,
@@ -349,10 +350,17 @@ def decode_swarm_file(kind: type[_F], content: Mapping[str, Any]) -> _F:
     Raises ParameterError with the file's key, or AcrcError.
     """
     task = decode(TaskTable, content.get("task", {}), "task")
-    table = load_task(task.use).declaration.table
+    declaration = load_task(task.use).declaration
+    table = declaration.table
     _refuse_internal_keys(content, table)
+    named = _with_keys(content, (table, table), _TASK_KEYS)
+    run = named.get("run", {})
+    if task.use != DEFAULT and isinstance(run, Mapping) and "strategy" not in run:
+        named["run"] = {**run, **({"strategy": declaration.baseline} if declaration.baseline else {})}
+        if not declaration.baseline:
+            raise AcrcError(f"run.strategy is missing, but must be a strategy for the task {declaration.name}")
     try:
-        return decode(kind, _with_keys(content, (table, table), _TASK_KEYS))
+        return decode(kind, named)
     except ParameterError as error:
         names = re.compile(r"task_settings|(?<=\]\.)items")
         key, sentence = (names.sub(table, text) for text in (error.key, str(error)))
