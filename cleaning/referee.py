@@ -245,6 +245,10 @@ class Referee(Judge):
     def outcome(self, present: Collection[str], end: Instant) -> TaskOutcome:
         """Return the state of all places, in the order of the robots and their lists."""
         places = tuple(self.places(present))
+        for place in places:
+            if place.verdict is PlaceVerdict.MISTAKEN:
+                key = ItemKey(place.owner, place.number)
+                self.mark(key, (place.x, place.y), "given up", place.reported_by or "")
         values = place_values(places, has_truth=self._has_truth)
         robots = {
             robot: robot_values((one for one in places if one.owner == robot), has_truth=self._has_truth)

@@ -12,7 +12,7 @@ from actors.observer.glyphs import robot as robot_colour
 
 TIMELINE: Final = "sim_time"
 # Heights of the layers above the floor, m; higher layers cover lower ones.
-PLACE: Final = 0.02
+ITEM: Final = 0.02
 COSTS: Final = 0.03
 INTENT: Final = 0.04
 TRAIL: Final = 0.05

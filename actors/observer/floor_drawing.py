@@ -1,6 +1,6 @@
-"""Drawing of the floor, places, goals, adoptions and floor objects."""
+"""Drawing of the floor, items of the task, goals, adoptions and floor objects."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -8,48 +8,78 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
-from actors.observer.canvas import BODY, CIRCLE, INTENT, LABEL, PLACE, TRAIL, Canvas, at_height, ring
-from actors.observer.glyphs import DOOR, FLOOR, GREY, GROUND, MARKS, WALL, WHITE, Colour, faded
+from actors.observer.canvas import BODY, CIRCLE, INTENT, ITEM, LABEL, TRAIL, Canvas, at_height, ring
+from actors.observer.glyphs import (
+    DOOR,
+    FLOOR,
+    GREY,
+    GROUND,
+    MARKS,
+    WALL,
+    WHITE,
+    Colour,
+    Mark,
+    faded,
+    item_marks,
+)
+from actors.runtime.errors import printable
+from actors.task.task import TaskDeclaration
 
 Floats = NDArray[np.float64]
 _ADOPTION_S: Final = 6.0
 """How long the arrow of an adoption is shown, s."""
-_CROSS: Final = 0.12
+_CROSS: Final = ((-1, -1), (1, 1)), ((-1, 1), (1, -1))
+_OUTLINES: Final[Mapping[str, Any]] = {
+    "cross": _CROSS,
+    "heavy cross": _CROSS,
+    "diamond": [((0, -1.3), (1.3, 0), (0, 1.3), (-1.3, 0), (0, -1.3))],
+    "square": [((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))],
+    "triangle": [((-1, 1), (1, 1), (0, -1), (-1, 1))],
+    "tick": [((0, -1), (0, 1))],
+    "snowflake": [((-1, 0), (1, 0)), ((-0.5, -0.87), (0.5, 0.87)), ((-0.5, 0.87), (0.5, -0.87))],
+    "filled ring": [CIRCLE, CIRCLE * 0.5],
+    "soft ring": [CIRCLE, CIRCLE * 0.5],
+}
+"""Lines of symbols, by symbol; others are rings."""
+DrawnItem = tuple[float, float, str, str, tuple[str, ...]]
+"""x, y, m, map frame; state; robot responsible for the state; robots that plan to do it."""
 
 
-PlaceState = tuple[float, float, bool, bool, tuple[str, ...]]
-"""x, y, m, map frame; reported as cleaned; given up; robots that intend to visit it."""
+def draw_items(
+    canvas: Canvas, task: TaskDeclaration, owner: str, second: float, items: Sequence[DrawnItem]
+) -> None:
+    """Draw all items of an owner from an instant on.
 
-
-def draw_places(canvas: Canvas, owner: str, second: float, places: Sequence[PlaceState]) -> None:
-    """Draw all places of an owner from an instant on.
-
-    Ring in the owner's colour: open; outer rings: other holders; dim disc: cleaned; grey cross: given up.
+    Open ones have the owner's colour, and outer rings for other holders; done ones are dim or grey.
     """
-    strips: list[NDArray[np.float32]] = []
-    colours: list[Colour] = []
-    radii: list[float] = []
-    for place in places:
-        for strip, colour, radius in _marks(canvas, owner, place):
-            strips.append(strip)
-            colours.append(colour)
-            radii.append(radius)
-    canvas.draw_at(second, f"world/places/{owner}", rr.LineStrips3D(strips, colors=colours, radii=radii))
+    marks = item_marks(task)
+    lines = [line for item in items for line in _item_lines(canvas, task, marks, owner, item)]
+    strips, colours, radii = zip(*lines, strict=True) if lines else ((), (), ())
+    drawn = rr.LineStrips3D(strips, colors=colours, radii=radii)
+    canvas.draw_at(second, f"world/items/{rr.escape_entity_path_part(owner)}", drawn)
 
 
-def _marks(canvas: Canvas, owner: str, place: PlaceState) -> list[tuple[NDArray[np.float32], Colour, float]]:
-    """Return the lines of a place with colours and widths, m; negative: points."""
-    (x, y, done, given_up, holders), own = place, canvas.colour(owner)
-    if done:
-        return [(ring(x, y, 0.05, PLACE), faded(own, 0.55), 0.05)]
-    if given_up:
-        arms = ((-_CROSS, -_CROSS), (_CROSS, _CROSS)), ((-_CROSS, _CROSS), (_CROSS, -_CROSS))
-        return [(np.array([(x + a, y + b, PLACE) for a, b in arm], np.float32), GREY, -1.5) for arm in arms]
-    marks = [(ring(x, y, 0.15, PLACE), own, -1.5)]
-    others = [robot for robot in holders if robot != owner]
+_Line = tuple[NDArray[np.float32], Colour, float]
+"""A line with its colour and width, m; negative: points."""
+
+
+def _item_lines(
+    canvas: Canvas, task: TaskDeclaration, marks: Mapping[str, Mark], owner: str, item: DrawnItem
+) -> Iterator[_Line]:
+    x, y, state, by, holders = item
+    if state not in marks:
+        return
+    own, symbol = canvas.colour(owner if owner in canvas.robots else by), marks[state].shape
+    if symbol == "disc":
+        yield ring(x, y, 0.05, ITEM), faded(own, 0.55), 0.05
+        return
+    is_open = task.marks[state].is_open
+    for outline in _OUTLINES.get(symbol, (CIRCLE,)):
+        points = np.array(outline) * (0.15 if is_open else 0.12) + (x, y)
+        yield at_height(points, ITEM), own if is_open else GREY, -3.0 if symbol == "heavy cross" else -1.5
+    others = [robot for robot in holders if robot != owner] if is_open else []
     for number, robot in enumerate(others):
-        marks.append((ring(x, y, 0.24 + 0.08 * number, PLACE), canvas.colour(robot), -1.5))
-    return marks
+        yield ring(x, y, 0.24 + 0.08 * number, ITEM), canvas.colour(robot), -1.5
 
 
 def set_goal_style(canvas: Canvas, robot: str) -> None:
@@ -68,7 +98,7 @@ def draw_goals(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there:
     canvas.draw_strips(f"world/intent/{robot}", seconds, rows)
     new = np.ones(len(there), np.bool_)
     new[1:] = (np.nan_to_num(there[1:], nan=-1e9) != np.nan_to_num(there[:-1], nan=-1e9)).any(axis=1)
-    dots = rr.Points3D.columns(positions=at_height(there[new & heads], PLACE)).partition(heads[new])
+    dots = rr.Points3D.columns(positions=at_height(there[new & heads], ITEM)).partition(heads[new])
     canvas.draw_columns(f"world/heading/{robot}", seconds[new], dots)
 
 
@@ -77,11 +107,11 @@ def draw_adoption(
     robot: str,
     second: float,
     here: tuple[float, float],
-    place: tuple[float, float],
+    item: tuple[float, float],
     name: str,
 ) -> None:
-    """Draw an arrow from an adopted place to the robot, for some seconds."""
-    (x, y), path = place, f"world/adoptions/{robot}"
+    """Draw an arrow from an adopted item to the robot, for some seconds."""
+    (x, y), path = item, f"world/adoptions/{robot}"
     arrow = rr.Arrows3D(
         origins=[(x, y, LABEL)],
         vectors=[(here[0] - x, here[1] - y, BODY - LABEL)],
@@ -123,9 +153,11 @@ def _image(grid: OccupancyGrid, doors: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 _SIGNS: Final = {
     "ring": "○", "disc": "●", "diamond": "◇", "cross": "✕", "square": "□", "tint": "▒", "bar": "━",
-    "dashed ring": "◌", "filled ring": "◉",
+    "dashed ring": "◌", "filled ring": "◉", "soft ring": "◎", "heavy cross": "✖", "snowflake": "✳",
+    "tick": "|", "triangle": "▽",
 }  # fmt: skip
 """Symbols of marks on the floor."""
+_NOT_DRAWN: Final = ("off", "frozen", "carried", "stood")
 _MORE: Final = (
     ("bright line", "trail of the last 20 s; dim: earlier"),
     ("thin line", "line to the robot's goal"),
@@ -134,13 +166,11 @@ _MORE: Final = (
 )
 
 
-def draw_marks(canvas: Canvas) -> None:
+def draw_legend(canvas: Canvas, task: TaskDeclaration) -> None:
     """Write the legend of the symbols on the floor."""
-    rows = [
-        (f"{_SIGNS[mark.shape]} {name}", mark.meaning) for name, mark in MARKS.items() if mark.shape in _SIGNS
-    ]
-    rows += [(name, meaning) for name, meaning in _MORE]
-    text = "\n".join(f"- **{name}**: {meaning}" for name, meaning in rows)
+    marks = [*item_marks(task).items(), *((k, mark) for k, mark in MARKS.items() if k not in _NOT_DRAWN)]
+    rows = [(f"{_SIGNS[mark.shape]} {printable(name)}", mark.meaning) for name, mark in marks]
+    text = "\n".join(f"- **{name}**: {meaning}" for name, meaning in (*rows, *_MORE))
     canvas.draw_static("legend/marks", rr.TextDocument(text, media_type="text/markdown"))
 
 

@@ -8,6 +8,9 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from actors.runtime.errors import printable
+from actors.task.task import SYMBOLS, MarkStyle, TaskDeclaration, style_fault
+
 Colour = tuple[int, int, int]
 """Red, green, blue, 0 to 255."""
 
@@ -104,8 +107,7 @@ class Mark(NamedTuple):
     """Mark on a floor or in a lane."""
 
     shape: str
-    """`ring`, `disc`, `diamond`, `cross`, `square`, `tint`, `bar`, `dashed ring`, `soft ring`, `heavy cross`,
-    `snowflake`, `dotted line`, `tick`, `triangle` or `filled ring`."""
+    """One of SYMBOLS, or `tint`, `bar`, `dashed ring` or `dotted line`."""
     colour: Colour | None
     """None: the colour of the robot concerned."""
     meaning: str
@@ -164,10 +166,6 @@ PERSON: Final[Colour] = (118, 150, 0)
 
 MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
     {
-        "open": Mark("ring", None, "place not cleaned, in its owner's colour"),
-        "given": Mark("diamond", None, "place added during the run"),
-        "done": Mark("disc", None, "cleaned place: outline of its owner, fill of its cleaner"),
-        "given up": Mark("cross", None, "place given up, or reported but not cleaned"),
         "start": Mark("square", None, "start of a robot; disc with name: latest position"),
         "off": Mark("heavy cross", None, "robot off"),
         "frozen": Mark("snowflake", None, "robot frozen"),
@@ -179,8 +177,40 @@ MARKS: Final[Mapping[str, Mark]] = MappingProxyType(
         "obstacle": Mark("disc", PUT, "added obstacle"),
         "person": Mark("filled ring", PERSON, "person; thin line: path walked"),
         "jammer": Mark("dashed ring", JAM, "jammer: no reception inside"),
-        "cleaned": Mark("tick", None, "place cleaned, in its owner's colour"),
-        "took over": Mark("triangle", None, "place adopted from another robot"),
     }
 )
-"""Marks on floors and in lanes, by kind."""
+"""Marks on floors, by kind; those of items and events are declared by the task."""
+ADOPTION: Final = "took over"
+"""Kind of the event that a robot plans to do an item of another owner."""
+
+
+def item_marks(task: TaskDeclaration) -> dict[str, Mark]:
+    """Return the marks of a task's items by state; unknown symbols are rings."""
+    return _marks(task.marks)
+
+
+def event_marks(task: TaskDeclaration) -> dict[str, Mark]:
+    """Return the marks of a task's events by kind, and of adoptions; unknown symbols are rings."""
+    adoption = Mark("triangle", None, f"{printable(task.item)} adopted from another robot")
+    return {**_marks(task.events), ADOPTION: adoption}
+
+
+def _marks(styles: Mapping[str, MarkStyle]) -> dict[str, Mark]:
+    return {
+        name: Mark(one.symbol if one.symbol in SYMBOLS else "ring", None, printable(one.description))
+        for name, one in styles.items()
+    }
+
+
+def cause_glyphs(task: TaskDeclaration) -> dict[str, StateGlyph]:
+    """Return the glyphs of all causes: CAUSE_GLYPHS, then own ones of the task; invalid ones are grey."""
+    return dict(CAUSE_GLYPHS) | {
+        name: StateGlyph(GREY, "") if style_fault(style) else StateGlyph(_colour(style[0]), style[1])
+        for name, style in task.causes.items()
+        if name not in CAUSE_GLYPHS
+    }
+
+
+def _colour(text: str) -> Colour:
+    red, green, blue = bytes.fromhex(text.removeprefix("#"))
+    return red, green, blue

@@ -45,6 +45,8 @@ class ViewerContents:
     """False: poses are estimates, as there is no ground truth."""
     batteries: bool = False
     """True if batteries are simulated."""
+    items: str = "items"
+    """Plural noun for the items of the task."""
     root: str = ""
     """Root of all entity paths, such as "/1", for several runs side by side."""
     name: str = ""
@@ -137,7 +139,7 @@ def _robot_view(robot: str, contents: ViewerContents) -> rrb.Vertical:
         origin=own,
         name=f"{robot}: perception and plan",
         contents=[
-            *(f"{contents.root}/world/{part}" for part in ("map", "places/**")),
+            *(f"{contents.root}/world/{part}" for part in ("map", "items/**")),
             *(*bodies, f"{contents.root}/inside/{robot}/**"),
         ],
         background=_GROUND,
@@ -181,7 +183,7 @@ def _plots(contents: ViewerContents) -> rrb.Tabs:
         return rrb.TimeSeriesView(origin=f"{contents.root}/plots/{path}", name=name, axis_x=axis, **more)
 
     hidden = rrb.PlotLegend(visible=False)
-    done = plot("places", "Places done", plot_legend=hidden)
+    done = plot("items", f"{contents.items.capitalize()} done", plot_legend=hidden)
     tabs: list[Any] = [plot("speed", "Speed, m/s", plot_legend=hidden)]
     if contents.true:
         tabs.insert(0, plot("error", "Localisation error, m", plot_legend=hidden))

@@ -79,11 +79,11 @@ def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> Non
     canvas.draw_at(second, f"world/robots/{robot}/name", label)
 
 
-def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trail: "DrawnTrail") -> None:
+def draw_trail(canvas: Canvas, robot: str, seconds: Floats, points: Floats, trail: "DrawnTrail") -> None:
     """Extend a robot's trail by positions, (n, 2), m, at times, (n,), s."""
     found = [
         (second, piece)
-        for second, x, y in zip(seconds.tolist(), *places.T.tolist(), strict=True)
+        for second, x, y in zip(seconds.tolist(), *points.T.tolist(), strict=True)
         if (piece := trail.extend(second, x, y)) is not None
     ]
     for path in ("trails", "history") if found else ():

@@ -13,7 +13,7 @@ import msgspec
 
 from actors.items import ITEM_LIMIT, TaskReports
 from actors.runtime.errors import AcrcError
-from actors.task.task import Task, TaskDeclaration, TaskError
+from actors.task.task import SYMBOLS, Task, TaskDeclaration, TaskError, style_fault
 from actors.user_code import FINDER, entry_object, is_installed, module_file
 from actors.wording import short_repr
 
@@ -79,6 +79,16 @@ def _declaration_fault(task: Task) -> str | None:
             msgspec.json.schema(kind)
     except TypeError as error:
         return f"declares an item or report that cannot be sent: {error}"
+    return _style_fault(declaration)
+
+
+def _style_fault(declaration: TaskDeclaration) -> str | None:
+    for name, style in (*declaration.marks.items(), *declaration.events.items()):
+        if style.symbol not in SYMBOLS:
+            return f"declares {name!r} with the symbol {style.symbol!r}; must be one of {', '.join(SYMBOLS)}"
+    for name, look in declaration.causes.items():
+        if fault := style_fault(look):
+            return f"declares the cause {name!r} as {short_repr(look)}; must {fault}"
     return None
 
 

@@ -5,10 +5,11 @@ in the world's process; robots communicate with it by items and reports. Recordi
 declaration, so that readers need no code of the task.
 """
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -56,11 +57,19 @@ class Metric(NamedTuple):
     """Column with the largest possible value of the run; empty: there is none."""
 
 
+SYMBOLS: Final = (
+    "ring", "disc", "diamond", "cross", "square", "tick", "triangle", "heavy cross", "snowflake", "soft ring",
+    "filled ring",
+)  # fmt: skip
+"""Symbols of items and events."""
+
+
 class MarkStyle(NamedTuple):
     """Appearance of items in one state, or of one kind of events."""
 
     symbol: str
-    """Symbol on floors and in lanes: a name of `actors.observer.glyphs.SYMBOLS`."""
+    """Symbol on floors and in lanes, one of SYMBOLS; a `disc` is the item's first symbol, filled with the
+    colour of the robot responsible."""
     description: str
     """For legends."""
     is_open: bool = False
@@ -107,6 +116,13 @@ class TaskDeclaration(msgspec.Struct, frozen=True):
     """Strategy of scenarios that name none, and for comparison; empty: scenarios must name one."""
     lists_items: bool = True
     """Robots report the items that they plan to do (`Decision.route`); a robot without any is done."""
+
+
+def style_fault(style: tuple[str, str]) -> str | None:
+    """Return the fault of a cause's colour and hatch, as text that continues "must"; None if valid."""
+    if not re.fullmatch("#[0-9a-f]{6}", style[0]):
+        return 'have a colour such as "#4f5a70"'
+    return None if re.fullmatch(r"[/\\|+xoO.*-]{0,4}", style[1]) else "have a hatch of matplotlib"
 
 
 class TaskOutcome(msgspec.Struct, frozen=True):
